@@ -28,9 +28,9 @@ from crowdbench.predict import ConstantVelocity
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
-from crowdbench.train import ppo
 from crowdbench.train import value as method
-from crowdbench.train.driving_requests import EPISODES, PPORequest, ValueRequest
+from crowdbench.train.config import EPISODES, PPOConfig, ValueConfig
+from crowdbench.train.ppo import PPOTraining
 
 CROWDNAV_SECONDS = {5: 0.037, 10: 0.067}
 """Seconds that CrowdNav's code took for a decision of SARL, by number of pedestrians. Recorded once, not measured
@@ -113,7 +113,7 @@ def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
     Args:
         episodes: Number of episodes of the training. Its validations are not counted.
     """
-    training = method.Training(ValueRequest(network="sarl", episodes=episodes), "cpu")
+    training = method.ValueTraining(ValueConfig(network="sarl", episodes=episodes), "cpu")
     rounds = episodes / method.ROUND
     imitation = seconds(training.imitate)
     durations = []
@@ -130,7 +130,7 @@ def measure_ppo_training(steps: int = 100_000) -> Iterator[Measurement]:
     Args:
         steps: Number of steps of the training.
     """
-    training = ppo.Training(PPORequest(network="ppo", steps=steps), "cpu")
+    training = PPOTraining(PPOConfig(network="ppo", steps=steps), "cpu")
     duration = seconds(functools.partial(training.train_until, 1.0))
     yield Measurement("training of a policy by PPO, 1 to 10 pedestrians", training.steps / duration, "steps/s")
 

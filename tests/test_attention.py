@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+import trainings
 from lookahead_scenes import DT, crowded
 
 from crowdbench import load_scenario
@@ -19,9 +20,9 @@ from crowdbench.planners.policy import PolicyPlanner, Showing
 from crowdbench.predict import ConstantVelocity
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.train import driving, ppo, ppo_worlds
-from crowdbench.train.driving_requests import PPORequest
-from crowdbench.train.training_run import TrainingRun
+from crowdbench.train import ppo
+from crowdbench.train.config import PPOConfig
+from crowdbench.train.runner import Runner
 
 torch.set_num_threads(1)
 
@@ -143,22 +144,16 @@ def test_actions_are_velocities_towards_the_goal_or_commands_between_their_bound
 
 
 def test_it_is_trained_and_drives(tmp_path, monkeypatch):
-    monkeypatch.setattr(ppo_worlds, "CASES", 16)
-    for name, size in {"CHUNK": 2, "VALIDATIONS": 2}.items():
-        monkeypatch.setattr(ppo, name, size)
-    monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 4))
-    monkeypatch.setattr(driving, "CASES", {"validation": Cases("val", 1000, 1004)})
+    trainings.shorten(monkeypatch, ppo, 4, CASES=16, CHUNK=2, VALIDATIONS=2)
     overrides = {"pedestrians.number": [1, 3], "time_limit": 4.0}
     sizes = {"worlds": 8, "steps": 16, "segments": 4}
-    request = PPORequest(
-        network="ppo_attention", scenario="doorway_8", overrides=overrides, seed=7, steps=300, ppo=sizes
-    )
-    run = TrainingRun.new(request, tmp_path / "a", "cpu")
+    config = PPOConfig(network="ppo_attention", scenario="doorway_8", overrides=overrides, seed=7, steps=300, ppo=sizes)
+    run = Runner.start(config, tmp_path / "a", "cpu")
     before = [each.clone() for each in run.training.network.parameters()]
-    run.train(lambda *_: None)
+    run.train(trainings.ignore)
     changed = [(new != old).any().item() for new, old in zip(run.training.network.parameters(), before, strict=True)]
     assert all(changed)
     assert (
         "crowdbench train ppo_attention --scenario doorway_8"
-        in run.finish(lambda *_: None).with_suffix(".md").read_text()
+        in run.finish(trainings.ignore).with_suffix(".md").read_text()
     )

@@ -4,13 +4,12 @@ import json
 
 import pytest
 import torch
+import trainings
 
 from crowdbench.catalog import load_planner
 from crowdbench.networks.encoders import POLICIES, make_policy
-from crowdbench.scenario.cases import Cases
-from crowdbench.train import driving, ppo, ppo_worlds
-from crowdbench.train.driving_requests import PPORequest
-from crowdbench.train.training_run import TrainingRun
+from crowdbench.train import ppo
+from crowdbench.train.config import PPOConfig
 from crowdbench.utils.errors import InputError
 
 torch.set_num_threads(1)
@@ -48,16 +47,11 @@ def mine(tmp_path):
 
 @pytest.mark.parametrize("network", POLICIES)
 def test_a_policy_is_trained_and_drives_with_an_encoder_of_ones_own(network, mine, tmp_path, monkeypatch):
-    monkeypatch.setattr(ppo_worlds, "CASES", 16)
-    for name, size in {"CHUNK": 2, "VALIDATIONS": 1}.items():
-        monkeypatch.setattr(ppo, name, size)
-    monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 4))
-    monkeypatch.setattr(driving, "CASES", {"validation": Cases("val", 1000, 1004)})
+    trainings.shorten(monkeypatch, ppo, 4, CASES=16, CHUNK=2, VALIDATIONS=1)
     sizes = {"worlds": 8, "steps": 16, "segments": 4}
-    request = PPORequest(network=network, overrides={"time_limit": 4.0}, seed=7, steps=100, ppo=sizes, encoder=mine)
-    run = TrainingRun.new(request, tmp_path / "a", "cpu")
-    run.train(lambda *_: None)
-    weights = run.finish(lambda *_: None)
+    config = PPOConfig(network=network, overrides={"time_limit": 4.0}, seed=7, steps=100, ppo=sizes, encoder=mine)
+    run = trainings.train(config, tmp_path / "a")
+    weights = run.finish(trainings.ignore)
     card = json.loads(weights.with_suffix(".json").read_text())
     assert list(card["training"]["encoder_files"]) == ["mine.py"]
     assert f"--encoder {mine}" in card["command"]

@@ -32,8 +32,8 @@ from crowdbench.scenario.tracks.scenes import Recording, Scene, load_scene
 from crowdbench.sim.presence import come_and_go, track_at
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, walk
+from crowdbench.train.config import PPOConfig, ValueConfig
 from crowdbench.train.driving import load_scenarios
-from crowdbench.train.driving_requests import PPORequest, ValueRequest
 from crowdbench.utils.errors import InputError
 
 
@@ -306,20 +306,20 @@ def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
         crowd.window("test", 2)
 
 
-@pytest.mark.parametrize("request_of", [ValueRequest, PPORequest])
-def test_networks_learn_among_recorded_people(request_of, tmp_path):
+@pytest.mark.parametrize("config_of", [ValueConfig, PPOConfig])
+def test_networks_learn_among_recorded_people(config_of, tmp_path):
     file = recordings.write(tmp_path)
-    request = request_of(network="mine", scenario=str(file), data=str(tmp_path))
-    place, validated = load_scenarios(request, [str(file)])
+    config = config_of(network="mine", scenario=str(file), data=str(tmp_path))
+    place, validated = load_scenarios(config, [str(file)])
     assert place.tracks.scene == validated[0].tracks.scene == "mine"
-    assert f"--scenario {file} --data {tmp_path.name}" in request.command
+    assert f"--scenario {file} --data {tmp_path.name}" in config.command
     table = {"name": place.name, **place.table}
     assert card.crowd(table) == "mine, people of mine"
     assert card.episodes(table) == "simulated episodes with the recorded tracks of mine"
     with pytest.raises(InputError, match="--data does not go with circle_crossing_5, which has no table"):
-        load_scenarios(dataclasses.replace(request, scenario="circle_crossing_5"), [])
+        load_scenarios(dataclasses.replace(config, scenario="circle_crossing_5"), [])
     with pytest.raises(InputError, match="give the folder that holds them, --data DIR"):
-        load_scenarios(dataclasses.replace(request, data=None), [])
+        load_scenarios(dataclasses.replace(config, data=None), [])
 
 
 def test_networks_do_not_learn_where_there_is_a_case_for_each_car_only(monkeypatch, tmp_path):
@@ -327,7 +327,7 @@ def test_networks_do_not_learn_where_there_is_a_case_for_each_car_only(monkeypat
     cars = dataclasses.replace(place, starts=dataclasses.replace(place.tracks, has_cars=True))
     monkeypatch.setattr("crowdbench.train.driving.load_scenario", lambda *_, data: cars)
     with pytest.raises(InputError, match="mine has a case for each window of time with a car in the scene mine"):
-        load_scenarios(ValueRequest(network="sarl", scenario="mine", data=str(tmp_path)), [])
+        load_scenarios(ValueConfig(network="sarl", scenario="mine", data=str(tmp_path)), [])
 
 
 def test_predictors_are_measured_on_those_who_come_later_too_by_networks_that_have_not_seen_the_scene(place):

@@ -3,59 +3,34 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+import trainings
 from rerun.chunk import RrdReader
 
 from crowdbench import InputError, load_network, load_scenario
 from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.networks.card import headline
 from crowdbench.networks.value import NETWORKS
 from crowdbench.networks.weights import digest, read_card
 from crowdbench.planners.kce import Limits
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity
-from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.train import driving, value
 from crowdbench.train.checkpoint import CHECKPOINT
-from crowdbench.train.driving_requests import ValueRequest
-from crowdbench.train.training_run import TrainingRun
-from crowdbench.train.value import EpsilonGreedy, Training
+from crowdbench.train.config import ValueConfig
+from crowdbench.train.runner import Runner
+from crowdbench.train.value import EpsilonGreedy, ValueTraining
 
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A training of seconds."""
     sizes = {"DEMONSTRATIONS": 30, "ROUND": 10, "VALIDATIONS": 4, "IMITATION_EPOCHS": 1, "REPLAY_RATIO": 4}
-    for name, size in sizes.items():
-        monkeypatch.setattr(value, name, size)
-    monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 5))
-    cases = {split: dataclasses.replace(cases, stop=cases.start + 6) for split, cases in driving.CASES.items()}
-    monkeypatch.setattr(driving, "CASES", cases)
+    trainings.shorten(monkeypatch, value, 5, **sizes)
 
 
 # Episodes are short, because a network that has hardly been trained drives to the end of the time.
-REQUEST = ValueRequest(
-    network="cadrl", overrides={"pedestrians.number": [1, 3], "time_limit": 10.0}, seed=7, episodes=40
-)
-
-
-def ignore(*arguments):
-    """A listener that does nothing."""
-
-
-class Killed(Exception):
-    """Stops a training, as a signal would."""
-
-
-def stopped_after(points):
-    """A listener that stops a training after so many points of its curve."""
-    seen = []
-
-    def tell(*point):
-        seen.append(point)
-        if len(seen) == points:
-            raise Killed
-
-    return tell
+CONFIG = ValueConfig(network="cadrl", overrides={"pedestrians.number": [1, 3], "time_limit": 10.0}, seed=7, episodes=40)
 
 
 @pytest.mark.slow
@@ -68,61 +43,49 @@ def stopped_after(points):
     ids=lambda options: options["network"],
 )
 def test_a_resumed_training_ends_in_the_same_weights(options, tmp_path):
-    request = dataclasses.replace(REQUEST, episodes=20, **options)
-    whole = TrainingRun.new(request, tmp_path / "whole", "cpu")
-    whole.train(ignore)
-    killed = TrainingRun.new(request, tmp_path / "killed", "cpu")
-    with pytest.raises(Killed):
-        killed.train(stopped_after(2))
-    resumed = TrainingRun.resumed(tmp_path / "killed", "cpu")
-    assert resumed.training.limits == whole.training.limits
-    assert 0 < resumed.training.rounds < whole.training.rounds
-    resumed.train(ignore)
+    config = dataclasses.replace(CONFIG, episodes=20, **options)
+    whole = trainings.train(config, tmp_path / "whole").training
+    trainings.kill(config, tmp_path / "killed", 2)
+    resumed = trainings.resume(tmp_path / "killed").training
+    assert resumed.limits == whole.limits
     for part in ("network", "average", "best"):
-        assert digest(getattr(resumed.training, part)) == digest(getattr(whole.training, part))
-    points = [dataclasses.replace(point, seconds=0.0) for point in resumed.training.curve]
-    assert points == [dataclasses.replace(point, seconds=0.0) for point in whole.training.curve]
+        assert digest(getattr(resumed, part)) == digest(getattr(whole, part))
+    assert trainings.untimed(resumed) == trainings.untimed(whole)
 
 
 @pytest.mark.slow
 def test_another_seed_is_another_network(tmp_path):
-    digests = []
-    for seed in (0, 1):
-        one = TrainingRun.new(dataclasses.replace(REQUEST, seed=seed, episodes=10), tmp_path / str(seed), "cpu")
-        one.train(ignore)
-        digests.append(digest(one.training.network))
+    configs = [dataclasses.replace(CONFIG, seed=seed, episodes=10) for seed in (0, 1)]
+    digests = [digest(trainings.train(config, tmp_path / str(config.seed)).training.network) for config in configs]
     assert digests[0] != digests[1]
 
 
 def test_a_card_looks_at_test_cases_only_where_that_is_asked_for(tmp_path):
-    said = {}
+    cards = {}
     for card in ("val", "test"):
-        request = dataclasses.replace(REQUEST, card=card)
-        training = request.training("cpu")
+        training = dataclasses.replace(CONFIG, card=card).training("cpu")
         training._validate(0.0)
-        said[card] = request.make_card(training, ignore)
-        assert request.card_cases == sum(
-            each["metrics"]["success_rate"]["n"] for each in said[card]["figures"].values()
-        )
-    assert list(said["val"]["figures"]) == ["validation"]
-    assert list(said["test"]["figures"]) == ["validation", "test"]
-    assert request.card_text(said["val"]).headline.endswith("success on validation cases")
-    assert request.card_text(said["test"]).headline.endswith("success on test cases")
+        cards[card] = {"network": "cadrl", **training.card(trainings.ignore)}
+        figures = cards[card]["figures"].values()
+        assert training.card_cases == sum(figure["metrics"]["success_rate"]["n"] for figure in figures)
+    assert list(cards["val"]["figures"]) == ["validation"]
+    assert list(cards["test"]["figures"]) == ["validation", "test"]
+    assert headline(cards["val"]).endswith("success on validation cases")
+    assert headline(cards["test"]).endswith("success on test cases")
 
 
 @pytest.mark.slow
 def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
-    running = TrainingRun.new(dataclasses.replace(REQUEST, card="test"), tmp_path / "run", "cpu")
-    running.train(ignore)
-    path = running.finish(ignore)
+    running = trainings.train(dataclasses.replace(CONFIG, card="test"), tmp_path / "run")
+    path = running.finish(trainings.ignore)
     assert digest(load_network("cadrl", str(path))) == digest(running.training.best)
     card = read_card(path)
     assert card["command"] == (
         "crowdbench train cadrl --scenario circle_crossing_mixed --set 'pedestrians.number=[1, 3]' "
         "--set 'time_limit=10.0' --card test --predictor oracle --seed 7 --episodes 40"
     )
-    assert card["figures"]["test"]["cases"] == "test:0:6"
-    assert card["figures"]["test"]["metrics"]["success_rate"]["n"] == 6
+    assert card["figures"]["test"]["cases"] == "test:0:5"
+    assert card["figures"]["test"]["metrics"]["success_rate"]["n"] == 5
     lines = (tmp_path / "run" / "curve.csv").read_text().splitlines()
     assert len(lines) == 1 + len(running.training.curve)
     curves = {str(chunk.entity_path) for chunk in RrdReader(tmp_path / "run" / "training.rrd").store().stream()}
@@ -139,24 +102,24 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
         f"| checkpoint | chosen at episode {running.training.best_point().episodes} of 40, on val:0:5 of circle_"
         in text
     )
-    assert "| test test:0:6 |" in text
+    assert "| test test:0:5 |" in text
     with pytest.raises(InputError, match="is finished: its weights are"):
-        TrainingRun.resumed(tmp_path / "run", "cpu")
+        Runner.resume(tmp_path / "run", "cpu")
 
 
 def test_a_training_that_stops_before_its_first_checkpoint_leaves_nothing(tmp_path, monkeypatch):
     def fail(*arguments):
-        raise Killed
+        raise trainings.Killed
 
-    monkeypatch.setattr(Training, "imitate", fail)
-    with pytest.raises(Killed):
-        TrainingRun.new(REQUEST, tmp_path / "run", "cpu").train(ignore)
+    monkeypatch.setattr(ValueTraining, "imitate", fail)
+    with pytest.raises(trainings.Killed):
+        Runner.start(CONFIG, tmp_path / "run", "cpu").train(trainings.ignore)
     assert not (tmp_path / "run").exists()
 
 
 def test_a_network_learns_in_training_mode_after_it_has_driven():
     # On a GPU an LSTM has no gradients otherwise.
-    training, modes = dataclasses.replace(REQUEST, network="lstm_rl").training("cpu"), []
+    training, modes = dataclasses.replace(CONFIG, network="lstm_rl").training("cpu"), []
 
     def note(network, states):
         if torch.is_grad_enabled():
@@ -169,9 +132,8 @@ def test_a_network_learns_in_training_mode_after_it_has_driven():
 
 
 def test_minutes_end_a_training(tmp_path):
-    request = dataclasses.replace(REQUEST, minutes=0.02, episodes=10**9)
-    running = TrainingRun.new(request, tmp_path / "run", "cpu")
-    running.train(ignore)
+    config = dataclasses.replace(CONFIG, minutes=0.02, episodes=10**9)
+    running = trainings.train(config, tmp_path / "run")
     assert running.training.progress == 1.0
     assert running.training.seconds >= 1.2
 
@@ -188,23 +150,21 @@ def test_minutes_end_a_training(tmp_path):
 )
 def test_what_does_not_exist_is_refused_and_nothing_is_left(change, message, tmp_path):
     with pytest.raises(InputError, match=message):
-        TrainingRun.new(dataclasses.replace(REQUEST, **change), tmp_path / "run", "cpu")
+        Runner.start(dataclasses.replace(CONFIG, **change), tmp_path / "run", "cpu")
     assert not (tmp_path / "run").exists()
 
 
 def test_a_file_that_is_no_checkpoint_cannot_be_resumed(tmp_path):
     (tmp_path / CHECKPOINT).write_bytes(b"something else, and not short")
     with pytest.raises(InputError, match="is not a checkpoint of a training"):
-        TrainingRun.resumed(tmp_path, "cpu")
+        Runner.resume(tmp_path, "cpu")
 
 
 def test_a_checkpoint_of_another_network_is_refused(tmp_path, monkeypatch):
-    killed = TrainingRun.new(REQUEST, tmp_path / "run", "cpu")
-    with pytest.raises(Killed):
-        killed.train(stopped_after(1))
+    trainings.kill(CONFIG, tmp_path / "run", 1)
     monkeypatch.setitem(NETWORKS, "cadrl", NETWORKS["sarl"])
     with pytest.raises(InputError, match=r"cannot be continued: it is damaged, or of another version"):
-        TrainingRun.resumed(tmp_path / "run", "cpu")
+        Runner.resume(tmp_path / "run", "cpu")
 
 
 def observed(worlds):
@@ -285,16 +245,16 @@ def test_a_checkpoint_is_chosen_by_success_within_noise_and_then_by_time(curve, 
 
 @pytest.mark.slow
 def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenarios_that_are_named(tmp_path):
-    request = dataclasses.replace(
-        REQUEST, max_velocity_change=0.6, max_turn=2.0, validation="circle_crossing_5, square_crossing_5", episodes=10
+    config = dataclasses.replace(
+        CONFIG, max_velocity_change=0.6, max_turn=2.0, validation="circle_crossing_5,square_crossing_5", episodes=10
     )
-    running = TrainingRun.new(request, tmp_path / "run", "cpu")
+    running = Runner.start(config, tmp_path / "run", "cpu")
     driven = running.training._drive()
     change = np.linalg.norm(np.diff(driven.velocity[:, :, 0], axis=1), axis=-1)
     assert np.nanmax(change) <= 0.6 + 1e-9
     assert np.nanmax(change) > 0.5
-    running.train(ignore)
-    card = read_card(running.finish(ignore))
+    running.train(trainings.ignore)
+    card = read_card(running.finish(trainings.ignore))
     assert card["training"]["limits"] == {"max_turn": 2.0, "max_velocity_change": 0.6}
     assert card["training"]["validation"] == {
         "scenarios": ["circle_crossing_5", "square_crossing_5"], "cases": "val:0:5",
@@ -303,7 +263,7 @@ def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenar
         "--validation circle_crossing_5,square_crossing_5 --predictor oracle --max-turn 2.0 --max-velocity-change 0.6"
         in card["command"]
     )
-    assert running.request.use == (
+    assert config.use == (
         "run --planner cadrl --option 'limits={max_acceleration=inf, max_turn=2.0, max_velocity_change=0.6}'"
     )
     text = (tmp_path / "run" / "weights.md").read_text()

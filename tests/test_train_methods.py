@@ -12,11 +12,8 @@ from crowdbench.cli import app, train
 from crowdbench.networks.encoders import POLICIES
 from crowdbench.networks.value import NETWORKS
 from crowdbench.predict.social_gan import NAME
-from crowdbench.train import training_run
-from crowdbench.train.driving_requests import ValueRequest
-from crowdbench.train.method import option
-from crowdbench.train.methods import METHODS, check_options, own_options
-from crowdbench.train.social_gan_request import SocialGANRequest
+from crowdbench.train.config import METHODS, SocialGANConfig, ValueConfig, make_config, method_options, option
+from crowdbench.train.runner import Runner
 
 
 def test_every_network_has_a_method():
@@ -27,7 +24,7 @@ def test_a_network_that_does_not_exist_is_refused():
     with pytest.raises(
         InputError, match="no network is called 'mlp'; there are cadrl, lstm_rl, ppo, ppo_attention, sarl, sgan"
     ):
-        check_options("mlp", {})
+        make_config("mlp", {})
 
 
 @pytest.mark.parametrize(
@@ -35,7 +32,7 @@ def test_a_network_that_does_not_exist_is_refused():
     [
         ("cadrl", {"held_out": "eth"}, "--held-out is not for cadrl, only for sgan"),
         ("sarl", {"pooling": True}, "--pooling is not for sarl, only for sgan"),
-        ("sgan", {"episodes": 9}, "--episodes is not for sgan, only for cadrl, lstm_rl and sarl"),
+        ("sgan", {"episodes": 9}, "--episodes is not for sgan, only for cadrl, lstm_rl, sarl"),
         ("sarl", {"episodes": 9, "minutes": 1.0}, "--minutes and --episodes both say how long to train"),
         ("sgan", {"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both say how long to train"),
         ("sarl", {"card": "all"}, "--card is 'all', but must be val or test"),
@@ -52,7 +49,7 @@ def test_a_network_that_does_not_exist_is_refused():
 )
 def test_options_that_contradict_each_other_or_the_network_are_refused(network, options, message):
     with pytest.raises(InputError, match=message):
-        check_options(network, options)
+        make_config(network, options)
 
 
 @pytest.mark.parametrize(
@@ -64,12 +61,12 @@ def test_options_that_contradict_each_other_or_the_network_are_refused(network, 
     ],
 )
 def test_options_that_go_together_are_accepted(network, options):
-    check_options(network, options)
+    make_config(network, options)
 
 
-REQUESTS = [
-    ValueRequest(network="lstm_rl"),
-    ValueRequest(
+CONFIGS = [
+    ValueConfig(network="lstm_rl"),
+    ValueConfig(
         network="cadrl",
         scenario="circle_crossing_5",
         overrides={"vehicle.visible": True, "pedestrians.number": [1, 3], "pedestrians.policy": "orca"},
@@ -77,21 +74,21 @@ REQUESTS = [
         seed=3,
         minutes=0.5,
     ),
-    ValueRequest(network="sarl", episodes=2_000_000),
-    ValueRequest(network="sarl", max_acceleration=6.4, max_turn=2.0, validation="circle_crossing_5,square_crossing_5"),
-    ValueRequest(network="cadrl", max_velocity_change=0.8),
-    SocialGANRequest(network="sgan", scenario="circle_crossing_5", pooling=True, epochs=3),
-    SocialGANRequest(network="sgan", data="eth_ucy", held_out="eth", dt=0.25, seed=1, minutes=20.0),
-    SocialGANRequest(network="sgan", data="eth_ucy"),
+    ValueConfig(network="sarl", episodes=2_000_000),
+    ValueConfig(network="sarl", max_acceleration=6.4, max_turn=2.0, validation="circle_crossing_5,square_crossing_5"),
+    ValueConfig(network="cadrl", max_velocity_change=0.8),
+    SocialGANConfig(network="sgan", scenario="circle_crossing_5", pooling=True, epochs=3),
+    SocialGANConfig(network="sgan", data="eth_ucy", held_out="eth", dt=0.25, seed=1, minutes=20.0),
+    SocialGANConfig(network="sgan", data="eth_ucy"),
 ]
 
 
 @pytest.fixture
 def asked(monkeypatch, tmp_path):
-    """Gives the requests that the command line makes of a command, without training."""
+    """Returns a function that returns the options that the command line makes of a command, without training."""
     found = []
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(training_run.TrainingRun, "new", lambda request, directory, device: found.append(request))
+    monkeypatch.setattr(Runner, "start", lambda config, directory, device: found.append(config))
     monkeypatch.setattr(train, "_run", lambda running: None)
 
     def ask(command):
@@ -101,13 +98,13 @@ def asked(monkeypatch, tmp_path):
     return ask
 
 
-@pytest.mark.parametrize("request_", REQUESTS, ids=lambda request: request.command)
-def test_the_command_on_a_card_asks_for_the_same_training(request_, asked):
-    assert asked(request_.command) == [request_]
+@pytest.mark.parametrize("config_", CONFIGS, ids=lambda config: config.command)
+def test_the_command_on_a_card_asks_for_the_same_training(config_, asked):
+    assert asked(config_.command) == [config_]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Third(ValueRequest):
+class Third(ValueConfig):
     """A method with an option of its own and one that it shares."""
 
     updates: int = option(100, "Train for this many updates", least=1)
@@ -122,11 +119,11 @@ class Third(ValueRequest):
 
 def test_a_third_method_is_one_line_of_the_table(monkeypatch):
     monkeypatch.setitem(METHODS, "third", Third)
-    assert own_options()["updates"][1] == ["third"]
-    assert own_options()["episodes"][1] == ["cadrl", "lstm_rl", "sarl", "third"]
+    assert method_options()["updates"][1] == ["third"]
+    assert method_options()["episodes"][1] == ["cadrl", "lstm_rl", "sarl", "third"]
     kind = inspect.Parameter.VAR_KEYWORD
-    options = train._with_own_options(inspect.Signature([inspect.Parameter("own", kind)])).parameters
-    assert options.keys() == own_options().keys()
+    options = train._with_method_options(inspect.Signature([inspect.Parameter("method", kind)])).parameters
+    assert options.keys() == method_options().keys()
     [shown] = options["updates"].annotation.__metadata__
     assert (shown.help, shown.min, shown.show_default) == ("Train for this many updates.", 1, "100")
     assert shown.rich_help_panel == "Options for third only"
@@ -139,5 +136,5 @@ def test_a_third_method_is_one_line_of_the_table(monkeypatch):
         ("mlp", {}, "there are cadrl, lstm_rl, ppo, ppo_attention, sarl, sgan, third"),
     ]:
         with pytest.raises(InputError, match=message):
-            check_options(network, options)
+            make_config(network, options)
     assert Third(network="third", updates=7).command.endswith("--seed 0 --updates 7")

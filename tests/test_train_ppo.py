@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+import trainings
 
 from crowdbench import InputError, load_planner, load_scenario
 from crowdbench.core.types import Outcome
@@ -17,10 +18,10 @@ from crowdbench.planners.driver import Driver
 from crowdbench.planners.policy import load_policy
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.train import driving, ppo, ppo_worlds
+from crowdbench.train import ppo
 from crowdbench.train.checkpoint import CHECKPOINT
-from crowdbench.train.driving_requests import PPORequest
-from crowdbench.train.training_run import TrainingRun
+from crowdbench.train.config import PPOConfig
+from crowdbench.train.runner import Runner
 
 torch.set_num_threads(1)  # for so little work threads cost more than they save, much more where cores are busy
 
@@ -28,49 +29,23 @@ torch.set_num_threads(1)  # for so little work threads cost more than they save,
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A training of seconds."""
-    monkeypatch.setattr(ppo_worlds, "CASES", 16)
-    for name, size in {"CHUNK": 2, "VALIDATIONS": 3}.items():
-        monkeypatch.setattr(ppo, name, size)
-    monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 4))
-    cases = {split: dataclasses.replace(cases, stop=cases.start + 4) for split, cases in driving.CASES.items()}
-    monkeypatch.setattr(driving, "CASES", cases)
+    trainings.shorten(monkeypatch, ppo, 4, CASES=16, CHUNK=2, VALIDATIONS=3)
 
 
 SIZES = {"worlds": 8, "steps": 16, "segments": 4, "epochs": 2}
-REQUEST = PPORequest(
+CONFIG = PPOConfig(
     network="ppo", overrides={"pedestrians.number": [1, 3], "time_limit": 8.0}, seed=7, steps=700, ppo=SIZES
 )
 
 
-class Killed(Exception):
-    """Stops a training, as a signal would."""
-
-
-def ignore(*arguments):
-    """A listener that does nothing."""
-
-
-def killed_after(points):
-    seen = []
-
-    def tell(*point):
-        seen.append(point)
-        if len(seen) == points:
-            raise Killed
-
-    return tell
-
-
 def trained(directory):
-    run = TrainingRun.new(REQUEST, directory, "cpu")
-    run.train(ignore)
-    return run
+    return trainings.train(CONFIG, directory)
 
 
 def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_path, monkeypatch):
     """Drawing the first cases alone takes longer than the time until the next validation."""
-    request = dataclasses.replace(REQUEST, minutes=100.0)
-    training = TrainingRun.new(request, tmp_path / "run", "cpu").training
+    config = dataclasses.replace(CONFIG, minutes=100.0)
+    training = Runner.start(config, tmp_path / "run", "cpu").training
     draw, clock = training.worlds[0].start, ppo.time.perf_counter
     late = [0.0]
 
@@ -80,7 +55,7 @@ def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_
 
     monkeypatch.setattr(training.worlds[0], "start", slowly)
     monkeypatch.setattr(ppo, "time", SimpleNamespace(perf_counter=lambda: clock() + late[0]))
-    training.run(ignore)
+    list(training.learn())
     assert [point.steps for point in training.curve] == [0, 128, 256]
 
 
@@ -88,39 +63,32 @@ def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_
 def test_the_same_seed_trains_the_same_policy_and_another_one_another(tmp_path):
     one, two = (trained(tmp_path / name).training for name in ("a", "b"))
     assert digest(one.current) == digest(two.current)
-    assert [dataclasses.replace(point, seconds=0.0) for point in one.curve] == [
-        dataclasses.replace(point, seconds=0.0) for point in two.curve
-    ]
-    other = TrainingRun.new(dataclasses.replace(REQUEST, seed=8), tmp_path / "c", "cpu")
-    other.train(ignore)
-    assert digest(other.training.current) != digest(one.current)
+    assert trainings.untimed(one) == trainings.untimed(two)
+    other = trainings.train(dataclasses.replace(CONFIG, seed=8), tmp_path / "c").training
+    assert digest(other.current) != digest(one.current)
 
 
 def test_a_reward_that_is_too_large_ends_the_training_with_one_sentence(tmp_path):
     (tmp_path / "huge.py").write_text("def reward(step):\n    return 1e38 * step.progress\n")
-    request = dataclasses.replace(REQUEST, reward=str(tmp_path / "huge.py"))
+    config = dataclasses.replace(CONFIG, reward=str(tmp_path / "huge.py"))
     with pytest.raises(InputError, match=r"the policy's actions are not finite, as where the reward .*huge\.py is too"):
-        TrainingRun.new(request, tmp_path / "run", "cpu").train(ignore)
+        Runner.start(config, tmp_path / "run", "cpu").train(trainings.ignore)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("points", [1, 3])
 def test_a_resumed_training_ends_in_the_same_policy(points, tmp_path):
     whole = trained(tmp_path / "whole").training
-    with pytest.raises(Killed):
-        TrainingRun.new(REQUEST, tmp_path / "killed", "cpu").train(killed_after(points))
-    again = TrainingRun.resumed(tmp_path / "killed", "cpu")
-    again.train(ignore)
-    assert digest(again.training.current) == digest(whole.current)
-    assert [dataclasses.replace(point, seconds=0.0) for point in again.training.curve] == [
-        dataclasses.replace(point, seconds=0.0) for point in whole.curve
-    ]
+    trainings.kill(CONFIG, tmp_path / "killed", points)
+    again = trainings.resume(tmp_path / "killed").training
+    assert digest(again.current) == digest(whole.current)
+    assert trainings.untimed(again) == trainings.untimed(whole)
 
 
 def test_threads_share_the_work_of_an_update_without_changing_a_bit(tmp_path):
     found = []
     for threads in (1, 2):
-        training = TrainingRun.new(REQUEST, tmp_path / str(threads), "cpu").training
+        training = Runner.start(CONFIG, tmp_path / str(threads), "cpu").training
         torch.set_num_threads(threads)
         try:
             training.train_until(0.1)
@@ -150,7 +118,7 @@ def test_the_advantage_is_the_discounted_sum_of_differences_up_to_the_end_of_the
 
 
 def test_only_the_time_limit_leaves_the_value_of_what_would_have_followed(monkeypatch):
-    training = dataclasses.replace(REQUEST, beside="square_crossing_5").training("cpu")
+    training = dataclasses.replace(CONFIG, also_train_in="square_crossing_5").training("cpu")
     training.train_until(0.0)
     for worlds, timed_out in zip(training.worlds, ([], [1, 3]), strict=True):
         outcome = np.full(worlds.number, Outcome.COLLISION)
@@ -160,25 +128,25 @@ def test_only_the_time_limit_leaves_the_value_of_what_would_have_followed(monkey
         monkeypatch.setattr(worlds.worlds, "step", lambda command, driven=driven: driven)
     memory, on = training.memory, torch.zeros(1, 8, dtype=torch.bool)
     with torch.no_grad():
-        value = training.network(training._see(), memory, on)[1].numpy()
+        value = training.network(training._seen(), memory, on)[1].numpy()
         reward, ended = training._step(np.zeros((8, 2)))
     expected = np.ones(8)
-    expected[[5, 7]] += training.own.gamma * value[[5, 7]]
+    expected[[5, 7]] += training.parameters.gamma * value[[5, 7]]
     np.testing.assert_allclose(reward, expected, rtol=1e-5)
     assert ended.all()
 
 
 def test_a_training_in_several_scenarios_shares_its_worlds(tmp_path):
-    request = dataclasses.replace(
-        REQUEST, beside="doorway_8,square_crossing_5", validation="circle_crossing_5,doorway_8", steps=130
+    config = dataclasses.replace(
+        CONFIG, also_train_in="doorway_8,square_crossing_5", validation="circle_crossing_5,doorway_8", steps=130
     )
-    training = request.training("cpu")
+    training = config.training("cpu")
     assert [worlds.number for worlds in training.worlds] == [3, 3, 2]
     assert training.nearest == 8
-    training.run(ignore)
+    list(training.learn())
     assert training.curve[-1].steps == 256
-    assert "--beside doorway_8,square_crossing_5" in request.command
-    about = request.about(training)["beside"]
+    assert "--also-train-in doorway_8,square_crossing_5" in config.command
+    about = training.conditions()["beside"]
     assert [each["name"] for each in about] == ["doorway_8", "square_crossing_5"]
     assert about[0]["pedestrians"]["number"] == [8, 8]
 
@@ -196,7 +164,7 @@ def test_training_changes_nothing_that_is_random_elsewhere(tmp_path):
 
 def test_a_finished_training_leaves_a_policy_that_drives(tmp_path):
     run = trained(tmp_path / "a")
-    weights = run.finish(ignore)
+    weights = run.finish(trainings.ignore)
     assert not (tmp_path / "a" / CHECKPOINT).exists()
     card = json.loads(weights.with_suffix(".json").read_text())
     assert card["network"] == "ppo"
@@ -209,8 +177,9 @@ def test_a_finished_training_leaves_a_policy_that_drives(tmp_path):
 
 
 def test_parameters_of_ppo_are_in_the_command_and_wrong_ones_get_one_sentence():
-    assert "--ppo worlds=8 --ppo steps=16 --ppo segments=4 --ppo epochs=2" in REQUEST.command
-    assert (REQUEST.parameters.worlds, REQUEST.parameters.gamma) == (8, 0.97)
+    assert "--ppo worlds=8 --ppo steps=16 --ppo segments=4 --ppo epochs=2" in CONFIG.command
+    parameters = ppo.read_parameters(CONFIG.ppo)
+    assert (parameters.worlds, parameters.gamma) == (8, 0.97)
     for given, sentence in [
         (
             {"gama": 0.9},
@@ -222,7 +191,7 @@ def test_parameters_of_ppo_are_in_the_command_and_wrong_ones_get_one_sentence():
         ({"worlds": 8}, "^in --ppo, segments is 32, but must be 8, the number of worlds, at most"),
     ]:
         with pytest.raises(InputError, match=sentence):
-            dataclasses.replace(REQUEST, ppo=given).training("cpu")
+            dataclasses.replace(CONFIG, ppo=given).training("cpu")
 
 
 def test_tensorboard_shows_the_curve_where_it_is_installed(tmp_path, monkeypatch):
@@ -240,12 +209,9 @@ def test_tensorboard_shows_the_curve_where_it_is_installed(tmp_path, monkeypatch
 @pytest.mark.slow
 def test_a_reward_of_ones_own_is_on_the_card(tmp_path):
     (tmp_path / "my reward.py").write_text("from crowdbench.envs.rewards import progress as reward\n")
-    own = dataclasses.replace(REQUEST, reward=str(tmp_path / "my reward.py"), validation="circle_crossing_5, empty")
-    assert "circle_crossing_5,empty" in own.arguments
-    own = dataclasses.replace(own, validation=None)
-    run = TrainingRun.new(own, tmp_path / "a", "cpu")
-    run.train(ignore)
-    card = json.loads(run.finish(ignore).with_suffix(".json").read_text())
+    own = dataclasses.replace(CONFIG, reward=str(tmp_path / "my reward.py"))
+    run = trainings.train(own, tmp_path / "a")
+    card = json.loads(run.finish(trainings.ignore).with_suffix(".json").read_text())
     assert list(card["training"]["reward_files"]) == ["my reward.py"]
     assert f"--reward '{tmp_path / 'my reward.py'}'" in card["command"]
 
@@ -271,7 +237,7 @@ def test_a_policy_knows_with_how_many_pedestrians_it_was_trained(scenario, expec
 def test_weights_that_are_not_a_policys_get_one_sentence(tmp_path):
     with pytest.raises(InputError, match="are of the network sarl, but must be of ppo"):
         load_policy("sarl")
-    weights = trained(tmp_path / "a").finish(ignore)
+    weights = trained(tmp_path / "a").finish(trainings.ignore)
     card = json.loads(weights.with_suffix(".json").read_text())
     del card["training"]["nearest"]
     weights.with_suffix(".json").write_text(json.dumps(card))

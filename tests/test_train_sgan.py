@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+import trainings
 
 from crowdbench import InputError, load_predictor, load_scenario
 from crowdbench.core.types import HISTORY
@@ -10,10 +11,9 @@ from crowdbench.networks.weights import digest, read_card
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP
 from crowdbench.train import social_gan, social_gan_samples
+from crowdbench.train.config import SocialGANConfig
 from crowdbench.train.social_gan import cross_entropy, non_saturating_loss, variety_loss
-from crowdbench.train.social_gan_request import SocialGANRequest
 from crowdbench.train.social_gan_samples import from_scenario
-from crowdbench.train.training_run import TrainingRun
 
 
 @pytest.fixture(autouse=True)
@@ -24,7 +24,7 @@ def small(monkeypatch):
     monkeypatch.setattr(social_gan_samples, "VALIDATION_CASES", Cases("val", 0, 5))
 
 
-REQUEST = SocialGANRequest(network="sgan", scenario="circle_crossing_5", seed=3, epochs=4)
+CONFIG = SocialGANConfig(network="sgan", scenario="circle_crossing_5", seed=3, epochs=4)
 
 
 @pytest.fixture
@@ -39,58 +39,31 @@ def recordings(tmp_path):
     return folder
 
 
-class Killed(Exception):
-    """Stops a training, as a signal would."""
-
-
-def ignore(*arguments):
-    """A listener that does nothing."""
-
-
-def killed_after_two(directory):
-    """A training that stopped after two points of its curve."""
-    killed = TrainingRun.new(REQUEST, directory, "cpu")
-    seen = []
-
-    def tell(point, done):
-        seen.append(point)
-        if len(seen) == 2:
-            raise Killed
-
-    with pytest.raises(Killed):
-        killed.train(tell)
-    return killed
-
-
 @pytest.mark.slow
 def test_a_resumed_training_ends_in_the_same_weights(tmp_path):
-    whole = TrainingRun.new(REQUEST, tmp_path / "whole", "cpu")
-    whole.train(ignore)
-    killed_after_two(tmp_path / "killed")
-    resumed = TrainingRun.resumed(tmp_path / "killed", "cpu")
-    assert 0 < resumed.training.epochs < whole.training.epochs
-    resumed.train(ignore)
-    for part in social_gan.NETWORKS:
-        assert digest(getattr(resumed.training, part)) == digest(getattr(whole.training, part))
+    whole = trainings.train(CONFIG, tmp_path / "whole").training
+    trainings.kill(CONFIG, tmp_path / "killed", 2)
+    resumed = trainings.resume(tmp_path / "killed").training
+    for part in ("generator", "discriminator", "average", "best"):
+        assert digest(getattr(resumed, part)) == digest(getattr(whole, part))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("pooling", [False, True])
 def test_training_lessens_the_error_and_what_is_kept_is_the_best(pooling, monkeypatch):
     monkeypatch.setattr(social_gan, "VALIDATIONS", 20)
-    request = dataclasses.replace(REQUEST, pooling=pooling, epochs=20)
-    training = request.training("cpu")
-    training.run(ignore)
+    config = dataclasses.replace(CONFIG, pooling=pooling, epochs=20)
+    training = config.training("cpu")
+    list(training.learn())
     assert training.curve[-1].loss < 0.8 * training.curve[0].loss
     assert training.best_point().ade == min(point.ade for point in training.curve)
 
 
 @pytest.mark.slow
 def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(recordings, tmp_path):
-    request = dataclasses.replace(REQUEST, data=str(recordings), held_out="hotel", dt=0.25)
-    running = TrainingRun.new(request, tmp_path / "run", "cpu")
-    running.train(ignore)
-    path = running.finish(ignore)
+    config = dataclasses.replace(CONFIG, data=str(recordings), held_out="hotel", dt=0.25)
+    running = trainings.train(config, tmp_path / "run")
+    path = running.finish(trainings.ignore)
     card = read_card(path)
     assert card["command"] == "crowdbench train sgan --data tracks --dt 0.25 --held-out hotel --seed 3 --epochs 4"
     assert card["training"]["scenes"] == ["eth"]
@@ -103,8 +76,8 @@ def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(reco
 
 
 def test_the_held_out_scene_is_in_no_sample(recordings):
-    both = dataclasses.replace(REQUEST, data=str(recordings)).training("cpu")
-    one = dataclasses.replace(REQUEST, data=str(recordings), held_out="eth").training("cpu")
+    both = dataclasses.replace(CONFIG, data=str(recordings)).training("cpu")
+    one = dataclasses.replace(CONFIG, data=str(recordings), held_out="eth").training("cpu")
     assert len(both.training) == 2 * len(one.training) > 0
     assert len(both.validation) == 2 * len(one.validation) > 0
 
@@ -112,7 +85,7 @@ def test_the_held_out_scene_is_in_no_sample(recordings):
 def test_recordings_that_are_too_short_are_refused(tmp_path):
     (tmp_path / "short.txt").write_text("\n".join(f"{10 * t} {p} 0 0" for t in range(10) for p in range(2)))
     with pytest.raises(InputError, match="no window of 16 consecutive steps"):
-        dataclasses.replace(REQUEST, data=str(tmp_path)).training("cpu")
+        dataclasses.replace(CONFIG, data=str(tmp_path)).training("cpu")
 
 
 def test_simulated_windows_are_stretches_of_walks_with_the_start_drawn_out():

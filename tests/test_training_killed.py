@@ -7,16 +7,17 @@ from typing import ClassVar
 
 import pytest
 import torch
+import trainings
 from typer.testing import CliRunner
 
 from crowdbench import InputError
 from crowdbench.cli import app
 from crowdbench.networks.weights import load_into, read_card
-from crowdbench.train import checkpoint, training_run
-from crowdbench.train.checkpoint import CHECKPOINT, LOCK, WEIGHTS, State, hold
-from crowdbench.train.method import CardText, Request
-from crowdbench.train.methods import METHODS
-from crowdbench.train.training_run import TrainingRun
+from crowdbench.train import checkpoint, runner
+from crowdbench.train.checkpoint import CHECKPOINT, LOCK, WEIGHTS, hold
+from crowdbench.train.config import METHODS, Config
+from crowdbench.train.runner import Runner
+from crowdbench.train.training import Training
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,16 +27,19 @@ class Point:
     rounds: int
 
 
-class Counting:
+class Counting(Training):
     """A training whose network counts to 3."""
 
-    validated_on = 1
+    point = Point
+    parts = ("best",)
+    counters = ()
+    best = None
 
-    def __init__(self):
+    def __init__(self, config, device):
+        super().__init__(config, device)
         self.best = torch.nn.Linear(1, 1)
         torch.nn.init.zeros_(self.best.weight)
         torch.nn.init.zeros_(self.best.bias)
-        self.curve = []
 
     def best_point(self):
         return self.curve[-1]
@@ -44,53 +48,43 @@ class Counting:
     def progress(self):
         return len(self.curve) / 3
 
-    def run(self, after_validation):
+    def learn(self):
         while len(self.curve) < 3:
             with torch.no_grad():
                 self.best.bias += 1
             self.curve.append(Point(len(self.curve) + 1))
-            after_validation()
+            yield
 
-    def state(self):
-        return State(checkpoint.tensors_of("best", self.best), {}, self.curve)
-
-    def restore(self, state):
-        self.best.load_state_dict(checkpoint.part_of("best", state.tensors))
-        self.curve = [Point(**point) for point in state.curve]
+    def card(self, progress):
+        scenario = {"name": "none", "digest": "", "pedestrians": {"number": [1, 1]}}
+        training = {"scenario": scenario, "dt": 0.25, "pooling": False, "windows": 0, "epochs": 3, "seed": 0}
+        figures = {"windows": 0, "modes": 1, "ade": 0.0, "fde": 0.0}
+        return {
+            "training": {**training, "kept_after_epochs": 3, "minutes": 0.0},
+            "figures": {"validation": figures},
+            "data": "none",
+        }
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class CountRequest(Request):
-    """The request for it."""
+class CountConfig(Config):
+    """The options of it."""
 
     length: ClassVar[str] = "seed"
-    arguments = ()
     use = "run"
-    card_cases = 0
-
-    @classmethod
-    def check(cls, options):
-        pass
 
     def training(self, device):
-        return Counting()
-
-    def make_card(self, training, progress):
-        return {"training": {"seed": 0, "minutes": 0.0}, "figures": {}, "data": "none"}
-
-    @classmethod
-    def card_text(cls, card):
-        return CardText("", {}, [])
+        return Counting(self, device)
 
 
-REQUEST = CountRequest(network="counting")
+CONFIG = CountConfig(network="counting")
 FINISHED = {"weights.safetensors", "weights.json", "weights.md", "curve.csv", "training.rrd"}
 
 
 @pytest.fixture(autouse=True)
 def method(monkeypatch):
-    monkeypatch.setitem(METHODS, "counting", CountRequest)
-    monkeypatch.setattr(training_run, "_commit", lambda: None)
+    monkeypatch.setitem(METHODS, "counting", CountConfig)
+    monkeypatch.setattr(runner, "_commit", lambda: None)
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)  # whose files are not in the way of anything
 
 
@@ -122,25 +116,21 @@ def kill():
     return Kill()
 
 
-def ignore(*arguments):
-    """A listener that does nothing."""
-
-
 def through(running):
     """Train to the end."""
-    running.train(ignore)
-    running.finish(ignore)
+    running.train(trainings.ignore)
+    running.finish(trainings.ignore)
 
 
 def begun_again(directory):
     """The training in a directory, or a new one where it says that nothing was kept; None where it is finished."""
     try:
-        return TrainingRun.resumed(directory, "cpu")
+        return Runner.resume(directory, "cpu")
     except InputError as error:
         if "is finished: its weights are" in str(error):
             return None
         if "there is no directory" in str(error) or "was stopped before its first checkpoint" in str(error):
-            return TrainingRun.new(REQUEST, directory, "cpu")
+            return Runner.start(CONFIG, directory, "cpu")
         raise
 
 
@@ -148,7 +138,7 @@ def killed(kill, directory, calls):
     """Whether a training was killed before its call number `calls`, or else is through."""
     kill.left, kill.directory = calls, str(directory)
     try:
-        through(TrainingRun.new(REQUEST, directory, "cpu"))
+        through(Runner.start(CONFIG, directory, "cpu"))
     except Killed:
         return True
     finally:
@@ -161,7 +151,7 @@ def test_a_kill_before_any_call_of_the_file_system_leaves_a_training_that_goes_o
     while killed(kill, tmp_path / str(calls), calls):
         directory = tmp_path / str(calls)
         if (directory / WEIGHTS).exists():
-            load_into(Counting().best, "counting", directory / WEIGHTS)
+            load_into(Counting(CONFIG, "cpu").best, "counting", directory / WEIGHTS)
         if running := begun_again(directory):
             through(running)
         assert {path.name for path in directory.iterdir()} - {LOCK} == FINISHED
@@ -172,26 +162,26 @@ def test_a_kill_before_any_call_of_the_file_system_leaves_a_training_that_goes_o
 
 
 def test_an_empty_directory_is_taken(tmp_path):
-    TrainingRun.new(REQUEST, tmp_path, "cpu").train(ignore)
+    Runner.start(CONFIG, tmp_path, "cpu").train(trainings.ignore)
     with pytest.raises(InputError, match=r"holds a training already: .* crowdbench train counting --resume"):
-        TrainingRun.new(REQUEST, tmp_path, "cpu")
+        Runner.start(CONFIG, tmp_path, "cpu")
 
 
 @pytest.mark.parametrize("name", ["mine.txt", ".checkpoint.safetensors.mine"])
 def test_a_directory_with_a_users_file_is_refused_and_kept(name, tmp_path):
     (tmp_path / name).touch()
     with pytest.raises(InputError, match="exists already: name another place with --out"):
-        TrainingRun.new(REQUEST, tmp_path, "cpu")
+        Runner.start(CONFIG, tmp_path, "cpu")
     with pytest.raises(InputError, match="there is no checkpoint"):
-        TrainingRun.resumed(tmp_path, "cpu")
+        Runner.resume(tmp_path, "cpu")
     assert (tmp_path / name).exists()
 
 
 def test_two_processes_do_not_train_in_the_same_directory(tmp_path):
-    running = TrainingRun.new(REQUEST, tmp_path, "cpu")
+    running = Runner.start(CONFIG, tmp_path, "cpu")
     with hold(tmp_path), pytest.raises(InputError, match="another process trains in"):
-        running.train(ignore)
-    running.train(ignore)
+        running.train(trainings.ignore)
+    running.train(trainings.ignore)
 
 
 def full(path):
@@ -208,9 +198,9 @@ def full(path):
 
 def test_a_place_where_nothing_can_be_written_is_told_at_once(tmp_path):
     disk = full(tmp_path / "a" / CHECKPOINT)
-    running = TrainingRun.new(REQUEST, tmp_path / "a", "cpu")
+    running = Runner.start(CONFIG, tmp_path / "a", "cpu")
     with pytest.raises(InputError, match="cannot be written: No space left on device; nothing was kept"):
-        running.train(ignore)
+        running.train(trainings.ignore)
     disk.on = False
     assert running.training.curve == []
     assert not (tmp_path / "a").exists()
@@ -218,17 +208,17 @@ def test_a_place_where_nothing_can_be_written_is_told_at_once(tmp_path):
 
 @pytest.mark.parametrize("name", ["curve.csv", "weights.json", "weights.safetensors", "weights.md", "training.rrd"])
 def test_a_full_disk_leaves_the_last_checkpoint(name, tmp_path):
-    running = TrainingRun.new(REQUEST, tmp_path / "a", "cpu")
+    running = Runner.start(CONFIG, tmp_path / "a", "cpu")
     disk = full(tmp_path / "a" / name)
     with pytest.raises(InputError, match="No space left on device; its last checkpoint is kept: make room, and go on"):
         through(running)
     disk.on = False
-    through(TrainingRun.resumed(tmp_path / "a", "cpu"))
+    through(Runner.resume(tmp_path / "a", "cpu"))
     assert {path.name for path in (tmp_path / "a").iterdir()} == FINISHED
 
 
 def test_a_full_disk_leaves_the_checkpoint_before(tmp_path):
-    running = TrainingRun.new(REQUEST, tmp_path / "a", "cpu")
+    running = Runner.start(CONFIG, tmp_path / "a", "cpu")
     disk = full(tmp_path / "a" / CHECKPOINT)
     disk.on = False
 
@@ -238,7 +228,7 @@ def test_a_full_disk_leaves_the_checkpoint_before(tmp_path):
     with pytest.raises(InputError, match="its last checkpoint is kept"):
         running.train(fill)
     disk.on = False
-    assert TrainingRun.resumed(tmp_path / "a", "cpu").training.curve == [Point(1), Point(2)]
+    assert Runner.resume(tmp_path / "a", "cpu").training.curve == [Point(1), Point(2)]
 
 
 @pytest.mark.parametrize(
@@ -247,20 +237,37 @@ def test_a_full_disk_leaves_the_checkpoint_before(tmp_path):
         ("{", "is not a checkpoint of a training"),
         ("[" * 100_000, "is not a checkpoint of a training: RecursionError"),
         ("9" * 5000, "is not a checkpoint of a training: ValueError"),
-        ("[]", "is not a checkpoint of a training: it must have about, facts, curve"),
-        ('{"about": {}, "facts": {}, "curve": 3}', "it must have about, facts, curve"),
-        ('{"about": {}, "facts": {}, "curve": []}', "cannot be continued: .*network"),
-        ('{"about": {"network": "mlp"}, "facts": {}, "curve": []}', "cannot be continued: no network is called 'mlp'"),
-        ('{"about": {"network": ["a"]}, "facts": {}, "curve": []}', "cannot be continued: "),
-        ('{"about": {"network": "counting", "depth": 1}, "facts": {}, "curve": []}', "of another version: .*depth"),
-        ('{"about": {"network": "counting"}, "facts": {}, "curve": [3]}', "cannot be continued: .* damaged"),
+        ("[]", "is not a checkpoint of a training: it must have config, threads, counters, curve"),
+        ('{"config": {}, "threads": 1, "counters": {}, "curve": 3}', "it must have config, threads, counters, curve"),
+        (
+            '{"config": {}, "threads": null, "counters": {}, "curve": []}',
+            "it must have config, threads, counters, curve",
+        ),
+        ('{"config": {}, "threads": 1, "counters": {}, "curve": []}', "cannot be continued: .*network"),
+        (
+            '{"config": {"network": "mlp"}, "threads": 1, "counters": {}, "curve": []}',
+            "cannot be continued: no network is called 'mlp'",
+        ),
+        ('{"config": {"network": ["a"]}, "threads": 1, "counters": {}, "curve": []}', "cannot be continued: "),
+        (
+            '{"config": {"network": "counting", "depth": 1}, "threads": 1, "counters": {}, "curve": []}',
+            "of another version: .*depth",
+        ),
+        (
+            '{"config": {"network": "counting"}, "threads": 0, "counters": {}, "curve": []}',
+            "cannot be continued: .* damaged",
+        ),
+        (
+            '{"config": {"network": "counting"}, "threads": 1, "counters": {}, "curve": [3]}',
+            "cannot be continued: .* damaged",
+        ),
     ],
 )
 def test_a_checkpoint_that_makes_no_sense_is_told(metadata, message, tmp_path):
-    tensors = checkpoint.tensors_of("best", Counting().best)
+    tensors = checkpoint.tensors_of("best", Counting(CONFIG, "cpu").best)
     (tmp_path / CHECKPOINT).write_bytes(checkpoint.to_bytes(tensors, metadata={"training": metadata}))
     with pytest.raises(InputError, match=message.replace("another version", "another version of crowdbench")) as error:
-        TrainingRun.resumed(tmp_path, "cpu")
+        Runner.resume(tmp_path, "cpu")
     assert "\n" not in str(error.value)
 
 
@@ -272,9 +279,10 @@ def test_a_checkpoint_that_makes_no_sense_is_told(metadata, message, tmp_path):
     ],
 )
 def test_a_checkpoint_with_wrong_tensors_is_told(tensors, message, tmp_path):
-    checkpoint.save(State(tensors, {}, []), tmp_path / CHECKPOINT, {"network": "counting"})
+    facts = {"config": {"network": "counting"}, "threads": torch.get_num_threads(), "counters": {}, "curve": []}
+    checkpoint.save(tmp_path / CHECKPOINT, tensors, facts)
     with pytest.raises(InputError, match=message):
-        TrainingRun.resumed(tmp_path, "cpu")
+        Runner.resume(tmp_path, "cpu")
 
 
 def test_options_that_resume_would_ignore_are_refused(tmp_path):
@@ -298,7 +306,7 @@ def test_options_that_resume_would_ignore_are_refused(tmp_path):
 
 def test_a_training_of_another_network_is_not_resumed(tmp_path):
     with pytest.raises(InterruptedError):
-        TrainingRun.new(REQUEST, tmp_path, "cpu").train(interrupt)
+        Runner.start(CONFIG, tmp_path, "cpu").train(interrupt)
     error = CliRunner().invoke(app, ["train", "cadrl", "--resume", str(tmp_path)]).exception
     assert str(error) == f"the training in {tmp_path} is of counting, not of cadrl"
 
@@ -306,3 +314,18 @@ def test_a_training_of_another_network_is_not_resumed(tmp_path):
 def interrupt(*point):
     """A listener that stops the training."""
     raise InterruptedError
+
+
+def test_a_resumed_training_has_its_number_of_threads(tmp_path):
+    threads = torch.get_num_threads()
+    try:
+        torch.set_num_threads(3)
+        with pytest.raises(InterruptedError):
+            Runner.start(CONFIG, tmp_path, "cpu").train(interrupt)
+        torch.set_num_threads(2)
+        Runner.resume(tmp_path, "cpu", threads=2)
+        assert torch.get_num_threads() == 2
+        Runner.resume(tmp_path, "cpu")
+        assert torch.get_num_threads() == 3
+    finally:
+        torch.set_num_threads(threads)

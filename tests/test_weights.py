@@ -6,11 +6,11 @@ import torch
 from safetensors.torch import save_file
 
 from crowdbench import InputError, load_network, load_predictor
+from crowdbench.networks.card import headline, markdown
 from crowdbench.networks.encoders import POLICIES
 from crowdbench.networks.social_gan import Generator
 from crowdbench.networks.value import NETWORKS
 from crowdbench.networks.weights import built_in, digest, read_card, save_network
-from crowdbench.train.methods import headline, markdown
 
 FIGURES = {
     f"{name}_rate": {"mean": 0.5, "low": 0.4, "high": 0.6, "n": 10} for name in ("success", "collision", "timeout")

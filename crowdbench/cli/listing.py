@@ -95,9 +95,10 @@ class Page(NamedTuple):
 def _names(kind: str) -> list[tuple[str, str]]:
     """The names of all things of a kind, with a description of each."""
     if kind == "weights":
-        from crowdbench.train.methods import built_in_weights
+        from crowdbench.networks.card import headline
+        from crowdbench.networks.weights import built_in, read_card
 
-        return built_in_weights()
+        return [(path.stem, headline(read_card(path))) for path in built_in()]
     if kind == "scenarios":
         from crowdbench.catalog import scenarios
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
@@ -11,12 +10,11 @@ import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
-from crowdbench.train.method import MOST_SEED, SCENARIO
-from crowdbench.train.methods import METHODS, check_options, method_of, own_options
+from crowdbench.train.config import METHODS, MOST_SEED, SCENARIO, flag, make_config, method_options
 from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
-    from crowdbench.train.training_run import TrainingRun
+    from crowdbench.train.runner import Runner
 
 LENGTHS = " or ".join(f"--{length}" for length in dict.fromkeys(method.length for method in METHODS.values()))
 
@@ -39,7 +37,7 @@ def train(
     threads: ThreadsOption = None,
     resume: Path | None = None,
     out: Annotated[Path | None, typer.Option(show_default="runs/train-<network>-seed<seed>")] = None,
-    **own: Any,
+    **method: Any,
 ) -> None:
     """Train a value network or a policy for planners, or Social GAN for prediction.
 
@@ -53,79 +51,71 @@ def train(
             themselves, instead of a scenario's pedestrians.
         seed: Seed of the weights and of everything random in training.
         device: cpu or cuda.
-        resume: Continue the interrupted training in this directory, with the options that it was started with; only
-            --device and --threads can be different.
+        resume: Continue the interrupted training in this directory, with the options and the number of threads that it
+            was started with; only --device and --threads can be different.
         out: Directory for the results.
     """
     use_threads(threads)
-    from crowdbench.train.training_run import TrainingRun
+    from crowdbench.train.runner import Runner
 
     folder = None if data is None else str(data)
     common = {"scenario": scenario, "overrides": overrides, "data": folder, "seed": seed, "minutes": minutes}
-    options = {name: value for name, value in {**common, **own}.items() if value is not None}
+    options = {name: value for name, value in {**common, **method}.items() if value is not None}
     if resume is not None:
-        _refuse_beside_resume(options if out is None else options | {"out": out})
+        if flags := [flag(name) for name in (options if out is None else {**options, "out": out})]:
+            raise InputError(
+                f"{', '.join(flags)} cannot be changed with --resume: a training goes on with the options that it was "
+                "started with, except --device and --threads"
+            )
         announce_compilation()
-        running = TrainingRun.resumed(resume, device)
-        if running.request.network != network:
-            raise InputError(f"the training in {resume} is of {running.request.network}, not of {network}")
+        runner = Runner.resume(resume, device, threads)
+        if runner.training.config.network != network:
+            raise InputError(f"the training in {resume} is of {runner.training.config.network}, not of {network}")
     else:
-        if overrides is not None:
-            options["overrides"] = assignments(overrides, "--set")
-        for name, (field, _) in own_options().items():
-            if field.metadata["pairs"] and name in options:
-                options[name] = assignments(options[name], f"--{name}")
-        check_options(network, options)
+        pairs = {name for name, (field, _) in method_options().items() if field.metadata["pairs"]} | {"overrides"}
+        for name in pairs & options.keys():
+            options[name] = assignments(options[name], flag(name))
+        config = make_config(network, options)
         announce_compilation()
-        request = method_of(network)(network=network, **options)
-        running = TrainingRun.new(request, out or Path("runs") / f"train-{network}-seed{request.seed}", device)
-    _run(running)
+        runner = Runner.start(config, out or Path("runs") / f"train-{network}-seed{config.seed}", device)
+    _run(runner)
 
 
-def _refuse_beside_resume(options: Mapping[str, Any]) -> None:
-    """Raises InputError where there are options that a resumed training has from its start."""
-    if options:
-        flags = ["--set" if name == "overrides" else f"--{name.replace('_', '-')}" for name in options]
-        raise InputError(
-            f"{', '.join(flags)} cannot be changed with --resume: a training goes on with the options that it was "
-            "started with, except --device and --threads"
-        )
-
-
-def _run(running: TrainingRun) -> None:
+def _run(runner: Runner) -> None:
     """Train to the end with progress, and print where the weights are."""
+    training, directory = runner.training, runner.directory
 
-    def say_what_is_kept() -> str:
-        if not running.directory.exists():
+    def describe_rest() -> str:
+        if not directory.exists():
             return "nothing was kept yet"
-        return f"continue with crowdbench train {running.request.network} --resume {running.directory}"
+        return f"continue with crowdbench train {training.config.network} --resume {directory}"
 
-    with exit_on_interrupt(say_what_is_kept):
+    with exit_on_interrupt(describe_rest):
         with progress(1.0, "trained") as advance:
             before = 0.0
 
-            def tell(point: Any, done: float) -> None:
+            def report(point: Any, done: float) -> None:
                 nonlocal before
                 say(str(point))
                 advance(done - before)
                 before = done
 
-            running.train(tell)
-        cases = running.request.card_cases
+            runner.train(report)
+        cases = training.card_cases
         with progress(cases, f"of {cases} cases for the card") as advance:
-            weights = running.finish(advance)
-    print(f"The best validated network was kept: {' '.join(str(running.training.best_point()).split())}")
+            weights = runner.finish(advance)
+    print(f"The best validated network was kept: {' '.join(str(training.best_point()).split())}")
     print(f"Its card has figures on other cases: {weights.with_suffix('.md')}")
-    print(f"The weights are in {weights}; use them with crowdbench {running.request.use} --option weights={weights}")
+    print(f"The weights are in {weights}; use them with crowdbench {training.config.use} --option weights={weights}")
 
 
-def _with_own_options(signature: inspect.Signature) -> inspect.Signature:
-    """A signature with the options of the training methods instead of its last parameter, `**own`."""
+def _with_method_options(signature: inspect.Signature) -> inspect.Signature:
+    """Return a signature with the options of the training methods instead of its last parameter, `**method`."""
     *common, _ = signature.parameters.values()
-    own = []
-    for name, (field, networks) in own_options().items():
+    parameters = []
+    for name, (field, networks) in method_options().items():
         option = typer.Option(
-            f"--{name.replace('_', '-')}",
+            flag(name),
             min=field.metadata["least"],
             help=f"{field.metadata['help']}.",
             show_default=str(field.default) if field.default else False,
@@ -133,9 +123,9 @@ def _with_own_options(signature: inspect.Signature) -> inspect.Signature:
         )
         kind: Any = list[str] if field.metadata["pairs"] else get_type_hints(METHODS[networks[0]])[name]
         hint: Any = Annotated[kind | None, option]
-        own.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=hint))
-    return signature.replace(parameters=[*common, *own])
+        parameters.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=hint))
+    return signature.replace(parameters=[*common, *parameters])
 
 
 # Typer reads the options from the signature.
-train.__signature__ = _with_own_options(inspect.signature(train))  # type: ignore[attr-defined]
+train.__signature__ = _with_method_options(inspect.signature(train))  # type: ignore[attr-defined]

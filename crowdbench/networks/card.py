@@ -1,32 +1,44 @@
-"""The card of trained weights as text: where they come from and what they were measured to do.
-
-What a card says of the training differs between training methods: `crowdbench.train.methods` has the whole text.
-"""
+"""The card of trained weights as text: their training and their measured results."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 
-def markdown(card: Mapping[str, Any], rows: Mapping[str, str], figures: Sequence[str]) -> str:
-    """The text of a card.
+class CardText(NamedTuple):
+    """The text of a card that depends on the training method.
+
+    Attributes:
+        summary: The training and the main figure, in one line.
+        rows: The rows of its table that only this method has.
+        figures: The figures, as lines of Markdown.
+    """
+
+    summary: str
+    rows: Mapping[str, str]
+    figures: Sequence[str]
+
+
+def headline(card: Mapping[str, Any]) -> str:
+    """Return a card in one line."""
+    trained = card["training"]
+    return f"{card['network']}, seed {trained['seed']}, {trained['minutes']:.1f} min {_text(card).summary}"
+
+
+def markdown(card: Mapping[str, Any]) -> str:
+    """Return a card in Markdown.
 
     Args:
         card: The card, as it is in JSON.
-        rows: Further rows of its table, by name.
-        figures: What the network was measured to do, as lines of Markdown.
-
-    Returns:
-        The text, in Markdown.
     """
-    trained = card["training"]
+    trained, text = card["training"], _text(card)
     table = {
         "network": card["network"],
         "command": f"`{card['command']}`",
         "commit": card["commit"] or "not from a checkout",
         "data": card["data"],
-        **rows,
+        **text.rows,
         "seed": trained["seed"],
         "training time": f"{trained['minutes']:.1f} min",
         "machine": card["machine"],
@@ -36,14 +48,92 @@ def markdown(card: Mapping[str, Any], rows: Mapping[str, str], figures: Sequence
     }
     lines = [f"# {card['network']}, seed {trained['seed']}", "", "| | |", "|---|---|"]
     lines += [f"| {name} | {value} |" for name, value in table.items()]
-    lines += ["", *figures]
+    lines += ["", *text.figures]
     # Added to the JSON by hand: results in other crowds, measured after the training.
     lines += ["", card["finding"]] if "finding" in card else []
     return "\n".join(lines) + "\n"
 
 
+def _text(card: Mapping[str, Any]) -> CardText:
+    """Return the text of a planner's or of a predictor's card."""
+    if "ade" in card["figures"].get("validation", {}):
+        return _predicting_text(card)
+    return _policy_text(card) if "reward" in card["training"] else _value_text(card)
+
+
+def _value_text(card: Mapping[str, Any]) -> CardText:
+    trained = card["training"]
+    limits = ", ".join(f"{name} {limit:g}" for name, limit in trained["limits"].items())
+    setting = f"with the {trained['predictor']} predictor in {crowd(trained['scenario'])}"
+    rows = {"predictor in the lookahead": trained["predictor"]}
+    conditions = ", with the constant-velocity predictor in the lookahead"
+    if limits:
+        setting += f", {limits}"
+        rows["limits"] = limits
+        conditions = f" and within the same limits{conditions}"
+    return _driving_text(card, "episodes", setting, rows, conditions)
+
+
+def _policy_text(card: Mapping[str, Any]) -> CardText:
+    trained = card["training"]
+    further = [crowd(scenario) for scenario in trained["beside"]]
+    rows = {"trained beside in": "; ".join(further)} if further else {}
+    rows |= {"reward": str(trained["reward"]), "pedestrians shown": f"{trained['nearest']} at most, the nearest"}
+    setting = f"in {crowd(trained['scenario'])}"
+    if not further:
+        return _driving_text(card, "steps", setting, rows, "")
+    return _driving_text(card, "steps", f"{setting}, and {len(further)} more", rows, ", not in those beside it")
+
+
+def _driving_text(
+    card: Mapping[str, Any], unit: str, setting: str, rows: Mapping[str, str], conditions: str
+) -> CardText:
+    """Return the text of a network that drives.
+
+    Args:
+        card: The card.
+        unit: The unit of the training's length.
+        setting: The conditions of the training, for the headline.
+        rows: The rows of the table between scenario and checkpoint.
+        conditions: The conditions of the measurement in the training scenario.
+    """
+    trained, figures = card["training"], card["figures"]
+    validation = trained["validation"]
+    chosen_on = f"{validation['cases']} of {' and of '.join(validation['scenarios'])}"
+    chosen = f"chosen at {unit[:-1]} {trained[f'kept_after_{unit}']} of {trained[unit]}, on {chosen_on}"
+    scenario = f"{crowd(trained['scenario'])} (digest {trained['scenario']['digest']})"
+    split = "test" if "test" in figures else "validation"
+    measured = f"Measured once, after training, in the same scenario{conditions} (95 % intervals):"
+    return CardText(
+        f"{setting}: {rate(figures[split]['metrics']['success_rate'])} success on {split} cases",
+        {"scenario": scenario, **rows, "checkpoint": chosen},
+        [measured, "", *driving_table(figures)],
+    )
+
+
+def _predicting_text(card: Mapping[str, Any]) -> CardText:
+    trained, figures = card["training"], card["figures"]["validation"]
+    ade, modes, step = f"ADE {figures['ade']:.3f} m", figures["modes"], f"{trained['dt']:g} s"
+    simulated = "scenario" in trained
+    source = crowd(trained["scenario"]) if simulated else trained["held_out"] or "none"
+    rows = {
+        "scenario" if simulated else "scene held out": source,
+        "time step": step,
+        "social pooling": "yes" if trained["pooling"] else "no",
+        "training windows": str(trained["windows"]),
+        "checkpoint": f"chosen at epoch {trained['kept_after_epochs']} of {trained['epochs']}",
+    }
+    errors = (
+        f"Errors on the {figures['windows']} validation windows, by which the checkpoint was chosen: {ade} and FDE "
+        f"{figures['fde']:.3f} m after 8 steps, for the best of {modes} futures, chosen jointly for all "
+        "pedestrians of a window."
+    )
+    summary = f"on {card['data']}; {ade}, best of {modes}, on validation windows with {step} per step"
+    return CardText(summary, rows, [errors])
+
+
 def crowd(scenario: Mapping[str, Any]) -> str:
-    """A scenario of a card in a few words: its name and its number of pedestrians, or the scene where they walked."""
+    """Describe a scenario of a card: its name and its number of pedestrians, or the scene of the recorded tracks."""
     if "tracks" in scenario:
         return f"{scenario['name']}, people of {scenario['tracks']['scene']}"
     least, most = scenario["pedestrians"]["number"]
@@ -52,40 +142,34 @@ def crowd(scenario: Mapping[str, Any]) -> str:
 
 
 def episodes(scenario: Mapping[str, Any]) -> str:
-    """What a network has learned from that was trained in episodes of a scenario, in a few words."""
+    """Describe the data of a training in episodes of a scenario."""
     if "tracks" not in scenario:
         return "simulated episodes only"
     return f"simulated episodes with the recorded tracks of {scenario['tracks']['scene']}"
 
 
 def rate(estimate: Mapping[str, Any]) -> str:
-    """A share of cases with its 95 % interval, in per cent."""
+    """Format a share of cases with its 95 % interval, in per cent."""
     return f"{100 * estimate['mean']:.1f} % ({100 * estimate['low']:.1f} to {100 * estimate['high']:.1f})"
 
 
 def seconds(estimate: Mapping[str, Any]) -> str:
-    """A mean time with its 95 % interval, in seconds; empty where there was nothing to measure."""
+    """Format a mean time with its 95 % interval, in seconds; empty where nothing was measured."""
     return f"{estimate['mean']:.2f} s ({estimate['low']:.2f} to {estimate['high']:.2f})" if estimate["n"] else ""
 
 
-def chosen_on(trained: Mapping[str, Any]) -> str:
-    """Return where a checkpoint was chosen, as the end of a sentence."""
-    validation = trained["validation"]
-    return f", on {validation['cases']} of {' and of '.join(validation['scenarios'])}"
-
-
 def driving_table(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """What a network does as a driver, as lines of Markdown: rates, time, and the jerk where it was measured.
+    """Format the figures of a network that drives, in Markdown: rates, time, and the jerk where it was measured.
 
     Args:
         figures: By split, the cases and the metrics with their intervals.
     """
-    has_jerk = all("jerk" in each["metrics"] for each in figures.values())
+    has_jerk = all("jerk" in figure["metrics"] for figure in figures.values())
     head = ["cases", "success", "collisions", "time-outs", "navigation time", *["jerk"] * has_jerk]
     rows = [head, ["---"] * len(head)]
-    for split, each in figures.items():
-        found = each["metrics"]
-        rates = [rate(found[f"{outcome}_rate"]) for outcome in ("success", "collision", "timeout")]
-        jerk = [f"{found['jerk']['mean']:.2f} m/s³"] if has_jerk else []
-        rows.append([f"{split} {each['cases']}", *rates, seconds(found["navigation_time"]), *jerk])
+    for split, figure in figures.items():
+        metrics = figure["metrics"]
+        rates = [rate(metrics[f"{outcome}_rate"]) for outcome in ("success", "collision", "timeout")]
+        jerk = [f"{metrics['jerk']['mean']:.2f} m/s³"] if has_jerk else []
+        rows.append([f"{split} {figure['cases']}", *rates, seconds(metrics["navigation_time"]), *jerk])
     return [f"| {' | '.join(row)} |" for row in rows]

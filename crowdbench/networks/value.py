@@ -208,7 +208,7 @@ class SARL(ValueNetwork):
 
 
 NETWORKS: dict[str, type[ValueNetwork]] = {network.name: network for network in (CADRL, LSTMRL, SARL)}
-"""The value networks by name. What trains them is in `crowdbench.train.methods`."""
+"""The value networks by name. `crowdbench.train.config` has their training methods."""
 
 
 def _gather(everybody: Float[Tensor, "batch pedestrian k"], present: PresentBatch) -> Float[Tensor, "present k"]:

@@ -1,1 +1,1 @@
-"""Training of networks: a file for each method, the requests for it, and what the methods share."""
+"""Training of networks: a file for each method, their options in `config`, and one `runner`."""

@@ -1,28 +1,29 @@
-"""What the trainings of networks that drive share: scenarios, validations, the choice of a network, its figures."""
+"""The common part of trainings of networks that drive: scenarios, validations, the choice of a network, its card."""
 
 from __future__ import annotations
 
 import abc
 import copy
 import math
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar, cast, runtime_checkable
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import numpy as np
 from torch import Tensor, nn
 
 from crowdbench.catalog import load_scenario
 from crowdbench.metrics import METRICS, Metric
+from crowdbench.metrics.summary import wilson
+from crowdbench.networks import card as cards
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.results import Episodes, to_json
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.train.checkpoint import State, part_of, tensors_of
-from crowdbench.train.method import Request
+from crowdbench.train.config import Config, split_names
+from crowdbench.train.training import Training, describe_scenario
 from crowdbench.utils.defaults import BATCH
 from crowdbench.utils.errors import InputError
 
@@ -33,147 +34,152 @@ CASES = {"validation": Cases("val", 1000, 1200), "test": Cases("test", 0, 500)}
 """The cases of the figures on a card, by the name of their split. None of them chooses a checkpoint."""
 
 
-@runtime_checkable
-class Validation(Protocol):
-    """A point of the training curve of a network that drives."""
-
-    @property
-    def success(self) -> float:
-        """The success rate on validation cases, from 0 to 1."""
-
-    @property
-    def navigation_time_or_limit(self) -> float:
-        """The mean time to the goal in seconds, the time limit for failures."""
-
-
-Point = TypeVar("Point", bound=Validation)
 Network = TypeVar("Network", bound=nn.Module)
 
 
-class DrivingTraining(abc.ABC, Generic[Network, Point]):
-    """A training of a network that drives. A subclass has what is trained, `run`, `state` and `restore`.
+class DrivingTraining(Training, Generic[Network]):
+    """A training of a network that drives.
+
+    Attributes:
+        scenario: The training scenario, in which the card's figures are measured too.
+        validation: The scenarios of validations.
+        validated: The networks of all validations.
 
     Raises:
         InputError: There is no such scenario, or it has too few cases: see `load_scenarios`.
     """
 
-    def __init__(self, request: Any) -> None:
-        self.request = request
-        self.scenario, self.validation = load_scenarios(request, request.validation_names)
-        self.seconds = 0.0
-        self.curve: list[Point] = []
+    metrics: ClassVar[Sequence[str]] = ("success_rate", "collision_rate", "timeout_rate", "navigation_time")
+    """The metrics on the card."""
+
+    def __init__(self, config: Any, device: str) -> None:
+        super().__init__(config, device)
+        self.scenario, self.validation = load_scenarios(config, split_names(config.validation))
         self.validated = nn.ModuleList()
 
     @property
     @abc.abstractmethod
     def current(self) -> Network:
-        """The network as it is, of which a copy is kept at each validation."""
+        """The present network, which is copied at each validation."""
 
     @abc.abstractmethod
     def planner(self, network: Network) -> Planner:
-        """The planner that validations and cards measure a network with."""
+        """Make the planner of validations and cards."""
 
-    def drive_validation(self) -> Callable[[Metric], float]:
-        """Drive the validation cases and keep the network as it is. Returns what gives the mean of a metric."""
-        start, network = time.perf_counter(), copy.deepcopy(self.current)
-        driver = Driver(self.planner(network), self.request.network)
-        traces = [rollout(driver, scenario, VALIDATION_CASES, undisturbed=False) for scenario in self.validation]
-        self.validated.append(network)
-        self.seconds += time.perf_counter() - start
-        return lambda metric: float(np.nanmean([metric(trace) for trace in traces]))
+    @abc.abstractmethod
+    def conditions(self) -> dict[str, Any]:
+        """Return the conditions of the training on a card that are specific to the method."""
 
-    def best_point(self) -> Point:
-        """The point of the curve whose network is `best`."""
+    def validate(self, *metrics: Metric) -> list[float]:
+        """Drive the validation cases, and add the present network to `validated`. Returns the mean of each metric."""
+        with self.timed():
+            network = copy.deepcopy(self.current)
+            driver = Driver(self.planner(network), self.config.network)
+            traces = [rollout(driver, scenario, VALIDATION_CASES, undisturbed=False) for scenario in self.validation]
+            self.validated.append(network)
+        return [float(np.nanmean([metric(trace) for trace in traces])) for metric in metrics]
+
+    def best_point(self) -> Any:
+        """See `Training`."""
         return choose_point(self.curve, self.validated_on)
+
+    @property
+    def best(self) -> Network:
+        """See `Training`."""
+        return cast(Network, self.validated[self.curve.index(self.best_point())])
 
     @property
     def validated_on(self) -> int:
         """The number of cases of each validation."""
         return len(VALIDATION_CASES) * len(self.validation)
 
+    def intervals(self) -> dict[str, list[tuple[float, float]]]:
+        """See `Training`: Wilson's interval of the success rate."""
+        solved = [round(point.success * self.validated_on) for point in self.curve]
+        estimates = [wilson(np.arange(self.validated_on) < count) for count in solved]
+        return {"success": [(estimate.low, estimate.high) for estimate in estimates]}
+
     @property
-    def best(self) -> Network:
-        """See `crowdbench.train.method.Training`. Before the first validation, the network as it is."""
-        if not self.curve:
-            return self.current
-        return cast(Network, self.validated[self.curve.index(self.best_point())])
+    def splits(self) -> dict[str, Cases]:
+        """The cases of the card."""
+        return {split: cases for split, cases in CASES.items() if split in ("validation", self.config.card)}
 
-    def measure(
-        self, splits: Sequence[str], metrics: Sequence[str], progress: Callable[[float], None]
-    ) -> dict[str, Any]:
-        """Run the best network through the cases of a card, in the scenario that it was trained in.
+    @property
+    def card_cases(self) -> int:
+        """See `Training`."""
+        return sum(map(len, self.splits.values()))
 
-        Args:
-            splits: Those of `CASES`.
-            metrics: The names of the metrics.
-            progress: Called as by `rollout`.
-
-        Returns:
-            For every split the cases and the mean of every metric with its 95 % interval, as JSON.
-        """
-        driver = Driver(self.planner(self.best), self.request.network)
-        chosen = {metric: METRICS[metric] for metric in metrics}
+    def card(self, progress: Callable[[float], None]) -> dict[str, Any]:
+        """See `Training`. The figures are those of the best network in the training scenario."""
+        length = self.config.length
+        validation = {"scenarios": [scenario.name for scenario in self.validation], "cases": str(VALIDATION_CASES)}
+        driver = Driver(self.planner(self.best), self.config.network)
+        metrics = {metric: METRICS[metric] for metric in self.metrics}
         figures = {}
-        for split in splits:
-            cases = CASES[split]
+        for split, cases in self.splits.items():
             traces = (rollout(driver, self.scenario, part, progress=progress) for part in cases.batches(BATCH))
-            parts = [Episodes.of(trace, chosen) for trace in traces]
-            figures[split] = {"cases": str(cases), "metrics": to_json(Episodes.join(parts).summary())}
-        return figures
+            episodes = Episodes.join([Episodes.of(trace, metrics) for trace in traces])
+            figures[split] = {"cases": str(cases), "metrics": to_json(episodes.summary())}
+        return {
+            "training": {
+                "scenario": describe_scenario(self.scenario),
+                **self.conditions(),
+                "validation": validation,
+                "seed": self.config.seed,
+                length: getattr(self.curve[-1], length),
+                f"kept_after_{length}": getattr(self.best_point(), length),
+                "minutes": round(self.seconds / 60, 1),
+            },
+            "figures": figures,
+            "data": cards.episodes(self.scenario.table),
+        }
 
-    def validated_tensors(self) -> dict[str, Tensor]:
-        """The networks of all validations, for a checkpoint."""
-        return tensors_of("validated", self.validated)
-
-    def restore_curve(self, state: State, point: Callable[..., Point]) -> None:
-        """Restore the training time, the curve and the networks of its points."""
-        self.validated = nn.ModuleList(copy.deepcopy(self.current) for _ in state.curve)
-        self.validated.load_state_dict(part_of("validated", state.tensors))
-        self.seconds = state.facts["seconds"]
-        self.curve = [point(**each) for each in state.curve]
+    def restore(self, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
+        """See `Training`."""
+        self.validated = nn.ModuleList(copy.deepcopy(self.current) for _ in facts["curve"])
+        super().restore(tensors, facts)
 
 
-def load_scenarios(request: Request, validation: Sequence[str]) -> tuple[Scenario, list[Scenario]]:
+def load_scenarios(config: Config, validation: Sequence[str]) -> tuple[Scenario, list[Scenario]]:
     """Load the scenarios of a training.
 
     Args:
-        request: What is asked for.
-        validation: The scenarios that choose the checkpoint, by name or path; none for the one to train in.
+        config: The options of the training.
+        validation: The scenarios of validations, by name or path; none for the training scenario.
 
     Returns:
-        The scenario to train in, and those to validate in.
+        The training scenario, and the scenarios of validations.
 
     Raises:
         InputError: There is no such scenario, the folder of recorded tracks does not go with them, or one of them has
             too few cases.
     """
-    data = None if request.data is None else Path(request.data)
-    scenario = load_scenario(request.scenario, request.overrides, data=data)
+    data = None if config.data is None else Path(config.data)
+    scenario = load_scenario(config.scenario, config.overrides, data=data)
     validated = [load_scenario(name, data=data) for name in validation] or [scenario]
-    tracked = [(place, place.tracks) for place in (scenario, *validated) if place.tracks]
-    if not tracked:
+    if not any(loaded.tracks for loaded in (scenario, *validated)):
         scenario.check_data(data)
-    for place, tracks in tracked:
-        if tracks.has_cars:
+    for loaded in (scenario, *validated):
+        if loaded.tracks and loaded.tracks.has_cars:
             raise InputError(
-                f"{place.name} has a case for each window of time with a car in the scene {tracks.scene}, too few to "
-                "train, validate and measure a network in: use another scenario, such as eth_reactive"
+                f"{loaded.name} has a case for each window of time with a car in the scene {loaded.tracks.scene}, too "
+                "few to train, validate and measure a network in: use another scenario, such as eth_reactive"
             )
     return scenario, validated
 
 
-def choose_point(curve: Sequence[Point], cases: int) -> Point:
-    """The point of a training curve whose network is kept: by success first, within noise, and by time second.
+def choose_point(curve: Sequence[Any], cases: int) -> Any:
+    """Choose a point of a training curve: by success first, within noise, and by time second.
 
     Args:
-        curve: The points.
+        curve: The points, with `success` from 0 to 1 and `navigation_time_or_limit` in seconds.
         cases: The number of cases of each point.
 
     Returns:
         The quickest of the points whose success is at most one standard error below the largest (the rule of Breiman
-        et al., *Classification and Regression Trees*, 1984); the latest one, if several are as quick. For the standard
-        error two successes and two failures are added (Agresti and Coull 1998), or else it would be 0 where all
-        cases succeed.
+        et al., *Classification and Regression Trees*, 1984); the latest of equally quick ones. The standard error is
+        that of two successes and two failures more (Agresti and Coull 1998), because it would be 0 where all cases
+        succeed.
     """
     most = max(point.success for point in curve)
     share = (most * cases + 2) / (cases + 4)

@@ -1,16 +1,17 @@
 """Trains a policy by proximal policy optimization (PPO, Schulman et al. 2017).
 
-The policy sees the vehicle and the nearest pedestrians in the frame of the goal, and gives a velocity in it; one
-with a memory sees more, and gives commands (`planners.policy.Showing`). It learns from a reward in many worlds at once.
-Each update drives some steps of every world, then goes through them several times in minibatches
-(`train.ppo_parameters`).
+A policy observes the vehicle and the nearest pedestrians in the frame of the goal, and gives a velocity in it; a
+recurrent one observes more, and gives commands (`planners.policy.Showing`). It learns from a reward in many worlds at
+once. Each update drives some steps of every world, then passes over them several times in minibatches of whole
+segments. The value loss is not clipped, and there is no entropy bonus.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -20,30 +21,84 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from crowdbench.catalog import load_scenario
+from crowdbench.core.types import Outcome
+from crowdbench.envs.rewards import load_reward
+from crowdbench.envs.training_worlds import CASES, TrainingWorlds
+from crowdbench.envs.views import View
 from crowdbench.metrics.motion import jerk
 from crowdbench.metrics.outcomes import navigation_time_or_limit, success_rate
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.policy import ActorCritic, Memory, Policy, Seen
 from crowdbench.planners.policy import PolicyPlanner, Showing
+from crowdbench.plugins.files import file_digests
+from crowdbench.plugins.load import file_and_function
+from crowdbench.plugins.options import Option
 from crowdbench.predict import ConstantVelocity
-from crowdbench.train.checkpoint import State, parts_state, restore_parts
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.sensor import observe
+from crowdbench.train.config import PPOConfig, split_names
 from crowdbench.train.driving import DrivingTraining
-from crowdbench.train.gradients import set_gradients
-from crowdbench.train.ppo_worlds import PolicyWorlds
-from crowdbench.utils.errors import InputError
+from crowdbench.train.training import describe_scenario
+from crowdbench.utils.errors import InputError, is_number, require, require_count, require_positive
 from crowdbench.utils.memory import keep_freed_memory
-from crowdbench.utils.threads import one_torch_thread
+from crowdbench.utils.threads import in_chunks, one_torch_thread
 
 CHUNK = 16
-"""Worlds of a minibatch that a thread goes through at once: few enough for the cache of a core."""
+"""Worlds of a minibatch that a thread differentiates at once: few enough for the cache of a core."""
 
 VALIDATIONS = 20
 """Validations of a training, after which it can be resumed."""
 
-PARTS = ("network", "optimizer")
-"""The network and the optimizer of a training."""
-
 keep_freed_memory()
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The parameters of PPO, which `crowdbench train ppo --ppo name=value` sets.
+
+    Attributes:
+        worlds: Worlds that are driven at once [1].
+        steps: Steps of each world between two updates [1].
+        segments: Worlds in a minibatch, each with all its steps in order of time, as recurrent policies need them [1].
+        epochs: Passes of each update over its steps [1].
+        learning_rate: Of Adam at the start; it falls linearly to 0 [1].
+        gamma: Discount per step [1].
+        gae_lambda: Lambda of the generalized advantage estimate (Schulman et al. 2016) [1].
+        clip: Largest difference from 1 of the ratio of two probabilities, where it counts (equation 7) [1].
+        value_weight: Weight of the value's squared error in the loss [1].
+        max_norm: The largest norm of a gradient: larger ones are scaled down [1].
+
+    Raises:
+        InputError: A number is impossible, or there are fewer worlds than in a minibatch.
+    """
+
+    worlds: int = 256
+    steps: int = 32
+    segments: int = 32
+    epochs: int = 4
+    learning_rate: float = 7e-4
+    gamma: float = 0.97
+    gae_lambda: float = 0.95
+    clip: float = 0.2
+    value_weight: float = 0.5
+    max_norm: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("worlds", "steps", "segments", "epochs"):
+            require_count(name, getattr(self, name))
+        fits = self.segments <= self.worlds
+        require("segments", self.segments, fits, f"{self.worlds}, the number of worlds, at most")
+        for name in ("learning_rate", "clip", "value_weight", "max_norm"):
+            require_positive(name, getattr(self, name))
+        for name in ("gamma", "gae_lambda"):
+            value = getattr(self, name)
+            require(name, value, is_number(value) and 0.0 <= value <= 1.0, "a number from 0 to 1")
+
+
+def read_parameters(given: Mapping[str, Any]) -> Parameters:
+    """Read the parameters of `--ppo`, by name. Raises InputError if one does not exist or is impossible."""
+    parameters: Parameters = Option("--ppo", Parameters(), (Parameters,)).argument(dict(given))
+    return parameters
 
 
 @dataclass(frozen=True)
@@ -73,17 +128,75 @@ class CurvePoint:
         )
 
 
+class StepBatch(NamedTuple):
+    """Rewards and terminations of one step.
+
+    Attributes:
+        reward: The rewards.
+        ended: Where the step ended the episode.
+        returned: The returns of the episodes that ended.
+        timed_out: The worlds whose episode the time limit ended.
+        cut_off: The observations there after the step; None if there are no such worlds.
+    """
+
+    reward: Float[np.ndarray, "world"]
+    ended: Bool[np.ndarray, "world"]
+    returned: list[float]
+    timed_out: Int[np.ndarray, "row"]
+    cut_off: Seen | None
+
+
+class PolicyWorlds:
+    """Many worlds of a scenario in which a policy drives.
+
+    Attributes:
+        seen: The present observations. There are none before `start`.
+
+    Args:
+        number: The number of worlds.
+        scenario: The scenario.
+        showing: The observations of the policy, and the meaning of its actions.
+        reward: The name of a reward, or a file.
+        device: `cpu` or `cuda`.
+    """
+
+    def __init__(self, number: int, scenario: Scenario, showing: Showing, reward: str, device: str) -> None:
+        view = View(scenario, action="native" if showing.predictor else "world")
+        self.worlds = TrainingWorlds(number, view, load_reward(reward), CASES)
+        self.number, self.showing, self.device = number, showing, device
+
+    def start(self, seed: int) -> None:
+        """Draw training cases anew, and start episodes in all worlds."""
+        self.worlds.seed(seed)
+        self.worlds.start()
+        self._observe()
+
+    def step(self, action: Float[np.ndarray, "world 2"]) -> StepBatch:
+        """Simulate a step with the policy's actions; where it ends an episode, the next one starts."""
+        step, reward, returned, _ = self.worlds.step(self.showing.commands(action, self.vehicle, self.axis))
+        timed_out = np.flatnonzero(step.outcome == Outcome.TIMEOUT)
+        after = self.showing(observe(step.after.take(timed_out))) if len(timed_out) else None
+        cut_off = None if after is None else Seen.of(after, self.device)
+        self._observe()
+        return StepBatch(reward, step.ended, returned[step.ended].tolist(), timed_out, cut_off)
+
+    def _observe(self) -> None:
+        obs = observe(self.worlds.worlds)
+        shown = self.showing(obs)
+        self.seen, self.axis, self.vehicle = Seen.of(shown, self.device), shown.axis, obs.vehicle
+
+
 class Experience(NamedTuple):
     """Steps that the policy learns from: the segment of every world, in order of time.
 
     Attributes:
-        seen: What was seen.
-        memory: What was remembered before the first of the steps.
+        seen: The observations.
+        memory: The policy's memory before the first of the steps.
         begins: Where a step was the first of an episode.
-        action: What was tried, in m/s.
-        log_probability: The logarithm of its probability density then.
-        advantage: By how much it did better than the value, normalized to mean 0 and standard deviation 1.
-        returned: What the value should have been.
+        action: The actions, in m/s.
+        log_probability: The logarithms of their probability densities then.
+        advantage: The advantages, normalized to mean 0 and standard deviation 1.
+        target: The targets of the value.
     """
 
     seen: Seen
@@ -92,74 +205,51 @@ class Experience(NamedTuple):
     action: Float[Tensor, "*step 2"]
     log_probability: Float[Tensor, "*step"]
     advantage: Float[Tensor, "*step"]
-    returned: Float[Tensor, "*step"]
+    target: Float[Tensor, "*step"]
 
     def take(self, worlds: Int[Tensor, "world"]) -> Experience:
-        """The segments of some worlds, all steps on one axis, shown no more pedestrians than one of them has."""
+        """Return the segments of the given worlds, all steps on one axis, without empty rows of pedestrians."""
         vehicle, pedestrians, mask, *others = (part[:, worlds].flatten(0, 1) for part in (*self.seen, *self[3:]))
         most = max(int(mask.sum(dim=1).max()), 1)
         seen = Seen(vehicle, pedestrians[:, :most], mask[:, :most])
         return Experience(seen, self.memory[worlds], self.begins[:, worlds], *others)
 
 
-def advantages(
-    reward: Float[Tensor, "step world"],
-    value: Float[Tensor, "step+1 world"],
-    goes_on: Bool[Tensor, "step world"],
-    gamma: float,
-    trace: float,
-) -> Float[Tensor, "step world"]:
-    """The generalized advantage estimate (Schulman et al. 2016, equation 16).
+class PPOTraining(DrivingTraining[Policy]):
+    """A training of a policy.
 
     Args:
-        reward: The rewards.
-        value: The values before each step, and after the last one.
-        goes_on: Whether the episode goes on after each step.
-        gamma: See `Parameters`, and so for `trace`.
-        trace: Lambda.
-    """
-    after = torch.where(goes_on, value[1:], 0.0)
-    difference = reward + gamma * after - value[:-1]
-    estimate = difference.clone()
-    for step in reversed(range(len(reward) - 1)):
-        estimate[step] += gamma * trace * goes_on[step] * estimate[step + 1]
-    return estimate
-
-
-class Training(DrivingTraining[Policy, CurvePoint]):
-    """A training of a policy and all its state. `run` may be called on a new or on a restored one.
-
-    Args:
-        request: The `PPORequest` that asks for it.
+        config: The options.
         device: `cpu` or `cuda`.
     """
 
-    def __init__(self, request: Any, device: str) -> None:
-        super().__init__(request)
-        self.beside = [load_scenario(name) for name in request.beside_names]
-        scenarios = [self.scenario, *self.beside]
-        self.nearest = request.nearest or max(1, *(each.max_agents - 1 for each in scenarios))
-        self.device, self.own = device, request.parameters
+    config: PPOConfig
+    point = CurvePoint
+    parts = ("network", "optimizer", "validated")
+    counters = ("steps", "seconds")
+    metrics = (*DrivingTraining.metrics, "jerk", "max_velocity_change")
+
+    def __init__(self, config: PPOConfig, device: str) -> None:
+        super().__init__(config, device)
+        self.also_train_in = [load_scenario(name) for name in split_names(config.also_train_in)]
+        scenarios = [self.scenario, *self.also_train_in]
+        self.nearest = config.nearest or max(1, *(scenario.max_agents - 1 for scenario in scenarios))
+        self.parameters = read_parameters(config.ppo or {})
         self.steps = 0
         with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(request.seed)
-            policy = make_policy(request.network, request.encoder)
+            torch.manual_seed(config.seed)
+            policy = make_policy(config.network, config.encoder)
             self.network = ActorCritic(policy).to(device)
         self.showing = Showing(self.nearest, ConstantVelocity() if policy.remembered else None)
-        # The first ones have a world more where they cannot be shared evenly.
-        shares = [len(part) for part in np.array_split(np.arange(self.own.worlds), len(scenarios))]
+        # The first scenarios have a world more where worlds cannot be shared evenly.
+        shares = np.array_split(np.arange(self.parameters.worlds), len(scenarios))
         self.worlds = [
-            PolicyWorlds(share, each, self.showing, request.reward, device)
-            for share, each in zip(shares, scenarios, strict=True)
+            PolicyWorlds(len(share), scenario, self.showing, config.reward, device)
+            for share, scenario in zip(shares, scenarios, strict=True)
         ]
-        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=self.own.learning_rate, eps=1e-5)
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=self.parameters.learning_rate, eps=1e-5)
         self.generator = torch.Generator()
         self.returns: list[float] = []
-
-    @property
-    def progress(self) -> float:
-        """The part of the training that is done, from 0 to 1."""
-        return self.request.progress(self.steps, self.seconds)
 
     @property
     def current(self) -> Policy:
@@ -168,27 +258,41 @@ class Training(DrivingTraining[Policy, CurvePoint]):
 
     def planner(self, network: Policy) -> PolicyPlanner:
         """See `DrivingTraining`."""
-        return PolicyPlanner(network, self.showing, self.request.network)
+        return PolicyPlanner(network, self.showing, self.config.network)
 
-    def run(self, after_validation: Callable[[], None]) -> None:
-        """Train to the end, and call `after_validation` whenever the curve has a new point."""
+    def conditions(self) -> dict[str, Any]:
+        """See `DrivingTraining`."""
+        files: dict[str, dict[str, str]] = {}
+        for name, spec in {"reward": self.config.reward, "encoder": self.config.encoder}.items():
+            file, _ = file_and_function(spec or "")
+            files |= {} if file is None else {f"{name}_files": file_digests(file)}
+        return {
+            "nearest": self.nearest,
+            "reward": self.config.reward,
+            "beside": [describe_scenario(scenario) for scenario in self.also_train_in],
+            "ppo": dataclasses.asdict(self.parameters),
+            **files,
+        }
+
+    def learn(self) -> Iterator[None]:
+        """See `Training`: a validation before the first update, and after every part of the training."""
         if not self.curve:
             self._validate()
-            after_validation()
+            yield
         while self.progress < 1.0:
             self.train_until((math.floor(self.progress * VALIDATIONS) + 1) / VALIDATIONS)
             self._validate()
-            after_validation()
+            yield
 
     def train_until(self, goal: float) -> None:
-        """Train up to some progress. All that is random in it follows from the seed and the curve so far."""
+        """Train up to some progress. All random numbers follow from the seed and the number of validations so far."""
         start = time.perf_counter()
-        seed = self.request.seed + 1000 * len(self.curve)
+        seed = self.config.seed + 1000 * len(self.curve)
         self.generator.manual_seed(seed)
         for worlds in self.worlds:
             worlds.start(seed)  # draws new cases
-        self.memory = self.network.policy.nothing(self.own.worlds)
-        self.begins = torch.ones(1, self.own.worlds, dtype=torch.bool, device=self.device)
+        self.memory = self.network.policy.nothing(self.parameters.worlds)
+        self.begins = torch.ones(1, self.parameters.worlds, dtype=torch.bool, device=self.device)
         while True:  # once in any case: where cases take long to draw, they alone may have taken until the goal
             self._update()
             now = time.perf_counter()
@@ -201,110 +305,136 @@ class Training(DrivingTraining[Policy, CurvePoint]):
         """Drive, and learn from it."""
         with one_torch_thread():  # whose sums are the same with any number of threads
             experience = self._drive()
-            for _ in range(self.own.epochs):
-                order = torch.randperm(self.own.worlds, generator=self.generator)
-                for some in torch.split(order, self.own.segments):
-                    self._descend(experience, some)
-        self.steps += self.own.steps * self.own.worlds
+            for _ in range(self.parameters.epochs):
+                order = torch.randperm(self.parameters.worlds, generator=self.generator)
+                for minibatch in torch.split(order, self.parameters.segments):
+                    self._descend(experience, minibatch)
+        self.steps += self.parameters.steps * self.parameters.worlds
 
     @torch.no_grad()
     def _drive(self) -> Experience:
         """Drive some steps of every world."""
         steps, values, rewards, goes_on, memory = [], [], [], [], self.memory
-        for _ in range(self.own.steps):
-            now = self._see()
-            mean, value, self.memory = self.network(now, self.memory, self.begins)
+        for _ in range(self.parameters.steps):
+            seen = self._seen()
+            mean, value, self.memory = self.network(seen, self.memory, self.begins)
             noise = torch.randn(mean.shape, generator=self.generator).to(self.device)
             action = mean + self.network.log_std.exp() * noise
-            steps.append((*now, self.begins[0], action, self.network.log_probability(action, mean)))
+            steps.append((*seen, self.begins[0], action, self.network.log_probability(action, mean)))
             if not action.isfinite().all():
                 raise InputError(
                     f"the training has failed after {self.steps} steps: the policy's actions are not finite, as where "
-                    f"the reward {self.request.reward} is too large"
+                    f"the reward {self.config.reward} is too large"
                 )
             reward, ended = self._step(action.double().cpu().numpy())
             values.append(value)
             rewards.append(reward)
             goes_on.append(~ended)
             self.begins = ended[None]
-        value = torch.stack([*values, self.network(self._see(), self.memory, self.begins)[1]])
-        advantage = advantages(torch.stack(rewards), value, torch.stack(goes_on), self.own.gamma, self.own.trace)
+        value = torch.stack([*values, self.network(self._seen(), self.memory, self.begins)[1]])
+        advantage = advantages(
+            torch.stack(rewards), value, torch.stack(goes_on), self.parameters.gamma, self.parameters.gae_lambda
+        )
         normalized = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
-        *seen, begins, action, log_probability = (torch.stack(part) for part in zip(*steps, strict=True))
+        *observed, begins, action, log_probability = (torch.stack(part) for part in zip(*steps, strict=True))
         target = advantage + value[:-1]
-        return Experience(Seen(*seen), memory, begins, action, log_probability, normalized, target)
+        return Experience(Seen(*observed), memory, begins, action, log_probability, normalized, target)
+
+    def _seen(self) -> Seen:
+        """Return the present observations of all worlds."""
+        return Seen(*map(torch.cat, zip(*(worlds.seen for worlds in self.worlds), strict=True)))
 
     def _step(self, action: Float[np.ndarray, "world 2"]) -> tuple[Float[Tensor, "world"], Bool[Tensor, "world"]]:
-        """Act in all worlds. The rewards, and where an episode has ended.
+        """Act in all worlds. Return the rewards, and where an episode has ended.
 
-        Where the time limit ended it, which cuts off what would have followed, the reward has the value of that (Pardo
-        et al. 2018).
+        The time limit cuts an episode off: there the discounted value of the last state is added to the reward, for
+        what would have followed (Pardo et al. 2018).
         """
         rewards, ends, start = [], [], 0
         for worlds in self.worlds:
             part = slice(start, start + worlds.number)
-            paid = worlds.step(action[part])
-            if len(paid.timed_out):
-                memory, go_on = self.memory[part][paid.timed_out], self.begins.new_zeros(1, len(paid.timed_out))
-                value = self.network(paid.cut_off, memory, go_on)[1].double().cpu().numpy()
-                paid.reward[paid.timed_out] += self.own.gamma * value
-            self.returns += paid.returned
-            rewards.append(paid.reward)
-            ends.append(paid.ended)
+            batch = worlds.step(action[part])
+            if batch.cut_off is not None:
+                memory, begins = self.memory[part][batch.timed_out], self.begins.new_zeros(1, len(batch.timed_out))
+                value = self.network(batch.cut_off, memory, begins)[1].double().cpu().numpy()
+                batch.reward[batch.timed_out] += self.parameters.gamma * value
+            self.returns += batch.returned
+            rewards.append(batch.reward)
+            ends.append(batch.ended)
             start = part.stop
-        return self._tensor(np.concatenate(rewards)).float(), self._tensor(np.concatenate(ends))
+        reward, ended = (torch.from_numpy(np.concatenate(part)).to(self.device) for part in (rewards, ends))
+        return reward.float(), ended
 
     def _descend(self, experience: Experience, worlds: Int[Tensor, "world"]) -> None:
-        """One step of the optimizer on the segments of some worlds."""
-        # Those with as many pedestrians come together, so that a chunk has few empty places.
+        """Make one step of the optimizer on the segments of the given worlds."""
+        # Those with as many pedestrians come together, so that a chunk has few empty rows.
         worlds = worlds[experience.seen.mask[:, worlds].sum(dim=(0, 2)).argsort(stable=True).cpu()]
         parameters = list(self.network.parameters())
 
         def loss(part: slice) -> Tensor:
-            return self._losses(experience.take(worlds[part])).sum() / (self.own.steps * len(worlds))
+            return self._losses(experience.take(worlds[part])).sum() / (self.parameters.steps * len(worlds))
 
         set_gradients(parameters, loss, len(worlds), CHUNK)
-        nn.utils.clip_grad_norm_(parameters, self.own.max_norm)
-        self.optimizer.param_groups[0]["lr"] = self.own.learning_rate * (1.0 - self.progress)
+        nn.utils.clip_grad_norm_(parameters, self.parameters.max_norm)
+        self.optimizer.param_groups[0]["lr"] = self.parameters.learning_rate * (1.0 - self.progress)
         self.optimizer.step()
 
     def _losses(self, steps: Experience) -> Float[Tensor, "row"]:
-        """What is minimized: the clipped objective (Schulman et al. 2017, equations 7 and 9) and the value's error."""
+        """Return the losses: the value's error minus the clipped objective (Schulman et al. 2017, eqs. 7 and 9)."""
         mean, value, _ = self.network(steps.seen, steps.memory, steps.begins)
         ratio = (self.network.log_probability(steps.action, mean) - steps.log_probability).exp()
-        clipped = ratio.clamp(1.0 - self.own.clip, 1.0 + self.own.clip)
+        clipped = ratio.clamp(1.0 - self.parameters.clip, 1.0 + self.parameters.clip)
         gain = torch.minimum(ratio * steps.advantage, clipped * steps.advantage)
-        return self.own.value_weight * (value - steps.returned) ** 2 - gain
-
-    def _see(self) -> Seen:
-        """What is seen in all worlds now."""
-        return Seen(*map(torch.cat, zip(*(worlds.seen for worlds in self.worlds), strict=True)))
-
-    def _tensor(self, array: np.ndarray) -> Tensor:
-        return torch.from_numpy(array).to(self.device)
+        return self.parameters.value_weight * (value - steps.target) ** 2 - gain
 
     def _validate(self) -> None:
-        """Add a point to the curve, and keep its policy."""
-        mean = self.drive_validation()
-        self.curve.append(
-            CurvePoint(
-                steps=self.steps,
-                seconds=self.seconds,
-                reward=float(np.mean(self.returns)) if self.returns else 0.0,
-                success=mean(success_rate),
-                navigation_time_or_limit=mean(navigation_time_or_limit),
-                jerk=mean(jerk),
-            )
-        )
+        """Add a point to the curve."""
+        success, duration, jerk_ = self.validate(success_rate, navigation_time_or_limit, jerk)
+        reward = float(np.mean(self.returns)) if self.returns else 0.0
+        self.curve.append(CurvePoint(self.steps, self.seconds, reward, success, duration, jerk_))
         self.returns.clear()
 
-    def state(self) -> State:
-        """The state of the training, for a checkpoint. Worlds are not in it: each segment begins with new episodes."""
-        tensors = parts_state(self, PARTS) | self.validated_tensors()
-        return State(tensors, {"steps": self.steps, "seconds": self.seconds}, self.curve)
 
-    def restore(self, state: State) -> None:
-        """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
-        restore_parts(self, PARTS, state.tensors)
-        self.restore_curve(state, CurvePoint)
-        self.steps = state.facts["steps"]
+def advantages(
+    reward: Float[Tensor, "step world"],
+    value: Float[Tensor, "step+1 world"],
+    goes_on: Bool[Tensor, "step world"],
+    gamma: float,
+    gae_lambda: float,
+) -> Float[Tensor, "step world"]:
+    """Compute the generalized advantage estimate (Schulman et al. 2016, equation 16).
+
+    Args:
+        reward: The rewards.
+        value: The values before each step, and after the last one.
+        goes_on: Whether the episode goes on after each step.
+        gamma: See `Parameters`.
+        gae_lambda: See `Parameters`.
+    """
+    after = torch.where(goes_on, value[1:], 0.0)
+    difference = reward + gamma * after - value[:-1]
+    estimate = difference.clone()
+    for step in reversed(range(len(reward) - 1)):
+        estimate[step] += gamma * gae_lambda * goes_on[step] * estimate[step + 1]
+    return estimate
+
+
+def set_gradients(parameters: Sequence[nn.Parameter], loss: Callable[[slice], Tensor], rows: int, chunk: int) -> None:
+    """Set the gradients of a loss that is a sum over rows, by threads that share the rows.
+
+    The gradients of chunks are added in their order, so that the bits do not depend on the number of threads.
+
+    Args:
+        parameters: The parameters.
+        loss: The part of the loss of a slice of rows.
+        rows: Number of rows.
+        chunk: Number of rows of a thread at once.
+    """
+    gradients: dict[int, tuple[Tensor, ...]] = {}
+
+    def differentiate(part: slice) -> None:
+        gradients[part.start] = torch.autograd.grad(loss(part), parameters, materialize_grads=True)
+
+    in_chunks(differentiate, rows, chunk)
+    for parameter, *parts in zip(parameters, *(gradients[start] for start in sorted(gradients)), strict=True):
+        parameter.grad = torch.stack(parts).sum(dim=0)

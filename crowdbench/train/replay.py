@@ -1,11 +1,14 @@
-"""What a value network learns from: n-step transitions between joint states, and the replay buffer that keeps them."""
+"""The experience of a value network: n-step transitions between joint states, and their replay buffer."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from jaxtyping import Bool, Float, Float32, Int
+from torch import Tensor
 
 from crowdbench.core.reward import discount, episode_rewards
 from crowdbench.core.types import Outcome, Trace
@@ -27,7 +30,7 @@ class Transitions:
         present: Which pedestrians are present.
         next_present: Which are k steps later.
         reward: The discounted sum of the k rewards in between.
-        bootstrap: What the value of the next state is multiplied with in the target: gamma^k, or 0 where the episode
+        bootstrap: The factor of the next state's value in the target: gamma^k, or 0 where the episode
             terminated within the k steps. A time-out only truncates an episode, so that the next state keeps its
             value and the factor is gamma^k (Pardo et al. 2018).
         episode_return: The discounted sum of all rewards to the end of the episode. For an episode that was truncated
@@ -46,12 +49,12 @@ class Transitions:
         return len(self.reward)
 
     def take(self, rows: Int[np.ndarray, "row"] | slice) -> Transitions:
-        """The transitions of the given rows."""
+        """Return the transitions of the given rows."""
         return Transitions(*(array[rows] for array in vars(self).values()))
 
 
 def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
-    """The n-step transitions of all episodes of a trace, from every state but the last.
+    """Return the n-step transitions of all episodes of a trace, from every state but the last.
 
     Args:
         trace: The episodes.
@@ -93,7 +96,7 @@ def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
 
 
 def _returns(reward: Rewards, gamma: Float[np.ndarray, "world"], n: int) -> Rewards:
-    """The discounted sums of n rewards from every step on.
+    """Return the discounted sums of n rewards from every step on.
 
     They are the n-step returns of Sutton and Barto (2018, equation 7.1) without the last term, the value after n steps.
     Rewards are 0 after an episode's last step.
@@ -105,7 +108,7 @@ def _returns(reward: Rewards, gamma: Float[np.ndarray, "world"], n: int) -> Rewa
 
 
 class ReplayBuffer:
-    """The latest transitions, up to a number of them: the oldest are overwritten by new ones."""
+    """The latest transitions, up to a capacity: new ones overwrite the oldest."""
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
@@ -124,6 +127,20 @@ class ReplayBuffer:
         for name, array in vars(new).items():
             getattr(self.transitions, name)[rows] = array
         self.added += len(new)
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Return the transitions and the number that was added, by name."""
+        latest = {} if self.transitions is None else vars(self.transitions.take(slice(0, len(self))))
+        arrays = {name: torch.from_numpy(array) for name, array in latest.items()}
+        return {"added": torch.tensor(self.added), **arrays}
+
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Restore what `state_dict` returned, in an empty buffer."""
+        arrays = {name: tensor.numpy() for name, tensor in state.items()}
+        added = int(arrays.pop("added"))
+        if arrays:
+            self.add(Transitions(**arrays))
+        self.added = added
 
     def sample(self, generator: np.random.Generator, n: int) -> Transitions:
         """Draw transitions uniformly, with replacement.

@@ -9,9 +9,9 @@ generator.
 from __future__ import annotations
 
 import copy
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,19 +20,22 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
+from crowdbench.catalog import load_scenario
 from crowdbench.core.types import HISTORY
 from crowdbench.metrics.prediction_errors import TOGETHER, displacement
 from crowdbench.networks.social_gan import NOISE, Discriminator, Generator
 from crowdbench.predict import Prediction
 from crowdbench.predict.social_gan import scatter
-from crowdbench.train.checkpoint import State, parts_state, restore_parts
+from crowdbench.scenario.tracks.eth_ucy import DT, read_folder, scenes
+from crowdbench.train.config import SocialGANConfig
 from crowdbench.train.social_gan_samples import HORIZON, Samples, load_samples
+from crowdbench.train.training import Training, describe_scenario
 
 BATCH = 64
 """Scenes of an update."""
 
 MODES = 20
-"""Sampled futures of which the best one is learned from: the k of the variety loss, 20 as published."""
+"""Sampled futures, the best of which counts: the k of the variety loss, 20 as published."""
 
 ADVERSARIAL = 0.05
 """Weight of the adversarial loss, beside a variety loss in metres."""
@@ -47,15 +50,10 @@ AVERAGING = 0.005
 """Weight of the generator in its moving average, at every update."""
 
 EPOCHS_PER_SEED = 1_000_000
-"""Every seed has random numbers of its own, for so many epochs."""
+"""The number of epochs with random numbers that belong to each seed."""
 
 VALIDATIONS = 24
-"""How often, over a whole training, the generator is measured on validation windows."""
-
-NETWORKS = ("generator", "discriminator", "average", "best")
-"""The networks of a training."""
-
-OPTIMIZERS = ("generator_optimizer", "discriminator_optimizer")
+"""Validations of a training, on validation windows."""
 
 
 @dataclass(frozen=True)
@@ -87,60 +85,68 @@ class CurvePoint:
         )
 
 
-class Training:
-    """A training of a Social GAN and all its state. `run` may be called on a new or on a restored one.
+class SocialGANTraining(Training):
+    """A training of a Social GAN.
 
     Args:
-        request: The `SocialGANRequest` that asks for it.
+        config: The options.
         device: `cpu` or `cuda`.
+
+    Raises:
+        InputError: See `load_samples`.
     """
 
-    def __init__(self, request: Any, device: str) -> None:
-        self.request = request
-        self.device = device
-        self.training, self.validation = load_samples(request)
+    config: SocialGANConfig
+    point = CurvePoint
+    parts = ("generator", "discriminator", "average", "validated", "generator_optimizer", "discriminator_optimizer")
+    counters = ("epochs", "seconds")
+
+    def __init__(self, config: SocialGANConfig, device: str) -> None:
+        super().__init__(config, device)
+        self.training, self.validation = load_samples(config)
         with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(request.seed)
-            self.generator = Generator(request.pooling).to(device)
+            torch.manual_seed(config.seed)
+            self.generator = Generator(config.pooling).to(device)
             self.discriminator = Discriminator().to(device)
         self.average = copy.deepcopy(self.generator)
-        self.best = copy.deepcopy(self.generator)
+        self.validated = copy.deepcopy(self.generator)
         self.generator_optimizer = torch.optim.Adam(self.generator.parameters(), lr=LEARNING_RATE)
         self.discriminator_optimizer = torch.optim.Adam(self.discriminator.parameters(), lr=LEARNING_RATE)
         self.epochs = 0
-        self.seconds = 0.0
-        self.curve: list[CurvePoint] = []
 
     @property
-    def progress(self) -> float:
-        """The part of the training that is done, from 0 to 1."""
-        return self.request.progress(self.epochs, self.seconds)
+    def best(self) -> Generator:
+        """See `Training`."""
+        return self.validated
 
-    def run(self, after_validation: Callable[[], None]) -> None:
-        """Train to the end, and call `after_validation` whenever the curve has a new point."""
+    def best_point(self) -> CurvePoint:
+        """See `Training`: the point with the smallest ADE; the latest of equals."""
+        return min(reversed(self.curve), key=lambda point: point.ade)
+
+    def learn(self) -> Iterator[None]:
+        """See `Training`."""
         while self.progress < 1.0:
-            start = time.perf_counter()
-            loss, discriminator_loss = self._epoch()
-            self.seconds += time.perf_counter() - start
+            with self.timed():
+                losses = self._epoch()
             self.epochs += 1
             if len(self.curve) < int(self.progress * VALIDATIONS):
-                self._validate(loss, discriminator_loss)
-                after_validation()
+                self._validate(*losses)
+                yield
 
     def _epoch(self) -> tuple[float, float]:
-        """Learn from every training window once. The mean losses of generator and discriminator."""
+        """Learn from every training window once. Return the mean losses of generator and discriminator."""
         rate = 0.5 * LEARNING_RATE * (1.0 + np.cos(np.pi * self.progress))
         for optimizer in (self.generator_optimizer, self.discriminator_optimizer):
             for group in optimizer.param_groups:
                 group["lr"] = rate
-        rng = torch.Generator().manual_seed(self.request.seed * EPOCHS_PER_SEED + self.epochs)
+        rng = torch.Generator().manual_seed(self.config.seed * EPOCHS_PER_SEED + self.epochs)
         order = torch.randperm(len(self.training), generator=rng).numpy()
         batches = [order[start : start + BATCH] for start in range(0, len(order), BATCH)]
         loss, discriminator_loss = np.mean([self._update(rows, rng) for rows in batches], axis=0).tolist()
         return loss, discriminator_loss
 
     def _update(self, rows: np.ndarray, rng: torch.Generator) -> tuple[float, float]:
-        """One step of both optimizers on the windows of the given rows. The losses."""
+        """Make one step of both optimizers on the windows of the given rows. Return the losses."""
         position, present = self._scenes(self.training, rows)
         position = position @ _rotations(len(rows), rng).to(position)[:, None]
         noise = torch.randn((len(rows), MODES, NOISE), generator=rng).to(position)
@@ -162,16 +168,24 @@ class Training:
     def _scenes(
         self, windows: Samples, rows: np.ndarray
     ) -> tuple[Float[Tensor, "scene time pedestrian 2"], Bool[Tensor, "scene pedestrian"]]:
-        """Positions in metres and presence in the windows of the given rows, as tensors."""
+        """Return positions in metres and presence in the windows of the given rows, as tensors."""
         present = windows.present[rows]
         widest = int(present.sum(axis=1).max())  # those who are present come first
         position = torch.from_numpy(windows.position[rows, :, :widest])
         return position.to(self.device), torch.from_numpy(present[:, :widest]).to(self.device)
 
-    @torch.inference_mode()
     def _validate(self, loss: float, discriminator_loss: float) -> None:
         """Add a point to the curve, and keep the generator if it is the best one so far."""
-        start, rng = time.perf_counter(), torch.Generator().manual_seed(0)
+        with self.timed():
+            ade, fde = self._errors()
+        self.curve.append(CurvePoint(self.epochs, self.seconds, loss, discriminator_loss, ade, fde))
+        if self.best_point() is self.curve[-1]:
+            self.validated.load_state_dict(self.average.state_dict())
+
+    @torch.inference_mode()
+    def _errors(self) -> tuple[float, float]:
+        """Measure the moving average on the validation windows. Return ADE and FDE in metres."""
+        rng = torch.Generator().manual_seed(0)
         total, count = np.zeros(2), 0
         for first in range(0, len(self.validation), 2 * BATCH):
             rows = np.arange(first, min(first + 2 * BATCH, len(self.validation)))
@@ -184,30 +198,34 @@ class Training:
             error = displacement(prediction, path[:, HISTORY:], present.cpu().numpy())[present.cpu().numpy()]
             total, count = total + error[:, TOGETHER, :, -1].sum(axis=0), count + len(error)
         ade, fde = (total / count).tolist()
-        self.seconds += time.perf_counter() - start
-        self.curve.append(CurvePoint(self.epochs, self.seconds, loss, discriminator_loss, ade, fde))
-        if self.best_point() is self.curve[-1]:
-            self.best.load_state_dict(self.average.state_dict())
+        return ade, fde
 
-    def best_point(self) -> CurvePoint:
-        """The point of the curve with the smallest ADE; of equals the last."""
-        return min(reversed(self.curve), key=lambda point: point.ade)
-
-    @property
-    def validated_on(self) -> int:
-        """The number of windows of each validation."""
-        return len(self.validation)
-
-    def state(self) -> State:
-        """The state of the training, for a checkpoint."""
-        tensors = parts_state(self, NETWORKS + OPTIMIZERS)
-        return State(tensors, {"epochs": self.epochs, "seconds": self.seconds}, self.curve)
-
-    def restore(self, state: State) -> None:
-        """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
-        restore_parts(self, NETWORKS + OPTIMIZERS, state.tensors)
-        self.epochs, self.seconds = state.facts["epochs"], state.facts["seconds"]
-        self.curve = [CurvePoint(**point) for point in state.curve]
+    def card(self, progress: Callable[[float], None]) -> dict[str, Any]:
+        """See `Training`. The figures are the errors on the validation windows."""
+        best, config = self.best_point(), self.config
+        if config.data is None:
+            scenario = load_scenario(config.scenario, config.overrides)
+            source = {"scenario": describe_scenario(scenario), "dt": scenario.rules.dt, "scenes": []}
+            data = "simulated crowds only"
+        else:
+            trained_on = [scene for scene in scenes(read_folder(Path(config.data))) if scene != config.held_out]
+            source = {"held_out": config.held_out, "dt": config.dt or DT, "scenes": trained_on}
+            data = f"recorded tracks: {', '.join(trained_on)}, and those that are in no scene's test"
+        return {
+            "training": {
+                **source,
+                "pooling": config.pooling,
+                "seed": config.seed,
+                "windows": len(self.training),
+                "epochs": self.curve[-1].epochs,
+                "kept_after_epochs": best.epochs,
+                "minutes": round(self.seconds / 60, 1),
+            },
+            "figures": {
+                "validation": {"windows": len(self.validation), "modes": MODES, "ade": best.ade, "fde": best.fde}
+            },
+            "data": data,
+        }
 
 
 def variety_loss(
@@ -216,7 +234,7 @@ def variety_loss(
     scene: Int[Tensor, "row"],
     scenes: int,
 ) -> Float[Tensor, ""]:
-    """The variety loss of Gupta et al. (2018, section 3.5): only the best of the sampled futures is learned from.
+    """Compute the variety loss of Gupta et al. (2018, section 3.5), to which only the best sampled future contributes.
 
     L = min_k |Y - Y^(k)|, where the minimum is over the modes of a whole scene, and the distance is the mean over
     pedestrians and steps.
@@ -236,12 +254,12 @@ def variety_loss(
 
 
 def non_saturating_loss(fake: Float[Tensor, "row"]) -> Float[Tensor, ""]:
-    """The generator's adversarial loss, -log D(fake), from the discriminator's logits (Goodfellow et al. 2014)."""
+    """Compute the generator's adversarial loss, -log D(fake), from logits (Goodfellow et al. 2014)."""
     return softplus(-fake).mean()
 
 
 def cross_entropy(real: Float[Tensor, "row"], fake: Float[Tensor, "row"]) -> Float[Tensor, ""]:
-    """The discriminator's loss, -log D(real) - log(1 - D(fake)) (Goodfellow et al. 2014, eq. 1).
+    """Compute the discriminator's loss, -log D(real) - log(1 - D(fake)) (Goodfellow et al. 2014, eq. 1).
 
     Args:
         real: The discriminator's logits of recorded tracks.
@@ -254,7 +272,7 @@ def cross_entropy(real: Float[Tensor, "row"], fake: Float[Tensor, "row"]) -> Flo
 
 
 def _rotations(scenes: int, rng: torch.Generator) -> Float[Tensor, "scene 2 2"]:
-    """A random rotation for each scene, with a reflection in half of them."""
+    """Draw a random rotation for each scene, with a reflection in half of them."""
     angle = 2.0 * np.pi * torch.rand(scenes, generator=rng)
     mirror = 1.0 - 2.0 * torch.randint(2, (scenes,), generator=rng)
     rows = [torch.stack([angle.cos(), angle.sin()], -1), torch.stack([-angle.sin() * mirror, angle.cos() * mirror], -1)]
@@ -262,7 +280,7 @@ def _rotations(scenes: int, rng: torch.Generator) -> Float[Tensor, "scene 2 2"]:
 
 
 def _step(optimizer: torch.optim.Optimizer, loss: Float[Tensor, ""], network: nn.Module) -> None:
-    """A step of an optimizer, with the gradient's norm clipped."""
+    """Make a step of an optimizer, with the gradient's norm clipped."""
     optimizer.zero_grad()
     loss.backward()  # type: ignore[no-untyped-call]
     nn.utils.clip_grad_norm_(network.parameters(), CLIP)

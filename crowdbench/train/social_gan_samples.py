@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -21,6 +20,7 @@ from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.tracks.eth_ucy import Tracks, read_folder
+from crowdbench.train.config import SocialGANConfig
 from crowdbench.utils.errors import InputError
 
 HORIZON = 8
@@ -44,7 +44,7 @@ class Samples:
     Attributes:
         position: In metres, from the position of the window's first pedestrian in the last observed step; 0 for the
             absent.
-        present: Who is there in all steps of a window; these come first.
+        present: Which pedestrians are present in all steps of a window; these come first.
     """
 
     position: Float32[np.ndarray, "window time pedestrian 2"]
@@ -54,26 +54,26 @@ class Samples:
         return len(self.present)
 
 
-def load_samples(request: Any) -> tuple[Samples, Samples]:
-    """The windows that a `SocialGANRequest` asks for, to train on and to validate on.
+def load_samples(config: SocialGANConfig) -> tuple[Samples, Samples]:
+    """Load the windows to train on and to validate on.
 
     Raises:
         InputError: There is no such scenario, or there are no recordings or no such scene in them, or no episode or
             recording is long enough.
     """
-    if request.data is None:
-        scenario = load_scenario(request.scenario, request.overrides)
+    if config.data is None:
+        scenario = load_scenario(config.scenario, config.overrides)
         training, validation = (from_scenario(scenario, cases) for cases in (TRAINING_CASES, VALIDATION_CASES))
     else:
-        split = training_split(read_folder(Path(request.data)), request.held_out)
-        training, validation = (from_tracks(recordings, request.dt) for recordings in split)
+        split = training_split(read_folder(Path(config.data)), config.held_out)
+        training, validation = (from_tracks(recordings, config.dt) for recordings in split)
     if not (len(training) and len(validation)):
         raise InputError(f"there is no window of {LENGTH} consecutive steps to train and validate on")
     return training, validation
 
 
 def from_tracks(recordings: Sequence[Tracks], dt: float | None) -> Samples:
-    """All windows of recordings.
+    """Cut recordings into windows.
 
     Args:
         recordings: The recordings.
@@ -82,12 +82,12 @@ def from_tracks(recordings: Sequence[Tracks], dt: float | None) -> Samples:
     Returns:
         The windows.
     """
-    found = [windows(tracks if dt in (None, tracks.dt) else resample(tracks, dt), LENGTH) for tracks in recordings]
-    return _join([_order(part.position, part.present) for part in found])
+    samples = [windows(tracks if dt in (None, tracks.dt) else resample(tracks, dt), LENGTH) for tracks in recordings]
+    return _join([_order(part.position, part.present) for part in samples])
 
 
 def from_scenario(scenario: Scenario, cases: Cases) -> Samples:
-    """Windows of a scenario's pedestrians until each reaches its goal, in episodes that last as long as the vehicle's.
+    """Simulate windows of a scenario's pedestrians until they reach their goals, in episodes as long as the vehicle's.
 
     The pedestrians do not see the vehicle, which drives with ORCA. The steps before the start are extrapolated
     backwards from the first displacement, as the predictor does.
@@ -105,7 +105,7 @@ def from_scenario(scenario: Scenario, cases: Cases) -> Samples:
     back = np.arange(HISTORY - 2, 0, -1)[:, None, None]
     path = np.concatenate([path[:, :1] - back * (path[:, 1:2] - path[:, :1]), path], axis=1)
     persons = np.concatenate([trace.person[:, :1].repeat(len(back), axis=1), trace.person], axis=1)
-    found = []
+    samples = []
     for start in range(0, path.shape[1] - LENGTH + 1, STRIDE):
         position = path[:, start : start + LENGTH]
         now = start + HISTORY - 1 - len(back)
@@ -113,14 +113,14 @@ def from_scenario(scenario: Scenario, cases: Cases) -> Samples:
         person = persons[:, start : start + LENGTH]
         same = (person == person[:, :1]).all(axis=1) & (person[:, 0] >= 0)
         complete = same & under_way & np.isfinite(position).all(axis=(1, 3))
-        found.append(_order(position[complete.any(axis=1)], complete[complete.any(axis=1)]))
-    return _join(found)
+        samples.append(_order(position[complete.any(axis=1)], complete[complete.any(axis=1)]))
+    return _join(samples)
 
 
 def _order(
     position: Float[np.ndarray, "window time pedestrian 2"], present: Bool[np.ndarray, "window pedestrian"]
 ) -> Samples:
-    """Windows with those who are present first, at positions relative to the first of them.
+    """Sort pedestrians who are present to the front, and make positions relative to the first of them.
 
     float32 is coarse far from the origin, so positions in metres are made relative before they are converted.
     """
@@ -132,10 +132,9 @@ def _order(
 
 
 def _join(parts: Sequence[Samples]) -> Samples:
-    """All windows in one batch, padded to the largest number of pedestrians."""
+    """Join windows in one batch, padded to the largest number of pedestrians."""
     widest = max((part.present.shape[1] for part in parts), default=0)
     padding = [(0, widest - part.present.shape[1]) for part in parts]
-    none = (0, 0)
-    position = [np.pad(part.position, [none, none, pad, none]) for part, pad in zip(parts, padding, strict=True)]
-    present = [np.pad(part.present, [none, pad]) for part, pad in zip(parts, padding, strict=True)]
+    position = [np.pad(part.position, [(0, 0), (0, 0), pad, (0, 0)]) for part, pad in zip(parts, padding, strict=True)]
+    present = [np.pad(part.present, [(0, 0), pad]) for part, pad in zip(parts, padding, strict=True)]
     return Samples(np.concatenate(position), np.concatenate(present))

@@ -6,7 +6,7 @@ take minutes:
 - All episodes of a round run in lock-step, and the network learns after each round.
 - Targets are n-step returns (Sutton and Barto 2018, equation 7.1) instead of one-step returns.
 - The target network is an exponential moving average of the network (Lillicrap et al. 2016, "soft" target updates)
-  instead of a copy made now and then. It is also the network that is validated and saved.
+  instead of a copy at intervals. It is also the network that is validated and saved.
 - A time-out only truncates an episode: the target takes the value of its last state for what would have followed
   (Pardo et al. 2018). CrowdNav leaves such episodes out; here demonstrations that time out are left out.
 """
@@ -14,8 +14,7 @@ take minutes:
 from __future__ import annotations
 
 import copy
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,7 +36,7 @@ from crowdbench.predict import ConstantVelocity
 from crowdbench.predict.load import load_predictor
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.train.checkpoint import State, part_of, parts_state, restore_parts
+from crowdbench.train.config import UNLIMITED, ValueConfig
 from crowdbench.train.driving import DrivingTraining
 from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
 
@@ -83,9 +82,6 @@ VALIDATIONS = 8
 CASES_PER_SEED = 1_000_000
 """Number of training cases that belong to each seed."""
 
-PARTS = ("network", "average", "optimizer")
-"""The networks and the optimizer of a training."""
-
 
 @dataclass(frozen=True)
 class CurvePoint:
@@ -116,66 +112,71 @@ class CurvePoint:
         )
 
 
-class Training(DrivingTraining[ValueNetwork, CurvePoint]):
-    """A training of a value network and all its state. `run` may be called on a new or on a restored one.
+class ValueTraining(DrivingTraining[ValueNetwork]):
+    """A training of a value network.
 
     Args:
-        request: The `ValueRequest` that asks for it.
+        config: The options.
         device: `cpu` or `cuda`.
     """
 
-    def __init__(self, request: Any, device: str) -> None:
-        _, self.predictor = load_predictor(request.predictor)
-        super().__init__(request)
-        self.limits = Limits(**request.all_limits) if request.limits else None
-        self.device = device
+    config: ValueConfig
+    point = CurvePoint
+    parts = ("network", "average", "optimizer", "replay", "validated")
+    counters = ("rounds", "seconds")
+
+    def __init__(self, config: ValueConfig, device: str) -> None:
+        _, self.predictor = load_predictor(config.predictor)
+        super().__init__(config, device)
+        self.limits = Limits(**UNLIMITED | config.limits) if config.limits else None
         with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(request.seed)
-            self.network = NETWORKS[request.network]().to(device)
+            torch.manual_seed(config.seed)
+            self.network = NETWORKS[config.network]().to(device)
         self.average = copy.deepcopy(self.network)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE)
         self.replay = ReplayBuffer(CAPACITY)
         self.rounds = 0
 
     @property
+    def episodes(self) -> int:
+        """The episodes driven so far."""
+        return self.rounds * ROUND
+
+    @property
     def current(self) -> ValueNetwork:
         """See `DrivingTraining`: the moving average."""
         return self.average
-
-    @property
-    def progress(self) -> float:
-        """The part of the training that is done, from 0 to 1."""
-        return self.request.progress(self.rounds * ROUND, self.seconds)
 
     def planner(self, network: ValueNetwork) -> ValuePlanner:
         """See `DrivingTraining`."""
         # Always with constant velocity, which a vehicle can know; the predictor in training may be the oracle.
         return ValuePlanner(ConstantVelocity(), network, limits=self.limits)
 
-    def run(self, after_validation: Callable[[], None]) -> None:
-        """Train to the end, and call `after_validation` whenever the curve has a new point."""
+    def conditions(self) -> dict[str, Any]:
+        """See `DrivingTraining`."""
+        return {"predictor": self.config.predictor, "limits": self.config.limits}
+
+    def learn(self) -> Iterator[None]:
+        """See `Training`: imitation, then rounds of episodes."""
         if not self.curve:
-            self._validate(self._timed(self.imitate))
-            after_validation()
+            with self.timed():
+                loss = self.imitate()
+            self._validate(loss)
+            yield
         while self.progress < 1.0:
-            loss = self._timed(self.improve)
+            with self.timed():
+                loss = self.improve()
             if len(self.curve) <= int(self.progress * VALIDATIONS):
                 self._validate(loss)
-                after_validation()
-
-    def _timed(self, work: Callable[[], float]) -> float:
-        start = time.perf_counter()
-        loss = work()
-        self.seconds += time.perf_counter() - start
-        return loss
+                yield
 
     def imitate(self) -> float:
-        """Learn the returns of demonstrated episodes by regression. Returns the mean loss of the last epoch."""
+        """Learn the returns of demonstrated episodes by regression. Return the mean loss of the last epoch."""
         driver = Driver(ORCAPlanner(SAFETY_SPACE), "orca")
         trace = rollout(driver, self.scenario, self._cases(0, DEMONSTRATIONS), undisturbed=False)
         steps = transitions(trace, N_STEPS, truncated=False)
         optimizer = torch.optim.Adam(self.network.parameters(), lr=IMITATION_RATE)
-        generator = np.random.default_rng([self.request.seed, 0])
+        generator = np.random.default_rng([self.config.seed, 0])
         for _ in range(IMITATION_EPOCHS):
             order = generator.permutation(len(steps))
             batches = [steps.take(order[start : start + BATCH]) for start in range(0, len(steps), BATCH)]
@@ -184,12 +185,12 @@ class Training(DrivingTraining[ValueNetwork, CurvePoint]):
         return float(loss)
 
     def improve(self) -> float:
-        """Run a round of episodes, then learn from the replay buffer. Returns the mean loss."""
+        """Run a round of episodes, then learn from the replay buffer. Return the mean loss."""
         for group in self.optimizer.param_groups:
             group["lr"] = LEARNING_RATE * min(1.0, 2.0 * (1.0 - self.progress))
         steps = transitions(self._drive(), N_STEPS)
         self.replay.add(steps)
-        generator = np.random.default_rng([self.request.seed, 1, self.rounds])
+        generator = np.random.default_rng([self.config.seed, 1, self.rounds])
         losses = []
         for _ in range(REPLAY_RATIO * len(steps) // BATCH):
             batch = self.replay.sample(generator, BATCH)
@@ -200,10 +201,10 @@ class Training(DrivingTraining[ValueNetwork, CurvePoint]):
         return float(np.mean(losses))
 
     def _drive(self) -> Trace:
-        """A round of training episodes with epsilon-greedy exploration."""
+        """Drive a round of training episodes with epsilon-greedy exploration."""
         planner = ValuePlanner(self.predictor, self.network, limits=self.limits)
-        driver = Driver(EpsilonGreedy(planner, self.exploration, self.request.seed), self.request.network)
-        cases = self._cases(DEMONSTRATIONS + self.rounds * ROUND, ROUND)
+        driver = Driver(EpsilonGreedy(planner, self.exploration, self.config.seed), self.config.network)
+        cases = self._cases(DEMONSTRATIONS + self.episodes, ROUND)
         return rollout(driver, self.scenario, cases, undisturbed=False)
 
     @property
@@ -213,18 +214,18 @@ class Training(DrivingTraining[ValueNetwork, CurvePoint]):
         return first + (last - first) * min(1.0, self.progress / part)
 
     def _cases(self, start: int, n: int) -> Cases:
-        """`n` training cases of this seed."""
-        start += self.request.seed * CASES_PER_SEED
+        """Return `n` training cases of this seed."""
+        start += self.config.seed * CASES_PER_SEED
         return Cases("train", start, start + n)
 
     @torch.no_grad()
     def _target(self, batch: Transitions) -> Float[Tensor, "step"]:
-        """The n-step return: the rewards of n steps and the discounted value after them, by the target network."""
+        """Return the n-step returns: the rewards of n steps and the target network's discounted value after them."""
         value = self.average(self._tensor(batch.next_joint), self._tensor(batch.next_present))
         return self._tensor(batch.reward) + self._tensor(batch.bootstrap) * value
 
     def _update(self, optimizer: torch.optim.Optimizer, batch: Transitions, target: Float[Tensor, "step"]) -> float:
-        """One step of the optimizer on the mean squared error to the target. Returns the loss."""
+        """Make one step of the optimizer on the mean squared error to the target. Return the loss."""
         self.network.train()  # a planner has set evaluation mode, in which cuDNN's LSTM has no gradients
         values = self.network(self._tensor(batch.joint), self._tensor(batch.present))
         loss = torch.nn.functional.mse_loss(values, target)
@@ -237,26 +238,9 @@ class Training(DrivingTraining[ValueNetwork, CurvePoint]):
         return torch.from_numpy(array).to(self.device)
 
     def _validate(self, loss: float) -> None:
-        """Add a point to the curve, and keep its network."""
-        mean = self.drive_validation()
-        measured = [mean(metric) for metric in (success_rate, navigation_time_or_limit, discounted_return)]
-        self.curve.append(CurvePoint(self.rounds * ROUND, self.seconds, self.exploration, loss, *measured))
-
-    def state(self) -> State:
-        """The state of the training, for a checkpoint."""
-        tensors = parts_state(self, PARTS) | self.validated_tensors()
-        if self.replay.transitions is not None:
-            transitions = self.replay.transitions.take(slice(0, len(self.replay)))
-            tensors |= {f"replay.{name}": torch.from_numpy(array) for name, array in vars(transitions).items()}
-        return State(tensors, {"rounds": self.rounds, "seconds": self.seconds, "added": self.replay.added}, self.curve)
-
-    def restore(self, state: State) -> None:
-        """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
-        restore_parts(self, PARTS, state.tensors)
-        self.restore_curve(state, CurvePoint)
-        if replay := part_of("replay", state.tensors):
-            self.replay.add(Transitions(**{name: tensor.numpy() for name, tensor in replay.items()}))
-        self.replay.added, self.rounds = state.facts["added"], state.facts["rounds"]
+        """Add a point to the curve."""
+        means = self.validate(success_rate, navigation_time_or_limit, discounted_return)
+        self.curve.append(CurvePoint(self.episodes, self.seconds, self.exploration, loss, *means))
 
 
 class EpsilonGreedy(Planner):

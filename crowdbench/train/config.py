@@ -1,0 +1,324 @@
+"""The options of `crowdbench train`: a dataclass for each method, with a field for each option.
+
+Nothing here imports torch, so that the command line starts without it. A new method is a dataclass here, a line in
+`METHODS`, and a subclass of `crowdbench.train.training.Training` in a file of its own.
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import json
+import math
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+from crowdbench.utils.errors import InputError, find_named
+
+if TYPE_CHECKING:
+    from crowdbench.train.training import Training
+
+SCENARIO = "circle_crossing_mixed"
+"""The default scenario."""
+
+MOST_SEED = 10**9
+"""The largest seed: every seed has training cases of its own, whose numbers are 64-bit integers."""
+
+EPISODES = 4000
+"""The default length of the training of a value network."""
+
+UNLIMITED = {"max_acceleration": math.inf, "max_turn": math.pi, "max_velocity_change": math.inf}
+"""The limits of `Limits` that exclude nothing."""
+
+Default = TypeVar("Default")
+
+
+def option(
+    default: Default, help: str, least: float | None = None, always: bool = False, pairs: bool = False
+) -> Default:
+    """Declare a field that is an option of `crowdbench train`.
+
+    Args:
+        default: The default value.
+        help: The meaning, in one sentence without a full stop.
+        least: The smallest number allowed, or None.
+        always: Whether `Config.command` has it even with its default.
+        pairs: Whether it is given as `name=value`, repeatedly, and is a mapping.
+
+    Returns:
+        The field, for the body of a dataclass, with the other arguments as its metadata.
+    """
+    metadata = {"help": help, "least": least, "always": always, "pairs": pairs}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def flag(name: str) -> str:
+    """Return the option of the command line that sets a field."""
+    return "--set" if name == "overrides" else f"--{name.replace('_', '-')}"
+
+
+def split_names(listed: str | None) -> list[str]:
+    """Split names with commas between them."""
+    return [name.strip() for name in listed.split(",")] if listed is not None else []
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config(abc.ABC):
+    """The options of a training. Every method has a subclass, which declares its options with `option`.
+
+    Attributes:
+        network: The name of the network.
+        scenario: A scenario by name, or the path of its TOML file.
+        overrides: Keys of the scenario that are changed, dotted: `{"pedestrians.number": 5}`.
+        data: The folder with recorded tracks, or None.
+        seed: The seed of weights, batches and training cases.
+        minutes: The length of the training in minutes; None for the one in the field named `length`.
+    """
+
+    network: str
+    scenario: str = SCENARIO
+    overrides: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    data: str | None = None
+    seed: int = 0
+    minutes: float | None = None
+
+    length: ClassVar[str]
+    """The field with the length of the training, in the unit of the curve's first column."""
+
+    @abc.abstractmethod
+    def training(self, device: str) -> Training:
+        """Make a new training.
+
+        Args:
+            device: `cpu` or `cuda`.
+
+        Raises:
+            InputError: A scenario, file or parameter does not exist or is impossible.
+        """
+
+    @property
+    @abc.abstractmethod
+    def use(self) -> str:
+        """The words after `crowdbench` that run the trained network; its weights are added as an option."""
+
+    @classmethod  # noqa: B027 (most methods have nothing to check)
+    def check(cls, options: Mapping[str, Any]) -> None:
+        """Raise InputError if the given options, by field name, contradict each other."""
+
+    def progress(self, done: int, seconds: float) -> float:
+        """Return the finished part of the training, from 0 to 1.
+
+        Args:
+            done: The finished part, in the unit of `length`.
+            seconds: The training time so far.
+        """
+        return min(1.0, seconds / (60.0 * self.minutes) if self.minutes else done / getattr(self, self.length))
+
+    @property
+    def source(self) -> list[str]:
+        """The words of `command` for the scenario, and the name of the folder of recorded tracks."""
+        values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in self.overrides.items()}
+        words = ["--scenario", self.scenario, *(f"--set '{key}={value}'" for key, value in values.items())]
+        return words if self.data is None else [*words, "--data", Path(self.data).name]
+
+    @property
+    def command(self) -> str:
+        """The command that trains with these options: without defaults, except those that are `always` named."""
+        words = ["crowdbench train", self.network, *self.source]
+        for field in dataclasses.fields(self):
+            value, metadata = getattr(self, field.name), field.metadata
+            if not metadata or field.name == self.length:
+                continue
+            if metadata["pairs"]:
+                words += [f"{flag(field.name)} {shlex.quote(f'{key}={part}')}" for key, part in (value or {}).items()]
+            elif value != field.default or metadata["always"]:
+                words += [flag(field.name), *([] if value is True else [shlex.quote(str(value))])]
+        length = f"{self.length} {getattr(self, self.length)}" if self.minutes is None else f"minutes {self.minutes:g}"
+        return " ".join([*words, f"--seed {self.seed}", f"--{length}"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrivingConfig(Config):
+    """The options of `crowdbench.train.driving`: a network that drives.
+
+    Attributes:
+        validation: The scenarios that choose the checkpoint, by name or path, with commas between them; None for the
+            training scenario.
+        card: The cases of the figures on the card: `val`, or `test` for test cases too.
+    """
+
+    validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
+    card: str = option("val", "Measure the network for its card on val, other cases than chose it, or on test too")
+
+    @classmethod
+    def check(cls, options: Mapping[str, Any]) -> None:
+        """See `Config`."""
+        if options.get("card", "val") not in ("val", "test"):
+            raise InputError(f"--card is {options['card']!r}, but must be val or test")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValueConfig(DrivingConfig):
+    """The options of `crowdbench.train.value`.
+
+    Attributes:
+        predictor: The predictor in the lookahead: a name, or the path of its file.
+        episodes: The episodes that the network drives, without demonstrations.
+        max_acceleration: As in `Limits`; None for no limit, and so are the next two.
+        max_turn: As in `Limits`.
+        max_velocity_change: As in `Limits`.
+    """
+
+    predictor: str = option("oracle", "The predictor in the lookahead: a name or ./mine.py", always=True)
+    episodes: int = option(EPISODES, "Train for this many episodes", least=1)
+    max_acceleration: float | None = option(None, "Limit the commands: largest change of speed, per second [m/s^2]")
+    max_turn: float | None = option(None, "Limit the commands: largest change of heading in a step [rad]")
+    max_velocity_change: float | None = option(None, "Limit the commands: largest change of velocity in a step [m/s]")
+
+    length: ClassVar[str] = "episodes"
+
+    def training(self, device: str) -> Training:
+        """See `Config`."""
+        from crowdbench.train.value import ValueTraining
+
+        return ValueTraining(self, device)
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """The limits that are given, by their names in `Limits`."""
+        return {name: limit for name in UNLIMITED if (limit := getattr(self, name)) is not None}
+
+    @property
+    def use(self) -> str:
+        """See `Config`."""
+        # The planner `sarl` is privileged, as published.
+        words = f"run --planner {'sarl_cvm' if self.network == 'sarl' else self.network}"
+        limits = ", ".join(f"{name}={limit}" for name, limit in (UNLIMITED | self.limits).items())
+        return f"{words} --option 'limits={{{limits}}}'" if self.limits else words
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPOConfig(DrivingConfig):
+    """The options of `crowdbench.train.ppo`.
+
+    Attributes:
+        steps: The steps that the vehicles of all worlds drive together.
+        reward: The name of a reward of the environments, or a file.
+        nearest: The largest number of pedestrians in an observation; None for as many as the scenarios have.
+        also_train_in: Further scenarios to train in, by name or path, with commas between them.
+        encoder: The file of an encoder that replaces the network's; None for the network's.
+        ppo: Parameters of `crowdbench.train.ppo.Parameters`, by name; the others have their defaults.
+    """
+
+    steps: int = option(5_000_000, "Train for this many steps, of all worlds together", least=1)
+    reward: str = option("progress", "The reward: crowdnav, progress, safe_progress, crowdnav_plus or ./mine.py")
+    nearest: int | None = option(None, "How many pedestrians the policy is shown; else as many as there are", least=1)
+    also_train_in: str | None = option(
+        None, "Further scenarios to train in, as in a,b, each with as many worlds as --scenario"
+    )
+    encoder: str | None = option(None, "The file of an encoder (feature extractor) of your own, ./mine.py")
+    ppo: Mapping[str, Any] | None = option(None, "A parameter of PPO, as in gamma=0.99; repeatable", pairs=True)
+
+    length: ClassVar[str] = "steps"
+
+    def training(self, device: str) -> Training:
+        """See `Config`."""
+        from crowdbench.train.ppo import PPOTraining
+
+        return PPOTraining(self, device)
+
+    @property
+    def use(self) -> str:
+        """See `Config`."""
+        return f"run --planner {self.network}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SocialGANConfig(Config):
+    """The options of `crowdbench.train.social_gan`: on recorded tracks in `data`, or else in a scenario.
+
+    Attributes:
+        dt: The time step to which recordings are resampled, in seconds; None for their own.
+        held_out: The scene of the recordings that is not trained on; None to train on all.
+        pooling: Whether the generator has the social pooling module.
+        epochs: The number of passes over the training windows.
+    """
+
+    dt: float | None = option(None, "With --data, resample the tracks to this many seconds per step", least=0.01)
+    held_out: str | None = option(None, "With --data, the scene to leave out, to be tested on")
+    pooling: bool = option(False, "Use the social pooling module")
+    epochs: int = option(50, "Train for this many epochs", least=1)
+
+    length: ClassVar[str] = "epochs"
+    use = "check sgan --kind predictors"
+
+    @classmethod
+    def check(cls, options: Mapping[str, Any]) -> None:
+        """See `Config`."""
+        if "data" in options and ("scenario" in options or "overrides" in options):
+            raise InputError(
+                "sgan learns from the tracks in --data themselves: leave out --scenario and --set, or else --data"
+            )
+        if "data" not in options and ("held_out" in options or "dt" in options):
+            raise InputError("--held-out and --dt are for recorded tracks: give them with --data")
+
+    def training(self, device: str) -> Training:
+        """See `Config`."""
+        from crowdbench.train.social_gan import SocialGANTraining
+
+        return SocialGANTraining(self, device)
+
+    @property
+    def source(self) -> list[str]:
+        """See `Config`."""
+        return super().source if self.data is None else ["--data", Path(self.data).name]
+
+
+METHODS: dict[str, type[Config]] = {
+    "cadrl": ValueConfig,
+    "lstm_rl": ValueConfig,
+    "ppo": PPOConfig,
+    "ppo_attention": PPOConfig,
+    "sarl": ValueConfig,
+    "sgan": SocialGANConfig,
+}
+"""The options by the name of the network, which is also the name of a planner or predictor."""
+
+
+def method_options() -> dict[str, tuple[dataclasses.Field[Any], list[str]]]:
+    """Return the options made by `option`, by name, with the networks that have them.
+
+    Methods that share the name of an option mean the same by it: the first of them describes it.
+    """
+    options: dict[str, tuple[dataclasses.Field[Any], list[str]]] = {}
+    for network, method in METHODS.items():
+        for field in dataclasses.fields(method):
+            if field.metadata:
+                options.setdefault(field.name, (field, []))[1].append(network)
+    return options
+
+
+def make_config(network: str, options: Mapping[str, Any]) -> Config:
+    """Check the options of a training, and make its configuration.
+
+    Args:
+        network: The name of the network.
+        options: The options that a user has given, by field name.
+
+    Raises:
+        InputError: There is no such network, an option is another network's or not finite, or two set the same.
+    """
+    method = find_named("network", network, METHODS)
+    for name, (_, networks) in method_options().items():
+        if name in options and network not in networks:
+            raise InputError(f"{flag(name)} is not for {network}, only for {', '.join(networks)}")
+    for name, value in options.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise InputError(f"{flag(name)} is {value}, but must be a finite number")
+    if "minutes" in options and method.length in options:
+        raise InputError(f"--minutes and --{method.length} both say how long to train: give one")
+    method.check(options)
+    return method(network=network, **options)

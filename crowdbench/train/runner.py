@@ -1,0 +1,252 @@
+"""Runs a training in its directory: checkpoints and the training curve, and in the end the weights with their card."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import os
+import platform
+import re
+import subprocess
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from crowdbench.networks import card as cards
+from crowdbench.networks.weights import save_network
+from crowdbench.record import curves
+from crowdbench.train import checkpoint
+from crowdbench.train.checkpoint import CHECKPOINT, CURVE, RECORDING, WEIGHTS
+from crowdbench.train.config import METHODS, Config
+from crowdbench.train.training import Training
+from crowdbench.utils.errors import InputError, describe_error, find_named
+from crowdbench.utils.files import whole
+
+
+@dataclass(frozen=True)
+class Runner:
+    """A training in its directory. Call `train`, and then `finish`.
+
+    Attributes:
+        training: The training and its state.
+        directory: The directory of all its files.
+    """
+
+    training: Training
+    directory: Path
+
+    @classmethod
+    def start(cls, config: Config, directory: Path, device: str) -> Runner:
+        """Make a new training in a new directory.
+
+        Args:
+            config: The options.
+            directory: The directory: missing, empty, or left by a training that was killed at once.
+            device: `cpu` or `cuda`.
+
+        Raises:
+            InputError: An option is impossible, or the directory is used or cannot be made.
+        """
+        _prepare(device)
+        checkpoint.check_free(directory, config.network)
+        training = config.training(device)
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{directory} cannot be made: {error.strerror}: name another place with --out") from None
+        return cls(training, directory)
+
+    @classmethod
+    def resume(cls, directory: Path, device: str, threads: int | None = None) -> Runner:
+        """Read a training at its last checkpoint. It continues as if it had never been interrupted.
+
+        Args:
+            directory: The directory of the training.
+            device: `cpu` or `cuda`.
+            threads: The number of torch's threads, which has been set; None to set the one that the training had.
+
+        Raises:
+            InputError: There is no checkpoint, or the training is finished or cannot be continued.
+        """
+        path = directory / CHECKPOINT
+        checkpoint.check_resumable(directory)
+        facts = checkpoint.read_facts(path)
+        _prepare(device)
+        with _readable(path):
+            config = find_named("network", facts["config"]["network"], METHODS)(**facts["config"])
+            if threads is None:
+                torch.set_num_threads(facts["threads"])  # sums in another order have other bits
+        training = config.training(device)
+        tensors = checkpoint.read_tensors(path)
+        with _readable(path):
+            training.restore(tensors, facts)
+        return cls(training, directory)
+
+    def train(self, after_validation: Callable[[Any, float], None]) -> None:
+        """Train to the end, and write a checkpoint at the start and after every validation.
+
+        An exception leaves the last checkpoint, and no directory before the first validation.
+
+        Args:
+            after_validation: Called with every new point of the curve, and the progress from 0 to 1.
+
+        Raises:
+            InputError: A file cannot be written, or another process trains in the directory.
+        """
+        training = self.training
+        with self._hold(), contextlib.ExitStack() as stack:
+            log = _tensorboard(self.directory, stack)
+            try:
+                if not training.curve:
+                    # At once, so that a full disk is reported before hours of work.
+                    self._save()
+                for _ in training.learn():
+                    self._save()
+                    with self._writing():
+                        log(training.curve[-1])
+                    after_validation(training.curve[-1], training.progress)
+            except BaseException:
+                if not training.curve:
+                    checkpoint.remove(self.directory)
+                raise
+
+    def finish(self, progress: Callable[[float], None]) -> Path:
+        """Measure the best network and write weights, card and curves; the checkpoint is removed.
+
+        A kill at any moment leaves a checkpoint that can be resumed, and weights only beside their card.
+
+        Args:
+            progress: Called with the number of the training's `card_cases` that were run since its last call.
+
+        Returns:
+            The path of the weights.
+
+        Raises:
+            InputError: A file cannot be written, or another process trains in the directory.
+        """
+        weights, training = self.directory / WEIGHTS, self.training
+        with self._hold():
+            about = {
+                "command": training.config.command,
+                **training.card(progress),
+                "commit": _commit(),
+                "machine": f"{_processor()}, threads: {torch.get_num_threads()}, {training.device}",
+                "versions": {"python": platform.python_version(), "torch": torch.__version__},
+                "licence": "MIT",
+            }
+            points = [dataclasses.asdict(point) for point in training.curve]
+            best = training.curve.index(training.best_point())
+            with self._writing():
+                recording = self.directory / RECORDING
+                curves.write(recording, about["command"], points, best=best, intervals=training.intervals())
+                card = save_network(training.best, training.config.network, weights, about)
+                with whole(weights.with_suffix(".md")) as partial:
+                    partial.write_text(cards.markdown(card), encoding="utf-8")
+                (self.directory / CHECKPOINT).unlink()
+        return weights
+
+    def _save(self) -> None:
+        """Write a checkpoint, and the curve once it has points."""
+        training = self.training
+        curve = [dataclasses.asdict(point) for point in training.curve]
+        facts = {
+            "config": dataclasses.asdict(training.config),
+            "threads": torch.get_num_threads(),
+            "counters": {name: getattr(training, name) for name in training.counters},
+            "curve": curve,
+        }
+        with self._writing():
+            checkpoint.save(self.directory / CHECKPOINT, training.tensors(), facts)
+            if curve:
+                rows = [list(curve[0]), *(point.values() for point in curve)]
+                with whole(self.directory / CURVE) as partial:
+                    partial.write_text("".join(",".join(map(str, row)) + "\n" for row in rows), encoding="utf-8")
+
+    def _hold(self) -> contextlib.ExitStack:
+        """Lock the directory against other processes."""
+        with self._writing():
+            return checkpoint.hold(self.directory)
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Report in one sentence that a file cannot be written, and where the last checkpoint is."""
+        try:
+            yield
+        except OSError as error:
+            rest = (
+                "its last checkpoint is kept: make room, and go on with "
+                f"crowdbench train {self.training.config.network} --resume {self.directory}"
+                if self.training.curve and (self.directory / CHECKPOINT).exists()
+                else "nothing was kept: name another place with --out"
+            )
+            reason = error.strerror or error
+            raise InputError(f"the training in {self.directory} cannot be written: {reason}; {rest}") from None
+
+
+def _tensorboard(directory: Path, stack: contextlib.ExitStack) -> Callable[[Any], None]:
+    """Return a function that logs a point of the curve for TensorBoard; it does nothing if that is not installed."""
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        return lambda point: None
+
+    @functools.cache
+    def writer() -> SummaryWriter:
+        return stack.enter_context(SummaryWriter(directory))  # which makes a file at once
+
+    def log(point: Any) -> None:
+        (_, step), *quantities = dataclasses.asdict(point).items()
+        for name, quantity in quantities:
+            writer().add_scalar(name, quantity, step)
+        writer().flush()
+
+    return log
+
+
+@contextlib.contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Report in one sentence that a checkpoint cannot be used."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path} cannot be continued: {error}") from None
+    except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+        raise InputError(
+            f"{path} cannot be continued: it is damaged, or of another version of crowdbench: "
+            f"{describe_error(error)[:200]}"
+        ) from None
+
+
+def _prepare(device: str) -> None:
+    """Prepare a device for trainings that repeat to the last bit. Raises InputError if torch does not have it."""
+    try:
+        torch.empty(1, device=device).cpu()  # the device `meta` has no values to read
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).partition("\n")[0]
+        raise InputError(f"nothing can be trained on the device {device!r}: {reason}") from None
+    if device != "cpu":
+        # Else the order of sums on a GPU differs from run to run. cuBLAS reads the variable when it is first used.
+        # Torch only warns of an operation without a fixed order, because a user's encoder may need one.
+        os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
+        torch.use_deterministic_algorithms(True, warn_only=True)
+
+
+def _commit() -> str | None:
+    """Return the commit of the checkout of this file, or None outside one."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        described = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return described.stdout.strip()
+
+
+def _processor() -> str:
+    """Return the name of the processor."""
+    cpuinfo = Path("/proc/cpuinfo")
+    name = re.search(r"^model name.*?:(.*)", cpuinfo.read_text() if cpuinfo.exists() else "", re.MULTILINE)
+    return name[1].strip() if name else platform.processor() or platform.machine()
