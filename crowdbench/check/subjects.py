@@ -55,6 +55,9 @@ EVERY, MOST_STEPS = 3, 8
 MORE_MODES = 3
 """Number of modes that a predictor must be able to add without changing the first ones."""
 
+Futures = Float[np.ndarray, "world mode time pedestrian 4"]
+"""Positions in metres and velocities in m/s."""
+
 UNLIMITED = 1e5
 """Seconds that planners may take which are not checked."""
 
@@ -167,17 +170,14 @@ class PredictorSubject(Subject[Predictor]):
         def predict(obs: Observation) -> None:
             done, between = divmod(int(obs.step[0]), EVERY)
             if between == 0:
-                names = _names(vehicle.cases[obs.row], obs.step)
+                names = _names(cases.indices[obs.row], obs.step)
                 call = functools.partial(self._predict, plugin, obs, 1 + done % MOST_STEPS)
                 futures = zip(record.ask(call, names, obs=obs), obs.pedestrians.seen, strict=True)
                 record.keep(names, [future[:, :, seen] for future, seen in futures])
 
-        vehicle = _TestVehicle(cases, predict, plugin.privileged)
-        _drive_test(vehicle, scenario, cases)
+        _drive_test(_TestVehicle(cases, predict, plugin.privileged), scenario, cases)
 
-    def _predict(
-        self, plugin: Predictor, obs: Observation, steps: int
-    ) -> Float[np.ndarray, "world mode time pedestrian 4"]:
+    def _predict(self, plugin: Predictor, obs: Observation, steps: int) -> Futures:
         with plugin_errors(f"predictor {self.name} raised"):
             answer = plugin.predict(obs, steps)
         prediction = validate_prediction(answer, self.name, obs, steps)
