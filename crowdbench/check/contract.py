@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import os
 import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Int
@@ -38,11 +37,13 @@ FEW = 5
 
 UNEXAMINED = "not examined: the answers are not valid"
 
-REPEATABLE = (
-    "an answer may depend only on its input: keep nothing beyond an episode, and draw random numbers only from the "
-    "stream of the case"
-)
-INDEPENDENT = "the answer for a case may not depend on the cases beside it, their order, padding or unseen pedestrians"
+RULES = {
+    "repeatable": "an answer may depend only on its input: keep nothing beyond an episode, and draw random numbers "
+    "only from the stream of the case",
+    "independent": "the answer for a case may not depend on the cases beside it, their order, padding or unseen "
+    "pedestrians",
+}
+"""The checks that compare answers, and what the contract says."""
 
 
 class Broken(InputError):
@@ -191,67 +192,86 @@ class Subject(ABC, Generic[Plugin]):
         return {}
 
 
+class Drive(NamedTuple):
+    """A drive of a plug-in.
+
+    Attributes:
+        when: The circumstances.
+        batches: The cases of each batch.
+        make: Makes the plug-in for each batch.
+        padding: Whether the arrays have more absent pedestrians.
+        repeat: Number of times that the plug-in gets each input.
+    """
+
+    when: str
+    batches: Sequence[Sequence[int]]
+    make: Callable[[], Any]
+    padding: bool = False
+    repeat: int = 1
+
+
 def check_plugin(subject: Subject[Plugin], cases: Cases) -> list[CheckResult]:
     """Check a plug-in against the contract of its kind.
 
     Raises InputError where something other than the plug-in breaks its contract, or it cannot be made.
     """
     plugin, numbers, first = subject.make(), cases.indices.tolist(), Record(subject.limit)
-
-    def drive(
-        record: Record, *batches: list[int], make: Callable[[], Plugin] = subject.make, more: bool = False
-    ) -> str:
-        remark = ""
-        for batch in batches:
-            plugin = make()
-            for where, scenario in subject.scenarios().items():
-                some = tuple(number for number in batch if not where or number < cases.start + FEW)
-                if some:
-                    record.where, scenario = where, with_padding(scenario) if more else scenario
-                    remark = subject.drive(plugin, scenario, CaseList(cases.split, 0, 0, some), record) or remark
-        return remark
-
-    def compare(name: str, again: Mapping[str, Callable[[Record], str]], ties: float, right: str) -> CheckResult:
-        for when, drive_again in again.items():
-            record = Record(subject.limit, first.answers, subject.repeat if name == "repeatable" else 1)
-            try:
-                drive_again(record)
-            except Broken as error:
-                return CheckResult(name, False, f"{when}: {error}")
-            pairs = {key: (answer, record.answers.get(key)) for key, answer in first.answers.items()}
-            found = [key for key, pair in pairs.items() if _find_difference(*pair, rounding) is not None]
-            if len(found) > ties * len(pairs):
-                count = f"{len(found)} of {len(pairs)} {subject.answers} differ {when}, first in {found[0]}"
-                return CheckResult(name, False, f"{count}: {right}")
-        same = "the same up to rounding" if rounding else "the same"
-        return CheckResult(name, True, f"{len(first.answers)} {subject.answers} are {same} {', '.join(again)}")
-
     try:
-        remark = drive(first, numbers, make=lambda: plugin)
+        remark = _run(Drive("", [numbers], lambda: plugin), subject, cases, first)
     except Broken as error:
-        unknown = [CheckResult(name, None, UNEXAMINED) for name in ("repeatable", "independent")]
-        return [CheckResult("answers", False, str(error)), *unknown]
+        return [CheckResult("answers", False, str(error)), *(CheckResult(name, None, UNEXAMINED) for name in RULES)]
     time = f"{1e3 * np.mean(first.seconds):.3g} ms per call, at most {max(first.seconds):.3g} s"
     seen = f"{len(first.answers)} {subject.answers} are valid{remark}, the input is unchanged; {time}"
-    rounding, ties = (ROUNDING, TIES) if subject.is_neural() else (0.0, 0.0)
-    repeatable: dict[str, Callable[[Record], str]] = {
-        "when it is asked again": lambda record: drive(record, numbers, make=lambda: plugin),
-        "when a new one is made": lambda record: drive(record, numbers),
-    }
-    independent: dict[str, Callable[[Record], str]] = {
-        "when a case is driven alone": lambda record: drive(record, *([number] for number in numbers)),
-        "in batches of 3": lambda record: drive(record, *(numbers[i : i + 3] for i in range(0, len(numbers), 3))),
-        "in reverse order": lambda record: drive(record, numbers[::-1]),
-    }
+    repeatable = [
+        Drive("when it is asked again", [numbers], lambda: plugin, repeat=subject.repeat),
+        Drive("when a new one is made", [numbers], subject.make),
+    ]
+    independent = [
+        Drive("when a case is driven alone", [[number] for number in numbers], subject.make),
+        Drive("in batches of 3", [numbers[at : at + 3] for at in range(0, len(numbers), 3)], subject.make),
+        Drive("in reverse order", [numbers[::-1]], subject.make),
+        *(Drive(when, [numbers], make) for when, make in subject.variants().items()),
+    ]
     if subject.padding:
-        independent[f"with {MORE} more absent pedestrians"] = lambda record: drive(record, numbers, more=True)
-    for when, make in subject.variants().items():
-        independent[when] = functools.partial(lambda make, record: drive(record, numbers, make=make), make)
+        independent.append(Drive(f"with {MORE} more absent pedestrians", [numbers], subject.make, padding=True))
     return [
         CheckResult("answers", True, seen),
-        compare("repeatable", repeatable, 0.0, REPEATABLE),
-        compare("independent", independent, ties, INDEPENDENT),
+        _compare("repeatable", repeatable, subject, cases, first.answers),
+        _compare("independent", independent, subject, cases, first.answers),
     ]
+
+
+def _run(drive: Drive, subject: Subject[Any], cases: Cases, record: Record) -> str:
+    """Drive a plug-in, and return what else was observed."""
+    remark = ""
+    for batch in drive.batches:
+        plugin = drive.make()
+        for where, scenario in subject.scenarios().items():
+            some = tuple(number for number in batch if not where or number < cases.start + FEW)
+            if some:
+                record.where, shown = where, with_padding(scenario) if drive.padding else scenario
+                remark = subject.drive(plugin, shown, CaseList(cases.split, 0, 0, some), record) or remark
+    return remark
+
+
+def _compare(
+    name: str, drives: Sequence[Drive], subject: Subject[Any], cases: Cases, first: Mapping[str, np.ndarray]
+) -> CheckResult:
+    """Compare the answers of drives with the first ones."""
+    rounding, ties = (ROUNDING, TIES * (name == "independent")) if subject.is_neural() else (0.0, 0.0)
+    for drive in drives:
+        record = Record(subject.limit, first, drive.repeat)
+        try:
+            _run(drive, subject, cases, record)
+        except Broken as error:
+            return CheckResult(name, False, f"{drive.when}: {error}")
+        pairs = {key: (answer, record.answers.get(key)) for key, answer in first.items()}
+        found = [key for key, pair in pairs.items() if _find_difference(*pair, rounding) is not None]
+        if len(found) > ties * len(first):
+            differ = f"{len(found)} of {len(first)} {subject.answers} differ {drive.when}, first in {found[0]}"
+            return CheckResult(name, False, f"{differ}: {RULES[name]}")
+    same = f"are the same{' up to rounding' if rounding else ''}"
+    return CheckResult(name, True, f"{len(first)} {subject.answers} {same} {', '.join(drive.when for drive in drives)}")
 
 
 def with_padding(scenario: Scenario) -> Scenario:
