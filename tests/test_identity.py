@@ -2,6 +2,8 @@
 
 import dataclasses
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -80,6 +82,23 @@ def test_a_finished_run_leaves_the_kept_parts_of_others(tmp_path):
     crowdbench.run("orca", cases=501, out=tmp_path / "a", record="none")
     [kept] = tmp_path.glob("a.parts-*")
     assert read_result(kept / "test-0-500")["run"]["planner"]["key"] == "mine"
+
+
+FROM_STDIN = """
+import numpy as np
+import crowdbench
+
+class Still(crowdbench.Planner):
+    def plan(self, obs):
+        return np.zeros((len(obs), 2))
+
+print(crowdbench.run(Still(), cases=1).cases)
+"""
+
+
+def test_a_class_without_a_file_is_driven():
+    done = subprocess.run([sys.executable, "-"], input=FROM_STDIN, capture_output=True, text=True)
+    assert done.stdout == "test:0:1\n", done.stderr
 
 
 def test_a_key_without_an_object_is_refused():

@@ -112,10 +112,9 @@ def source_of(thing: type | Callable[..., Any]) -> str:
     module = str(getattr(thing, "__module__", ""))
     if module.startswith("crowdbench."):
         return _source_of_module(module)
-    file = getattr(sys.modules.get(module), "__file__", None)
-    if file is not None:
-        own = [file_digests(Path(file)), code_digest(imports_of(Path(file)))]
-        return digest({"files": own})[:16]
+    file = Path(getattr(sys.modules.get(module), "__file__", None) or "")
+    if file.is_file():  # not `<stdin>`
+        return digest({"files": [file_digests(file), code_digest(imports_of(file))]})[:16]
     try:
         return hashlib.sha256(inspect.getsource(thing).encode()).hexdigest()[:16]
     except (OSError, TypeError):
