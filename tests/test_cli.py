@@ -30,7 +30,7 @@ class Slow(Planner):
         self.batches += 1
 
     def plan(self, obs):
-        if self.batches == 2:
+        if self.batches >= 2:
             open("reached", "w").close()
             time.sleep(1000)
         return np.zeros((len(obs), 2))
