@@ -16,7 +16,6 @@ from crowdbench.core.geometry import norm
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.metrics import deflection, time_to_collision
-from crowdbench.metrics.prediction_errors import on_scenario
 from crowdbench.predict import ConstantVelocity
 from crowdbench.record.drawing import draw_episode
 from crowdbench.scenario.cases import Cases
@@ -28,6 +27,7 @@ from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_decisions, step
 from crowdbench.train.replay import transitions
 from crowdbench.utils.errors import InputError
+from studies.social_gan.prediction_errors import on_scenario
 
 MINDS = {"period": 1.0, "chance": 0.3}
 FAST = {"mean": 1.5, "std": 0.4, "low": 1.0, "high": 2.0}

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from crowdbench import Cases, InputError, load_network, load_scenario
-from crowdbench.metrics.prediction_errors import on_scenario
 from crowdbench.networks.value import NETWORKS
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.lookahead import ValuePlanner
@@ -15,6 +14,7 @@ from crowdbench.predict.base import validate_prediction
 from crowdbench.runs.rollout import rollout
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.defaults import MOST_AHEAD
+from studies.social_gan.prediction_errors import on_scenario
 
 
 class Mine(Predictor):

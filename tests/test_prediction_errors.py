@@ -7,8 +7,6 @@ from typer.testing import CliRunner
 
 from crowdbench import load_scenario
 from crowdbench.cli import app, build_script
-from crowdbench.metrics import prediction_errors
-from crowdbench.metrics.prediction_errors import MEAN, displacement, on_scenario, on_tracks
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle, Prediction, Predictor
 from crowdbench.predict.load import PREDICTORS
 from crowdbench.runs.rollout import _walk_alone
@@ -16,7 +14,9 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import Tracks, read_folder
 from crowdbench.utils.defaults import HORIZON
 from crowdbench.utils.errors import InputError
+from studies.social_gan import prediction_errors
 from studies.social_gan.evaluate import evaluate_predictor
+from studies.social_gan.prediction_errors import MEAN, displacement, on_scenario, on_tracks
 
 CASES = Cases.parse("val:6")
 FIRST, TOGETHER, EACH = range(3)

@@ -15,7 +15,6 @@ from crowdbench.catalog import load_planner, load_scenario, simulated_scenarios
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import HISTORY
 from crowdbench.envs.parallel import parallel_env
-from crowdbench.metrics.prediction_errors import on_scenario
 from crowdbench.networks import card
 from crowdbench.planners.driver import Driver
 from crowdbench.predict import ConstantVelocity
@@ -35,6 +34,7 @@ from crowdbench.sim.simulator import crowd_velocities, walk
 from crowdbench.train.config import PPOConfig, ValueConfig
 from crowdbench.train.driving import load_scenarios
 from crowdbench.utils.errors import InputError
+from studies.social_gan.prediction_errors import on_scenario
 
 
 @pytest.fixture

@@ -11,18 +11,17 @@ from crowdbench import InputError
 from crowdbench.cli import app, train
 from crowdbench.networks.encoders import POLICIES
 from crowdbench.networks.value import NETWORKS
-from crowdbench.predict.social_gan import NAME
-from crowdbench.train.config import METHODS, SocialGANConfig, ValueConfig, make_config, method_options, option
+from crowdbench.train.config import METHODS, ValueConfig, make_config, method_options, option
 from crowdbench.train.runner import Runner
 
 
 def test_every_network_has_a_method():
-    assert set(METHODS) == {*NETWORKS, NAME, *POLICIES}
+    assert set(METHODS) == {*NETWORKS, *POLICIES}
 
 
 def test_a_network_that_does_not_exist_is_refused():
     with pytest.raises(
-        InputError, match="no network is called 'mlp'; there are cadrl, lstm_rl, ppo, ppo_attention, sarl, sgan"
+        InputError, match="no network is called 'mlp'; there are cadrl, lstm_rl, ppo, ppo_attention, sarl"
     ):
         make_config("mlp", {})
 
@@ -30,21 +29,11 @@ def test_a_network_that_does_not_exist_is_refused():
 @pytest.mark.parametrize(
     ("network", "options", "message"),
     [
-        ("cadrl", {"held_out": "eth"}, "--held-out is not for cadrl, only for sgan"),
-        ("sarl", {"pooling": True}, "--pooling is not for sarl, only for sgan"),
-        ("sgan", {"episodes": 9}, "--episodes is not for sgan, only for cadrl, lstm_rl, sarl"),
+        ("cadrl", {"steps": 9}, "--steps is not for cadrl, only for ppo, ppo_attention"),
+        ("ppo", {"episodes": 9}, "--episodes is not for ppo, only for cadrl, lstm_rl, sarl"),
         ("sarl", {"episodes": 9, "minutes": 1.0}, "--minutes and --episodes both say how long to train"),
-        ("sgan", {"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both say how long to train"),
         ("sarl", {"card": "all"}, "--card is 'all', but must be val or test"),
         ("sarl", {"minutes": float("inf")}, "--minutes is inf, but must be a finite number"),
-        ("sgan", {"data": "eth_ucy", "dt": float("nan")}, "--dt is nan, but must be a finite number"),
-        (
-            "sgan",
-            {"data": "eth_ucy", "scenario": "circle_crossing_5"},
-            "leave out --scenario and --set, or else --data",
-        ),
-        ("sgan", {"data": "eth_ucy", "overrides": {"seed": 1}}, "leave out --scenario and --set, or else --data"),
-        ("sgan", {"dt": 0.25}, "--held-out and --dt are for recorded tracks: give them with --data"),
     ],
 )
 def test_options_that_contradict_each_other_or_the_network_are_refused(network, options, message):
@@ -56,8 +45,7 @@ def test_options_that_contradict_each_other_or_the_network_are_refused(network, 
     ("network", "options"),
     [
         ("cadrl", {"predictor": "linear", "episodes": 9, "scenario": "circle_crossing_5"}),
-        ("sgan", {"data": "eth_ucy", "held_out": "eth", "dt": 0.25, "pooling": True, "minutes": 1.0}),
-        ("sgan", {"scenario": "circle_crossing_5", "overrides": {"seed": 1}}),
+        ("ppo", {"scenario": "circle_crossing_5", "overrides": {"seed": 1}, "minutes": 1.0}),
     ],
 )
 def test_options_that_go_together_are_accepted(network, options):
@@ -77,9 +65,7 @@ CONFIGS = [
     ValueConfig(network="sarl", episodes=2_000_000),
     ValueConfig(network="sarl", max_acceleration=6.4, max_turn=2.0, validation="circle_crossing_5,square_crossing_5"),
     ValueConfig(network="cadrl", max_velocity_change=0.8),
-    SocialGANConfig(network="sgan", scenario="circle_crossing_5", pooling=True, epochs=3),
-    SocialGANConfig(network="sgan", data="eth_ucy", held_out="eth", dt=0.25, seed=1, minutes=20.0),
-    SocialGANConfig(network="sgan", data="eth_ucy"),
+    ValueConfig(network="sarl", scenario="eth_reactive", data="eth_ucy"),
 ]
 
 
@@ -122,18 +108,18 @@ def test_a_third_method_is_one_line_of_the_table(monkeypatch):
     assert method_options()["updates"][1] == ["third"]
     assert method_options()["episodes"][1] == ["cadrl", "lstm_rl", "sarl", "third"]
     kind = inspect.Parameter.VAR_KEYWORD
-    options = train._with_method_options(inspect.Signature([inspect.Parameter("method", kind)])).parameters
+    options = train.with_method_options(inspect.Signature([inspect.Parameter("method", kind)])).parameters
     assert options.keys() == method_options().keys()
     [shown] = options["updates"].annotation.__metadata__
     assert (shown.help, shown.min, shown.show_default) == ("Train for this many updates.", 1, "100")
     assert shown.rich_help_panel == "Options for third only"
     for network, options, message in [
-        ("sgan", {"updates": 5}, "--updates is not for sgan, only for third"),
+        ("ppo", {"updates": 5}, "--updates is not for ppo, only for third"),
         ("sarl", {"updates": 5}, "--updates is not for sarl, only for third"),
-        ("third", {"epochs": 5}, "--epochs is not for third, only for sgan"),
+        ("third", {"steps": 5}, "--steps is not for third, only for ppo, ppo_attention"),
         ("third", {"updates": 5, "minutes": 1.0}, "--minutes and --updates both say how long to train"),
         ("third", {"episodes": 5, "predictor": "linear"}, "--episodes and --predictor exclude each other"),
-        ("mlp", {}, "there are cadrl, lstm_rl, ppo, ppo_attention, sarl, sgan, third"),
+        ("mlp", {}, "there are cadrl, lstm_rl, ppo, ppo_attention, sarl, third"),
     ]:
         with pytest.raises(InputError, match=message):
             make_config(network, options)

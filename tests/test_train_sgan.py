@@ -1,27 +1,35 @@
 import dataclasses
+import re
+import shlex
 
 import numpy as np
 import pytest
 import torch
 import trainings
+from typer.testing import CliRunner
 
 from crowdbench import InputError, load_predictor, load_scenario
+from crowdbench.cli import build_script
+from crowdbench.cli import train as command
 from crowdbench.core.types import HISTORY
 from crowdbench.networks.weights import digest, read_card
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP
-from crowdbench.train import social_gan, social_gan_samples
-from crowdbench.train.config import SocialGANConfig
-from crowdbench.train.social_gan import cross_entropy, non_saturating_loss, variety_loss
-from crowdbench.train.social_gan_samples import from_scenario
+from crowdbench.train.config import make_config
+from crowdbench.train.runner import Runner
+from studies.social_gan import samples, train
+from studies.social_gan import training as social_gan
+from studies.social_gan.config import METHODS, SocialGANConfig
+from studies.social_gan.samples import from_scenario
+from studies.social_gan.training import cross_entropy, non_saturating_loss, variety_loss
 
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A training of seconds."""
     monkeypatch.setattr(social_gan, "VALIDATIONS", 4)
-    monkeypatch.setattr(social_gan_samples, "TRAINING_CASES", Cases("train", 0, 10))
-    monkeypatch.setattr(social_gan_samples, "VALIDATION_CASES", Cases("val", 0, 5))
+    monkeypatch.setattr(samples, "TRAINING_CASES", Cases("train", 0, 10))
+    monkeypatch.setattr(samples, "VALIDATION_CASES", Cases("val", 0, 5))
 
 
 CONFIG = SocialGANConfig(network="sgan", scenario="circle_crossing_5", seed=3, epochs=4)
@@ -43,7 +51,7 @@ def recordings(tmp_path):
 def test_a_resumed_training_ends_in_the_same_weights(tmp_path):
     whole = trainings.train(CONFIG, tmp_path / "whole").training
     trainings.kill(CONFIG, tmp_path / "killed", 2)
-    resumed = trainings.resume(tmp_path / "killed").training
+    resumed = trainings.resume(tmp_path / "killed", METHODS).training
     for part in ("generator", "discriminator", "average", "best"):
         assert digest(getattr(resumed, part)) == digest(getattr(whole, part))
 
@@ -65,7 +73,9 @@ def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(reco
     running = trainings.train(config, tmp_path / "run")
     path = running.finish(trainings.ignore)
     card = read_card(path)
-    assert card["command"] == "crowdbench train sgan --data tracks --dt 0.25 --held-out hotel --seed 3 --epochs 4"
+    assert card["command"] == (
+        "python studies/social_gan/train.py --data tracks --dt 0.25 --held-out hotel --seed 3 --epochs 4"
+    )
     assert card["training"]["scenes"] == ["eth"]
     assert card["figures"]["validation"]["ade"] == running.training.best_point().ade
     assert "| scene held out | hotel |" in path.with_suffix(".md").read_text()
@@ -90,17 +100,17 @@ def test_recordings_that_are_too_short_are_refused(tmp_path):
 
 def test_simulated_windows_are_stretches_of_walks_with_the_start_drawn_out():
     scenario = load_scenario("circle_crossing_mixed")
-    samples = from_scenario(scenario, Cases("train", 0, 6))
+    found = from_scenario(scenario, Cases("train", 0, 6))
     start = scenario.draw("train", np.arange(6))
     # The first windows of each case: six steps before the start, which repeat the first one.
-    first = samples.position[:6, :, 0]
+    first = found.position[:6, :, 0]
     moves = np.diff(first, axis=1)
     np.testing.assert_allclose(
         moves[:, : HISTORY - 2], np.repeat(moves[:, HISTORY - 2 : HISTORY - 1], HISTORY - 2, 1), atol=1e-5
     )
-    assert (samples.present[:6].sum(axis=1) == start.present[:, 1:].sum(axis=1)).all()
-    count = samples.present.sum(axis=1)
-    assert np.array_equal(samples.present, np.arange(samples.present.shape[1]) < count[:, None])
+    assert (found.present[:6].sum(axis=1) == start.present[:, 1:].sum(axis=1)).all()
+    count = found.present.sum(axis=1)
+    assert np.array_equal(found.present, np.arange(found.present.shape[1]) < count[:, None])
 
 
 def test_the_variety_loss_is_of_the_future_best_for_the_whole_scene():
@@ -128,3 +138,67 @@ def test_adversarial_losses_are_cross_entropies():
     entropy = torch.nn.functional.binary_cross_entropy_with_logits
     torch.testing.assert_close(non_saturating_loss(fake), entropy(fake, ones))
     torch.testing.assert_close(cross_entropy(real, fake), entropy(real, ones) + entropy(fake, zeros))
+
+
+def run(*arguments):
+    """Run the script, in this process because importing torch takes long."""
+    return CliRunner().invoke(build_script(train.train), arguments, catch_exceptions=False)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both say how long to train"),
+        ({"data": "eth_ucy", "dt": float("nan")}, "--dt is nan, but must be a finite number"),
+        ({"data": "eth_ucy", "scenario": "circle_crossing_5"}, "leave out --scenario and --set, or else --data"),
+        ({"data": "eth_ucy", "overrides": {"seed": 1}}, "leave out --scenario and --set, or else --data"),
+        ({"dt": 0.25}, "--held-out and --dt are for recorded tracks: give them with --data"),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        make_config("sgan", options, METHODS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--held-out", "eth"], "--held-out and --dt are for recorded tracks: give them with --data"),
+        (["--data", "nowhere"], "there is no folder nowhere with recorded tracks"),
+        (["--resume", "nowhere", "--epochs", "3"], "--epochs cannot be changed with --resume"),
+    ],
+)
+def test_a_training_that_cannot_start_says_why_in_one_sentence(arguments, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        run(*arguments)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        SocialGANConfig(network="sgan", scenario="circle_crossing_5", pooling=True, epochs=3),
+        SocialGANConfig(network="sgan", scenario="circle_crossing_5", overrides={"seed": 1}),
+        SocialGANConfig(network="sgan", data="eth_ucy", held_out="eth", dt=0.25, seed=1, minutes=20.0),
+        SocialGANConfig(network="sgan", data="eth_ucy"),
+    ],
+    ids=lambda config: config.command,
+)
+def test_the_command_on_a_card_asks_for_the_same_training(config, monkeypatch):
+    started = []
+    monkeypatch.setattr(Runner, "start", lambda config, directory, device: started.append(config))
+    monkeypatch.setattr(command, "_run", lambda runner: None)
+    run(*shlex.split(config.command)[2:])
+    assert started == [config]
+
+
+def test_the_script_trains_and_resumes(recordings, tmp_path):
+    options = ["--data", str(recordings), "--epochs", "4"]
+    done = run(*options, "--out", str(tmp_path / "run"))
+    assert "use them with crowdbench check sgan --kind predictors --option weights=" in done.stdout
+    config = make_config("sgan", {"data": str(recordings), "epochs": 4}, METHODS)
+    trainings.kill(config, tmp_path / "killed", 1)
+    with pytest.raises(InputError, match=r"go on with what is there: python studies/social_gan/train.py --resume"):
+        run(*options, "--out", str(tmp_path / "killed"))
+    run("--resume", str(tmp_path / "killed"))
+    whole, resumed = ((tmp_path / name / "weights.safetensors").read_bytes() for name in ("run", "killed"))
+    assert whole == resumed

@@ -293,7 +293,7 @@ def test_options_that_resume_would_ignore_are_refused(tmp_path):
         ["--set", "a=1"],
         ["--minutes", "1"],
         ["--out", "b"],
-        ["--dt", "1"],
+        ["--steps", "1"],
         ["--max-turn", "1"],
         ["--validation", "circle_crossing_5"],
     ):

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from crowdbench.predict.windows import resample, training_split, windows
 from crowdbench.scenario.tracks.eth_ucy import DT, FRAME_STEP, Tracks, read_folder
 from crowdbench.utils.errors import InputError
+from studies.social_gan.windows import resample, training_split, windows
 
 PUBLISHED = {  # where validation starts, as the data's README has it
     "biwi_eth": 10240,

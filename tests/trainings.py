@@ -6,6 +6,7 @@ import pytest
 
 from crowdbench.scenario.cases import Cases
 from crowdbench.train import driving
+from crowdbench.train.config import METHODS
 from crowdbench.train.runner import Runner
 
 
@@ -46,9 +47,9 @@ def kill(config, directory, points):
         Runner.start(config, directory, "cpu").train(listen)
 
 
-def resume(directory):
+def resume(directory, methods=METHODS):
     """A runner that has resumed a training and trained to the end."""
-    runner = Runner.resume(directory, "cpu")
+    runner = Runner.resume(directory, "cpu", methods=methods)
     assert runner.training.progress < 1.0
     runner.train(ignore)
     return runner

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
@@ -10,7 +11,7 @@ import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
-from crowdbench.train.config import METHODS, MOST_SEED, SCENARIO, flag, make_config, method_options
+from crowdbench.train.config import METHODS, MOST_SEED, SCENARIO, Config, flag, make_config, method_options
 from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def train(
     out: Annotated[Path | None, typer.Option(show_default="runs/train-<network>-seed<seed>")] = None,
     **method: Any,
 ) -> None:
-    """Train a value network or a policy for planners, or Social GAN for prediction.
+    """Train a value network or a policy for planners.
 
     A value network imitates demonstrations by ORCA, then learns from its own episodes. In validation the lookahead
     predicts with constant velocity, whichever predictor is used in training. The checkpoint that is kept is the
@@ -47,8 +48,6 @@ def train(
 
     Args:
         scenario: Name of the scenario to train in, or a file: ./mine.toml.
-        data: Folder with recorded tracks, which scenarios with a table [tracks] need; sgan learns from the tracks
-            themselves, instead of a scenario's pedestrians.
         seed: Seed of the weights and of everything random in training.
         device: cpu or cuda.
         resume: Continue the interrupted training in this directory, with the options and the number of threads that it
@@ -56,11 +55,36 @@ def train(
         out: Directory for the results.
     """
     use_threads(threads)
+    common = {"scenario": scenario, "overrides": overrides, "data": data, "seed": seed, "minutes": minutes}
+    run_training(network, common | method, device, threads, resume, out)
+
+
+def run_training(
+    network: str,
+    options: Mapping[str, Any],
+    device: str,
+    threads: int | None,
+    resume: Path | None,
+    out: Path | None,
+    methods: Mapping[str, type[Config]] = METHODS,
+) -> None:
+    """Start a training or resume one, train to the end with progress, and print where the weights are.
+
+    Args:
+        network: The name of the network.
+        options: The options of the command line, by field name; None for those that are not given.
+        device: `cpu` or `cuda`.
+        threads: The number of threads, which has been set by `use_threads`.
+        resume: The directory of an interrupted training, or None.
+        out: The directory for the results; None for one in runs/.
+        methods: The options of the methods, by the name of the network.
+
+    Raises:
+        InputError: An option is impossible, or a file cannot be read or written.
+    """
     from crowdbench.train.runner import Runner
 
-    folder = None if data is None else str(data)
-    common = {"scenario": scenario, "overrides": overrides, "data": folder, "seed": seed, "minutes": minutes}
-    options = {name: value for name, value in {**common, **method}.items() if value is not None}
+    options = {name: value for name, value in options.items() if value is not None}
     if resume is not None:
         if flags := [flag(name) for name in (options if out is None else {**options, "out": out})]:
             raise InputError(
@@ -68,14 +92,16 @@ def train(
                 "started with, except --device and --threads"
             )
         announce_compilation()
-        runner = Runner.resume(resume, device, threads)
+        runner = Runner.resume(resume, device, threads, methods)
         if runner.training.config.network != network:
             raise InputError(f"the training in {resume} is of {runner.training.config.network}, not of {network}")
     else:
-        pairs = {name for name, (field, _) in method_options().items() if field.metadata["pairs"]} | {"overrides"}
-        for name in pairs & options.keys():
+        if "data" in options:
+            options["data"] = str(options["data"])
+        pairs = {name for name, (field, _) in method_options(methods).items() if field.metadata["pairs"]}
+        for name in (pairs | {"overrides"}) & options.keys():
             options[name] = assignments(options[name], flag(name))
-        config = make_config(network, options)
+        config = make_config(network, options, methods)
         announce_compilation()
         runner = Runner.start(config, out or Path("runs") / f"train-{network}-seed{config.seed}", device)
     _run(runner)
@@ -88,7 +114,7 @@ def _run(runner: Runner) -> None:
     def describe_rest() -> str:
         if not directory.exists():
             return "nothing was kept yet"
-        return f"continue with crowdbench train {training.config.network} --resume {directory}"
+        return f"continue with {training.config.program} --resume {directory}"
 
     with exit_on_interrupt(describe_rest):
         with progress(1.0, "trained") as advance:
@@ -109,23 +135,25 @@ def _run(runner: Runner) -> None:
     print(f"The weights are in {weights}; use them with crowdbench {training.config.use} --option weights={weights}")
 
 
-def _with_method_options(signature: inspect.Signature) -> inspect.Signature:
+def with_method_options(
+    signature: inspect.Signature, methods: Mapping[str, type[Config]] = METHODS
+) -> inspect.Signature:
     """Return a signature with the options of the training methods instead of its last parameter, `**method`."""
     *common, _ = signature.parameters.values()
     parameters = []
-    for name, (field, networks) in method_options().items():
+    for name, (field, networks) in method_options(methods).items():
         option = typer.Option(
             flag(name),
             min=field.metadata["least"],
             help=f"{field.metadata['help']}.",
             show_default=str(field.default) if field.default else False,
-            rich_help_panel=f"Options for {', '.join(networks)} only",
+            rich_help_panel=f"Options for {', '.join(networks)} only" if len(methods) > 1 else None,
         )
-        kind: Any = list[str] if field.metadata["pairs"] else get_type_hints(METHODS[networks[0]])[name]
+        kind: Any = list[str] if field.metadata["pairs"] else get_type_hints(methods[networks[0]])[name]
         hint: Any = Annotated[kind | None, option]
         parameters.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=hint))
     return signature.replace(parameters=[*common, *parameters])
 
 
 # Typer reads the options from the signature.
-train.__signature__ = _with_method_options(inspect.signature(train))  # type: ignore[attr-defined]
+train.__signature__ = with_method_options(inspect.signature(train))  # type: ignore[attr-defined]

@@ -95,12 +95,12 @@ def restore(name: str, part: Any, tensors: Mapping[str, Tensor]) -> None:
     part.load_state_dict({"state": rows, "param_groups": part.state_dict()["param_groups"]})
 
 
-def check_free(directory: Path, network: str) -> None:
+def check_free(directory: Path, program: str) -> None:
     """Check that a directory is free for a new training: missing, empty, or left by a training killed at once.
 
     Args:
         directory: The directory.
-        network: The network that is to be trained.
+        program: The command that resumes a training.
 
     Raises:
         InputError: The directory holds something.
@@ -108,7 +108,7 @@ def check_free(directory: Path, network: str) -> None:
     if (directory / CHECKPOINT).exists():
         raise InputError(
             f"{directory} holds a training already: name another place with --out, or go on with what is there: "
-            f"crowdbench train {network} --resume {directory}"
+            f"{program} --resume {directory}"
         )
     if directory.exists() and _is_used(directory):
         raise InputError(f"{directory} exists already: name another place with --out")

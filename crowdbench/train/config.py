@@ -100,6 +100,11 @@ class Config(abc.ABC):
         """
 
     @property
+    def program(self) -> str:
+        """The words of the command line that trains this network, without options."""
+        return f"crowdbench train {self.network}"
+
+    @property
     @abc.abstractmethod
     def use(self) -> str:
         """The words after `crowdbench` that run the trained network; its weights are added as an option."""
@@ -127,7 +132,7 @@ class Config(abc.ABC):
     @property
     def command(self) -> str:
         """The command that trains with these options: without defaults, except those that are `always` named."""
-        words = ["crowdbench train", self.network, *self.source]
+        words = [self.program, *self.source]
         for field in dataclasses.fields(self):
             value, metadata = getattr(self, field.name), field.metadata
             if not metadata or field.name == self.length:
@@ -236,83 +241,44 @@ class PPOConfig(DrivingConfig):
         return f"run --planner {self.network}"
 
 
-@dataclass(frozen=True, kw_only=True)
-class SocialGANConfig(Config):
-    """The options of `crowdbench.train.social_gan`: on recorded tracks in `data`, or else in a scenario.
-
-    Attributes:
-        dt: The time step to which recordings are resampled, in seconds; None for their own.
-        held_out: The scene of the recordings that is not trained on; None to train on all.
-        pooling: Whether the generator has the social pooling module.
-        epochs: The number of passes over the training windows.
-    """
-
-    dt: float | None = option(None, "With --data, resample the tracks to this many seconds per step", least=0.01)
-    held_out: str | None = option(None, "With --data, the scene to leave out, to be tested on")
-    pooling: bool = option(False, "Use the social pooling module")
-    epochs: int = option(50, "Train for this many epochs", least=1)
-
-    length: ClassVar[str] = "epochs"
-    use = "check sgan --kind predictors"
-
-    @classmethod
-    def check(cls, options: Mapping[str, Any]) -> None:
-        """See `Config`."""
-        if "data" in options and ("scenario" in options or "overrides" in options):
-            raise InputError(
-                "sgan learns from the tracks in --data themselves: leave out --scenario and --set, or else --data"
-            )
-        if "data" not in options and ("held_out" in options or "dt" in options):
-            raise InputError("--held-out and --dt are for recorded tracks: give them with --data")
-
-    def training(self, device: str) -> Training:
-        """See `Config`."""
-        from crowdbench.train.social_gan import SocialGANTraining
-
-        return SocialGANTraining(self, device)
-
-    @property
-    def source(self) -> list[str]:
-        """See `Config`."""
-        return super().source if self.data is None else ["--data", Path(self.data).name]
-
-
 METHODS: dict[str, type[Config]] = {
     "cadrl": ValueConfig,
     "lstm_rl": ValueConfig,
     "ppo": PPOConfig,
     "ppo_attention": PPOConfig,
     "sarl": ValueConfig,
-    "sgan": SocialGANConfig,
 }
-"""The options by the name of the network, which is also the name of a planner or predictor."""
+"""The options by the name of the network, which is also the name of a planner."""
 
 
-def method_options() -> dict[str, tuple[dataclasses.Field[Any], list[str]]]:
+def method_options(
+    methods: Mapping[str, type[Config]] = METHODS,
+) -> dict[str, tuple[dataclasses.Field[Any], list[str]]]:
     """Return the options made by `option`, by name, with the networks that have them.
 
     Methods that share the name of an option mean the same by it: the first of them describes it.
     """
     options: dict[str, tuple[dataclasses.Field[Any], list[str]]] = {}
-    for network, method in METHODS.items():
+    for network, method in methods.items():
         for field in dataclasses.fields(method):
             if field.metadata:
                 options.setdefault(field.name, (field, []))[1].append(network)
     return options
 
 
-def make_config(network: str, options: Mapping[str, Any]) -> Config:
+def make_config(network: str, options: Mapping[str, Any], methods: Mapping[str, type[Config]] = METHODS) -> Config:
     """Check the options of a training, and make its configuration.
 
     Args:
         network: The name of the network.
         options: The options that a user has given, by field name.
+        methods: The options of the methods, by the name of the network.
 
     Raises:
         InputError: There is no such network, an option is another network's or not finite, or two set the same.
     """
-    method = find_named("network", network, METHODS)
-    for name, (_, networks) in method_options().items():
+    method = find_named("network", network, methods)
+    for name, (_, networks) in method_options(methods).items():
         if name in options and network not in networks:
             raise InputError(f"{flag(name)} is not for {network}, only for {', '.join(networks)}")
     for name, value in options.items():

@@ -9,7 +9,7 @@ import os
 import platform
 import re
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,7 +52,7 @@ class Runner:
             InputError: An option is impossible, or the directory is used or cannot be made.
         """
         _prepare(device)
-        checkpoint.check_free(directory, config.network)
+        checkpoint.check_free(directory, config.program)
         training = config.training(device)
         try:
             directory.mkdir(parents=True, exist_ok=True)
@@ -61,13 +61,20 @@ class Runner:
         return cls(training, directory)
 
     @classmethod
-    def resume(cls, directory: Path, device: str, threads: int | None = None) -> Runner:
+    def resume(
+        cls,
+        directory: Path,
+        device: str,
+        threads: int | None = None,
+        methods: Mapping[str, type[Config]] = METHODS,
+    ) -> Runner:
         """Read a training at its last checkpoint. It continues as if it had never been interrupted.
 
         Args:
             directory: The directory of the training.
             device: `cpu` or `cuda`.
             threads: The number of torch's threads, which has been set; None to set the one that the training had.
+            methods: The options of the methods, by the name of the network.
 
         Raises:
             InputError: There is no checkpoint, or the training is finished or cannot be continued.
@@ -77,7 +84,7 @@ class Runner:
         facts = checkpoint.read_facts(path)
         _prepare(device)
         with _readable(path):
-            config = find_named("network", facts["config"]["network"], METHODS)(**facts["config"])
+            config = find_named("network", facts["config"]["network"], methods)(**facts["config"])
             if threads is None:
                 torch.set_num_threads(facts["threads"])  # sums in another order have other bits
         training = config.training(device)
@@ -179,7 +186,7 @@ class Runner:
         except OSError as error:
             rest = (
                 "its last checkpoint is kept: make room, and go on with "
-                f"crowdbench train {self.training.config.network} --resume {self.directory}"
+                f"{self.training.config.program} --resume {self.directory}"
                 if self.training.curve and (self.directory / CHECKPOINT).exists()
                 else "nothing was kept: name another place with --out"
             )

@@ -1,1 +1,1 @@
-"""Prediction errors of Social GAN and other predictors, on recorded tracks and on simulated crowds."""
+"""Social GAN: its training, and errors of predictors on recorded tracks and on simulated crowds."""

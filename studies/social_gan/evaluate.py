@@ -22,8 +22,8 @@ from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
 
 if TYPE_CHECKING:
-    from crowdbench.metrics.prediction_errors import Errors
     from crowdbench.predict import Predictor
+    from studies.social_gan.prediction_errors import Errors
 
     Measure = Callable[[str, Predictor], dict[str, Errors]]
 
@@ -96,8 +96,8 @@ def _on_scenario(
     scenario: str, cases: str, overrides: list[str], data: Path | None, ahead: int
 ) -> tuple[dict[str, Any], Measure]:
     from crowdbench import catalog
-    from crowdbench.metrics import prediction_errors
     from crowdbench.scenario.cases import Cases
+    from studies.social_gan import prediction_errors
 
     settings = assignments(overrides, "--set")
     loaded, driven = catalog.load_scenario(scenario, settings, data=data), Cases.parse(cases)
@@ -113,8 +113,8 @@ def _on_scenario(
 
 
 def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
-    from crowdbench.metrics.prediction_errors import on_tracks
     from crowdbench.scenario.tracks import eth_ucy
+    from studies.social_gan.prediction_errors import on_tracks
 
     recordings = eth_ucy.read_folder(data)
 

@@ -15,13 +15,13 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import HISTORY
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.reactive import ORCAPlanner
-from crowdbench.predict.windows import resample, training_split, windows
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.tracks.eth_ucy import Tracks, read_folder
-from crowdbench.train.config import SocialGANConfig
 from crowdbench.utils.errors import InputError
+from studies.social_gan.config import SocialGANConfig
+from studies.social_gan.windows import resample, training_split, windows
 
 HORIZON = 8
 """Steps to predict in a window, after the `HISTORY` observed ones."""

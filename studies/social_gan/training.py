@@ -22,14 +22,14 @@ from torch.nn.functional import softplus
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types import HISTORY
-from crowdbench.metrics.prediction_errors import TOGETHER, displacement
 from crowdbench.networks.social_gan import NOISE, Discriminator, Generator
 from crowdbench.predict import Prediction
 from crowdbench.predict.social_gan import scatter
 from crowdbench.scenario.tracks.eth_ucy import DT, read_folder, scenes
-from crowdbench.train.config import SocialGANConfig
-from crowdbench.train.social_gan_samples import HORIZON, Samples, load_samples
 from crowdbench.train.training import Training, describe_scenario
+from studies.social_gan.config import SocialGANConfig
+from studies.social_gan.prediction_errors import TOGETHER, displacement
+from studies.social_gan.samples import HORIZON, Samples, load_samples
 
 BATCH = 64
 """Scenes of an update."""

@@ -22,7 +22,6 @@ from crowdbench.core.types import HISTORY, PERFECT, Observation
 from crowdbench.metrics.summary import Estimate, bootstrap_distribution, interval, weighted_mean
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.base import validate_prediction
-from crowdbench.predict.windows import windows
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.population import GOES_ON
 from crowdbench.scenario.scenario import Scenario
@@ -31,6 +30,7 @@ from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_decisions, limit_velocities, walk
 from crowdbench.utils.defaults import BATCH, HORIZON, MOST_AHEAD
 from crowdbench.utils.errors import InputError, is_integer, plugin_errors, require
+from studies.social_gan.windows import windows
 
 Counted = Bool[np.ndarray, "world pedestrian"]
 Positions = Float[np.ndarray, "world time pedestrian 2"]

@@ -1,0 +1,58 @@
+"""Train Social GAN, as in README.md beside this file."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
+from crowdbench.cli.train import run_training, with_method_options
+from crowdbench.train.config import MOST_SEED, SCENARIO
+from studies.social_gan.config import METHODS
+
+
+@help_from_docstring
+def train(
+    scenario: Annotated[str | None, typer.Option(show_default=SCENARIO)] = None,
+    overrides: list[str] | None = None,
+    data: Path | None = None,
+    seed: Annotated[int | None, typer.Option(min=0, max=MOST_SEED, show_default="0")] = None,
+    minutes: Annotated[float | None, typer.Option(min=0.1)] = None,
+    device: str = "cpu",
+    threads: ThreadsOption = None,
+    resume: Path | None = None,
+    out: Annotated[Path | None, typer.Option(show_default="runs/train-sgan-seed<seed>")] = None,
+    **method: Any,
+) -> None:
+    """Train Social GAN on recorded tracks, or on the simulated pedestrians of a scenario.
+
+    The checkpoint that is kept is the one with the smallest ADE on validation windows.
+
+    Args:
+        scenario: Name of the scenario to train in, or a file: ./mine.toml.
+        data: Folder with recorded tracks to train on, instead of a scenario's pedestrians.
+        seed: Seed of the weights and of everything random in training.
+        minutes: Train for this many minutes, validations included, instead of --epochs.
+        device: cpu or cuda.
+        resume: Continue the interrupted training in this directory, with the options and the number of threads that it
+            was started with; only --device and --threads can be different.
+        out: Directory for the results.
+    """
+    use_threads(threads)
+    common = {"scenario": scenario, "overrides": overrides, "data": data, "seed": seed, "minutes": minutes}
+    run_training("sgan", common | method, device, threads, resume, out, METHODS)
+
+
+# Typer reads the options from the signature.
+train.__signature__ = with_method_options(inspect.signature(train), METHODS)  # type: ignore[attr-defined]
+
+
+if __name__ == "__main__":
+    main(train)
