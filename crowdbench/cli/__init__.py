@@ -22,7 +22,6 @@ from crowdbench.utils import interrupts
 
 COMMANDS = {
     "run": "run:run",
-    "run-board": "run_board:run_board",
     "merge": "run:merge",
     "train": "train:train",
     "list": "listing:list_",
