@@ -1,5 +1,6 @@
 """The command line as a user meets it: in processes of its own."""
 
+import itertools
 import json
 import os
 import re
@@ -207,6 +208,15 @@ def test_everything_is_listed(kind):
     done = CliRunner().invoke(app, ["list", kind])
     assert done.exit_code == 0
     assert len(done.stdout.splitlines()) >= 4
+
+
+def test_the_help_groups_the_commands():
+    shown = CliRunner().invoke(app, ["--help"]).stdout
+    found = re.findall(r"^(?:╭─ (\w+)|│ ([a-z][\w-]*) )", shown, re.MULTILINE)
+    groups = {"Run": "run", "Look": "list", "Boards": "new-planner"}
+    assert [group for group, _ in found if group] == ["Options", *groups]
+    assert [after for (group, _), (_, after) in itertools.pairwise(found) if group in groups] == [*groups.values()]
+    assert [name for _, name in found if name] == list(cli.COMMANDS)
 
 
 @pytest.mark.slow
