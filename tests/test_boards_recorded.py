@@ -67,8 +67,8 @@ def test_what_ranks_does_not_change_the_digest(tmp_path):
     assert board.digest == shown.digest
 
 
-def test_run_board_refuses_tracks_that_it_does_not_need(tmp_path):
-    done = CliRunner().invoke(app, ["run-board", "five", "--planner", "orca", "--data", str(tmp_path)])
+def test_a_run_of_a_board_refuses_tracks_that_it_does_not_need(tmp_path):
+    done = CliRunner().invoke(app, ["run", "--board", "five", "--planner", "orca", "--data", str(tmp_path)])
     assert "--data does not go with the board five" in str(done.exception)
 
 

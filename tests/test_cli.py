@@ -1,5 +1,6 @@
 """The command line as a user meets it: in processes of its own."""
 
+import itertools
 import json
 import os
 import re
@@ -123,13 +124,16 @@ def test_json_is_all_that_json_prints():
         (["view", "nothing.rrd", "--screenshot", "picture.png"], "one case"),
         (["run", "--planner", "orca", "--decision-limit", "-1"], "decision limit of -1 s"),
         (["run", "--planner", "orca", "--replan-every", "0"], "--replan-every"),
-        (["run-board", "twenty", "--planner", "orca"], "no board is called 'twenty'; there are five, ten"),
+        (["run", "--planner", "orca", "--board", "twenty"], "no board is called 'twenty'; there are five, ten"),
         (["run", "--planner", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
         (["check", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
         (["train", "sarl", "--data", "."], "--data does not go with circle_crossing_mixed"),
         (["study", f"{ROOT}/studies/crowds/study.toml", "--data", "."], "--data does not go with study.toml"),
         (["leaderboard", "fill", "five", "--data", ".", "--root", str(BOARDS)], "--data goes with boards whose people"),
-        (["run-board", "five", "--planner", "orca", "--set", "dt=0.1"], "No such option: --set"),
+        (["run", "--planner", "orca", "--board", "five", "--set", "dt=0.1"], "--set does not go with --board"),
+        (["run", "--planner", "orca", "--board", "five", "--scenario", "circle_crossing_5"], "--scenario does not go"),
+        (["run", "--planner", "orca", "--board", "five", "--isolated"], "do are --planner, --option, --cases, --data"),
+        (["run-board", "five"], "No such command 'run-board'"),
     ],
 )
 def test_bad_input_gets_one_sentence_and_a_non_zero_exit(tmp_path, monkeypatch, capsys, arguments, expected):
@@ -204,6 +208,15 @@ def test_everything_is_listed(kind):
     done = CliRunner().invoke(app, ["list", kind])
     assert done.exit_code == 0
     assert len(done.stdout.splitlines()) >= 4
+
+
+def test_the_help_groups_the_commands():
+    shown = CliRunner().invoke(app, ["--help"]).stdout
+    found = re.findall(r"^(?:╭─ (\w+)|│ ([a-z][\w-]*) )", shown, re.MULTILINE)
+    groups = {"Run": "run", "Look": "list", "Boards": "new-planner"}
+    assert [group for group, _ in found if group] == ["Options", *groups]
+    assert [after for (group, _), (_, after) in itertools.pairwise(found) if group in groups] == [*groups.values()]
+    assert [name for _, name in found if name] == list(cli.COMMANDS)
 
 
 @pytest.mark.slow

@@ -84,7 +84,7 @@ def where_else(arguments):
     text = " ".join(arguments)
     places = {
         "study ": "tests/test_study.py",
-        "run-board ": "tests/test_run_board.py",
+        "run --board ": "tests/test_run_board.py",
         "--shard": "tests/test_parts.py",
         "weights=runs": ".ci/train",
         "--data": "tests/test_recorded.py",

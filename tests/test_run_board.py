@@ -1,4 +1,4 @@
-"""`crowdbench run-board`: all scenarios of a board with one planner."""
+"""`crowdbench run --board`: all scenarios of a board with one planner."""
 
 import json
 
@@ -32,7 +32,7 @@ def in_an_empty_folder(tmp_path, monkeypatch):
 
 
 def run(*arguments):
-    done = CliRunner().invoke(app, ["run-board", "suite", *arguments, "--json"])
+    done = CliRunner().invoke(app, ["run", "--board", "suite", *arguments, "--json"])
     assert done.exit_code == 0, done.output
     return done
 

@@ -21,26 +21,25 @@ from crowdbench.cli.options import help_from_docstring
 from crowdbench.utils import interrupts
 
 COMMANDS = {
-    "run": "run:run",
-    "run-board": "run_board:run_board",
-    "merge": "run:merge",
-    "train": "train:train",
-    "list": "listing:list_",
-    "check": "check:check",
-    "compare": "results:compare",
-    "study": "study:study",
-    "view": "results:view",
-    "table": "figures:table",
-    "plot": "figures:plot",
-    "render": "figures:render",
-    "score": "results:score",
-    "export": "export:export",
-    "new-planner": "boards:new_planner",
-    "submit": "boards:submit",
-    "verify": "boards:verify",
-    "leaderboard": "leaderboard:app",
+    "run": ("Run", "run:run"),
+    "check": ("Run", "check:check"),
+    "study": ("Run", "study:study"),
+    "train": ("Run", "train:train"),
+    "merge": ("Run", "run:merge"),
+    "list": ("Look", "listing:list_"),
+    "view": ("Look", "results:view"),
+    "render": ("Look", "figures:render"),
+    "plot": ("Look", "figures:plot"),
+    "table": ("Look", "figures:table"),
+    "compare": ("Look", "results:compare"),
+    "score": ("Look", "results:score"),
+    "export": ("Look", "export:export"),
+    "new-planner": ("Boards", "boards:new_planner"),
+    "submit": ("Boards", "boards:submit"),
+    "verify": ("Boards", "boards:verify"),
+    "leaderboard": ("Boards", "leaderboard:app"),
 }
-"""The commands in the order of --help: the module of each in this folder, and the function there."""
+"""The commands in the order of --help: the group of each there, its module in this folder, and the function there."""
 
 
 def _print_version(is_asked: bool | None) -> None:
@@ -69,12 +68,13 @@ def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
     )
     app.callback()(crowdbench)
     for name in names:
-        module, _, function = COMMANDS[name].partition(":")
+        group, place = COMMANDS[name]
+        module, _, function = place.partition(":")
         command = getattr(importlib.import_module(f"crowdbench.cli.{module}"), function)
         if isinstance(command, typer.Typer):
-            app.add_typer(command, name=name)
+            app.add_typer(command, name=name, rich_help_panel=group)
         else:
-            app.command(name)(command)
+            app.command(name, rich_help_panel=group)(command)
     return app
 
 

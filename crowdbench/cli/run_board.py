@@ -1,4 +1,4 @@
-"""The command that drives a planner through the public cases of every scenario of a board."""
+"""`crowdbench run --board`: drive a planner through the public cases of every scenario of a board."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from crowdbench.cli.boards import ROOT
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
+from crowdbench.cli.options import assignments
 from crowdbench.cli.tables import print_table
 from crowdbench.utils.errors import InputError, MachineFault
 from crowdbench.utils.tables import plain
@@ -23,27 +23,38 @@ if TYPE_CHECKING:
     from crowdbench.runs.run import Run
 
 
-@help_from_docstring
+OPTIONS = ("--board", "--planner", "--option", "--cases", "--data", "--out", "--threads", "--json")
+"""The options of `crowdbench run` that a run of a board has."""
+
+
+def refuse_other_options(context: typer.Context) -> None:
+    """Raise InputError if an option was given that a run of a board does not have.
+
+    Args:
+        context: The call of `crowdbench run`.
+    """
+    for parameter in context.command.params:
+        source, flag = context.get_parameter_source(parameter.name or ""), parameter.opts[0]
+        if flag not in OPTIONS and source is not None and source.name == "COMMANDLINE":
+            raise InputError(f"{flag} does not go with --board; the options that do are {', '.join(OPTIONS[1:])}")
+
+
 def run_board(
-    board: str,
-    planner: Annotated[str, typer.Option()],
-    option: list[str] | None = None,
-    cases: Annotated[str | None, typer.Option(show_default="the public cases of the board")] = None,
-    data: Path | None = None,
-    out: Annotated[Path | None, typer.Option(show_default="runs/board-BOARD")] = None,
-    threads: ThreadsOption = None,
-    as_json: bool = False,
+    board: str, planner: str, option: list[str], cases: str | None, data: Path | None, out: Path | None, as_json: bool
 ) -> None:
     """Drive a planner through all scenarios of a board by its rules, and print its figures.
 
-    The runs are kept as a study's are: the same command makes only those that are missing.
+    Make only the runs that are missing, as in a study.
 
     Args:
         board: The name of a board.
-        cases: The cases of each scenario.
-        out: Folder that keeps the runs.
+        planner: The name or file of the planner.
+        option: Its options, key=value.
+        cases: The cases of each scenario; the public cases of the board if None.
+        data: Folder with recorded tracks.
+        out: Folder that keeps the runs; `runs/board-BOARD` if None.
+        as_json: Whether to print JSON.
     """
-    use_threads(threads)
     from crowdbench.boards.board import find_board
     from crowdbench.boards.board_means import board_figures
     from crowdbench.metrics import MAIN, info_of
@@ -58,7 +69,7 @@ def run_board(
 
     rules = find_board(board, ROOT).with_data(data)
     driven_cases = Cases.parse(cases) if cases else rules.public_cases
-    options, overrides = assignments(option or [], "--option"), rules.overrides(None)
+    options, overrides = assignments(option, "--option"), rules.overrides(None)
     base = RunSpec(planner, "", driven_cases, options, overrides, replanning=rules.replanning, record="none", data=data)
     runs = {name: load_run(replace(base, scenario=name)) for name in rules.scenarios}
     announce_compilation()
