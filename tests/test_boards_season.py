@@ -94,14 +94,14 @@ def test_a_shard_that_leaves_the_rest_to_others_exits_with_0(root, made, tmp_pat
     files = [f"--key={made / 'key_of_tester'}", f"--work={tmp_path / 'work'}"]
     arguments = ["verify", str(unverified(root).directory), "--season", "--shard=2/2", *files]
     assert app(arguments, standalone_mode=False) == 0
-    assert "whoever ends last goes on" in capsys.readouterr().err
+    assert "the last shard goes on" in capsys.readouterr().err
 
 
 def test_shards_share_a_submission(root, tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.boards.run_entry.BATCH", 4)
     (tmp_path / "card.toml").write_text(card())
     wanted = Submission(read_board(root / "small"), "mine", "orca", {}, [], tmp_path / "card.toml", "Ada")
-    with pytest.raises(Unfinished, match="whoever ends last goes on"):
+    with pytest.raises(Unfinished, match="the last shard goes on"):
         submit(wanted, root, tmp_path / "work", shard=Shard(1, 2))
     assert not (root / "small" / "entries" / "mine").exists()
     made, _ = submit(wanted, root, tmp_path / "work", shard=Shard(2, 2))

@@ -106,11 +106,26 @@ def test_a_key_without_an_object_is_refused():
         crowdbench.run("orca", cases=1, key="mine")
 
 
-def test_metrics_that_are_functions_are_not_resumed_either():
-    runs = [load_run(RunSpec("orca", "circle_crossing_5", Cases.parse("2"))) for _ in range(2)]
-    assert runs[0].id == runs[1].id
-    limits = [dataclasses.replace(runs[0], metrics={"near": lambda trace, d=d: trace.gap.min(1) < d}) for d in (1, 2)]
-    assert limits[0].id.metrics == limits[1].id.metrics  # a closure's values have no source
+def test_metrics_that_are_functions_are_not_resumed_without_a_key_either(tmp_path):
+    def near(limit):
+        return {"near": lambda trace: trace.gap.min(axis=1) < limit}
+
+    def id_of(out, **settings):
+        crowdbench.run("orca", cases=2, out=tmp_path / out, record="none", **settings)
+        return read_result(tmp_path / out)["id"]
+
+    # The values of a closure have no source: two limits look alike.
+    assert id_of("a", metrics=near(0.1)) != id_of("b", metrics=near(0.2))
+    assert id_of("c", metrics=near(0.1), key="0.1") == id_of("d", metrics=near(0.1), key="0.1")
+    assert id_of("e", metrics=near(0.2), key="0.2") != id_of("f", metrics=near(0.1), key="0.1")
+    assert id_of("g") == id_of("h")
+
+
+def test_only_decorators_describe(tmp_path):
+    files = [tmp_path / name for name in ("a.py", "b.py")]
+    for file, text in zip(files, ("x = describe(1)", "x = describe(2)"), strict=True):
+        file.write_text(text)
+    assert source.code_digest([], files[:1]) != source.code_digest([], files[1:])
 
 
 @pytest.fixture

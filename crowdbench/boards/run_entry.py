@@ -148,7 +148,7 @@ class EntryRun:
         """Raise Unfinished where runs are missing, but for scenarios in which the planner fails."""
         names = [name for name in self.board.scenarios if name not in failed]
         if missing := [name for name in names if not is_finished(self.out / name)]:
-            raise Unfinished(f"batches of {missing[0]} are missing, which other shards make; whoever ends last goes on")
+            raise Unfinished(f"batches of {missing[0]} are missing, which other shards make; the last shard goes on")
 
     def seconds_per_case(self) -> float:
         """Measure how long a public case takes here, in seconds, without scenarios that the planner cannot drive."""

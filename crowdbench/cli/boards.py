@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from crowdbench.boards.verdict import Verification
 
 ShardOption = Annotated[
-    str | None, typer.Option(help="Run one share of the batches, such as 2/8; whoever ends last goes on with all.")
+    str | None, typer.Option(help="Run one share of the batches, such as 2/8; the last shard to finish goes on.")
 ]
 ROOT = Path("leaderboards")
 WORK = Path("runs/boards")

@@ -73,7 +73,7 @@ def run(
         isolated: Run the planner in a process of its own, which sees observations only.
         out: Directory for the results; with --board, folder that keeps the runs of its scenarios.
         batch: Cases that are simulated at once.
-        shard: Run one share of the batches, such as 2/8; whoever ends last puts all of them together.
+        shard: Run one share of the batches, such as 2/8; the last shard to finish merges the run.
         all_metrics: Print all metrics, and not only the main ones; result.json has them all.
     """
     on_ray = is_on_ray(on)

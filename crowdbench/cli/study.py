@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ShardOption = Annotated[
     str | None,
-    typer.Option(help="Make one share of the runs, such as 2/8; whoever ends last prints the tables."),
+    typer.Option(help="Make one share of the runs, such as 2/8; the last shard to finish prints the tables."),
 ]
 
 

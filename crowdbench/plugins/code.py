@@ -131,14 +131,18 @@ def _write(node: ast.AST, texts: list[str]) -> None:
         for part in value if isinstance(value, list) else [] if value is None else [value]:
             if not isinstance(part, ast.AST):
                 texts.append(f"{name} {part!r}")
-            elif not _only_describes(part):
+            elif not _is_text(part) and not (name == "decorator_list" and _describes(part)):
                 texts.append(name)
                 _write(part, texts)
     texts.append("")
 
 
-def _only_describes(node: ast.AST) -> bool:
-    """Return whether a node is a text, such as a docstring, or describes a metric for tables."""
-    if isinstance(node, ast.Call):
-        return isinstance(node.func, ast.Name) and node.func.id == DESCRIBES[1]
+def _is_text(node: ast.AST) -> bool:
+    """Return whether a statement is nothing but a text, such as a docstring."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+def _describes(decorator: ast.AST) -> bool:
+    """Return whether a decorator only describes a metric for tables."""
+    is_call = isinstance(decorator, ast.Call) and isinstance(decorator.func, ast.Name)
+    return is_call and decorator.func.id == DESCRIBES[1]  # type: ignore[attr-defined]
