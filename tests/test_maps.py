@@ -34,7 +34,8 @@ number = 2
 
 def draw(folder, pixels, yaml=YAML, name="map.pgm"):
     """A map whose image has these pixels, the top row first."""
-    Image.fromarray(np.asarray(pixels, np.uint8)).save(folder / name)
+    pixels = np.asarray(pixels)
+    Image.fromarray(pixels if pixels.dtype == np.uint16 else pixels.astype(np.uint8)).save(folder / name)
     (folder / "map.yaml").write_text(yaml)
     return folder / "map.yaml"
 
@@ -73,6 +74,53 @@ def test_the_image_stands_upright_and_the_origin_turns_it(tmp_path):
     assert turned.bounds == pytest.approx((-2.0, 2.0, -1.9, 2.3), abs=1e-3)
 
 
+def test_maps_of_nav2_in_raw_mode_hold_per_cent_and_255_for_unknown(tmp_path):
+    raw = np.select([room() == 0, room() == 254], [100, 0], 255)
+    trinary = read_obstacles(draw(tmp_path, room()))
+    for negate in ("negate: 0", "negate: 1"):  # which nav2 ignores in raw mode
+        yaml = YAML.replace("negate: 0", f"mode: raw\n{negate}")
+        assert read_obstacles(draw(tmp_path, raw, yaml)) == trinary
+    assert area(read_obstacles(draw(tmp_path, np.where(raw == 100, 66, raw), yaml))) == area(trinary)
+    with pytest.raises(InputError, match="is occupied"):
+        read_obstacles(draw(tmp_path, np.where(raw == 100, 65, raw), yaml))
+
+
+@pytest.mark.parametrize("name", ["map.png", "map.pgm"])
+def test_images_of_16_bits_are_scaled_by_their_maximum(tmp_path, name):
+    pixels = np.full((20, 20), 0xFFFF, np.uint16)
+    pixels[5:8], pixels[12:15] = 0, 0x3000
+    yaml = YAML.replace("map.pgm", name)
+    dark = area(read_obstacles(draw(tmp_path, pixels, yaml, name)))
+    assert dark == pytest.approx(2 * 3 * 20 * 0.01)
+
+
+def test_a_pgm_is_scaled_by_the_maximum_of_its_header(tmp_path):
+    levels = np.full((20, 20), 1000, ">u2")
+    levels[5:8], levels[12:15] = 0, 300
+    path = draw(tmp_path, room())
+    (tmp_path / "map.pgm").write_bytes(b"P5\n20 20\n1000\n" + levels.tobytes())
+    assert area(read_obstacles(path)) == pytest.approx(2 * 3 * 20 * 0.01)
+
+
+def test_opacity_counts_as_nav2_counts_it(tmp_path):
+    pixels = np.full((20, 20, 4), 255, np.uint8)
+    pixels[2:5] = 0, 0, 0, 255
+    pixels[8:11] = 0, 0, 0, 0
+    pixels[14:17, :, :3] = 90  # of an occupancy of 0.65 - 0.65 / 4 with the opacity as a fourth colour
+    yaml = YAML.replace("map.pgm", "map.png")
+    assert area(read_obstacles(draw(tmp_path, pixels, yaml, "map.png"))) == pytest.approx(2 * 0.6)
+    yaml += "mode: scale\n"
+    assert area(read_obstacles(draw(tmp_path, pixels, yaml.replace("0.65", "0.64"), "map.png"))) == pytest.approx(1.2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("resolution: 0.1", "resolution: 1e-1"), ("negate: 0", "negate: false"), ("[-1.0, 2.0", "[-1e0, 2E+0")],
+)
+def test_numbers_are_read_as_ros_reads_them(tmp_path, old, new):
+    assert read_obstacles(draw(tmp_path, room(), YAML.replace(old, new))) == read_obstacles(draw(tmp_path, room()))
+
+
 def test_white_is_occupied_where_the_map_says_negate(tmp_path):
     dark = read_obstacles(draw(tmp_path, room()))
     light = read_obstacles(draw(tmp_path, 255 - room(), YAML.replace("negate: 0", "negate: 1")))
@@ -100,6 +148,14 @@ def test_polygons_leave_any_pixels_by_the_resolution_at_most(tmp_path, seed):
         (lambda folder: (folder / "map.pgm").unlink(), "map.pgm of the map map.yaml cannot be read"),
         (lambda folder: (folder / "map.pgm").write_text("P5 x"), "map.pgm of the map map.yaml cannot be read"),
         (lambda folder: draw(folder, np.full((5, 5), 254)), "is occupied"),
+        (lambda folder: draw(folder, room(), YAML + "mode: weird"), "mode is 'weird', but must be one of"),
+        (lambda folder: draw(folder, room(), YAML.replace("0.2", "0.7")), "free_thresh is 0.7, but must be below"),
+        (lambda folder: draw(folder, room(), YAML.replace("negate: 0", "negate: 2")), "negate is 2, but must be 0, 1,"),
+        (lambda folder: draw(folder, room(), "a: " + "[" * 5000), "is no YAML table"),
+        (lambda folder: draw(folder, room(), "a: 2026-13-40"), "is no YAML table"),
+        (lambda folder: (folder / "map.pgm").write_text("P5 100000 100000 255 x"), "is too large"),
+        (lambda folder: (folder / "map.pgm").write_text("P5 20000 9000 255 x"), "is too large"),
+        (lambda folder: draw(folder, np.indices((80, 80)).sum(0) % 2 * 255), "corners, but 2000 are possible"),
     ],
 )
 def test_a_wrong_map_gets_one_sentence(tmp_path, change, says):

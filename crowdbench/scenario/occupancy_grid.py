@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,7 +18,7 @@ from shapely import affinity
 
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.toml import Location, Name, TomlTable, integer, number, parse_table
+from crowdbench.utils.toml import Location, Name, TomlTable, choice, number, parse_table
 
 Polygon = list[list[float]]
 """The corners of a polygon in metres."""
@@ -27,6 +29,21 @@ DIGITS = 3
 LARGEST = 4096
 """Pixels of an image's side, at most."""
 
+MOST_CORNERS = 2000
+"""Corners of all obstacles together, at most: shortest paths are searched among them."""
+
+WHITE = {"L": 255.0, "RGB": 255.0, "RGBA": 255.0, "I;16": 65535.0, "I": 65535.0}
+"""The value of white, by the mode of an image as Pillow reads it. Pillow scales a PGM of more than 8 bits to 16."""
+
+
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
+    """YAML 1.1 as PyYAML reads it, with the numbers of YAML 1.2 that it takes for text, such as `5e-2`."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"), [*"-+0123456789"]
+)
+
 
 def _pose(origin: list[float]) -> list[float]:
     if len(origin) not in (2, 3) or not all(map(math.isfinite, origin)):
@@ -35,11 +52,17 @@ def _pose(origin: list[float]) -> list[float]:
 
 
 class GridSpec(TomlTable):
-    """The file `map.yaml`; what else it has is left aside.
+    """The file `map.yaml`, read as nav2's `map_server` does. Other keys are ignored.
 
-    `origin` is where the lower left corner of the image lies, in metres, and by how much the image is turned there, in
-    radians. A pixel is occupied if its darkness, from 0 (white) to 1, is above `occupied_thresh`; with `negate`, white
-    is 1.
+    The brightness of a pixel is the mean of its colours, from 0 (black) to 1 (white). Its occupancy is 1 - brightness,
+    or the brightness with `negate`.
+
+    Attributes:
+        origin: Position of the lower left corner of the image in metres, and its angle in radians.
+        mode: With `trinary`, a pixel is occupied if its occupancy is above `occupied_thresh`, and the opacity of an
+            image counts as a fourth colour. With `scale`, a pixel that is not opaque is unknown. With `raw`, the value
+            of a pixel of 8 bits is its occupancy in per cent, and a value above 100 is unknown.
+        free_thresh: Below it a pixel is free. A pixel between both thresholds is unknown, and no obstacle.
     """
 
     image: Name
@@ -47,12 +70,14 @@ class GridSpec(TomlTable):
     origin: Annotated[list[float], AfterValidator(_pose)] = Field(
         description="two or three numbers: x and y in metres, and an angle in radians"
     )
+    mode: str = choice(["trinary", "scale", "raw"], "trinary")
     occupied_thresh: float = number(0.65, least=0.0, below=1.0)
-    negate: int = integer(0, least=0, most=1)
+    free_thresh: float = number(0.0, least=0.0, below=1.0)
+    negate: bool | Annotated[int, Field(ge=0, le=1)] = Field(False, description="0, 1, false or true")
 
 
 def read_obstacles(path: Path) -> list[Polygon]:
-    """The obstacles of an occupancy grid: polygons around its occupied pixels, in its frame.
+    """Return the obstacles of an occupancy grid: polygons around its occupied pixels, in its frame.
 
     A polygon leaves its pixels by the resolution at most. One around a room is cut, so that none has a hole.
 
@@ -65,6 +90,11 @@ def read_obstacles(path: Path) -> list[Polygon]:
     spec = _read_spec(path)
     occupied = _read_image(path, spec)
     shape = shapely.union_all(_boxes(occupied)).simplify(1.0)
+    if (corners := shapely.get_num_coordinates(shape)) > MOST_CORNERS:
+        raise InputError(
+            f"the obstacles of the map {path} have {corners} corners, but {MOST_CORNERS} are possible at most: "
+            "remove single pixels or use a coarser image"
+        )
     shape = affinity.scale(shape, spec.resolution, spec.resolution, origin=(0.0, 0.0))
     if len(spec.origin) == 3:
         shape = affinity.rotate(shape, spec.origin[2], origin=(0.0, 0.0), use_radians=True)
@@ -76,33 +106,55 @@ def read_obstacles(path: Path) -> list[Polygon]:
 
 def _read_spec(path: Path) -> GridSpec:
     try:
-        table: Any = yaml.safe_load(files.read_text(path))
+        table: Any = yaml.load(files.read_text(path), _Loader)
     except OSError as error:
         raise InputError(f"the map {path} cannot be read: {error.strerror or error}") from None
-    except (yaml.YAMLError, UnicodeDecodeError):
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError):  # ValueError: a date such as 2026-13-40
         table = None
     if not isinstance(table, dict):
         raise InputError(f"the map {path} is no YAML table: it needs image, resolution and origin, as ROS writes it")
     known = {key: value for key, value in table.items() if key in GridSpec.model_fields}
-    return parse_table(GridSpec, known, Location(path.name))
+    spec = parse_table(GridSpec, known, Location(path.name))
+    if spec.free_thresh >= spec.occupied_thresh:
+        right = f"below occupied_thresh, {spec.occupied_thresh:g}"
+        raise Location(path.name).at("free_thresh").wrong(f"{spec.free_thresh:g}", right)
+    return spec
 
 
 def _read_image(path: Path, spec: GridSpec) -> Bool[np.ndarray, "row column"]:
-    """Which pixels are occupied, the lowest row first."""
+    """Return the occupied pixels, the lowest row first."""
     file = path.parent / spec.image
+    large = f"the image {file} is too large: {LARGEST} pixels a side at most"
     try:
         files.check_regular(file)
-        with Image.open(file) as image:
-            too_large = max(image.size) > LARGEST
-            grey = np.zeros((1, 1)) if too_large else np.asarray(image.convert("L"), float) / 255.0
-    except (OSError, ValueError) as error:  # ValueError: Pillow's, of a broken header
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(file) as image:
+                if max(image.size) > LARGEST:
+                    raise InputError(large)
+                occupied = _find_occupied(image, spec)
+    except (Image.DecompressionBombWarning, Image.DecompressionBombError):
+        raise InputError(large) from None
+    except (OSError, ValueError, SyntaxError) as error:  # the last two are Pillow's, of a broken header
         raise InputError(f"the image {file} of the map {path.name} cannot be read: {error}") from None
-    if too_large:
-        raise InputError(f"the image {file} is too large: {LARGEST} pixels a side at most")
-    occupied = (grey if spec.negate else 1.0 - grey) > spec.occupied_thresh
     if not occupied.any():
-        raise InputError(f"nothing in the image {file} is occupied: no pixel is darker than occupied_thresh")
+        raise InputError(
+            f"nothing in the image {file} is occupied: no pixel is above occupied_thresh with mode {spec.mode}"
+        )
     return occupied[::-1]
+
+
+def _find_occupied(image: Image.Image, spec: GridSpec) -> Bool[np.ndarray, "row column"]:
+    """Return the occupied pixels of an image, by the rules of nav2 (`map_io.cpp`)."""
+    if image.mode not in WHITE:
+        image = image.convert("RGBA" if image.has_transparency_data else "RGB")
+    levels = np.atleast_3d(np.asarray(image, float) / WHITE[image.mode])
+    brightness = levels.mean(2) if spec.mode == "trinary" else levels[..., :3].mean(2)
+    if spec.mode == "raw":
+        occupancy = np.round(255.0 * brightness) / 100.0
+        return (occupancy > spec.occupied_thresh) & (occupancy <= 1.0)
+    opaque = levels[..., -1] == 1.0 if spec.mode == "scale" and image.mode == "RGBA" else True
+    return ((brightness if spec.negate else 1.0 - brightness) > spec.occupied_thresh) & opaque
 
 
 def _boxes(occupied: Bool[np.ndarray, "row column"]) -> list[shapely.Polygon]:
@@ -119,10 +171,14 @@ def _polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:
 
 
 def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
-    """A polygon cut from bottom to top through the middle of its first hole, and so on until none is left."""
+    """Cut a polygon from bottom to top through the middle of one of its holes, until no part has a hole.
+
+    The hole in the middle is taken, so that the depth grows with the logarithm of their number.
+    """
     if not polygon.interiors:
         return [polygon]
-    middle = round((polygon.interiors[0].bounds[0] + polygon.interiors[0].bounds[2]) / 2, DIGITS)
+    hole = sorted(polygon.interiors, key=lambda ring: ring.bounds)[len(polygon.interiors) // 2]
+    middle = round((hole.bounds[0] + hole.bounds[2]) / 2, DIGITS)
     left, low, right, high = polygon.bounds
     halves = shapely.box(left - 1, low - 1, middle, high + 1), shapely.box(middle, low - 1, right + 1, high + 1)
     parts = [part for half in halves for part in _polygons(polygon.intersection(half))]
