@@ -18,6 +18,7 @@ from crowdbench.utils.toml import (
     integer,
     number,
     parse_table,
+    read_toml,
     table,
 )
 
@@ -100,3 +101,8 @@ def test_what_is_left_out_has_its_default_and_whole_numbers_are_numbers():
 def test_the_command_line_starts_without_pydantic():
     code = "import sys, crowdbench.cli; sys.exit('pydantic' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def test_a_byte_order_mark_is_ignored(tmp_path):
+    (tmp_path / "a.toml").write_text('\ufeffname = "a"\n', encoding="utf-8")
+    assert read_toml(tmp_path / "a.toml", "scenario") == {"name": "a"}

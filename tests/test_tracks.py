@@ -36,6 +36,38 @@ def test_a_bad_file_is_told_in_one_sentence(tmp_path, text, expected):
     assert "\n" not in str(error.value)
 
 
+def walk(number, first, frames, start):
+    """Lines of a pedestrian who walks along x at 1 m/s."""
+    return [f"{FRAME_STEP * (first + t)} {number} {start + DT * t:.3f} {number}.0\n" for t in range(frames)]
+
+
+def test_a_number_that_comes_again_is_another_pedestrian(tmp_path, caplog):
+    lines = [line for i in range(250) for line in walk(i % 60, 30 * (i // 60), 10, -float(i))]
+    (tmp_path / "tracks.txt").write_text("".join(lines))
+    tracks = read_tracks(tmp_path / "tracks.txt")
+    assert caplog.messages == [
+        "tracks: 190 tracks were split where a pedestrian was absent for more than 4 s or faster than 10 m/s"
+    ]
+    assert len(set(tracks.pedestrian.tolist())) == 250
+    is_same = np.diff(tracks.pedestrian) == 0
+    speed = np.hypot(*np.diff(tracks.position, axis=0)[is_same].T) / (np.diff(tracks.frame)[is_same] / FRAME_STEP * DT)
+    assert speed == pytest.approx(1.0)
+
+
+def test_a_pedestrian_is_split_after_a_jump_but_not_after_a_short_absence(tmp_path, caplog):
+    (tmp_path / "tracks.txt").write_text("".join(walk(1, 0, 5, 0.0) + walk(1, 5, 5, 50.0) + walk(1, 19, 5, 53.0)))
+    assert read_tracks(tmp_path / "tracks.txt").pedestrian.tolist() == [1] * 5 + [2] * 10
+    caplog.clear()
+    (tmp_path / "tracks.txt").write_text("".join(walk(1, 0, 5, 0.0) + walk(1, 14, 5, 6.0)))  # 4 s
+    assert read_tracks(tmp_path / "tracks.txt").pedestrian.tolist() == [1] * 10
+    assert not caplog.messages
+
+
+def test_a_byte_order_mark_is_ignored(tmp_path):
+    (tmp_path / "tracks.txt").write_text("\ufeff" + GOOD, encoding="utf-8")
+    assert read_tracks(tmp_path / "tracks.txt").frame.tolist() == [780, 790]
+
+
 def test_what_cannot_be_read_is_told(tmp_path):
     with pytest.raises(InputError, match=r"there is no folder .*nowhere"):
         read_folder(tmp_path / "nowhere")
@@ -57,7 +89,7 @@ def recording():
     rows = []
     for pedestrian in range(20):
         there = generator.random(40) < 0.9
-        rows += [(20 + FRAME_STEP * t, pedestrian, *generator.normal(size=2)) for t in np.flatnonzero(there)]
+        rows += [(20 + FRAME_STEP * t, pedestrian, *generator.normal(scale=0.3, size=2)) for t in np.flatnonzero(there)]
     return generator.permutation(rows)
 
 

@@ -210,9 +210,14 @@ def read_regular(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file. Raises OSError as `read_regular` does, and UnicodeDecodeError where it is not UTF-8."""
+    """Return the text of a file without a byte-order mark.
+
+    Raises:
+        OSError: As `read_regular` raises it.
+        UnicodeDecodeError: The file is not UTF-8.
+    """
     check_regular(path)
-    return path.read_text(encoding="utf-8")
+    return path.read_text(encoding="utf-8-sig")
 
 
 def read_json(path: Path) -> Any:

@@ -6,6 +6,8 @@ tabs or spaces. Lines may come in any order.
 
 from __future__ import annotations
 
+import dataclasses
+import logging
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -40,6 +42,14 @@ TRAINING_ONLY = ("crowds_zara03", "uni_examples")
 FARTHEST = 1e7
 """The largest coordinate in metres: coordinates of maps are smaller."""
 
+LONGEST_ABSENCE = 4.0
+"""Seconds without an annotation after which a number stands for another pedestrian."""
+
+FASTEST = 10.0
+"""Speed in m/s above which two annotations are of two pedestrians. The fastest in ETH/UCY has 6.5 m/s."""
+
+_LOG = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True)
 class Tracks:
@@ -71,7 +81,11 @@ def read_folder(folder: Path) -> list[Tracks]:
 
 
 def read_tracks(path: Path) -> Tracks:
-    """A recording. Raises InputError, with the line, where the file cannot be read or has another format."""
+    """Return a recording, whose pedestrians have a number each.
+
+    Raises:
+        InputError: The file cannot be read or has another format; the error names the line.
+    """
     try:
         lines = files.read_text(path).split("\n")
     except OSError as error:
@@ -96,7 +110,36 @@ def read_tracks(path: Path) -> Tracks:
             f"{path}, line {number[other]}: pedestrian {pedestrian[other]} is in frame {frame[other]} a second time, "
             f"after line {number[one]}, but must be there once"
         )
-    return tracks
+    return split_reused_numbers(tracks)
+
+
+def split_reused_numbers(tracks: Tracks) -> Tracks:
+    """Give a number of its own to a pedestrian who has the number of an earlier one.
+
+    Two annotations with one number are of two pedestrians where more than `LONGEST_ABSENCE` lies between them, or where
+    the speed between them is above `FASTEST`. A warning is logged that says how many tracks were split off.
+    """
+    seconds = np.diff(tracks.frame) / FRAME_STEP * tracks.dt
+    distance = np.hypot(*np.diff(tracks.position, axis=0).T)
+    is_other = (seconds > LONGEST_ABSENCE) | (distance > FASTEST * seconds)
+    splits = 1 + np.flatnonzero(is_other & (np.diff(tracks.pedestrian) == 0))
+    if not len(splits):
+        return tracks
+    _LOG.warning(
+        "%s: %d tracks were split where a pedestrian was absent for more than %g s or faster than %g m/s",
+        tracks.name,
+        len(splits),
+        LONGEST_ABSENCE,
+        FASTEST,
+    )
+    pedestrian = tracks.pedestrian.copy()
+    ends = np.append(1 + np.flatnonzero(np.diff(tracks.pedestrian)), len(pedestrian))
+    for number, first in enumerate(splits, pedestrian.max() + 1):
+        pedestrian[first : ends[np.searchsorted(ends, first, side="right")]] = number
+    order = np.lexsort((tracks.frame, pedestrian))
+    return dataclasses.replace(
+        tracks, frame=tracks.frame[order], pedestrian=pedestrian[order], position=tracks.position[order]
+    )
 
 
 def _read_line(where: str, fields: list[str]) -> list[float]:
