@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import torch
-from test_joint_state import slow_joint_states
+from joint_states import slow_joint_states
 
 from crowdbench.core.types import HISTORY, Observation, Outcome, Pedestrians, Vehicle
 from crowdbench.networks.value import NETWORKS, ValueNetwork, alone
@@ -177,3 +177,18 @@ def assert_best(chosen, commands, values):
 def within(change):
     """Limits to commands that differ from the velocity by no more than so many m/s."""
     return Limits(max_acceleration=math.inf, max_turn=math.pi, max_velocity_change=change)
+
+
+def lone_vehicle(goal=(4.0, 0.0)):
+    """A vehicle at rest in the origin that nobody sees, and one person far away."""
+    obs = crowded(2, 1).take(slice(1, 2))
+    own = {"position": [0.0, 0.0], "velocity": [0.0, 0.0], "goal": goal}
+    numbers = {"radius": 0.3, "preferred_speed": 1.0, "heading": 0.0, "angular_speed": 0.0}
+    vehicle = {name: np.array([value], float) for name, value in (own | numbers).items()}
+    crowd = {"position": np.array([[[9.0, 9.0]]]), "radius": np.array([[0.3]]), "velocity": np.zeros((1, 1, 2))}
+    return dataclasses.replace(
+        obs,
+        vehicle=dataclasses.replace(obs.vehicle, **vehicle),
+        pedestrians=dataclasses.replace(obs.pedestrians, **crowd),
+        row=np.array([0]),
+    )

@@ -4,8 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from lookahead_scenes import DT, Says
-from test_mppi import alone
+from lookahead_scenes import DT, Says, lone_vehicle
 
 from crowdbench.catalog import load_planner
 from crowdbench.core.dynamics import Unicycle
@@ -16,7 +15,7 @@ OBJECTIVE = Objective(heading=2.0, clearance=3.0, room=0.5, speed=0.25, free=0.4
 
 
 def test_a_command_is_as_good_as_its_progress_the_time_until_it_touches_its_room_and_its_speed():
-    obs = alone()
+    obs = lone_vehicle()
     obs.pedestrians.position[:] = [0.0, 0.9]
     planner = DWAPlanner(Says([[[0.0, 0.9]]] * 4), OBJECTIVE, horizon=4)
     # Somebody of 0.3 + 0.1 m stands 0.9 m to the left, which leaves 0.2 m.
@@ -31,7 +30,7 @@ def test_a_command_is_as_good_as_its_progress_the_time_until_it_touches_its_room
 
 def test_a_command_after_which_the_vehicle_cannot_stop_in_time_is_not_admissible():
     planner = DWAPlanner(Says([[[1.2, 0.0]]] * 8), OBJECTIVE, horizon=8)
-    obs = alone()
+    obs = lone_vehicle()
     obs.pedestrians.position[:] = [1.2, 0.0]
     window = np.array([[[1.0, 0.0]]])
     assert np.isfinite(planner.rate(obs, window)).all()
@@ -40,7 +39,7 @@ def test_a_command_after_which_the_vehicle_cannot_stop_in_time_is_not_admissible
 
 
 def test_where_no_command_is_admissible_it_brakes():
-    obs = alone()
+    obs = lone_vehicle()
     vehicle = dataclasses.replace(obs.vehicle, dynamics=Unicycle(0.5), velocity=np.array([[1.0, 0.0]]))
     obs.pedestrians.position[:] = [0.95, 0.0]
     planner = DWAPlanner(Says([[[0.95, 0.0]]] * 8), horizon=8)
@@ -49,7 +48,7 @@ def test_where_no_command_is_admissible_it_brakes():
 
 def test_without_anybody_it_drives_to_the_goal():
     planner = DWAPlanner(Says([[[9.0, 9.0]]] * 14))
-    command = planner.plan(alone())
+    command = planner.plan(lone_vehicle())
     np.testing.assert_allclose(command, [[1.0, 0.0]], atol=1e-12)
 
 

@@ -6,8 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from lookahead_scenes import DT, Says
-from test_mppi import alone
+from lookahead_scenes import DT, Says, lone_vehicle
 
 from crowdbench.catalog import PLANNERS, load_planner
 from crowdbench.core.dynamics import Bicycle, Holonomic, Unicycle
@@ -40,14 +39,14 @@ def drive(planner, obs, steps=30):
 
 @pytest.mark.parametrize("dynamics", [Holonomic(), Holonomic(1.0), Unicycle(), Bicycle(1.0)])
 def test_without_anybody_it_drives_to_the_goal(dynamics):
-    obs = alone()
+    obs = lone_vehicle()
     obs = dataclasses.replace(obs, vehicle=dataclasses.replace(obs.vehicle, dynamics=dynamics))
     assert np.abs(drive(mpc.MPCPlanner(ConstantVelocity()), obs)[:, 1]).max() < 0.05
 
 
 @pytest.mark.parametrize("dynamics", [Holonomic(), Unicycle()])
 def test_it_drives_around_somebody_who_stands_in_the_way(dynamics):
-    obs = alone()
+    obs = lone_vehicle()
     obs = dataclasses.replace(obs, vehicle=dataclasses.replace(obs.vehicle, dynamics=dynamics))
     obs.pedestrians.position[:] = [2.0, 0.05]
     way = drive(mpc.MPCPlanner(Says([[[2.0, 0.05]]] * 14)), obs)
@@ -56,7 +55,7 @@ def test_it_drives_around_somebody_who_stands_in_the_way(dynamics):
 
 def test_it_drives_around_a_block():
     block = np.array([[1.5, -0.4], [2.5, -0.4], [2.5, 0.4], [1.5, 0.4]])[None]
-    obs = dataclasses.replace(alone(), obstacles=block[None])
+    obs = dataclasses.replace(lone_vehicle(), obstacles=block[None])
     way = drive(mpc.MPCPlanner(ConstantVelocity()), obs)
     gaps = [wall_gap_in_step(*start, *(end - start), 0.3, block) for start, end in itertools.pairwise(way)]
     assert min(gaps) > 0.0
@@ -77,7 +76,7 @@ def test_wrong_options_and_a_missing_casadi_are_told_in_a_sentence(monkeypatch):
     with pytest.raises(InputError, match="near is -1, but must be a number, 0 or more"):
         load_planner("mpc", {"terms": {"near": -1}})
     with pytest.raises(InputError, match="horizon is 14, but must be 20 or more, the steps that are asked for at once"):
-        mpc.MPCPlanner(ConstantVelocity()).plan_ahead(alone(), 20)
+        mpc.MPCPlanner(ConstantVelocity()).plan_ahead(lone_vehicle(), 20)
     monkeypatch.setitem(sys.modules, "casadi", None)
     with pytest.raises(InputError, match="needs CasADi: pip install 'crowdbench"):
         load_planner("mpc")

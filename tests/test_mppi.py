@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from lookahead_scenes import DT, Forks, Says, crowded
+from lookahead_scenes import DT, Forks, Says, crowded, lone_vehicle
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.dynamics import Bicycle, Unicycle
@@ -25,21 +25,6 @@ EXACT = np.zeros((1, 1, 1))
 WEIGHTS = Weights(contact=50.0, fading=0.9, near=4.0, margin=0.3, growth=0.2, change=0.5, jerk=0.25)
 
 
-def alone(goal=(4.0, 0.0)):
-    """A vehicle at rest in the origin that nobody sees, and one person far away."""
-    obs = crowded(2, 1).take(slice(1, 2))
-    own = {"position": [0.0, 0.0], "velocity": [0.0, 0.0], "goal": goal}
-    numbers = {"radius": 0.3, "preferred_speed": 1.0, "heading": 0.0, "angular_speed": 0.0}
-    vehicle = {name: np.array([value], float) for name, value in (own | numbers).items()}
-    crowd = {"position": np.array([[[9.0, 9.0]]]), "radius": np.array([[0.3]]), "velocity": np.zeros((1, 1, 2))}
-    return dataclasses.replace(
-        obs,
-        vehicle=dataclasses.replace(obs.vehicle, **vehicle),
-        pedestrians=dataclasses.replace(obs.pedestrians, **crowd),
-        row=np.array([0]),
-    )
-
-
 def cost(planner, obs, commands):
     """The cost of one sequence."""
     steps = len(commands)
@@ -50,10 +35,10 @@ def cost(planner, obs, commands):
 
 def test_a_way_costs_its_time_and_the_changes_of_its_commands():
     planner = MPPIPlanner(Says([[[9.0, 9.0]]] * 3), weights=WEIGHTS)
-    found, _ = cost(planner, alone(), [[1.0, 0.0], [1.0, 0.0], [0.0, 0.0]])
+    found, _ = cost(planner, lone_vehicle(), [[1.0, 0.0], [1.0, 0.0], [0.0, 0.0]])
     left = 4.0 - 2 * DT
     assert found == pytest.approx(3 * DT + left + 0.5 * (1.0 + 0.0 + 1.0) + 0.25 * (1.0 + 1.0))
-    arrived, result = cost(planner, alone(goal=(0.7, 0.0)), [[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
+    arrived, result = cost(planner, lone_vehicle(goal=(0.7, 0.0)), [[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
     assert result.outcome[0, 0, 0] == Outcome.SUCCESS
     assert arrived == pytest.approx(2 * DT + 0.5 + 0.25)
 
@@ -61,7 +46,7 @@ def test_a_way_costs_its_time_and_the_changes_of_its_commands():
 def test_a_gap_inside_the_margin_costs_and_a_contact_costs_more_the_sooner_it_is():
     near = 0.3 + 0.3 + 0.1
     planner = MPPIPlanner(Says([[[0.0, near]]] * 2), weights=WEIGHTS)
-    obs = alone()
+    obs = lone_vehicle()
     obs.pedestrians.position[:] = [0.0, near]
     found, _ = cost(planner, obs, [[0.0, 0.0]] * 2)
     inside = (1.0 - 0.1 / 0.3) ** 2 + 0.9 * (1.0 - 0.1 / (0.3 + 0.2 * DT)) ** 2
@@ -90,7 +75,7 @@ def test_of_several_futures_the_mean_over_the_worst_share_counts(worst, futures)
 
 @pytest.mark.parametrize("dynamics", [None, Unicycle(), Bicycle(1.0)])
 def test_without_anybody_it_drives_to_the_goal(dynamics):
-    planner, obs = MPPIPlanner(ConstantVelocity()), alone()
+    planner, obs = MPPIPlanner(ConstantVelocity()), lone_vehicle()
     planner.reset(obs.row)
     vehicle = dataclasses.replace(obs.vehicle, **({"dynamics": dynamics} if dynamics else {}))
     for step in range(24):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from test_joint_state import scenes
+from joint_states import scenes
 from torch import nn
 
 from crowdbench.networks.joint_state import DISTANCE, VEHICLE, joint_states

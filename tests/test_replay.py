@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers import drive
-from test_joint_state import slow_joint_states
+from joint_states import slow_joint_states
 
 from crowdbench.core.types import Outcome, Rules
 from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
