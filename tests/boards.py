@@ -7,14 +7,15 @@ from pathlib import Path
 
 import pytest
 from filelock import FileLock
+from fill import freeze_entries
 
 from crowdbench.boards.board import read_board
-from crowdbench.boards.shipped import freeze_entries
-from crowdbench.boards.skeleton import write_skeleton
-from crowdbench.boards.standings import read_entries
+from crowdbench.boards.decision_time import NotTimed
+from crowdbench.boards.entry import read_entries
 from crowdbench.boards.submission import Submission, submit
-from crowdbench.boards.verification import verify
+from crowdbench.boards.verification import verify_in_season
 from crowdbench.isolation import sandbox
+from crowdbench.plugins.new_planner import make_planner
 
 BOARD = """
 title = "Small"
@@ -50,6 +51,16 @@ def write_board(root, name="small", text=BOARD):
     return read_board(root / name)
 
 
+def not_timed(monkeypatch):
+    """No decisions are timed, which takes long."""
+
+    def raise_not_timed(*_):
+        raise NotTimed("")
+
+    for module in ("submission", "verification"):
+        monkeypatch.setattr(f"crowdbench.boards.{module}.time_decisions", raise_not_timed)
+
+
 def make_key(folder, root, name="tester"):
     """A key that makes somebody a maintainer of a folder of boards."""
     if shutil.which("ssh-keygen") is None:
@@ -82,12 +93,12 @@ def _make(folder: Path):
     board = write_board(root)
     (root / "season.toml").write_text(SEASON)
     (folder / "card.toml").write_text(card())
-    planner = write_skeleton("careful", folder)
+    planner = make_planner("careful", folder)
     submit(Submission(board, "careful", str(planner / "careful.py"), {}, [], folder / "card.toml", "Ada"), root, work)
     submit(Submission(board, "orca", "orca", {}, [], folder / "card.toml", "crowdbench"), root, work)
     season, key = freeze_entries(board, root), make_key(folder, root)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("crowdbench.boards.decision_time.TIMED", 2)
         for entry in read_entries(board, root):
-            verify(entry, board, work=work, season=season, key=key)
+            verify_in_season(entry, board, work, season, key)
     assert not any(path.is_dir() for path in work.iterdir())

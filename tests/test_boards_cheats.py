@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 
 from crowdbench.boards.board import read_board
 from crowdbench.boards.entry import read_entry
-from crowdbench.boards.skeleton import write_skeleton
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import Verdict
 from crowdbench.boards.verification import verify
 from crowdbench.cli import app
+from crowdbench.plugins.new_planner import make_planner
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import sha256
 
@@ -122,7 +122,7 @@ def zigzag(number, length=0):
 
 
 def test_commands_whose_size_is_a_lie_do_not_take_the_memory_of_the_verifier(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.verification.MOST_MEMORY", 2e8)
+    monkeypatch.setattr("crowdbench.boards.verification.MAX_MEMORY", 2e8)
     path = folder / "public" / "circle_crossing_5" / "commands.parquet"
     values = pa.array(np.zeros(60_000_000), pq.read_schema(path).field("command").type.value_type)
     lists = pa.ListArray.from_arrays(pa.array([0, len(values)], pa.int32()), values)
@@ -169,7 +169,7 @@ def test_a_planner_is_timed_only_where_it_decides_as_in_the_ranked_cases(cheats,
 @pytest.mark.parametrize("name", ["class", "numpy", "json", "crowdbench"])
 def test_a_planner_is_not_called_as_what_python_has_already(tmp_path, name):
     with pytest.raises(InputError, match=r"no word of Python|is a module that is installed"):
-        write_skeleton(name, tmp_path)
+        make_planner(name, tmp_path)
 
 
 def test_what_is_no_entry_is_told_so(tmp_path, monkeypatch):

@@ -5,16 +5,16 @@ import shutil
 
 import numpy as np
 import pytest
-from boards import BOARD, SEASON, card, write_board
+from boards import BOARD, SEASON, card, not_timed, write_board
+from fill import to_verify
+from readme import section, write_readme
+from standings import standings
 
 from crowdbench import catalog
 from crowdbench.boards.board import find_board, read_board, read_boards
-from crowdbench.boards.entry import read_entry
-from crowdbench.boards.markdown import section, write_readme
+from crowdbench.boards.entry import read_entries, read_entry
 from crowdbench.boards.planner_files import copy_named_files
 from crowdbench.boards.season import read_season
-from crowdbench.boards.shipped import to_verify
-from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import Verdict, read_verification
 from crowdbench.boards.verification import verify
@@ -48,7 +48,7 @@ def planner():
 @pytest.fixture(autouse=True)
 def _few_timed(monkeypatch):
     monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
-    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: "")
+    not_timed(monkeypatch)
 
 
 def entry_of(root, name="careful"):
@@ -158,7 +158,7 @@ def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path, cha
     ],
 )
 def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path, monkeypatch, key, value, reason):
-    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: "")
+    not_timed(monkeypatch)
     folder = root / "small" / "entries" / "orca"
     table = json.loads((folder / "entry.json").read_text())
     (folder / "entry.json").write_text(json.dumps(table | {key: value}))
@@ -167,7 +167,9 @@ def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path
     assert re.fullmatch(reason, found.reason)
 
 
-@pytest.mark.parametrize(("key", "value"), [("privileged", True), ("facts", {"weights": "other"})])
+@pytest.mark.parametrize(
+    ("key", "value"), [("privileged", True), ("facts", {"circle_crossing_5": {"weights": "other"}})]
+)
 def test_an_entry_that_says_what_its_planner_does_not_is_refused(root, tmp_path, key, value):
     folder = root / "small" / "entries" / "careful"
     table = json.loads((folder / "entry.json").read_text())
@@ -312,7 +314,7 @@ def test_an_entry_of_another_board_is_pending_and_neither_verified_nor_ranked(ro
     assert "| careful, Ada | - |" in section(found)
 
 
-@pytest.mark.parametrize("target", ["catalog.planner_code", "boards.planner_files.package_files"])
+@pytest.mark.parametrize("target", ["catalog.planner_code", "boards.entry.package_files"])
 def test_an_entry_whose_planner_has_other_code_now_is_pending(root, monkeypatch, target):
     monkeypatch.setattr(f"crowdbench.{target}", lambda *_: {"other.py": "0" * 64})
     board = read_board(root / "small")
@@ -349,7 +351,7 @@ def submit_cheat(root, tmp_path, known, board):
 
 
 def test_a_planner_that_knows_the_public_cases_alone_is_lower_than_claimed(tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: "")
+    not_timed(monkeypatch)
     monkeypatch.setattr("secrets.randbits", lambda bits: 7)  # with some seeds chance alone would explain it
     text = BOARD.replace("public_cases = 8", "public_cases = 40").replace("cases = 10", "cases = 60")
     board = write_board(tmp_path / "boards", text=text)
@@ -419,7 +421,7 @@ def test_what_cannot_be_submitted_is_refused_and_leaves_nothing(root, tmp_path, 
 
 def test_no_more_than_two_entries_of_a_submitter_are_ranked(root, monkeypatch):
     one = read_verification(entry_of(root), read_board(root / "small"), read_season(root))
-    monkeypatch.setattr("crowdbench.boards.standings.read_verification", lambda *_: one)
+    monkeypatch.setattr("standings.read_verification", lambda *_: one)
     entries, found = root / "small" / "entries", root / "small" / "verifications"
     for name in ("second", "third"):
         shutil.copytree(entries / "careful", entries / name)

@@ -5,16 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from boards import card, write_board
+from standings import SHOWN, Standings, rank_methods, success_by_family
 
-from crowdbench.boards.board_means import over_board, success_by_family
 from crowdbench.boards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
-from crowdbench.boards.method import range_over_networks, rank_methods
-from crowdbench.boards.skeleton import write_skeleton
-from crowdbench.boards.standings import SHOWN, Standings
-from crowdbench.boards.submission import Submission, check_card, read_card, rehearse
-from crowdbench.boards.verdict import Method, Range
+from crowdbench.boards.entry import read_card
+from crowdbench.boards.means import range_over_networks, weighted_mean
+from crowdbench.boards.submission import Submission, rehearse
+from crowdbench.boards.verdict import Figure, Method
 from crowdbench.catalog import load_planner
 from crowdbench.metrics.summary import Estimate
+from crowdbench.plugins.new_planner import make_planner
 from crowdbench.runs.results import Episodes
 from crowdbench.utils.errors import InputError
 
@@ -67,17 +67,17 @@ def test_equal_values_tell_nothing():
 
 
 def test_a_skeleton_keeps_its_contract_and_has_a_valid_card(tmp_path):
-    folder = write_skeleton("my_first", tmp_path)
+    folder = make_planner("my_first", tmp_path)
     assert sorted(path.name for path in folder.iterdir()) == ["card.toml", "my_first.py", "test_my_first.py"]
     name, planner = load_planner(str(folder / "my_first.py"), {"near": 2.0})
     assert (name, planner.near, type(planner).__name__) == ("my_first", 2.0, "MyFirst")
     assert read_card(folder / "card.toml").method == "my_first"
     compile((folder / "test_my_first.py").read_text(), "test", "exec")
     with pytest.raises(InputError, match="exists already"):
-        write_skeleton("my_first", tmp_path)
+        make_planner("my_first", tmp_path)
     for name in ("My", "7up", "a b", "../up", "none", "true"):
         with pytest.raises(InputError, match="cannot be the name of a planner"):
-            write_skeleton(name, tmp_path)
+            make_planner(name, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -97,10 +97,10 @@ def test_what_is_wrong_in_a_card_gets_one_sentence(changes, sentence, tmp_path):
 def test_a_scenario_that_is_missing_counts_as_nothing(tmp_path):
     board = write_board(tmp_path, text=FAMILIES)
     perfect = Estimate(1.0, 0.9, 1.0, 500, 1.0)
-    found = over_board(board.weights, [perfect, perfect, None])
+    found = weighted_mean(board.weights, [perfect, perfect, None])
     assert (found.mean, found.high) == (0.5, 0.5)
     assert found.low == pytest.approx(0.5 - np.hypot(0.025, 0.025))
-    assert np.isnan(over_board(board.weights, [perfect, perfect, Estimate(np.nan, np.nan, np.nan, 0, np.nan)]).mean)
+    assert np.isnan(weighted_mean(board.weights, [perfect, perfect, Estimate(np.nan, np.nan, np.nan, 0, np.nan)]).mean)
 
 
 @pytest.mark.parametrize("shares", [np.ones((5, 250)), np.random.default_rng(0).random((5, 250)) < 0.97])
@@ -115,16 +115,18 @@ def test_the_method_of_who_was_trained_ranks_by_its_networks_and_that_of_others_
         return {"success_rate": Estimate(success, success - half, success + half, 500, 1.0), "sct": NOTHING_QUICK}
 
     def method(success, half):
-        share = Range(mean=success, low=success - half, high=success + half)
-        return Method(networks=5, cases=250, metrics={"success_rate": share, "sct": Range(mean=0.0, low=0.0, high=0.0)})
+        share = Figure(mean=success, low=success - half, high=success + half, n=250, max=1.0)
+        zero = Figure(mean=0.0, low=0.0, high=0.0, n=250, max=0.0)
+        return Method(networks=5, cases=250, metrics={"success_rate": share, "sct": zero})
 
-    def entry(name, seeds):
-        return SimpleNamespace(name=name, card=SimpleNamespace(training_seeds=seeds))
+    def entry(name, seeds, method, figures):
+        card = SimpleNamespace(training_seeds=seeds)
+        return SimpleNamespace(name=name, entry=SimpleNamespace(card=card), method=method, figures=figures)
 
     ranked = [
-        (entry("lucky", 5), method(0.6, 0.1), figures(0.99, 0.01)),
-        (entry("alone", 1), None, figures(0.98, 0.01)),
-        (entry("fixed", 0), None, figures(0.9, 0.02)),
+        entry("lucky", 5, method(0.6, 0.1), figures(0.99, 0.01)),
+        entry("alone", 1, None, figures(0.98, 0.01)),
+        entry("fixed", 0, None, figures(0.9, 0.02)),
     ]
     assert rank_methods(write_board(tmp_path), ranked) == {"fixed": 1, "lucky": 2}
 
@@ -142,25 +144,26 @@ def test_a_profile_has_the_success_in_each_family(tmp_path):
 
 
 def test_a_card_as_it_was_made_is_refused(tmp_path):
-    path = write_skeleton("careful", tmp_path) / "card.toml"
+    path = make_planner("careful", tmp_path) / "card.toml"
+    submission = Submission(write_board(tmp_path / "boards"), "careful", "orca", {}, [], path, "Ada")
     with pytest.raises(InputError, match=r"card.toml has authors as `new-planner` wrote it: say who you are"):
-        check_card(path)
+        submission.check(tmp_path / "boards")
     text = path.read_text().replace("Your Name", "Ada").replace("you@example.org", "ada@example.org")
     path.write_text(text)
     with pytest.raises(InputError, match="has description as"):
-        check_card(path)
+        submission.check(tmp_path / "boards")
     path.write_text(text.replace("Drives straight to the goal", "Drives"))
-    check_card(path)
+    submission.check(tmp_path / "boards")
 
 
 def test_a_rehearsal_makes_no_entry(tmp_path):
     board = write_board(tmp_path)
     (tmp_path / "card.toml").write_text(card())
-    seconds = rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"))
+    seconds = rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"), tmp_path)
     assert seconds > 0.0
     assert not (board_folder := tmp_path / "small" / "entries").exists(), board_folder
     with pytest.raises(InputError, match="there is no card"):
-        rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "no.toml", "Ada"))
+        rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "no.toml", "Ada"), tmp_path)
 
 
 def test_a_board_shows_the_metrics_of_its_ranked_entries():

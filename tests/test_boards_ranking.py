@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-
-from crowdbench.boards.ranking import (
+from ranking import (
     CONFIDENCE,
     SCT,
     SUCCESS,
@@ -13,6 +12,7 @@ from crowdbench.boards.ranking import (
     ranks,
     scores,
 )
+
 from crowdbench.metrics.score import DELTA, Scale
 from crowdbench.utils.errors import InputError
 

@@ -6,15 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boards import BOARD, SEASON, card, make_key, write_board
+from fill import freeze_entries
+from readme import section
+from standings import standings
 from typer.testing import CliRunner
 
 from crowdbench.boards.board import read_board
-from crowdbench.boards.markdown import section
+from crowdbench.boards.entry import read_entries
 from crowdbench.boards.season import read_season
-from crowdbench.boards.shipped import freeze_entries
-from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
-from crowdbench.boards.verification import verify
+from crowdbench.boards.verification import verify, verify_in_season
 from crowdbench.cli import app
 from crowdbench.plugins.load import load_module
 from crowdbench.scenario.cases import Cases
@@ -86,7 +87,7 @@ def root(shared, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("crowdbench.boards.decision_time.TIMED", 2)
         for entry in read_entries(board, root):
-            assert verify(entry, board, work=work, season=season, key=key).verdict == "re-run"
+            assert verify_in_season(entry, board, work, season, key).verdict == "re-run"
     return root
 
 
@@ -126,10 +127,8 @@ def test_a_planner_has_other_weights_in_each_scene_and_is_verified(shared, tmp_p
     entry, failed = submit(submission, tmp_path / "boards", tmp_path / "work")
     assert failed == {}
     assert entry.spec.facts == {
-        "network": "mine",
-        "eth_reactive/weights": "all but eth",
-        "hotel_reactive/weights": "all but hotel",
+        "eth_reactive": {"network": "mine", "weights": "all but eth"},
+        "hotel_reactive": {"network": "mine", "weights": "all but hotel"},
     }
-    assert entry.spec.facts_in("hotel_reactive") == {"network": "mine", "weights": "all but hotel"}
     found = verify(entry, board, work=tmp_path / "work", cases=Cases("test", 0, 2))
     assert (found.verdict, found.reason[:20]) == ("re-run", "the recorded command")

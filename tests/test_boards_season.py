@@ -3,19 +3,16 @@ import json
 import shutil
 
 import pytest
-from boards import SEASON, card
+from boards import SEASON, card, not_timed
+from fill import Job, do_all
 
 from crowdbench.boards.board import read_board
+from crowdbench.boards.board_runs import InUse
 from crowdbench.boards.entry import read_entry
-from crowdbench.boards.run_entry import InUse, Unfinished
 from crowdbench.boards.season import TooEarly, freeze, read_season
-from crowdbench.boards.shipped import Job
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import Verdict, read_verification
-from crowdbench.boards.verification import verify
-from crowdbench.cli import app
-from crowdbench.cli.leaderboard import do_all
-from crowdbench.runs.shards import Shard
+from crowdbench.boards.verification import verify, verify_in_season
 from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
@@ -42,7 +39,7 @@ def season(root, made):
 
 
 def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: "")
+    not_timed(monkeypatch)
     before = (root / "small" / "entries" / "careful" / "entry.json").read_bytes()
     found = verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work")
     assert found.verdict == Verdict.RERUN
@@ -50,7 +47,7 @@ def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeyp
 
 
 def test_an_interrupted_verification_without_a_season_leaves_nothing(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", interrupted)
+    monkeypatch.setattr("crowdbench.boards.verification.time_decisions", interrupted)
     with pytest.raises(KeyboardInterrupt):
         verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work")
     assert not list((tmp_path / "work").iterdir())
@@ -67,58 +64,47 @@ def test_a_verification_that_was_killed_before_its_verdict_goes_on(root, season,
     with monkeypatch.context() as patch:
         patch.setattr("crowdbench.boards.verdict.sign", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            verify(entry, **command)
+            verify_in_season(entry, **command)
     assert not list((root / "small" / "verifications" / "careful").iterdir())
-    assert verify(entry, **command).verdict == Verdict.RERUN
+    assert verify_in_season(entry, **command).verdict == Verdict.RERUN
     assert found_of(root).season == "first"
 
 
-def test_shards_share_a_season_and_the_last_one_comes_to_the_verdict(root, season, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
-    monkeypatch.setattr("crowdbench.boards.run_entry.BATCH", 5)
-    before = found_of(root)
-    entry = unverified(root)
-    command = {"board": read_board(root / "small"), "work": tmp_path / "work", **season}
-    with pytest.raises(Unfinished, match="batches of circle_crossing_5 are missing, which other shards make"):
-        verify(entry, **command, shard=Shard(2, 2))
-    assert len(list((tmp_path / "work").glob("verify-*/*.parts-*/test-*"))) == 1
-    found = verify(entry, **command, shard=Shard(1, 2))
-    assert found.figures == before.figures
-    assert not list((tmp_path / "work").glob("verify-*"))
-    with pytest.raises(InUse, match="was verified in the season first before"):
-        verify(entry_of(root), **command, shard=Shard(2, 2))
-
-
-def test_a_shard_that_leaves_the_rest_to_others_exits_with_0(root, made, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("crowdbench.boards.run_entry.BATCH", 5)
-    files = [f"--key={made / 'key_of_tester'}", f"--work={tmp_path / 'work'}"]
-    arguments = ["verify", str(unverified(root).directory), "--season", "--shard=2/2", *files]
-    assert app(arguments, standalone_mode=False) == 0
-    assert "the last shard goes on" in capsys.readouterr().err
-
-
-def test_shards_share_a_submission(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.run_entry.BATCH", 4)
+def test_an_interrupted_submission_goes_on_with_its_own_runs_and_with_no_others(root, tmp_path, monkeypatch):
+    not_timed(monkeypatch)
     (tmp_path / "card.toml").write_text(card())
-    wanted = Submission(read_board(root / "small"), "mine", "orca", {}, [], tmp_path / "card.toml", "Ada")
-    with pytest.raises(Unfinished, match="the last shard goes on"):
-        submit(wanted, root, tmp_path / "work", shard=Shard(1, 2))
-    assert not (root / "small" / "entries" / "mine").exists()
-    made, _ = submit(wanted, root, tmp_path / "work", shard=Shard(2, 2))
-    assert made.spec.reported == entry_of(root, "orca").spec.reported
+    board, work = read_board(root / "small"), tmp_path / "work"
+    result = work / "submit-small-mine" / "circle_crossing_5" / "result.json"
+
+    def submission(space):
+        return Submission(board, "mine", "orca", {"safety_space": space}, [], tmp_path / "card.toml", "Ada")
+
+    def interrupt(space):
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr("crowdbench.boards.submission.write_entry", interrupted)
+            submit(submission(space), root, work)
+        assert not (root / "small" / "entries" / "mine").exists()
+        return json.loads(result.read_text())["id"], result.stat().st_mtime_ns
+
+    first = interrupt(0.05)
+    assert interrupt(0.05) == first
+    assert interrupt(0.1)[0] != first[0]
+    entry, _ = submit(submission(0.1), root, work)
+    assert entry.spec.options == {"safety_space": 0.1}
+    assert not result.exists()
     with pytest.raises(InUse, match="exists already"):
-        submit(wanted, root, tmp_path / "work", shard=Shard(1, 2))
+        submit(submission(0.1), root, work)
 
 
 def test_an_entry_is_verified_once_in_a_season(root, season, tmp_path):
     with pytest.raises(InputError, match="was verified in the season first before, which is done once"):
-        verify(entry_of(root), read_board(root / "small"), work=tmp_path, **season)
+        verify_in_season(entry_of(root), read_board(root / "small"), work=tmp_path, **season)
 
 
 def test_an_entry_that_came_later_takes_no_part(root, made, tmp_path):
     (root / "frozen.json").write_text(json.dumps({"season": "first", "entries": {"small": {"orca": "0" * 64}}}))
     with pytest.raises(InputError, match="takes no part in the season first"):
-        verify(
+        verify_in_season(
             entry_of(root),
             read_board(root / "small"),
             work=tmp_path,

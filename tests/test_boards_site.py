@@ -18,8 +18,8 @@ pytest.importorskip("matplotlib")
 from boards import make_key
 
 from crowdbench.boards.board import read_board, read_boards
+from crowdbench.boards.board_runs import read_episodes
 from crowdbench.boards.entry import file_digests, read_entry, write_entry
-from crowdbench.boards.kept_runs import read_episodes
 from crowdbench.boards.season import freeze
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import (

@@ -6,18 +6,18 @@ import shutil
 import subprocess
 
 import pytest
-from boards import card, make_key
+from boards import card, make_key, not_timed
+from fill import fill, to_submit, to_verify
+from standings import standings
 from typer.testing import CliRunner
 
 from crowdbench.boards.board import read_board
-from crowdbench.boards.entry import read_entry
+from crowdbench.boards.entry import read_entries, read_entry
 from crowdbench.boards.season import read_season
-from crowdbench.boards.shipped import to_submit, to_verify
 from crowdbench.boards.signature import find_signer, is_signed, sign
-from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.verdict import Unverified, read_verification
-from crowdbench.boards.verification import verify
-from crowdbench.cli import app
+from crowdbench.boards.verification import verify_in_season
+from crowdbench.cli import app, build_script
 from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
@@ -157,8 +157,8 @@ def test_a_folder_without_maintainers_believes_nobody(root):
 
 def test_who_is_no_maintainer_verifies_nothing(root, key, tmp_path):
     entry = read_entry(root / "small" / "entries" / "careful")
-    with pytest.raises(InputError, match="what is found in a season is signed: give a maintainer's key"):
-        verify(entry, read_board(root / "small"), work=tmp_path, season=read_season(root))
+    with pytest.raises(InputError, match="there is no key"):
+        verify_in_season(entry, read_board(root / "small"), tmp_path, read_season(root), tmp_path / "missing")
     (tmp_path / "other").mkdir()
     stranger = make_key(tmp_path, tmp_path / "other", "stranger")
     with pytest.raises(InputError, match=r"is no maintainer's: .* has no line for it"):
@@ -177,9 +177,9 @@ def test_a_planner_of_others_does_not_come_near_the_key(root, key, tmp_path, mon
     monkeypatch.setattr("crowdbench.isolation.sandbox.level", lambda: "process")
     settings = {"board": read_board(root / "small"), "work": tmp_path, "season": read_season(root), "key": key}
     with pytest.raises(InputError, match="without bubblewrap its planner could read the key that signs"):
-        verify(read_entry(root / "small" / "entries" / "careful"), **settings)
-    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: "")
-    assert verify(read_entry(root / "small" / "entries" / "orca"), **settings).level == "process"
+        verify_in_season(read_entry(root / "small" / "entries" / "careful"), **settings)
+    not_timed(monkeypatch)
+    assert verify_in_season(read_entry(root / "small" / "entries" / "orca"), **settings).level == "process"
 
 
 def test_a_name_is_no_pattern(root, tmp_path, key):
@@ -211,18 +211,23 @@ def test_fill_says_what_it_does_and_what_it_took(root, key, tmp_path, monkeypatc
     (root / "cards").mkdir()
     (root / "cards" / "orca.toml").write_text(card())
     (root / "shipped.toml").write_text('[[shipped]]\nname = "orca"\nplanner = "orca"\n')
-    command = ["leaderboard", "fill", "small", "--root", str(root), "--work", str(tmp_path / "work")]
-    unknown = CliRunner().invoke(app, [*command[:2], "five", *command[3:]])
+    command = ["small", "--root", str(root), "--work", str(tmp_path / "work")]
+    unknown = CliRunner().invoke(build_script(fill), ["five", *command[1:]])
     assert "no board is called 'five'; there are small" in str(unknown.exception)
-    said = CliRunner().invoke(app, command).output
+    said = CliRunner().invoke(build_script(fill), command).output
     assert "small: no entry is verified: give the key of a maintainer, --key FILE" in said
-    said = CliRunner().invoke(app, [*command, "--key", str(key)]).output
+    said = CliRunner().invoke(build_script(fill), [*command, "--key", str(key)]).output
     assert re.search("verification: careful on small, the first of 2", said)
     assert re.search(r"verification: orca on small took \d+\.\d minutes", said)
     assert why_unranked(root) == ""
     shutil.rmtree(root / "small" / "entries" / "orca")
-    said = CliRunner().invoke(app, command).output
+    said = CliRunner().invoke(build_script(fill), command).output
     assert "entry: orca on small, the first of 1" in said
+
+
+def test_fill_refuses_tracks_that_no_board_needs(root, tmp_path):
+    done = CliRunner().invoke(build_script(fill), ["small", "--data", str(tmp_path), "--root", str(root)])
+    assert "--data goes with boards whose people were recorded" in str(done.exception)
 
 
 def test_fill_enters_a_planner_again_whose_files_are_others_until_its_entry_is_frozen(root, tmp_path):

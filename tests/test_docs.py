@@ -9,10 +9,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from readme import write_readme
 from typer.testing import CliRunner
 
 import crowdbench
-from crowdbench.boards.markdown import write_readme
 from crowdbench.cli import app
 from crowdbench.core.types.observation import Observation, Pedestrians, Vehicle
 from crowdbench.plugins.load import load_module

@@ -22,7 +22,6 @@ PAGES = [
 RUN_ELSEWHERE = {
     "submit": ".ci/boards",
     "verify": ".ci/boards",
-    "leaderboard": ".ci/boards",
     "merge": "tests/test_parts.py",
     "train": ".ci/train",
 }

@@ -1,9 +1,9 @@
-"""An entry of a board: one planner's files, its card, and its runs on the public cases.
+"""An entry of a board: the files of one planner, its card, and its runs on the public cases.
 
-entries/<name>/entry.json          what follows, with the sha256 of every other file
-entries/<name>/card.toml           what its authors say of it
+entries/<name>/entry.json          an `EntrySpec`, with the sha256 of all other files
+entries/<name>/card.toml           a `CardSpec`, written by the authors
 entries/<name>/planner/            the planner's files, unless it is built in or an installed package
-entries/<name>/public/<scenario>/  episodes and commands of the public cases of each scenario
+entries/<name>/public/<scenario>/  episodes and commands of the public cases of a scenario
 """
 
 from __future__ import annotations
@@ -18,34 +18,38 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from crowdbench.plugins.load import file_and_function
+from crowdbench.boards.board import Board
+from crowdbench.boards.planner_files import PLANNER, check_named_files, imported_code, package, package_files
+from crowdbench.plugins.new_planner import CARD
 from crowdbench.runs.recording import COMMANDS
 from crowdbench.runs.results import EPISODES
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.toml import Flag, Location, Name, Names, Text, TomlTable, integer, parse_table, read_toml
 
+ENTRIES = "entries"
 ENTRY = "entry.json"
-CARD = "card.toml"
-PLANNER = "planner"
 PUBLIC = "public"
 
 NAMES = re.compile("[a-z0-9][a-z0-9_]{1,49}")
-"""What an entry may be called: its name is a folder and a part of addresses."""
+"""The pattern of an entry's name, which is a folder and a part of addresses."""
 
 NAMING = "its name must be 2 to 50 lower-case letters, digits and underscores"
 
-_HOLDS = re.compile(rf"{re.escape(CARD)}|{PLANNER}/.+|{PUBLIC}/\w+/({re.escape(EPISODES)}|{re.escape(COMMANDS)})")
+_FILES = re.compile(rf"{re.escape(CARD)}|{PLANNER}/.+|{PUBLIC}/\w+/({re.escape(EPISODES)}|{re.escape(COMMANDS)})")
 """The files that an entry may have."""
 
 SUBMITTER = r"^\w[\w .'\-]{0,99}$"
-"""What the name of a submitter may be: it stands on pages and in Markdown."""
+"""The pattern of a submitter's name, which is printed on pages and in Markdown."""
 
 MAINTAINERS = "crowdbench"
-"""Who submits the planners that ship, of which any number is ranked."""
+"""The submitter of the planners that ship, of which any number is ranked."""
+
+SHIPPED = f"{MAINTAINERS}=="
+"""The beginning of the distribution of a planner that ships."""
 
 SCHEMA = 1
-"""Version of what `entry.json` holds."""
+"""Version of the format of `entry.json`."""
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Texts = Annotated[list[Text], Field(description="a list of texts in quotes")]
@@ -54,11 +58,10 @@ Means = dict[str, dict[str, float | None]]
 
 
 class CardSpec(TomlTable):
-    """The whole of `card.toml`: what the authors of an entry say of it.
+    """The contents of `card.toml`: what the authors declare.
 
-    `method` names what the entry belongs to, so that several entries of one method can be compared with others as a
-    method. `crowd_model` is the model of pedestrians inside the planner, such as "ORCA", or "none".
-    `validation_runs` is how many trained or tuned variants were compared before this one was chosen.
+    `method` is the same for all entries of one method. `crowd_model` is the model of pedestrians inside the planner,
+    such as "ORCA", or "none". `validation_runs` is the number of variants that were compared on validation cases.
     """
 
     title: Name
@@ -79,7 +82,7 @@ class CardSpec(TomlTable):
 
 
 class Record(BaseModel):
-    """What is kept as JSON, of which every key is known."""
+    """A record that is written as JSON. Unknown keys are refused."""
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
 
@@ -96,8 +99,7 @@ class EntrySpec(Record):
         package: For a planner that is no file: the distribution with its version, such as `crowdbench==0.1.0`.
         package_files: For such a planner, the sha256 of the Python files that it consists of, by path.
         code: The digest of the code of crowdbench that the planner imports.
-        facts: What the planner says of itself beyond its options, such as the digest of its weights. What it does not
-            say in all scenarios alike is named `<scenario>/<fact>`: among recorded people it may have other weights.
+        facts: The facts that the planner states in each scenario, such as the digest of its weights.
         options: The planner's options; files are relative to the entry.
         networks: The options in which other networks of the same method differ, trained with other seeds.
         privileged: Whether the planner uses what no vehicle could see.
@@ -114,7 +116,7 @@ class EntrySpec(Record):
     package: str
     package_files: dict[str, Sha256]
     code: Sha256
-    facts: dict[str, str]
+    facts: dict[str, dict[str, str]]
     options: dict[str, JsonValue]
     networks: list[dict[str, JsonValue]]
     privileged: bool
@@ -122,37 +124,15 @@ class EntrySpec(Record):
     files: dict[str, Sha256]
     reported: Means
 
-    def facts_in(self, scenario: str) -> dict[str, str]:
-        """What the planner says of itself in one of the scenarios that it drives."""
-        others = tuple(f"{name}/" for name in self.reported)
-        own = f"{scenario}/"
-        return {
-            name.removeprefix(own): fact
-            for name, fact in self.facts.items()
-            if name.startswith(own) or not name.startswith(others)
-        }
-
-
-def join_facts(facts: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
-    """The `facts` of an entry: what a planner says of itself in each scenario, by the scenario's name."""
-    first, *others = facts.values()
-    common = {name: fact for name, fact in first.items() if all(each.get(name) == fact for each in others)}
-    return common | {
-        f"{scenario}/{name}": fact
-        for scenario, own in facts.items()
-        for name, fact in own.items()
-        if name not in common
-    }
-
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry as it is on disk.
+    """An entry that was read from its directory.
 
     Attributes:
-        directory: Its directory, whose name is its own.
-        spec: The contents of its `entry.json`.
-        card: What its authors say of it.
+        directory: The directory. Its name is that of the entry.
+        spec: The contents of `entry.json`.
+        card: The contents of `card.toml`.
     """
 
     directory: Path
@@ -161,17 +141,17 @@ class Entry:
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Return the name."""
         return self.directory.name
 
     @property
     def public(self) -> Path:
-        """The folder of its runs on the public cases."""
+        """Return the folder of the runs on the public cases."""
         return self.directory / PUBLIC
 
     @property
     def digest(self) -> str:
-        """The sha256 of what is frozen when a season closes: the planner, its options, its files and its card."""
+        """Return the sha256 of what is frozen when a season closes: planner, options, files and card."""
         spec = self.spec
         frozen = {path: digest for path, digest in spec.files.items() if not path.startswith(f"{PUBLIC}/")}
         code = [spec.package, spec.package_files, spec.code, frozen]
@@ -181,10 +161,10 @@ class Entry:
 
 
 def read_entry(directory: Path) -> Entry:
-    """Read an entry from its directory and check that its files are those that it names.
+    """Read an entry from its directory, and check its files.
 
-    Raises InputError where a file is missing, was changed or is not named, or `entry.json` or `card.toml` are not as
-    they must be.
+    Raises:
+        InputError: A file is missing, was changed or is not listed, or `entry.json` or `card.toml` is wrong.
     """
     if not NAMES.fullmatch(directory.resolve().name):
         raise InputError(f"{directory} cannot be an entry: {NAMING}")
@@ -198,41 +178,9 @@ def read_entry(directory: Path) -> Entry:
     spec = _parse(table, path)
     check_submitter(spec.submitted_by, spec.package)
     check_networks(spec.options, spec.networks)
-    _check_named_files(directory, [spec.planner, spec.options, spec.networks])
+    check_named_files([spec.planner, spec.options, spec.networks], directory)
     _check_files(directory, spec.files)
-    card = parse_table(CardSpec, read_toml(directory / CARD, "card"), Location(f"{directory.name}/{CARD}"))
-    return Entry(directory, spec, card)
-
-
-def check_submitter(name: str, package: str) -> None:
-    """Raise InputError where nobody can be called so, or it is the name of those whose planners ship.
-
-    Args:
-        name: Who submits an entry.
-        package: The distribution that its planner comes from; empty for a planner in files of its own.
-    """
-    if not re.fullmatch(SUBMITTER, name) or name != name.strip():
-        raise InputError(f"{name!r} cannot submit an entry: a name has letters, digits, spaces and -_.' only")
-    if name.lower() == MAINTAINERS and not package.startswith(f"{MAINTAINERS}=="):
-        raise InputError(f"an entry submitted by {name} must be of a planner that ships: give another name")
-
-
-def check_networks(options: Mapping[str, Any], networks: Sequence[Mapping[str, Any]]) -> None:
-    """Raise InputError where two networks of a method have the same options, those of the entry among them."""
-    if any(one in (options, *networks[:index]) for index, one in enumerate(networks)):
-        raise InputError("two networks of the entry are the same: name each of them once, and not the entry's own")
-
-
-def _check_named_files(directory: Path, value: Any) -> None:
-    """Raise InputError where the planner or an option names a file of the entry that is not frozen with it."""
-    if isinstance(value, Mapping | list):
-        for each in value.values() if isinstance(value, Mapping) else value:
-            _check_named_files(directory, each)
-    elif isinstance(value, str) and "/" in value and "\0" not in value:
-        path = directory / (file_and_function(value)[0] or value)
-        inside = directory / PLANNER
-        if path.is_file() and (".." in path.parts or not path.resolve().is_relative_to(inside.resolve())):
-            raise InputError(f"{directory / ENTRY} names the file {value}, which does not lie in {PLANNER}/")
+    return Entry(directory, spec, read_card(directory / CARD))
 
 
 def _parse(table: Any, path: Path) -> EntrySpec:
@@ -242,18 +190,85 @@ def _parse(table: Any, path: Path) -> EntrySpec:
         return EntrySpec.model_validate(table)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"])) or "the whole file"
-        raise InputError(f"{path} is no entry of crowdbench: {place}: {first['msg']}") from None
+        key = ".".join(map(str, first["loc"])) or "the whole file"
+        raise InputError(f"{path} is no entry of crowdbench: {key}: {first['msg']}") from None
+
+
+def read_card(path: Path) -> CardSpec:
+    """Read the card of an entry. Raises InputError if it is missing or wrong."""
+    if not path.exists():
+        raise InputError(f"there is no card {path}, which says what the planner is: `crowdbench new-planner` makes one")
+    return parse_table(CardSpec, read_toml(path, "card"), Location(str(path)))
+
+
+def read_entries(board: Board, root: Path) -> list[Entry]:
+    """Read the entries of a board by name. Raises InputError if an entry is damaged, see `read_entry`."""
+    entries = [read_entry(path.parent) for path in sorted((root / board.name).glob(f"{ENTRIES}/*/{ENTRY}"))]
+    for entry in entries:
+        check_board_name(entry, board)
+    return entries
+
+
+def check_board_name(entry: Entry, board: Board) -> None:
+    """Raise InputError if an entry is one of another board."""
+    if entry.spec.board != board.name:
+        raise InputError(f"{entry.directory} is an entry of the board {entry.spec.board}, not of {board.name}")
+
+
+def check_submitter(name: str, package: str) -> None:
+    """Raise InputError if a name is not allowed, or is that of the maintainers and the planner does not ship.
+
+    Args:
+        name: The submitter of an entry.
+        package: The distribution of the planner; empty for a planner whose files are in the entry.
+    """
+    if not re.fullmatch(SUBMITTER, name) or name != name.strip():
+        raise InputError(f"{name!r} cannot submit an entry: a name has letters, digits, spaces and -_.' only")
+    if name.lower() == MAINTAINERS and not package.startswith(SHIPPED):
+        raise InputError(f"an entry submitted by {name} must be of a planner that ships: give another name")
+
+
+def check_networks(options: Mapping[str, Any], networks: Sequence[Mapping[str, Any]]) -> None:
+    """Raise InputError if two networks of a method have the same options."""
+    if any(network in (options, *networks[:index]) for index, network in enumerate(networks)):
+        raise InputError("two networks of the entry are the same: name each of them once, and not the entry's own")
+
+
+def check_unchanged(entry: Entry) -> None:
+    """Raise InputError if the installed planner or its code differs from that of the entry."""
+    spec = entry.spec
+    if (installed := package(spec.planner)) != spec.package:
+        raise InputError(f"the planner is of {spec.package}, but {installed} is installed")
+    if package_files(spec.planner) != spec.package_files:
+        raise InputError(f"the files of the planner {spec.planner} are others than those that were entered")
+    if imported_code(spec.planner, spec.options, entry.directory) != spec.code:
+        raise InputError(
+            f"the code of crowdbench that the planner {spec.planner} imports is another than when it was entered"
+        )
+
+
+def is_pending(entry: Entry, board: Board) -> bool:
+    """Check if an entry was made for another digest of the board, or for other code of its planner.
+
+    The code of a package that is not installed counts as unchanged.
+    """
+    spec = entry.spec
+    if spec.board_digest != board.digest:
+        return True
+    try:
+        current = package_files(spec.planner), imported_code(spec.planner, spec.options, entry.directory)
+    except InputError:
+        return spec.package.startswith(SHIPPED)
+    return current != (spec.package_files, spec.code)
 
 
 def file_digests(directory: Path) -> dict[str, str]:
-    """The sha256 of every file of an entry but `entry.json`, by its path in it."""
-    found = sorted(path for path in directory.rglob("*") if path != directory / ENTRY)
-    paths = [path for path in found if path.is_symlink() or not path.is_dir()]
+    """Return the sha256 of all files of an entry but `entry.json`, by path."""
+    paths = [path for path in sorted(directory.rglob("*")) if path.is_symlink() or not path.is_dir()]
     for path in paths:
         if path.is_symlink() or not path.is_file():
             raise InputError(f"{path} is not a plain file: an entry holds nothing else")
-    return {path.relative_to(directory).as_posix(): files.sha256(path) for path in paths}
+    return {path.relative_to(directory).as_posix(): files.sha256(path) for path in paths if path != directory / ENTRY}
 
 
 def _check_files(directory: Path, digests: Mapping[str, str]) -> None:
@@ -262,7 +277,7 @@ def _check_files(directory: Path, digests: Mapping[str, str]) -> None:
         raise InputError(f"{directory / missing[0]}, which {ENTRY} names, is missing")
     if more := sorted(present.keys() - digests.keys()):
         raise InputError(f"{directory / more[0]} is not a file of this entry: {ENTRY} does not name it; remove it")
-    if unknown := sorted(path for path in present if not _HOLDS.fullmatch(path)):
+    if unknown := sorted(path for path in present if not _FILES.fullmatch(path)):
         raise InputError(f"{directory / unknown[0]} is none of the files that an entry may have: remove it")
     for path, digest in digests.items():
         if present[path] != digest:
@@ -276,12 +291,12 @@ def write_entry(directory: Path, spec: EntrySpec) -> None:
 
 
 def write_record(path: Path, record: Record) -> None:
-    """Write a record as JSON with a line for each value, and one for each estimate."""
+    """Write a record as JSON with a line for each value and each estimate."""
     path.write_text(_format(record.model_dump(mode="json")) + "\n", encoding="utf-8")
 
 
 def _format(value: Any, end: str = "\n") -> str:
     if not isinstance(value, dict) or not value or "mean" in value:
         return json.dumps(value)
-    lines = [f"{end}  {json.dumps(key)}: {_format(each, f'{end}  ')}" for key, each in value.items()]
+    lines = [f"{end}  {json.dumps(key)}: {_format(item, f'{end}  ')}" for key, item in value.items()]
     return f"{{{','.join(lines)}{end}}}"

@@ -1,14 +1,15 @@
-"""What is found of an entry that is run again, and whether it is believed.
+"""The verdict on an entry in a season: how it is written, and when it counts.
 
-verifications/<entry>/<season>/verification.json       what was found, with the sha256 of every other file
+verifications/<entry>/<season>/verification.json       a `Verification`, with the sha256 of all other files
 verifications/<entry>/<season>/verification.json.sig   the signature of the maintainer who has verified the entry
 verifications/<entry>/<season>/<scenario>/             outcome, steps and SCT of the cases of the season
 
-They lie in the folder of the board and not in that of the entry, which belongs to whoever has submitted it.
+They lie in the folder of the board. The folder of the entry belongs to its submitter.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 from pathlib import Path
 from typing import Annotated
@@ -16,21 +17,24 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, ValidationError
 
 from crowdbench.boards.board import Board
+from crowdbench.boards.board_runs import read_episodes
 from crowdbench.boards.entry import Entry, Record, Sha256, file_digests, write_record
-from crowdbench.boards.kept_runs import keep_ranked
 from crowdbench.boards.season import Season
 from crowdbench.boards.signature import is_signed, sign
 from crowdbench.metrics.summary import Estimate
-from crowdbench.runs.results import read_estimate
+from crowdbench.runs.results import EPISODES, read_estimate
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 
 VERIFICATIONS = "verifications"
 VERIFICATION = "verification.json"
 
+DIGITS = 6
+"""Decimal places of the SCT of ranked cases."""
+
 
 class Verdict(enum.StrEnum):
-    """What somebody found who ran an entry again."""
+    """The result of a verification."""
 
     RERUN = "re-run"
     """The recorded commands lead to the reported figures, and the planner does about as well on unknown cases."""
@@ -43,7 +47,7 @@ class Verdict(enum.StrEnum):
 
 
 class DecisionTime(Record):
-    """How long a planner took for its decisions in one world alone, on one core: see `decision_time`.
+    """The time of a planner's decisions in one world alone, on one core: see `decision_time`.
 
     Attributes:
         p99_ms: The 99th percentile over decisions, in milliseconds.
@@ -75,51 +79,43 @@ class Figure(Record):
 
     @property
     def estimate(self) -> Estimate:
-        """The estimate itself."""
+        """Return the estimate."""
         return read_estimate(self.model_dump())
 
 
-class Range(Record):
-    """A mean with its 95 % interval."""
-
-    mean: float
-    low: float
-    high: float
-
-
 class Method(Record):
-    """What holds of a method: the means over networks that were trained with other seeds.
+    """Means over networks that were trained with other seeds.
 
     Attributes:
-        networks: How many networks there are, that of the entry included.
-        cases: How many cases each of them drives.
+        networks: The number of networks, that of the entry included.
+        cases: The number of cases that each network drives.
         metrics: The means by metric, with intervals for other networks on other cases.
     """
 
     networks: int
     cases: int
-    metrics: dict[str, Range]
+    metrics: dict[str, Figure]
 
 
 class Verification(Record):
-    """What somebody found who ran an entry again.
+    """The verdict on an entry, and what was measured.
 
     Attributes:
-        by: The maintainer who has signed it; empty for one that nobody signs.
+        by: The maintainer who has signed it; empty if nobody signs it.
         on: The day, such as 2027-01-31.
         board: The name of the board.
         board_digest: Its digest, of which the digest of the simulator's code is a part.
         entry: The name of the entry.
         entry_digest: Its digest.
-        season: The season whose seed it was; empty for a seed that was drawn for this verification alone.
+        season: The season of the seed; empty for a seed that was drawn for this verification alone.
         seed: The seed of the cases.
-        level: How the planner was kept apart, as `crowdbench.isolation.sandbox.level` says it.
+        level: The level of isolation, see `crowdbench.isolation.sandbox.level`.
         verdict: The verdict.
         reason: Why, in a sentence.
-        figures: The estimates on these cases by scenario and metric; empty where the planner did not come so far.
-        decision_time: How long decisions took; None where that was not measured.
-        untimed: Why it was not, in a sentence; empty where it was, or where the planner did not come so far.
-        method: What holds of its method; None where the entry has too few networks to claim something.
+        figures: The estimates on these cases by scenario and metric; empty if the verdict came before.
+        decision_time: The time of decisions; None if it was not measured.
+        untimed: Why it was not measured, in a sentence; empty if it was, or if the verdict came before.
+        method: The means of its method; None if the entry has too few networks.
         files: The sha256 of each file of the runs, by its path beside `verification.json`.
     """
 
@@ -142,20 +138,20 @@ class Verification(Record):
 
 
 class Unverified(InputError):
-    """There is no verification that is believed; the message says why."""
+    """No verification of an entry counts. The message says why."""
 
 
 def verification_folder(entry: Entry, season: Season) -> Path:
-    """The folder with what is found of an entry in a season."""
+    """Return the folder of the verification of an entry in a season."""
     return season.root / entry.spec.board / VERIFICATIONS / entry.name / season.spec.name
 
 
-def write_verification(folder: Path, found: Verification, board: Board, runs: Path, key: Path) -> None:
-    """Write a verification with what it keeps of its runs, and sign it. One that is there is replaced.
+def write_verification(folder: Path, verification: Verification, board: Board, runs: Path, key: Path) -> None:
+    """Write a verification with outcome, steps and SCT of its runs, and sign it. An earlier one is replaced.
 
     Args:
-        folder: Its folder.
-        found: What was found.
+        folder: The folder of the verification.
+        verification: The verification.
         board: The board.
         runs: The runs, a folder for each scenario.
         key: The key of the maintainer who has verified the entry, see `signature.sign`.
@@ -166,29 +162,30 @@ def write_verification(folder: Path, found: Verification, board: Board, runs: Pa
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
     with files.new_directory(folder, overwrite=True, mark=VERIFICATION) as partial:
-        if found.figures:
-            keep_ranked(runs, partial, board)
-        found = found.model_copy(update={"files": file_digests(partial)})
+        for name, episodes in read_episodes(board, runs).items() if verification.figures else ():
+            (partial / name).mkdir()
+            columns = {"sct": episodes.columns["sct"].round(DIGITS)}
+            dataclasses.replace(episodes, columns=columns).write(partial / name / EPISODES)
         path = partial / VERIFICATION
-        write_record(path, found)
+        write_record(path, verification.model_copy(update={"files": file_digests(partial)}))
         sign(path, key)
 
 
 def read_verification(entry: Entry, board: Board, season: Season) -> Verification:
-    """What was found of an entry in a season.
+    """Read the verification of an entry in a season.
 
-    A verification counts for the entry as it was frozen, for the board's present digest, for the seed of the season,
-    with the runs that it was signed with, and where a maintainer has signed it.
+    It counts for the entry as it was frozen, for the board's present digest, for the seed of the season, with the runs
+    that it was signed with, and if a maintainer has signed it.
 
     Raises:
-        Unverified: There is none that counts.
+        Unverified: No verification counts.
     """
     folder = verification_folder(entry, season)
     path = folder / VERIFICATION
     if not path.is_file():
         raise Unverified("nobody has verified it in this season")
     try:
-        found = Verification.model_validate_json(files.read_regular(path))
+        verification = Verification.model_validate_json(files.read_regular(path))
         runs = {name: digest for name, digest in file_digests(folder).items() if not name.startswith(VERIFICATION)}
         seed = season.seed(board.name)
     except (ValidationError, OSError):
@@ -197,11 +194,11 @@ def read_verification(entry: Entry, board: Board, season: Season) -> Verificatio
         raise Unverified(f"its verification does not count, because {error}") from None
     if not season.takes_part(board.name, entry.name, entry.digest):
         raise Unverified("it was not frozen with the other entries, or was changed since")
-    own = (board.name, board.digest, entry.name, entry.digest, season.spec.name, seed)
-    if (found.board, found.board_digest, found.entry, found.entry_digest, found.season, found.seed) != own:
+    stated = verification.model_dump(include={"board", "board_digest", "entry", "entry_digest", "season", "seed"})
+    if [*stated.values()] != [board.name, board.digest, entry.name, entry.digest, season.spec.name, seed]:
         raise Unverified("its verification is of another entry, another digest of the board, or other cases")
-    if runs != found.files:
+    if runs != verification.files:
         raise Unverified("the runs of its verification were changed")
-    if not is_signed(path, found.by, season.root):
+    if not is_signed(path, verification.by, season.root):
         raise Unverified("no maintainer has signed its verification")
-    return found
+    return verification

@@ -1,31 +1,36 @@
-"""Verifies an entry: runs it again, compares, and records in a season what was found.
+"""Verifies an entry: replays its public runs, runs its planner on held-out cases, and compares.
 
-First every public case is simulated again from its recorded commands, in this process, which never loads the planner.
-Then the planner drives cases that it cannot know, in a process of its own. What no replay can see is in
-`docs/boards.md`.
+The public cases are simulated from their recorded commands in this process, which never loads the planner. The planner
+drives the held-out cases in a process of its own. docs/boards.md lists what a verification cannot detect.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import datetime
 import secrets
 import shutil
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from crowdbench.boards.board import Board
+from crowdbench.boards.board_runs import (
+    CaseSet,
+    EntryPlanner,
+    InUse,
+    drive,
+    driven_scenarios,
+    lock_runs,
+    read_episodes,
+)
 from crowdbench.boards.consistency_test import lower_than_claimed
-from crowdbench.boards.entry import MAINTAINERS, Entry, read_entry
-from crowdbench.boards.kept_runs import driven_scenarios, read_episodes, read_figures, read_public_run
-from crowdbench.boards.method import method_cases, method_networks, network_runs, summarize_method
+from crowdbench.boards.decision_time import NotTimed, time_decisions
+from crowdbench.boards.entry import SHIPPED, Entry, check_board_name, check_unchanged, read_entry
+from crowdbench.boards.means import method_cases, other_networks, summarize_method
 from crowdbench.boards.planner_files import check_size as check_files_size
-from crowdbench.boards.planner_files import describe_change, package
-from crowdbench.boards.run_entry import EntryRun, InUse, Progress, Unfinished, lock_runs
+from crowdbench.boards.planner_files import package
 from crowdbench.boards.season import Season
 from crowdbench.boards.signature import find_signer
 from crowdbench.boards.verdict import (
@@ -40,109 +45,101 @@ from crowdbench.isolation import sandbox
 from crowdbench.runs.recording import COMMANDS, check_size
 from crowdbench.runs.replay import replay
 from crowdbench.runs.result_file import read_result
-from crowdbench.runs.results import EPISODES
-from crowdbench.runs.shards import WHOLE, Shard
+from crowdbench.runs.results import EPISODES, Episodes, to_json
+from crowdbench.runs.rollout import Progress
+from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError, MachineFault
 from crowdbench.utils.memory import limit_memory
 
-MOST_MEMORY = 4e9
+MAX_MEMORY = 4e9
 """Bytes that the replay of an entry's public runs may take."""
 
 
+class NotReproduced(InputError):
+    """The public runs of an entry do not follow from their commands. The message says where."""
+
+
 def count_cases(entry: Entry, board: Board, cases: Cases) -> int:
-    """How many cases a verification replays and drives; `cases` are those of each scenario."""
-    own = (len(cases) + board.spec.public_cases) * len(board.scenarios)
-    return own + len(method_networks(entry, board)) * len(method_cases(cases))
+    """Return how many cases a verification replays and drives; `cases` are those of each scenario."""
+    count = (len(cases) + board.spec.public_cases) * len(board.scenarios)
+    return count + len(other_networks(entry, board)) * len(method_cases(cases))
 
 
 def verify(
-    entry: Entry,
-    board: Board,
-    *,
-    work: Path,
-    season: Season | None = None,
-    key: Path | None = None,
-    cases: Cases | None = None,
-    shard: Shard = WHOLE,
-    progress: Progress | None = None,
+    entry: Entry, board: Board, work: Path, cases: Cases | None = None, progress: Progress | None = None
 ) -> Verification:
-    """Run an entry again.
+    """Verify an entry on cases of a seed that is drawn now, and record nothing.
+
+    Args:
+        entry: The entry.
+        board: Its board.
+        work: The folder of temporary files.
+        cases: The cases of each scenario; as many as in a season if None.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
+
+    Raises:
+        MachineFault: `work` cannot be written, or crowdbench has changed meanwhile.
+        InputError: The entry is of another board, or of another digest of the board.
+    """
+    _check_board(entry, board)
+    work.mkdir(parents=True, exist_ok=True)
+    case_set = CaseSet(board, cases or board.cases, secrets.randbits(63))
+    with tempfile.TemporaryDirectory(prefix=f"verify-{board.name}-{entry.name}-", dir=work) as folder:
+        return _verify(entry, case_set, Path(folder) / "runs", progress)
+
+
+def verify_in_season(
+    entry: Entry, board: Board, work: Path, season: Season, key: Path, progress: Progress | None = None
+) -> Verification:
+    """Verify an entry on the cases of a season, and record and sign the verdict.
 
     Args:
         entry: The entry.
         board: Its board.
         work: The folder that keeps finished runs until the verdict.
-        season: The season whose cases it drives, of which the verdict is recorded; None for cases of a seed that is
-            drawn now, of which nothing is recorded.
-        key: For a season, the key of the maintainer who verifies it, see `signature.sign`.
-        cases: Without a season, other cases of each scenario than those of the board.
-        shard: Which share of a season's batches is run. The last one comes to the verdict.
-        progress: Called after each step with what it added to the episodes, in parts of an episode.
-
-    Returns:
-        What was found.
+        season: The season.
+        key: The key of the maintainer who verifies the entry, see `signature.sign`.
+        progress: As for `verify`.
 
     Raises:
-        Unfinished: Runs are missing that other shards make.
-        MachineFault: `work` or the entry cannot be written, or crowdbench has changed meanwhile.
-        InputError: The entry is not one of this board, or takes no part in the season, or was verified in it before, or
-            the key is no maintainer's, or the planner could read it because there is no sandbox.
-        KeyboardInterrupt: Somebody interrupted it. In a season, the same call goes on with what is finished.
+        MachineFault: `work` or the verdict cannot be written, or crowdbench has changed meanwhile.
+        InputError: The entry is of another board, takes no part in the season or was verified in it before, the key is
+            no maintainer's, or the planner could read the key because there is no sandbox.
+        KeyboardInterrupt: The user interrupted it. The same call goes on with finished batches.
     """
-    if season is not None and key is None:
-        raise InputError("what is found in a season is signed: give a maintainer's key, --key FILE")
-    by = find_signer(key, season.root) if season and key else ""
-    _check_possible(entry, board, season)
-    spec = entry.spec
-    seed = secrets.randbits(63) if season is None else season.seed(board.name)
-    run = EntryRun(board, entry.directory, spec.planner, spec.options, work, board.cases, seed, shard, progress)
-    if season and key:
-        return _verify_in_season(entry, run, season, by, key)
-    work.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f"verify-{board.name}-{entry.name}-", dir=work) as folder:
-        return _verify(entry, dataclasses.replace(run, out=Path(folder) / "runs", cases=cases or board.cases))
-
-
-def _verify_in_season(entry: Entry, run: EntryRun, season: Season, by: str, key: Path) -> Verification:
-    board, digest = run.board, run.digest(entry.spec.package_files)
-    run = dataclasses.replace(run, out=run.out / f"verify-{board.name}-{entry.name}-{digest}-{run.seed:016x}")
-    if run.shard != WHOLE:
-        try:
-            _drive_all(entry, run)
-        except (MachineFault, Unfinished):
-            raise
-        except InputError:
-            # A fault of the planner's is no end: `_verify` below drives the same cases, meets it again, and makes a
-            # verdict of it, which says that the entry is refused.
-            pass
-    with lock_runs(run.out):
+    by = find_signer(key, season.root)
+    _check_season(entry, board, season)
+    case_set = CaseSet(board, board.cases, season.seed(board.name))
+    runs = work / f"verify-{board.name}-{entry.name}"
+    with lock_runs(runs):
         entry = read_entry(entry.directory)
-        _check_possible(entry, board, season)  # another process may be done
-        found = _verify(entry, dataclasses.replace(run, shard=WHOLE), by, season.spec.name)
-        write_verification(verification_folder(entry, season), found, board, run.out, key)
-    shutil.rmtree(run.out, ignore_errors=True)
-    return found
+        _check_season(entry, board, season)  # another process may have verified it
+        verification = _verify(entry, case_set, runs, progress, by, season.spec.name)
+        write_verification(verification_folder(entry, season), verification, board, runs, key)
+        shutil.rmtree(runs, ignore_errors=True)
+    return verification
 
 
-def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
-    spec = entry.spec
-    if spec.board != board.name:
-        raise InputError(f"{entry.directory} is an entry of the board {spec.board}, not of {board.name}")
-    if spec.board_digest != board.digest:
+def _check_board(entry: Entry, board: Board) -> None:
+    check_board_name(entry, board)
+    if entry.spec.board_digest != board.digest:
         raise InputError(
             f"{entry.directory} was made for other rules, scenarios or code of the board {board.name} "
-            f"({spec.board_digest[:12]}) than these ({board.digest[:12]}): submit it again"
+            f"({entry.spec.board_digest[:12]}) than these ({board.digest[:12]}): submit it again"
         )
     check_files_size(entry.directory)
-    if season is None:
-        return
+
+
+def _check_season(entry: Entry, board: Board, season: Season) -> None:
+    _check_board(entry, board)
     if not season.takes_part(board.name, entry.name, entry.digest):
         raise InputError(
             f"{entry.directory} takes no part in the season {season.spec.name}: it was not among the entries that were "
             "frozen, or was changed since"
         )
-    if sandbox.level() == sandbox.PROCESS and not package(entry.spec.planner).startswith(f"{MAINTAINERS}=="):
+    if sandbox.level() == sandbox.PROCESS and not package(entry.spec.planner).startswith(SHIPPED):
         raise InputError(
             f"{entry.directory} cannot be verified in a season on this machine: without bubblewrap its planner could "
             "read the key that signs"
@@ -152,114 +149,136 @@ def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
 
 
 def is_verified(entry: Entry, board: Board, season: Season) -> bool:
-    """Whether an entry has a verification in a season that counts."""
+    """Check if an entry has a verification in a season that counts."""
     try:
         return bool(read_verification(entry, board, season))
     except Unverified:
         return False
 
 
-def _verify(entry: Entry, run: EntryRun, by: str = "", season: str = "") -> Verification:
-    """Replay the public runs, run the planner on other cases, and compare."""
-    seed = run.seed
-    assert seed is not None  # as it is for public cases alone
-
-    def report(verdict: Verdict, reason: str, **measured: Any) -> Verification:
-        return Verification(
-            by=by,
-            on=datetime.datetime.now(datetime.UTC).date().isoformat(),
-            board=run.board.name,
-            board_digest=run.board.digest,
-            entry=entry.name,
-            entry_digest=entry.digest,
-            season=season,
-            seed=seed,
-            level=sandbox.level(),
-            verdict=verdict,
-            reason=reason,
-            **measured,
-        )
-
+def _verify(
+    entry: Entry, case_set: CaseSet, runs: Path, progress: Progress | None, by: str = "", season: str = ""
+) -> Verification:
+    measured: dict[str, Any]
     try:
-        with limit_memory(MOST_MEMORY):
-            difference = _find_difference(entry, run.board, run.progress)
-    except MemoryError:
-        difference = f"to replay its public runs takes more than {MOST_MEMORY / 1e9:g} GB of memory"
-    if difference:
-        return report(Verdict.NOT_REPRODUCED, difference)
-    try:
-        if change := describe_change(entry):
-            return report(Verdict.REFUSED, change)
-        failed = _drive_all(entry, run)
-        if unexpected := [name for name in failed if name in entry.spec.reported]:
-            return report(Verdict.REFUSED, f"{unexpected[0]}: {failed[unexpected[0]]}")
-        others = network_runs(entry, run)
-        method = summarize_method(run, others) if others else None
-        speed = run.time_decisions()
+        with limit_memory(MAX_MEMORY):
+            _replay_public_runs(entry, case_set.board, progress)
+        measured = _run_again(entry, case_set, runs, progress)
     except MachineFault:
         raise
+    except MemoryError:
+        reason = f"to replay its public runs takes more than {MAX_MEMORY / 1e9:g} GB of memory"
+        measured = {"verdict": Verdict.NOT_REPRODUCED, "reason": reason}
+    except NotReproduced as error:
+        measured = {"verdict": Verdict.NOT_REPRODUCED, "reason": str(error)}
     except InputError as error:
-        return report(Verdict.REFUSED, str(error))
-    verdict, reason = _judge(entry, run)
-    figures = {} if verdict == Verdict.REFUSED else read_figures(run.board, run.out)
-    timed = {"untimed": speed} if isinstance(speed, str) else {"decision_time": speed}
-    return report(verdict, reason, figures=figures, method=method, **timed)
+        measured = {"verdict": Verdict.REFUSED, "reason": str(error)}
+    assert case_set.seed is not None  # it is None for public cases alone
+    return Verification(
+        by=by,
+        on=datetime.datetime.now(datetime.UTC).date().isoformat(),
+        board=case_set.board.name,
+        board_digest=case_set.board.digest,
+        entry=entry.name,
+        entry_digest=entry.digest,
+        season=season,
+        seed=case_set.seed,
+        level=sandbox.level(),
+        **measured,
+    )
 
 
-def _find_difference(entry: Entry, board: Board, progress: Progress | None) -> str:
-    """Return what the public runs of an entry say and their commands do not lead to; empty where all follows."""
-    scenarios, driven = {scenario.name: scenario for scenario in board.load(None)}, set(entry.spec.reported)
-    if not driven or driven != {path.name for path in entry.public.glob("*")} or not driven <= scenarios.keys():
-        return "the scenarios of its reported figures are not those of its public runs, or not of this board"
+def _replay_public_runs(entry: Entry, board: Board, progress: Progress | None) -> None:
+    """Simulate the public cases from their commands. Raises NotReproduced if the runs of the entry differ."""
+    scenarios = {scenario.name: scenario for scenario in board.load(None)}
+    reported, folders = set(entry.spec.reported), {path.name for path in entry.public.glob("*")}
+    if not reported or reported != folders or not reported <= scenarios.keys():
+        raise NotReproduced(
+            "the scenarios of its reported figures are not those of its public runs, or not of this board"
+        )
     for name in driven_scenarios(board, entry.public):
         try:
-            check_size(entry.public / name / COMMANDS, len(board.public_cases), scenarios[name].rules.max_steps)
-            run = read_public_run(entry, board, scenarios[name])
-            if not _are_means(entry.spec.reported[name], run.result["metrics"]):
-                return f"{name}: the reported figures are not those of {EPISODES}"
-            if differences := replay(run, scenarios[name], board.metrics, progress).differences:
-                return f"{name}: {differences[0]}"
+            _replay(entry, board, scenarios[name], progress)
+        except MachineFault:
+            raise
         except InputError as error:
-            return f"{name}: {error}"
-    return ""
+            raise NotReproduced(f"{name}: {error}") from None
 
 
-def _are_means(reported: Mapping[str, float | None], metrics: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Check reported means, whose last digits depend on the version of NumPy."""
+def _replay(entry: Entry, board: Board, scenario: Scenario, progress: Progress | None) -> None:
+    commands = entry.public / scenario.name / COMMANDS
+    check_size(commands, len(board.public_cases), scenario.rules.max_steps)
+    run = read_public_run(entry, board, scenario)
+    reported, metrics = entry.spec.reported[scenario.name], run.result["metrics"]
     if reported.keys() != metrics.keys():
-        return False
-    one, two = (np.array(each, float) for each in ([*reported.values()], [metrics[name]["mean"] for name in reported]))
-    return np.allclose(one, two, rtol=1e-9, atol=0.0, equal_nan=True)
+        raise InputError(f"the reported figures are not those of {EPISODES}")
+    means = [metrics[name]["mean"] for name in reported]
+    # The last digits of a mean depend on the version of NumPy.
+    if not np.allclose(
+        np.array([*reported.values()], float), np.array(means, float), rtol=1e-9, atol=0.0, equal_nan=True
+    ):
+        raise InputError(f"the reported figures are not those of {EPISODES}")
+    if differences := replay(run, scenario, board.metrics, progress).differences:
+        raise InputError(differences[0])
 
 
-def _drive_all(entry: Entry, run: EntryRun) -> dict[str, str]:
-    """Drive the planner of an entry, and the other networks of its method; returns and raises as `EntryRun.drive`.
+def read_public_run(entry: Entry, board: Board, scenario: Scenario) -> RunResult:
+    """Read the run of an entry on the public cases of a scenario. Its figures are not checked.
 
     Raises:
-        Unfinished: Runs are missing that other shards make.
+        InputError: A file is missing or damaged, or has other metrics than the board.
     """
-    failed = run.drive()
-    others = network_runs(entry, run)
-    for other in others:
-        other.drive()
-    for other in others:
-        other.check_finished({})
-    run.check_finished(failed)
-    return failed
+    folder = entry.public / scenario.name
+    episodes = Episodes.read(folder / EPISODES)
+    if episodes.columns.keys() != board.metrics.keys():
+        raise InputError(f"{folder / EPISODES} must have the metrics {', '.join(board.metrics)}")
+    result = {
+        "run": {"scenario": scenario.digest, "cases": str(board.public_cases), "code": board.parts["code"]},
+        "stated": {"versions": entry.spec.environment},
+        "outcomes": episodes.counts(),
+        "recorded": 0,
+        "metrics": to_json(episodes.summary()),
+    }
+    return RunResult(folder, result, episodes)
 
 
-def _judge(entry: Entry, run: EntryRun) -> tuple[Verdict, str]:
-    """The verdict on an entry whose planner has driven, and why."""
-    for name in driven_scenarios(run.board, run.out):
-        result = read_result(run.out / name)
-        expected = entry.spec.facts_in(name), entry.spec.privileged
-        if (result["run"]["planner"]["facts"], result["stated"]["privileged"]) != expected:
-            return Verdict.REFUSED, f"{name}: the planner says other facts of itself than as entered"
-    public, other = read_episodes(run.board, entry.public), read_episodes(run.board, run.out)
-    if doubts := lower_than_claimed(public, {name: other[name] for name in public}):
-        return Verdict.LOWER, "; ".join(doubts)
+def _run_again(entry: Entry, case_set: CaseSet, runs: Path, progress: Progress | None) -> dict[str, Any]:
+    """Run the planner on held-out cases, and compare with the public ones.
+
+    Returns:
+        The verdict and its reason, and what was measured, see `Verification`.
+
+    Raises:
+        InputError: The planner breaks its contract or a limit, or is not the planner that was entered.
+    """
+    board, spec = case_set.board, entry.spec
+    check_unchanged(entry)
+    planner = EntryPlanner(entry.directory, spec.planner, spec.options)
+    failures = drive(planner, case_set, runs, progress)
+    for name in [name for name in failures if name in spec.reported]:
+        raise InputError(f"{name}: {failures[name]}")
+    results = {name: read_result(runs / name) for name in driven_scenarios(board, runs)}
+    for name, result in results.items():
+        facts = result["run"]["planner"]["facts"]
+        if (facts, result["stated"]["privileged"]) != (spec.facts.get(name, facts), spec.privileged):
+            raise InputError(f"{name}: the planner says other facts of itself than as entered")
+    measured: dict[str, Any] = {"figures": {name: result["metrics"] for name, result in results.items()}}
+    if networks := other_networks(entry, board):
+        cases = CaseSet(board, method_cases(case_set.cases), case_set.seed)
+        folders = [runs / "networks" / str(number) for number in range(len(networks))]
+        for network, folder in zip(networks, folders, strict=True):
+            drive(network, cases, folder, progress)
+        measured["method"] = summarize_method(board, [runs, *folders], len(cases.cases))
+    try:
+        measured["decision_time"] = time_decisions(planner, case_set, runs)
+    except NotTimed as error:
+        measured["untimed"] = str(error)
+    public, held_out = read_episodes(board, entry.public), read_episodes(board, runs)
+    if differences := lower_than_claimed(public, {name: held_out[name] for name in public}):
+        return {"verdict": Verdict.LOWER, "reason": "; ".join(differences), **measured}
     missing = sandbox.MISSING[sandbox.level()]
     how = f"in a sandbox without network, which shows it its own files alone{missing and f', but {missing}'}"
     if sandbox.level() == sandbox.PROCESS:
         how = f"without a sandbox, {missing}"
-    return Verdict.RERUN, f"the recorded commands lead to the reported figures; ran {how}"
+    reason = f"the recorded commands lead to the reported figures; ran {how}"
+    return {"verdict": Verdict.RERUN, "reason": reason, **measured}

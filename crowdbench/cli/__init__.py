@@ -37,7 +37,6 @@ COMMANDS = {
     "new-planner": ("Boards", "boards:new_planner"),
     "submit": ("Boards", "boards:submit"),
     "verify": ("Boards", "boards:verify"),
-    "leaderboard": ("Boards", "leaderboard:app"),
 }
 """The commands in the order of --help: the group of each there, its module in this folder, and the function there."""
 
@@ -71,10 +70,7 @@ def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
         group, place = COMMANDS[name]
         module, _, function = place.partition(":")
         command = getattr(importlib.import_module(f"crowdbench.cli.{module}"), function)
-        if isinstance(command, typer.Typer):
-            app.add_typer(command, name=name, rich_help_panel=group)
-        else:
-            app.command(name, rich_help_panel=group)(command)
+        app.command(name, rich_help_panel=group)(command)
     return app
 
 

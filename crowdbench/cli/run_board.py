@@ -56,7 +56,7 @@ def run_board(
         as_json: Whether to print JSON.
     """
     from crowdbench.boards.board import find_board
-    from crowdbench.boards.board_means import board_figures
+    from crowdbench.boards.means import board_figures
     from crowdbench.metrics import MAIN, info_of
     from crowdbench.metrics.summary import Estimate
     from crowdbench.runs.load import load_run

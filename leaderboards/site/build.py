@@ -6,7 +6,6 @@ They are plain files that need no server, no network and no JavaScript: python l
 from __future__ import annotations
 
 import shutil
-import sys
 from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,11 +17,13 @@ import typer
 from failures import failures
 from figures import success_against_time
 from markupsafe import Markup
+from readme import FILLING
+from standings import Standings, standings
 
 from crowdbench.boards.board import MEASURED, Board, read_boards
-from crowdbench.boards.markdown import FILLING
+from crowdbench.boards.entry import read_entries
 from crowdbench.boards.season import SEASON, Season, TooEarly, read_season
-from crowdbench.boards.standings import Standings, read_entries, standings
+from crowdbench.cli import main
 from crowdbench.cli.boards import ROOT
 from crowdbench.cli.options import help_from_docstring
 from crowdbench.metrics import METRICS, info_of
@@ -43,7 +44,7 @@ STYLE = HERE / "style.css"
 
 
 @help_from_docstring
-def main(out: Annotated[Path, typer.Option()], board: list[str] | None = None, root: Path = ROOT) -> None:
+def build(out: Annotated[Path, typer.Option()], board: list[str] | None = None, root: Path = ROOT) -> None:
     """Build the pages of boards.
 
     Args:
@@ -140,9 +141,4 @@ def _write(path: Path, templates: jinja2.Environment, template: str, **context: 
 
 
 if __name__ == "__main__":
-    app = typer.Typer(add_completion=False)
-    app.command()(main)
-    try:
-        app()
-    except InputError as error:
-        sys.exit(f"leaderboards: {error}")
+    main(build)

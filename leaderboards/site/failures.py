@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 from figures import trajectories
+from standings import PENDING
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.entry import Entry
-from crowdbench.boards.kept_runs import read_episodes, read_public_run
-from crowdbench.boards.standings import PENDING, is_pending
+from crowdbench.boards.board_runs import read_episodes
+from crowdbench.boards.entry import Entry, is_pending
+from crowdbench.boards.verification import read_public_run
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics import Metric
 from crowdbench.record.write import Recorder
@@ -51,7 +52,7 @@ class Failures:
 
 def failures(board: Board, entry: Entry, folder: Path) -> Failures:
     """Simulate some failures of an entry again, and write their recordings into a folder."""
-    if is_pending(board, entry):
+    if is_pending(entry, board):
         return Failures(problem=PENDING)
     if board.spec.recorded:
         return Failures(problem="Who was recorded is not shown here: the tracks are not ours to publish.")

@@ -17,9 +17,9 @@ import shapely
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from standings import Standing, Standings
 from texts import shorten
 
-from crowdbench.boards.standings import Standing, Standings
 from crowdbench.core.types import Trace
 from crowdbench.drawing import Color, Disc, Moment, Palette, Shape, draw_moment, extent
 from crowdbench.figures.episode import draw

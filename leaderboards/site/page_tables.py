@@ -6,10 +6,10 @@ import math
 from typing import Any
 
 import numpy as np
+from ranking import Pair
+from standings import Standing, Standings
 from texts import NOTHING, number
 
-from crowdbench.boards.ranking import Pair
-from crowdbench.boards.standings import Standing, Standings
 from crowdbench.core.types import Outcome
 from crowdbench.metrics.summary import Estimate
 

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from paired_bootstrap import Differences, studentise
 
-from crowdbench.boards.paired_bootstrap import Differences, studentise
 from crowdbench.metrics.score import Scale
 from crowdbench.utils.errors import InputError
 

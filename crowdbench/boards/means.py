@@ -1,0 +1,110 @@
+"""Means of metrics over the scenarios of a board, and over networks that were trained with other seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.boards.board import Board
+from crowdbench.boards.board_runs import EntryPlanner, read_episodes
+from crowdbench.boards.entry import Entry
+from crowdbench.boards.verdict import Method
+from crowdbench.metrics import UNDISTURBED, info_of
+from crowdbench.metrics.summary import NOTHING, Estimate, wilson
+from crowdbench.runs.results import to_json
+from crowdbench.scenario.cases import Cases
+from crowdbench.study.intervals import mean_over_networks
+
+MIN_NETWORKS = 5
+"""Fewer networks do not represent a method."""
+
+MAX_NETWORK_CASES = 250
+"""Cases that each network of a method drives, at most."""
+
+METHOD_METRICS = ("success_rate", "collision_rate", "sct")
+"""Metrics whose means over networks are shown."""
+
+Estimates = Mapping[str, Mapping[str, Estimate]]
+"""Estimates by scenario and metric."""
+
+
+def board_figures(board: Board, scenarios: Estimates) -> dict[str, Estimate]:
+    """Return the means over the scenarios of a board by metric.
+
+    A mean is undefined if it is undefined in a scenario. Metrics that compare with the undisturbed crowd are means over
+    the scenarios in which pedestrians see the vehicle.
+
+    Args:
+        board: The board.
+        scenarios: The estimates; a scenario without any counts as 0.
+    """
+    figures = {}
+    for metric in board.metrics:
+        estimates = [scenario.get(metric) for scenario in scenarios.values()]
+        weights = board.weights
+        if UNDISTURBED in info_of(metric).needs:
+            weights = weights * [estimate is not None and not np.isnan(estimate.mean) for estimate in estimates]
+            estimates = [estimate if weight else None for estimate, weight in zip(estimates, weights, strict=True)]
+            weights = weights / weights.sum() if weights.any() else weights * np.nan
+        figures[metric] = weighted_mean(weights, estimates)
+    return figures
+
+
+def weighted_mean(weights: Float[np.ndarray, "scenario"], estimates: Sequence[Estimate | None]) -> Estimate:
+    """Return the weighted mean over scenarios with its interval by Zou and Donner (2008).
+
+    Args:
+        weights: The weight of each scenario.
+        estimates: The estimate in each scenario; None counts as 0.
+
+    Returns:
+        The estimate, undefined if one of them is undefined.
+    """
+    defined = [estimate or Estimate(0.0, 0.0, 0.0, 0, 0.0) for estimate in estimates]
+    mean = float(weights @ [estimate.mean for estimate in defined])
+    if np.isnan(mean):
+        return NOTHING
+    below, above = np.array([(estimate.mean - estimate.low, estimate.high - estimate.mean) for estimate in defined]).T
+    low, high = (mean + sign * float(np.sqrt(np.sum((weights * x) ** 2))) for sign, x in ((-1, below), (1, above)))
+    return Estimate(mean, low, high, sum(x.n for x in defined), max(x.max for x in defined))
+
+
+def method_cases(cases: Cases) -> Cases:
+    """Return the cases of an entry that each network of its method drives: the first ones."""
+    return Cases(cases.split, cases.start, min(cases.stop, cases.start + MAX_NETWORK_CASES))
+
+
+def other_networks(entry: Entry, board: Board) -> list[EntryPlanner]:
+    """Return the planners with the other networks of a method; none on boards of several scenarios.
+
+    None are returned either if the method has fewer than `MIN_NETWORKS` networks.
+    """
+    spec = entry.spec
+    if len(spec.networks) + 1 < MIN_NETWORKS or len(board.scenarios) > 1:
+        return []
+    return [EntryPlanner(entry.directory, spec.planner, {**spec.options, **network}) for network in spec.networks]
+
+
+def summarize_method(board: Board, folders: Sequence[Path], cases: int) -> Method:
+    """Return the means over the networks of a method, with intervals for other networks and cases.
+
+    Args:
+        board: The board, of one scenario.
+        folders: The folders of the runs of each network.
+        cases: How many cases all networks drove.
+    """
+    networks = [read_episodes(board, folder)[board.scenarios[0]].columns for folder in folders]
+    values = {metric: np.array([columns[metric][:cases] for columns in networks], float) for metric in METHOD_METRICS}
+    figures = to_json({metric: range_over_networks(shares) for metric, shares in values.items()})
+    return Method.model_validate({"networks": len(networks), "cases": cases, "metrics": figures})
+
+
+def range_over_networks(shares: Float[np.ndarray, "network case"]) -> Estimate:
+    """Return the mean of shares over networks, with its interval within 0 and 1."""
+    # Networks and cases that do not differ are no certainty: then the interval is Wilson's for the cases of a network.
+    is_constant = (shares == shares[0, 0]).all()
+    estimate = wilson(shares[0].astype(bool)) if is_constant else mean_over_networks(shares)
+    return Estimate(estimate.mean, max(estimate.low, 0.0), min(estimate.high, 1.0), estimate.n, estimate.max)

@@ -1,0 +1,109 @@
+"""Writes `leaderboards/README.md`, the standings of every board as Markdown: python leaderboards/site/readme.py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from standings import Standing, Standings, standings
+
+from crowdbench.boards.board import read_boards
+from crowdbench.boards.entry import read_entries
+from crowdbench.boards.season import read_season
+from crowdbench.cli import main
+from crowdbench.cli.boards import ROOT
+from crowdbench.cli.options import help_from_docstring
+from crowdbench.metrics import info_of
+from crowdbench.utils import files
+from crowdbench.utils.tables import markdown
+
+README = "README.md"
+
+SUCCESS = info_of("success_rate")
+
+INTRODUCTION = """# Leaderboards
+
+Made by `python leaderboards/site/readme.py` from the entries in these folders; `python leaderboards/site/build.py --out
+DIR` makes pages with figures from them. [docs/boards.md](../docs/boards.md) says how to enter a planner and what a rank
+means.
+
+Entries are sorted by score: success in per cent, and up to half a point for short times. A new rank begins where an
+entry is worse than one of the present rank by more than chance explains; in brackets is the range of its true rank,
+with a confidence of 95 % for the whole board. Figures have 95 % intervals. "method" is the rank of the method, by the
+mean over networks that were trained with other seeds, and its success with an interval for other networks and other
+cases. SCT is success weighted by completion time. "imposed delay" is the total extra travel time of all pedestrians of
+a case, where they see the vehicle. "decision" is the 99th percentile of the time for a decision in one world, on one
+core of the machine of reference. An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
+Entries that are "reported only" have no rank: their figures are those of their authors, of the public cases. A
+"pending" entry was made for other rules, scenarios or code.
+
+Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
+the digests of all entries and from round {season.round} of drand.
+"""
+
+FILLING = "The boards are being filled: there are no entries yet."
+
+
+@help_from_docstring
+def readme(root: Path = ROOT) -> None:
+    """Write README.md of the folder of boards, with the standings of each board."""
+    print(f"wrote {write_readme(root)}")
+
+
+def write_readme(root: Path) -> Path:
+    """Write the standings of all boards of a folder, and return the file.
+
+    Raises:
+        InputError: A board or an entry is damaged.
+    """
+    season = read_season(root)
+    rehearsal = ", a rehearsal: its round was known before it closed" if season.spec.rehearsal else ""
+    tables = [standings(board, read_entries(board, root), season) for board in read_boards(root)]
+    introduction = INTRODUCTION.format(season=season.spec, rehearsal=rehearsal)
+    filling = [] if any(table.entries for table in tables) else [f"{FILLING}\n"]
+    with files.whole(root / README) as partial:
+        partial.write_text("\n".join([introduction, *filling, *map(section, tables)]), encoding="utf-8")
+    return root / README
+
+
+def section(table: Standings) -> str:
+    """Return the standings of a board in Markdown."""
+    lines = [f"## {table.board.spec.title} (`{table.board.name}`)", "", table.board.spec.description, ""]
+    if not table.entries:
+        return "\n".join([*lines, "No entries yet.", ""])
+    rows = [_cells(table, entry) for entry in table.entries]
+    lines.append(markdown(list(rows[0]), [list(row.values()) for row in rows]))
+    if table.ranked:
+        blocks = sum(len(set(block.tolist())) for block in table.ranked[0].blocks.values())
+        of_time = f", {blocks} blocks of recorded time in all" if blocks else ""
+        lines += ["", f"{table.board.spec.cases} cases of each scenario{of_time}."]
+    return "\n".join([*lines, ""])
+
+
+def _cells(table: Standings, entry: Standing) -> dict[str, str]:
+    """Return the cells of an entry, by the headings of the columns of its board."""
+    figures, speed, method, rank = entry.figures, entry.decision_time, entry.method, entry.rank
+    pareto = " \\*" if entry.is_pareto else ""
+    cells = {
+        "rank": "" if rank is None else f"{rank.rank} ({rank.first} to {rank.last})",
+        "entry": f"{entry.name}{pareto}, {entry.entry.spec.submitted_by}",
+        SUCCESS.heading: SUCCESS.estimate(figures["success_rate"]),
+        "score": f"{100.0 * entry.score:.2f}" if rank else "",
+    }
+    if table.has_methods:
+        success = "as the entry"
+        if method:
+            mean = SUCCESS.estimate(method.metrics["success_rate"].estimate, with_unit=True)
+            success = f"{mean}, {method.networks} networks"
+        cells["method"] = f"{entry.method_rank}: {success}" if entry.method_rank else ""
+    for metric in table.shown:
+        info = info_of(metric)
+        cells[info.heading] = info.estimate(figures[metric])
+    cells["decision"] = "not timed" if entry.verification and entry.verification.untimed else ""
+    if speed is not None:
+        cells["decision"] = f"{speed.calibrated_p99_ms:.0f} ms{'' if speed.is_real_time else ', not real-time'}"
+    cells[""] = entry.reason
+    return cells
+
+
+if __name__ == "__main__":
+    main(readme)

@@ -1,0 +1,307 @@
+"""The standings of a board: its entries with their ranks, or why they have none."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int
+from ranking import SCT, SUCCESS, Columns, Pair, Rank, compare_all, pareto, rank_by_bounds, ranks, scores
+
+from crowdbench.boards.board import Board
+from crowdbench.boards.board_runs import read_episodes
+from crowdbench.boards.entry import MAINTAINERS, Entry, is_pending
+from crowdbench.boards.means import Estimates, board_figures, weighted_mean
+from crowdbench.boards.season import Season
+from crowdbench.boards.verdict import (
+    DecisionTime,
+    Method,
+    Unverified,
+    Verdict,
+    Verification,
+    read_verification,
+    verification_folder,
+)
+from crowdbench.core.types import Outcome
+from crowdbench.metrics.summary import NOTHING, Estimate
+from crowdbench.runs.results import Episodes
+from crowdbench.utils.errors import InputError
+
+MAX_RANKED = 2
+"""The most ranked entries of a submitter on a board."""
+
+SHOWN = ("collision_rate", "at_fault_rate", "sct", "navigation_time", "intimate_zone", "imposed_delay", "jerk")
+"""The metrics that the table of a board shows beside success."""
+
+PENDING = "Its board or its planner had other rules, scenarios or code: it must be submitted again."
+REPORTED_ONLY = "The figures are its authors', of the public cases: {}."
+
+
+@dataclass(frozen=True)
+class Standing:
+    """An entry on its board.
+
+    Attributes:
+        entry: The entry.
+        verification: The verification of the season; None if none counts.
+        outcomes: The outcome of each case of the season, or else of each public case; `RUNNING` in scenarios that the
+            planner cannot drive.
+        columns: The metrics that rank, in the same cases.
+        blocks: The blocks of recorded time of these cases, by scenario; none if nobody was recorded.
+        scenarios: The means with their intervals by scenario and metric; none for scenarios that the planner cannot
+            drive.
+        figures: The means over the board, with intervals; undefined for a pending entry.
+        profile: Success by family of scenarios, with its interval; empty for a pending entry.
+        is_pending: Whether it must be submitted again.
+        reason: Why it has no rank, in a few words; empty if it has a rank.
+        explanation: The same in a sentence.
+        rank: Its rank.
+        score: Its score; undefined if it has no rank.
+        method_rank: The rank of its method; None if unknown.
+        is_pareto: Whether no ranked entry succeeds more often and is quicker.
+    """
+
+    entry: Entry
+    verification: Verification | None
+    outcomes: Int[np.ndarray, "scenario case"]
+    columns: Columns
+    blocks: Mapping[str, Int[np.ndarray, "case"]]
+    scenarios: Estimates
+    figures: Mapping[str, Estimate]
+    profile: Mapping[str, Estimate]
+    is_pending: bool
+    reason: str
+    explanation: str
+    rank: Rank | None = None
+    score: float = np.nan
+    method_rank: int | None = None
+    is_pareto: bool = False
+
+    @property
+    def name(self) -> str:
+        """Return the name of the entry."""
+        return self.entry.name
+
+    @property
+    def is_measured(self) -> bool:
+        """Check if the figures were measured in the season; otherwise they are those that the authors report."""
+        return self.verification is not None and bool(self.verification.figures)
+
+    @property
+    def decision_time(self) -> DecisionTime | None:
+        """Return the time of decisions, if it was measured in the season."""
+        return self.verification.decision_time if self.verification else None
+
+    @property
+    def method(self) -> Method | None:
+        """Return the means of the method, if they were measured in the season."""
+        return self.verification.method if self.verification else None
+
+
+@dataclass(frozen=True)
+class Standings:
+    """All entries of a board.
+
+    Attributes:
+        board: The board.
+        season: The name of the season.
+        ranked: The ranked entries, the best first.
+        others: The others, by name.
+        pairs: The ranked entries compared with each other.
+    """
+
+    board: Board
+    season: str
+    ranked: Sequence[Standing]
+    others: Sequence[Standing]
+    pairs: Sequence[Pair]
+
+    @property
+    def entries(self) -> Sequence[Standing]:
+        """Return ranked and other entries."""
+        return [*self.ranked, *self.others]
+
+    @property
+    def shown(self) -> Sequence[str]:
+        """Return the metrics beside success that any ranked entry has, or any entry if none is ranked."""
+        entries = self.ranked or self.others
+        return [name for name in SHOWN if any(np.isfinite(entry.figures[name].mean) for entry in entries)]
+
+    @property
+    def has_methods(self) -> bool:
+        """Check if the method of some entry was measured."""
+        return any(entry.method for entry in self.entries)
+
+    def is_tied(self, standing: Standing) -> bool:
+        """Check if another entry has the same rank."""
+        return [entry.rank and entry.rank.rank for entry in self.ranked].count(standing.rank and standing.rank.rank) > 1
+
+
+def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> Standings:
+    """Rank the entries of a board.
+
+    Args:
+        board: The board.
+        entries: Its entries.
+        season: The season whose verifications rank; None if there is none yet.
+
+    Raises:
+        InputError: The runs of an entry are damaged.
+    """
+    all_entries = _limit_ranked([_standing(board, entry, season) for entry in entries])
+    candidates = {entry.name: entry for entry in all_entries if not entry.reason}
+    columns = {name: entry.columns for name, entry in candidates.items()}
+    score = scores(columns, board.weights, board.scale)
+    pairs = compare_all(columns, board.weights, board.scale, _blocks([*candidates.values()]))
+    rank = ranks(score, pairs)
+    costs = [
+        (-entry.figures["success_rate"].mean, entry.figures["navigation_time"].mean) for entry in candidates.values()
+    ]
+    # A time that is undefined, because no case succeeds, is the longest.
+    best = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf)).tolist()
+    is_pareto = dict(zip(candidates, best, strict=True))
+    methods = rank_methods(board, [*candidates.values()])
+    ranked = [
+        replace(
+            candidates[name],
+            rank=rank[name],
+            score=score[name],
+            method_rank=methods.get(name),
+            is_pareto=is_pareto[name],
+        )
+        for name in score
+    ]
+    others = sorted((entry for entry in all_entries if entry.reason), key=lambda entry: entry.name)
+    return Standings(board, season.spec.name if season else "", ranked, others, pairs)
+
+
+def rank_methods(board: Board, entries: Sequence[Standing]) -> dict[str, int]:
+    """Return the rank of the method of each entry by name: of the mean over networks, or of the entry itself.
+
+    Entries that were trained and have too few networks have none.
+    """
+    score, error = {}, {}
+    for entry in entries:
+        if entry.method is None and entry.entry.card.training_seeds > 0:
+            continue
+        figures = entry.figures
+        if entry.method is not None:
+            figures = {name: figure.estimate for name, figure in entry.method.metrics.items()}
+        success = figures["success_rate"]
+        score[entry.name] = board.scale.score(success.mean, figures["sct"].mean)
+        error[entry.name] = (success.high - success.low) / 2.0
+    return rank_by_bounds(score, error)
+
+
+def _blocks(entries: Sequence[Standing]) -> Sequence[Int[np.ndarray, "case"]] | None:
+    """Return the blocks of recorded time of the cases of each scenario; None if nobody was recorded.
+
+    All entries drove the same cases, so that a scenario has the same blocks in all of them.
+    """
+    blocks = {name: block for entry in entries for name, block in entry.blocks.items()}
+    if not blocks:
+        return None
+    no_blocks = np.zeros(entries[0].outcomes.shape[1], np.int64)
+    return [blocks.get(name, no_blocks) for name in entries[0].scenarios]
+
+
+def _limit_ranked(entries: Sequence[Standing]) -> list[Standing]:
+    """Return the same entries, with a reason for those beyond the most of their submitter, by name."""
+    ranked: Counter[str] = Counter()
+    limited = []
+    for entry in entries:
+        submitter = entry.entry.spec.submitted_by
+        ranked[submitter] += not entry.reason
+        if not entry.reason and submitter != MAINTAINERS and ranked[submitter] > MAX_RANKED:
+            reason = f"more than {MAX_RANKED} of one submitter"
+            entry = replace(entry, reason=reason, explanation="Other entries of its submitter are ranked here.")
+        limited.append(entry)
+    return limited
+
+
+def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
+    verification, doubt, pending = None, "there is no season", is_pending(entry, board)
+    if season and not pending:
+        try:
+            verification = read_verification(entry, board, season)
+        except Unverified as error:
+            doubt = str(error)
+    reason, explanation = _why_unranked(board, entry, pending, verification or doubt)
+    measured: Estimates = {}
+    if season and verification and verification.figures:
+        runs = _read_runs(board, verification_folder(entry, season), board.spec.cases, {SCT})
+        measured = {
+            scenario: {metric: figure.estimate for metric, figure in figures.items()}
+            for scenario, figures in verification.figures.items()
+        }
+    elif not pending:
+        runs = _read_runs(board, entry.public, board.spec.public_cases, set(board.metrics))
+        measured = {name: run.summary() for name, run in runs.items()}
+    else:
+        runs = {}
+    cases = board.spec.cases if verification and verification.figures else board.spec.public_cases
+    outcomes = np.full((len(board.scenarios), cases), Outcome.RUNNING, np.int64)
+    sct = np.zeros(outcomes.shape)
+    for row, name in enumerate(board.scenarios):
+        if name in runs:
+            outcomes[row], sct[row] = runs[name].outcome, runs[name].columns[SCT]
+    scenarios = {name: measured.get(name, {}) for name in board.scenarios}
+    return Standing(
+        entry,
+        verification,
+        outcomes,
+        {SUCCESS: (outcomes == Outcome.SUCCESS).astype(float), SCT: sct},
+        {name: run.block for name, run in runs.items() if run.block is not None},
+        scenarios,
+        dict.fromkeys(board.metrics, NOTHING) if pending else board_figures(board, scenarios),
+        {} if pending else success_by_family(board, scenarios),
+        pending,
+        reason,
+        explanation,
+    )
+
+
+def _read_runs(board: Board, folder: Path, cases: int, metrics: set[str]) -> dict[str, Episodes]:
+    """Read the episodes in a folder by scenario. Raises InputError if there are other cases, or metrics are missing."""
+    runs = read_episodes(board, folder)
+    for name, run in runs.items():
+        if len(run) != cases or not metrics <= run.columns.keys():
+            raise InputError(f"{folder / name} must have {cases} cases with {', '.join(metrics)}")
+    return runs
+
+
+def success_by_family(board: Board, scenarios: Estimates) -> dict[str, Estimate]:
+    """Return the mean success in each family of scenarios; arguments as for `board_figures`."""
+    return {
+        family: weighted_mean(
+            np.full(len(names), 1.0 / len(names)), [scenarios[name].get("success_rate") for name in names]
+        )
+        for family, names in board.spec.families.items()
+    }
+
+
+def _why_unranked(board: Board, entry: Entry, pending: bool, verification: Verification | str) -> tuple[str, str]:
+    """Return why an entry has no rank, in a few words and in a sentence; both empty if it has one.
+
+    Args:
+        board: The board.
+        entry: The entry.
+        pending: Whether it must be submitted again.
+        verification: The verification of the season, or why none counts.
+    """
+    if not board.spec.ranked:
+        return "not ranked", "This board has no ranks: it shows how planners drive."
+    if entry.spec.privileged:
+        return "privileged", "It uses what no vehicle can see, such as the pedestrians' true next velocities."
+    if entry.card.ablation:
+        return "ablation", "Its authors say that it is a variant made for comparison."
+    if pending:
+        return "pending", PENDING
+    if isinstance(verification, str):
+        return "reported only", REPORTED_ONLY.format(verification)
+    if verification.verdict != Verdict.RERUN:
+        return str(verification.verdict), verification.reason
+    return "", ""
