@@ -17,7 +17,6 @@ from crowdbench import InputError, cli
 from crowdbench.cli import app
 
 ROOT = Path(__file__).parents[1]
-BOARDS = ROOT / "leaderboards"
 
 SLOW_PLANNER = """
 import time

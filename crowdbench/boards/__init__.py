@@ -1,1 +1,1 @@
-"""Leaderboards: what a board asks for, what an entry is, and what a rank means."""
+"""Leaderboards: boards, entries, submission, verification and seasons. Ranks are those of `leaderboards/site/`."""

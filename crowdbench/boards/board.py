@@ -1,4 +1,4 @@
-"""A board: the cases that its entries drive, the rules, and how much each case counts."""
+"""A board: its scenarios and cases, its rules, and the weight of each scenario."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ MEASURED = (
 """The metrics that boards show."""
 
 _NO_RULES = {"title", "description", "position", "recorded", "ranked"}
-"""Keys of a board that are not in its digest: no figure and no score depends on them."""
+"""Keys of a board that are not in its digest, because no figure and no score depends on them."""
 
 ROOT = PACKAGE_ROOT / "leaderboards"
 """The folder of the boards that ship."""
@@ -67,12 +67,12 @@ def _rising(scale: list[float]) -> list[float]:
 
 
 class BoardSpec(TomlTable):
-    """The whole of `board.toml`.
+    """The contents of `board.toml`.
 
     `position` orders boards in lists. `recorded` says that the scenarios need recorded tracks. `ranked` says whether
-    entries have ranks. Entries drive `public_cases` of each scenario, which everybody knows, and in a season `cases`
-    of each scenario, which rank. `sct_scale` has the SCT at which speed adds nothing to a score, and that at which it
-    adds most.
+    entries have ranks. `public_cases` is the number of known cases of each scenario, and `cases` the number of those of
+    a season, which rank. `sct_scale` has the SCT at which speed adds nothing to a score, and the SCT at which it adds
+    most.
     """
 
     title: Name
@@ -100,9 +100,9 @@ class Board:
 
     Attributes:
         name: The name of its folder.
-        spec: What its `board.toml` says.
-        data: The folder with the recorded tracks that its scenarios need; None where they need none, or where nothing
-            is simulated.
+        spec: The contents of its `board.toml`.
+        data: The folder with the recorded tracks that its scenarios need; None if they need none, or if nothing is
+            simulated.
     """
 
     name: str
@@ -111,9 +111,10 @@ class Board:
 
     @functools.cached_property
     def parts(self) -> dict[str, Any]:
-        """All that figures, scores and ranks depend on: rules, scenarios, metrics, and the simulator's code."""
-        scenarios = {name: _recorded_digest(name) for name in self.scenarios} if self.spec.recorded else {}
-        if not self.spec.recorded:
+        """Return what figures, scores and ranks depend on: rules, scenarios, metrics, and the simulator's code."""
+        if self.spec.recorded:
+            scenarios = {name: _recorded_digest(name) for name in self.scenarios}
+        else:
             scenarios = {scenario.name: scenario.digest for scenario in self._public}
         return {
             "rules": self.spec.model_dump(mode="json", exclude=_NO_RULES),
@@ -124,52 +125,52 @@ class Board:
 
     @property
     def digest(self) -> str:
-        """The sha256 of its `parts`."""
+        """Return the sha256 of `parts`."""
         return digest(self.parts)
 
     @functools.cached_property
     def _public(self) -> Sequence[Scenario]:
-        """The scenarios with the public cases."""
-        return [load_scenario(name, self.overrides(None), data=self.data) for name in self.scenarios]
+        """Return the scenarios with the public cases."""
+        return self._load(None)
 
     @property
     def metrics(self) -> Mapping[str, Metric]:
-        """The metrics that an entry's runs measure. Others follow from the commands of the public cases."""
+        """Return the metrics that an entry's runs measure."""
         return {name: METRICS[name] for name in MEASURED}
 
     @property
     def cases(self) -> Cases:
-        """The cases of each scenario of which a season's figures are."""
+        """Return the cases of each scenario in a season."""
         return Cases("test", 0, self.spec.cases)
 
     @property
     def public_cases(self) -> Cases:
-        """The cases of each scenario that authors run themselves."""
+        """Return the public cases of each scenario."""
         return Cases("test", 0, self.spec.public_cases)
 
     @property
     def replanning(self) -> Replanning:
-        """When entries observe."""
+        """Return the steps at which entries observe."""
         return Replanning(self.spec.replan_every, self.spec.look_first)
 
     @property
     def scenarios(self) -> list[str]:
-        """The names of its scenarios, family by family."""
+        """Return the names of the scenarios, family by family."""
         return [name for names in self.spec.families.values() for name in names]
 
     @property
     def weights(self) -> Float[np.ndarray, "scenario"]:
-        """How much each scenario counts: all families count alike, and in a family all scenarios. The sum is 1."""
+        """Return the weights of the scenarios, of sum 1: equal for all families, and in a family for all scenarios."""
         families = self.spec.families
         return np.array([1.0 / (len(families) * len(names)) for names in families.values() for _ in names])
 
     @property
     def scale(self) -> Scale:
-        """What the board fixes of the score."""
+        """Return the scale of the score."""
         return Scale(*self.spec.sct_scale)
 
     def overrides(self, seed: int | None) -> dict[str, Any]:
-        """What the board changes in its scenarios, for the cases of a seed; None for the public ones, known to all."""
+        """Return the changes of scenarios by the board, for the cases of a seed; None for the public ones."""
         rules: dict[str, Any] = {"collision": self.spec.collision}
         return rules if seed is None else {**rules, "seed": seed, "crowdnav_cases": 0}
 
@@ -179,18 +180,19 @@ class Board:
         Raises:
             InputError: A scenario does not exist, or recorded tracks are not given.
         """
-        if seed is None:
-            return self._public
+        return self._public if seed is None else self._load(seed)
+
+    def _load(self, seed: int | None) -> Sequence[Scenario]:
         return [load_scenario(name, self.overrides(seed), data=self.data) for name in self.scenarios]
 
     def with_data(self, data: Path | None) -> Board:
-        """The board with the folder of the recorded tracks that its scenarios need, in which it can be driven.
+        """Return the board with the folder of the recorded tracks that its scenarios need.
 
         Args:
             data: The folder that the user gave, or None.
 
         Raises:
-            InputError: They need recorded tracks that are not given or are others, or they need none.
+            InputError: The scenarios need recorded tracks that are missing or differ, or they need none.
         """
         if data is None:
             if self.spec.recorded:
@@ -207,8 +209,8 @@ def read_board(folder: Path) -> Board:
     """Read a board from its folder.
 
     Raises:
-        InputError: Its `board.toml` is missing, or something in it is wrong. A scenario that does not exist is, but
-            scenarios with recorded people are looked at by `with_data`.
+        InputError: `board.toml` is missing or wrong, or a scenario does not exist. Scenarios with recorded people are
+            checked by `with_data`.
     """
     file = Location(f"{folder.name}/{FILE}")
     board = Board(folder.name, parse_table(BoardSpec, read_toml(folder / FILE, "board"), file))
@@ -224,7 +226,7 @@ def read_board(folder: Path) -> Board:
 def _recorded_digest(name: str) -> str:
     """Return the sha256 of a scenario with recorded tracks, which can be loaded only with their files.
 
-    It is of the keys of the scenario's file and the sha256 of the tracks, which every run checks.
+    It is computed from the keys of the scenario's file and the sha256 of the tracks, which every run checks.
 
     Raises:
         InputError: The sha256 of the tracks is not known.
@@ -240,10 +242,10 @@ def _recorded_digest(name: str) -> str:
 
 
 def find_board(name: str, root: Path = ROOT) -> Board:
-    """A board by its name: that in a folder of boards or, where it has none of the name, that which ships.
+    """Read a board by its name from a folder of boards, or else one that ships.
 
     Raises:
-        InputError: There is none, or something in it is wrong.
+        InputError: There is no such board, or its `board.toml` is wrong.
     """
     for folder in (root, ROOT):
         if name and "/" not in name and (folder / name / FILE).is_file():
@@ -253,7 +255,7 @@ def find_board(name: str, root: Path = ROOT) -> Board:
 
 
 def read_boards(root: Path = ROOT) -> list[Board]:
-    """The boards of a folder in the order of their `position`, or raise InputError where there is none."""
+    """Read the boards of a folder in the order of their `position`. Raises InputError if there is none."""
     boards = [read_board(path.parent) for path in root.glob(f"*/{FILE}")]
     if not boards:
         raise InputError(f"{root} is no folder of boards: no folder in it has a {FILE}")

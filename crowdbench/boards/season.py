@@ -1,7 +1,7 @@
-"""A season: entries are frozen, and a public beacon that comes later says which cases they drive.
+"""A season: entries are frozen, and the seed of their cases follows from a later round of a public beacon.
 
-Nobody can know the cases before the round of the beacon, and nobody can choose them: the seed follows from what the
-round publishes and from the digests of all entries. So entries are frozen before the round is known.
+The seed is computed from the randomness of the round and from the digests of all entries. Nobody can know the cases
+before the round is published, or choose them.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ SEASON = "season.toml"
 FROZEN = "frozen.json"
 
 Frozen = Mapping[str, Mapping[str, str]]
-"""By board and entry, the entry's digest."""
+"""The digests of entries by board and name."""
 
 
 class SeasonSpec(TomlTable):
-    """The whole of `season.toml`: when entries are frozen, and what the seed of their cases then follows from.
+    """The contents of `season.toml`: when entries are frozen, and the source of the seed.
 
-    `round` is a round of drand's default chain (League of Entropy) after `closes`, and `randomness` what it has
-    published, empty before. `rehearsal` is for a season whose round was known before it closed.
+    `round` is a round of drand's default chain (League of Entropy) after `closes`, and `randomness` its published
+    value, empty before. `rehearsal` marks a season whose round was known before it closed.
     """
 
     name: Name
@@ -50,7 +50,7 @@ class _FrozenFile(BaseModel):
 
 
 class TooEarly(InputError):
-    """The season is not as far yet."""
+    """Entries are not frozen yet, or the round of the beacon is not published yet."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ class Season:
     """The present season.
 
     Attributes:
-        spec: What `season.toml` says.
+        spec: The contents of `season.toml`.
         frozen: The entries that take part, by board; boards whose entries are not frozen yet are missing.
-        root: The folder of boards whose season it is.
+        root: The folder of boards.
     """
 
     spec: SeasonSpec
@@ -68,9 +68,10 @@ class Season:
     root: Path
 
     def seed(self, board: str) -> int:
-        """The seed of the cases of a board, of 63 bits.
+        """Return the seed of the cases of a board, of 63 bits.
 
-        Raises TooEarly where entries are not frozen yet, or the randomness of the round is not known.
+        Raises:
+            TooEarly: Entries are not frozen yet, or the randomness of the round is not known.
         """
         if board not in self.frozen:
             raise TooEarly(f"the entries of {board} are not frozen yet: {FROZEN} does not list them")
@@ -83,12 +84,12 @@ class Season:
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
 
     def takes_part(self, board: str, entry: str, digest: str) -> bool:
-        """Whether an entry of a board is one of those that were frozen, with the digest that it had then."""
+        """Check if an entry of a board was frozen with this digest."""
         return self.frozen.get(board, {}).get(entry) == digest
 
 
 def read_season(root: Path) -> Season:
-    """Read the season of a folder of boards. Raises InputError where one of its files is missing or wrong."""
+    """Read the season of a folder of boards. Raises InputError if one of its files is missing or wrong."""
     spec = parse_table(SeasonSpec, read_toml(root / SEASON, "season"), Location(SEASON))
     path = root / FROZEN
     try:
@@ -115,7 +116,7 @@ def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
 
     Raises:
         TooEarly: The season has not closed yet.
-        InputError: There is no entry, or the randomness is known already, with which entries could be chosen.
+        InputError: There is no entry, or the randomness is known already, so that entries could be chosen by it.
     """
     season = read_season(root)
     if board in season.frozen:

@@ -1,9 +1,9 @@
 """Signatures of maintainers, made and checked by `ssh-keygen -Y` of OpenSSH, which keeps the keys.
 
-leaderboards/maintainers     a line for each: name namespaces="crowdbench" ssh-ed25519 AAAA...
-<a file>.sig                 the signature of a file
+leaderboards/maintainers     a line for each maintainer: name namespaces="crowdbench" ssh-ed25519 AAAA...
+FILE.sig                     the signature of a file
 
-The private halves of the keys lie with their owners and in no repository.
+Private keys are in no repository.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ MAINTAINERS_FILE = "maintainers"
 SIGNATURE = ".sig"
 
 _NAMESPACE = "crowdbench"
-"""What signatures are for, so that none that was made for something else counts."""
+"""The purpose of a signature: signatures for other purposes do not count."""
 
 
 def sign(path: Path, key: Path) -> None:
@@ -40,14 +40,14 @@ def sign(path: Path, key: Path) -> None:
 
 
 def find_signer(key: Path, root: Path) -> str:
-    """The name of the maintainer whose key it is.
+    """Return the name of the maintainer who owns a key.
 
     Args:
         key: As for `sign`.
         root: The folder of boards, which has the file `maintainers`.
 
     Raises:
-        InputError: It is no maintainer's, or cannot sign.
+        InputError: The key is no maintainer's, or cannot sign.
     """
     maintainers = root / MAINTAINERS_FILE
     with tempfile.TemporaryDirectory() as folder:
@@ -55,17 +55,23 @@ def find_signer(key: Path, root: Path) -> str:
         trial.write_bytes(b"")
         sign(trial, key)
         names = ["-f", str(maintainers), "-s", str(trial.with_name(trial.name + SIGNATURE))]
-        found = _run_ssh_keygen("find-principals", names).stdout.decode(errors="replace").splitlines()
-        if not found or not is_signed(trial, found[0], root):
+        owners = _run_ssh_keygen("find-principals", names).stdout.decode(errors="replace").splitlines()
+        if not owners or not is_signed(trial, owners[0], root):
             raise InputError(
                 f"the key {key} is no maintainer's: {maintainers} has no line for it, such as "
                 f'name namespaces="{_NAMESPACE}" ssh-ed25519 AAAA...'
             )
-    return found[0]
+    return owners[0]
 
 
 def is_signed(path: Path, name: str, root: Path) -> bool:
-    """Whether a maintainer of this name has signed a file as it is; `root` is the folder of boards."""
+    """Check if the maintainer of this name has signed the present contents of a file.
+
+    Args:
+        path: The file.
+        name: The name of the maintainer.
+        root: The folder of boards.
+    """
     signature = path.with_name(path.name + SIGNATURE)
     if not signature.is_file():
         return False

@@ -75,23 +75,23 @@ def run_board(
     announce_compilation()
     directory = out or Path("runs") / f"board-{rules.name}"
     with exit_on_interrupt():
-        failed = _make(runs, directory)
-    found: dict[str, dict[str, Estimate]] = {}
-    for each, run in runs.items():
-        measured = {} if each in failed else read_result(run_directory(run, directory))["metrics"]
-        found[each] = {name: read_estimate(measured[name]) for name in rules.metrics if name in measured}
-    found[f"board {rules.name}"] = board_figures(rules, dict(found))
+        failures = _make(runs, directory)
+    figures: dict[str, dict[str, Estimate]] = {}
+    for scenario, run in runs.items():
+        measured = {} if scenario in failures else read_result(run_directory(run, directory))["metrics"]
+        figures[scenario] = {name: read_estimate(measured[name]) for name in rules.metrics if name in measured}
+    figures[f"board {rules.name}"] = board_figures(rules, dict(figures))
     if as_json:
-        print(json.dumps(plain({"board": rules.name, "cases": str(driven_cases), "metrics": found}), indent=2))
-    else:
-        driver = next(iter(runs.values())).driver.name
-        # A scenario that a planner cannot drive counts 0.
-        nothing = {"success_rate": Estimate(0.0, nan, nan, 0, nan)}
-        rows = [{"scenario": name, **(each or nothing)} for name, each in found.items()]
-        infos = {name: info_of(name) for name in (*MAIN, "intimate_zone")}
-        title = f"{driver} on board {rules.name}, cases {driven_cases} of each scenario"
-        print_table(estimate_grid(title, rows, infos, brief=[*infos][1:]))
-        print(f"\nKept in {directory}")
+        print(json.dumps(plain({"board": rules.name, "cases": str(driven_cases), "metrics": figures}), indent=2))
+        return
+    # A scenario that a planner cannot drive counts 0.
+    failed = {"success_rate": Estimate(0.0, nan, nan, 0, nan)}
+    rows = [{"scenario": name, **(estimates or failed)} for name, estimates in figures.items()]
+    infos = {name: info_of(name) for name in (*MAIN, "intimate_zone")}
+    driver = runs[rules.scenarios[0]].driver.name
+    title = f"{driver} on board {rules.name}, cases {driven_cases} of each scenario"
+    print_table(estimate_grid(title, rows, infos, brief=[*infos][1:]))
+    print(f"\nKept in {directory}")
 
 
 def _make(runs: Mapping[str, Run], out: Path) -> dict[str, str]:
@@ -102,14 +102,14 @@ def _make(runs: Mapping[str, Run], out: Path) -> dict[str, str]:
         out: Their folder.
 
     Returns:
-        The scenarios that the planner cannot drive, with the reason.
+        The errors of scenarios that the planner cannot drive.
 
     Raises:
-        InputError: It can drive in none.
+        InputError: The planner can drive none.
     """
     from crowdbench.study.folder import make_in_folder
 
-    failed: dict[str, str] = {}
+    failures: dict[str, str] = {}
     for scenario, run in runs.items():
         say(f"{scenario}, cases {run.spec.cases}")
         try:
@@ -118,8 +118,8 @@ def _make(runs: Mapping[str, Run], out: Path) -> dict[str, str]:
         except MachineFault:
             raise
         except InputError as error:
-            if len(failed) == len(runs) - 1:
+            if len(failures) == len(runs) - 1:
                 raise
-            failed[scenario] = str(error)
+            failures[scenario] = str(error)
             say(f"{scenario} counts 0, because it cannot be driven: {error}")
-    return failed
+    return failures

@@ -72,10 +72,6 @@ class Shard:
         """Its share of the parts of a run, or of the runs of a study."""
         return work[self.number - 1 :: self.count]
 
-    def rotate(self, by: int) -> Shard:
-        """Another share of the same number of shares, so that those of several short runs are spread evenly."""
-        return Shard((self.number - 1 + by) % self.count + 1, self.count)
-
 
 WHOLE = Shard()
 

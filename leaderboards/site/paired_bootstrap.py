@@ -1,4 +1,4 @@
-"""The error of differences between entries: a studentised bootstrap over cases, paired by case (Efron 1979)."""
+"""A studentised bootstrap of differences between entries over cases, paired by case (Efron 1979)."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _SEED = 0
 
 
 class Differences(NamedTuple):
-    """What pairs of entries differ by in the cases of a scenario.
+    """Differences of pairs of entries in the cases of a scenario.
 
     Attributes:
         value: The first entry's value minus the second's.
-        discordant: Whether one of them succeeds and the other one does not.
+        discordant: Whether only one of the entries succeeds.
     """
 
     value: Float[np.ndarray, "pair case"]
@@ -27,12 +27,12 @@ class Differences(NamedTuple):
 
 
 class Studentised(NamedTuple):
-    """How differences of means scatter.
+    """The distribution of differences of means.
 
     Attributes:
         error: The standard error of each pair's difference.
-        deviations: In each resample, how far a pair's difference is from that of the sample, in standard errors of the
-            resample.
+        deviations: The deviation of a pair's difference in each resample from that of the sample, in standard errors of
+            the resample.
     """
 
     error: Float[np.ndarray, "pair"]
@@ -51,7 +51,7 @@ def studentise(
 
     Args:
         scenarios: The differences in each scenario.
-        weights: How much each scenario counts; the sum is 1.
+        weights: The weight of each scenario; the sum is 1.
         blocks: The block of each case of each scenario, where those of the same block are not independent: then they
             are resampled together.
     """
@@ -60,8 +60,8 @@ def studentise(
     deviation, variance, least = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     for number, (scenario, weight) in enumerate(zip(scenarios, weights, strict=True)):
         block = np.arange(scenario.value.shape[1]) if blocks is None else blocks[number]
-        own, size = np.unique(block, return_inverse=True, return_counts=True)[1:]
-        residual = _over_blocks(scenario.value - scenario.value.mean(axis=1, keepdims=True), own)
+        index, size = np.unique(block, return_inverse=True, return_counts=True)[1:]
+        residual = _over_blocks(scenario.value - scenario.value.mean(axis=1, keepdims=True), index)
         # The sample itself comes first.
         times = np.ones((shape[0], len(residual)))
         times[1:] = draws.multinomial(len(residual), np.full(len(residual), 1.0 / len(residual)), size=RESAMPLES)
@@ -71,7 +71,7 @@ def studentise(
         squares += off**2 * (times @ size**2)[:, None]
         deviation += weight * off
         variance += weight**2 * squares / cases**2 * len(size) / max(len(size) - 1, 1)
-        one_more = times @ _over_blocks(scenario.discordant, own) + 1.0 / len(scenarios)
+        one_more = times @ _over_blocks(scenario.discordant, index) + 1.0 / len(scenarios)
         least += weight**2 * one_more / cases**2
     error = np.sqrt(np.maximum(variance, least))
     return Studentised(error[0], deviation[1:] / error[1:])
@@ -80,7 +80,7 @@ def studentise(
 def _over_blocks(
     values: Shaped[np.ndarray, "pair case"], block: Int[np.ndarray, "case"]
 ) -> Float[np.ndarray, "block pair"]:
-    """The sums of values over each block."""
+    """Return the sums of values over each block."""
     sums = np.zeros((1 + int(block.max()), len(values)))
     np.add.at(sums, block, values.T.astype(float))
     return sums
