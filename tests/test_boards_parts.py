@@ -144,7 +144,7 @@ def test_a_profile_has_the_success_in_each_family(tmp_path):
 
 
 def test_a_card_as_it_was_made_is_refused(tmp_path):
-    path = make_planner("careful", tmp_path) / "card.toml"
+    path = make_planner("gentle", tmp_path) / "card.toml"  # a name that no test has imported
     submission = Submission(write_board(tmp_path / "boards"), "careful", "orca", {}, [], path, "Ada")
     with pytest.raises(InputError, match=r"card.toml has authors as `new-planner` wrote it: say who you are"):
         submission.check(tmp_path / "boards")

@@ -52,7 +52,7 @@ REHEARSED = 20
 
 @dataclass(frozen=True)
 class Submission:
-    """An entry that is to be made.
+    """A planner that is submitted to a board.
 
     Attributes:
         board: The board.
@@ -196,8 +196,8 @@ def rehearse(submission: Submission, root: Path) -> float:
     submission.check(root)
     board = submission.board
     count = min(max(REHEARSED // len(board.scenarios), 1), board.spec.public_cases)
-    with tempfile.TemporaryDirectory() as place:
-        folder, runs = Path(place, "entry"), Path(place, "runs")
+    with tempfile.TemporaryDirectory() as temporary:
+        folder, runs = Path(temporary, "entry"), Path(temporary, "runs")
         folder.mkdir()
         planner, _ = submission.copy_to(folder)
         drive(planner, CaseSet(board, Cases("test", 0, count)), runs)
