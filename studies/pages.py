@@ -3,29 +3,57 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
-from crowdbench.cli.study import print_tables
+from crowdbench.cli.study import print_study
+from crowdbench.metrics import info_of
+from crowdbench.runs.results import Episodes
 from crowdbench.runs.run import Run
 from crowdbench.study.folder import read_episodes
-from crowdbench.study.measures import SUCCESS_RATE
 from crowdbench.study.schema import StudyHead
-from crowdbench.study.study import Study, Table
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import read_text
-from crowdbench.utils.tables import Format, plain
+from crowdbench.utils.tables import Format, Grid, plain, printed_by
 from crowdbench.utils.toml import Location, parse_table, read_toml
+
+SUCCESS_RATE = "success_rate"
+SUCCESS = info_of(SUCCESS_RATE)
 
 Head = TypeVar("Head", bound=StudyHead)
 
 MakeRuns = Callable[[Sequence[Run]], None]
 """Makes the runs that a folder lacks."""
+
+
+class FilledTable(Protocol):
+    """A table with its figures."""
+
+    def markdown(self) -> str:
+        """Return the table as GitHub shows it, under its heading."""
+
+    def grids(self) -> list[Grid]:
+        """Return its parts, for LaTeX and CSV."""
+
+    def notes(self) -> list[str]:
+        """Return the notes that a page has below its tables."""
+
+
+class Table(Protocol):
+    """A table of a study, and the runs that it needs."""
+
+    @property
+    def runs(self) -> list[Run]:
+        """The runs that it needs, some perhaps twice."""
+
+    def fill(self, out: Path) -> FilledTable:
+        """Fill the table from the runs in the folder `out`. Raises InputError where one is not there."""
 
 
 class TwoSteps(Table, Protocol):
@@ -35,13 +63,56 @@ class TwoSteps(Table, Protocol):
         """Return the runs that follow from those in the folder `out`."""
 
 
+@dataclass(frozen=True)
+class Page:
+    """The page of a study.
+
+    Attributes:
+        name: The name of the study.
+        description: The subject of the study, in Markdown; it stands at the top of the page.
+        tables: Its tables, with the runs that they need.
+        sources: The full references of its page, in Markdown.
+    """
+
+    name: str
+    description: str
+    tables: Sequence[Table]
+    sources: list[str]
+
+    @property
+    def runs(self) -> list[Run]:
+        """All runs that its tables need, some perhaps twice."""
+        return [run for table in self.tables for run in table.runs]
+
+    def fill(self, out: Path) -> list[FilledTable]:
+        """Fill the tables from the runs in the folder `out`. Raises InputError where one is not there."""
+        return [table.fill(out) for table in self.tables]
+
+    def markdown(self, tables: Sequence[FilledTable], command: str) -> str:
+        """Return the page in Markdown: the filled tables, then their notes, then the references.
+
+        Args:
+            tables: What `fill` returns.
+            command: The command that prints the page.
+        """
+        head = [printed_by(command), *([self.description] if self.description else [])]
+        notes = dict.fromkeys(note for table in tables for note in table.notes())
+        return "\n\n".join([*head, *(table.markdown() for table in tables), *notes, *self.sources])
+
+
 def read_file(file: Path, spec: type[Head]) -> Head:
     """Read the TOML file of a study. Raises InputError where something in it is wrong."""
     return parse_table(spec, read_toml(file, "study"), Location(file.name))
 
 
 def print_page(
-    head: StudyHead, tables: Sequence[Table], command: str, out: Path, make: MakeRuns, format: Format
+    head: StudyHead,
+    tables: Sequence[Table],
+    command: str,
+    out: Path,
+    make: MakeRuns,
+    format: Format,
+    name: str | None = None,
 ) -> None:
     """Make the runs of a study that are not there yet, and print its page.
 
@@ -52,11 +123,17 @@ def print_page(
         out: The folder that keeps the runs.
         make: Makes runs in that folder.
         format: How the tables are printed.
+        name: The name of the study, if not that of the folder.
     """
-    study = Study(out.name.removeprefix("study-"), head.description, tables, head.sources)
-    make(study.runs)
-    filled = study.fill(out)
-    print_tables({"study": study.name, "tables": filled}, filled, study.page(filled, command), format)
+    page = Page(name or out.name.removeprefix("study-"), head.description, tables, head.sources)
+    make(page.runs)
+    filled = page.fill(out)
+    print_filled({"study": page.name, "tables": filled}, filled, page.markdown(filled, command), format)
+
+
+def print_filled(found: object, tables: Sequence[FilledTable], page: str, format: Format) -> None:
+    """Print filled tables; the other arguments are those of `print_study`."""
+    print_study(found, [grid for table in tables for grid in table.grids()], page, format)
 
 
 def print_two_steps(
@@ -105,6 +182,11 @@ def read_kept(path: Path, command: str, *keys: tuple[str | int, ...]) -> dict[st
 def read_successes(run: Run, out: Path) -> Bool[np.ndarray, "case"]:
     """Return in which cases a run in the folder `out` succeeds; raises InputError where it is not there."""
     return np.asarray(read_episodes(run, out).columns[SUCCESS_RATE], bool)
+
+
+def values_of(metric: str, runs: Iterable[Episodes]) -> Float[np.ndarray, "network case"]:
+    """Return the values of a metric in several runs of the same cases."""
+    return np.stack([episodes.columns[metric].astype(float) for episodes in runs])
 
 
 BAR = 20

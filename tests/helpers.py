@@ -134,7 +134,7 @@ def run_of(planner, scenario, cases, *, metrics=METRICS, **asked):
     return Run(spec, Driver(made, name), scenario, metrics, PlannerId(name, spec.options, key=key))
 
 
-MAKING = ("shard", "overwrite", "wait", "drive", "progress")
+MAKING = ("shard", "overwrite", "drive", "progress")
 
 
 def make(out, *run, **settings):

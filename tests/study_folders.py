@@ -7,13 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crowdbench.cli import app
+from crowdbench.cli import app, build_script
 from crowdbench.core.types import Outcome
 from crowdbench.runs.results import Episodes
 from crowdbench.runs.store import write_run
 from crowdbench.study.folder import run_directory
 from crowdbench.study.study import read_study
 from crowdbench.utils.errors import InputError
+from studies.pages import Page
+from studies.run import page
+from studies.tables import read_tables
 
 # As a planner with networks: what the weights hold is another file's matter.
 MINE = """
@@ -29,14 +32,14 @@ def planner(weights="one", margin=0.0):
 """
 
 NETWORKS = """
-[[tables]]
+[[networks]]
 title = "Learned planners"
 scenario = "circle_crossing_5"
 cases = "10"
 measures = ["success_rate", "navigation_time"]
 variant = { title = "CrowdNav's rule", overrides = { collision = "crowdnav" } }
 
-[[tables.rows]]
+[[networks.rows]]
 planner = "./mine.py"
 weights = ["one", "two"]
 reported = { success_rate = 0.99, navigation_time = 10.6 }
@@ -44,7 +47,7 @@ second_reading = "12:24"
 """
 
 CROWDS = """
-[[crowds]]
+[[tables]]
 title = "Crowds"
 cases = "8"
 scenarios = ["circle_crossing_5", "square_crossing_5"]
@@ -52,25 +55,25 @@ planners = ["orca", "orca_margin"]
 """
 
 TABLE = """
-[[tables]]
+[[networks]]
 title = "Beside"
 scenario = "circle_crossing_5"
 cases = "20"
 replan_every = 2
 
-[[tables.rows]]
+[[networks.rows]]
 label = "mine"
 planner = "./mine.py"
 weights = ["one", "two"]
 reported = { success_rate = 0.972, navigation_time = 12.58 }
 
-[[tables.rows]]
+[[networks.rows]]
 label = "other"
 planner = "./mine.py"
 weights = ["two", "one"]
 options = { margin = 0.1 }
 
-[[tables.rows]]
+[[networks.rows]]
 label = "orca"
 planner = "orca"
 """
@@ -79,6 +82,12 @@ planner = "orca"
 def read(text):
     Path("tiny.toml").write_text(text)
     return read_study(Path("tiny.toml"))
+
+
+def read_page(text):
+    Path("tiny.toml").write_text(text)
+    head, tables = read_tables(Path("tiny.toml"))
+    return Page("tiny", head.description, tables, head.sources)
 
 
 def refused(text, parts, read=read):
@@ -95,6 +104,11 @@ def refused(text, parts, read=read):
 def study(text, *arguments):
     Path("tiny.toml").write_text(text)
     app(["study", "tiny.toml", *arguments], standalone_mode=False)
+
+
+def print_page(text, *arguments):
+    Path("tiny.toml").write_text(text)
+    build_script(page)(["tiny.toml", *arguments], standalone_mode=False)
 
 
 def made():

@@ -122,7 +122,7 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
 
 
 TABLES = ("suite", "learned", "policies", "crowds", "kce", "recorded", "specialists", "crowdnav_plus")
-PRINTED = {f"studies/{name}/README.md": f"crowdbench study studies/{name}/study.toml" for name in TABLES}
+PRINTED = {f"studies/{name}/README.md": f"python studies/run.py studies/{name}/study.toml" for name in TABLES}
 PRINTED["studies/recorded/README.md"] += " --data DIR"
 SCRIPTS = {"validity": " --data DIR", "transfer": " --data DIR", "ladder": "", "dials": "", "li2020": ""}
 PRINTED |= {f"studies/{name}/README.md": f"python studies/{name}/run.py{data}" for name, data in SCRIPTS.items()}
@@ -151,7 +151,7 @@ def test_links_between_the_pages_of_docs_and_of_studies_lead_to_files(page):
 @pytest.mark.parametrize("folder", [path.name for path in sorted(ROOT.glob("studies/*/"))])
 def test_the_readme_of_a_study_names_its_command(folder):
     assert re.search(
-        rf"`(python|crowdbench study) studies/{folder}/", (ROOT / "studies" / folder / "README.md").read_text()
+        rf"`python (studies/run.py )?studies/{folder}/", (ROOT / "studies" / folder / "README.md").read_text()
     )
 
 
@@ -160,7 +160,7 @@ def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(f
     study = tomllib.loads(file.read_text())
     page = file.with_name("README.md").read_text()
     assert page.split("\n\n")[1] == study["description"]
-    kinds = ("tables", "crowds", "dials", "ladders", "rankings")
+    kinds = ("networks", "tables", "dials", "ladders", "rankings")
     titles = [table["title"] for kind in kinds for table in study.get(kind, [])]
     assert re.findall("^## (.+)$", page, re.MULTILINE) == titles
     assert [source for source in study.get("sources", []) if source not in page] == []

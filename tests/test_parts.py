@@ -117,33 +117,32 @@ def test_processes_that_are_given_the_same_command_share_the_work(whole, tmp_pat
     processes = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     ended = [process.communicate(timeout=120) for process in processes]
     assert [process.returncode for process in processes] == [0, 0], ended
+    for printed, told in ended:
+        assert "success" in printed or "the last process to finish merges the run" in told
     assert digests(out) == digests(whole)
     assert [path.name for path in tmp_path.glob("shared*")] == ["shared"]
 
 
-def test_parts_that_vanish_while_they_are_looked_at_have_been_put_together(tmp_path, monkeypatch):
+def test_parts_that_vanish_while_they_are_read_have_been_merged(tmp_path, monkeypatch):
     run = run_of("orca", load_scenario("circle_crossing_5"), "4", batch=2)
     parts = shards.Parts.of(run, tmp_path / "a")
 
-    def look(directory):
+    def vanish(directory):
         if directory.parent.exists():
             directory.parent.rename(tmp_path / "gone")  # as another process does after it has merged them
         raise InputError("commands.parquet cannot be read")
 
     with parts.open():
-        monkeypatch.setattr(shards, "is_finished", look)
-        with parts.claim(parts.cases[0]) as is_missing:
-            assert not is_missing
-        assert parts.list_finished() == list(parts.cases)
+        monkeypatch.setattr(shards, "is_finished", vanish)
+        assert not parts.make(parts.cases[0], drive=None)
+        assert parts.count_finished() == 4
     parts.folder.mkdir()
-    (parts.folder / shards.REQUEST).write_text("")
-    monkeypatch.setattr(shards, "is_finished", lambda directory: look(tmp_path / "nothing" / "there"))
-    with pytest.raises(InputError):  # a damaged part is one
-        parts.list_finished()
+    monkeypatch.setattr(shards, "is_finished", lambda directory: vanish(tmp_path / "nothing" / "there"))
+    with pytest.raises(InputError):  # a damaged part is an error
+        parts.count_finished()
 
 
-def test_a_part_that_another_one_makes_is_waited_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(shards, "PATIENCE", 0.01)
+def test_a_part_that_another_process_makes_is_left_to_it(tmp_path):
     driven, begun, go_on = [], threading.Event(), threading.Event()
 
     def slow(part, directory):
@@ -155,16 +154,18 @@ def test_a_part_that_another_one_makes_is_waited_for(tmp_path, monkeypatch):
     def quick(part, directory):
         go(directory, str(part), overwrite=True)
         driven.append(("quick", part.start))
-        go_on.set()
 
     run = run_of("orca", load_scenario("circle_crossing_5"), "4", batch=2)
-    other = threading.Thread(target=make_run, args=(run, tmp_path / "a"), kwargs={"drive": slow})
+    ends = []
+    other = threading.Thread(target=lambda: ends.append(make_run(run, tmp_path / "a", drive=slow)))
     other.start()
     assert begun.wait(30.0)
-    is_whole = make_run(run, tmp_path / "a", drive=quick)
+    assert not make_run(run, tmp_path / "a", drive=quick)
+    go_on.set()
     other.join()
-    assert is_whole
+    assert ends == [True]
     assert sorted(driven) == [("quick", 2), ("slow", 0)]
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
 @pytest.mark.slow

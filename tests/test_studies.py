@@ -8,17 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from crowdbench.study.schema import StudySpec
 from crowdbench.study.study import read_study
 from crowdbench.utils.toml import Location, parse_table
 from studies.dials.table import DialStudy
 from studies.ladder.table import LadderStudy
 from studies.li2020.table import ReproductionSpec
 from studies.pages import read_file
+from studies.tables import PageSpec
 from studies.transfer.table import TransferStudy
 
 ROOT = Path(__file__).parent.parent
-RUNNABLE = (path for path in ROOT.glob("studies/*/*.py") if "__main__" in path.read_text())
+RUNNABLE = (path for path in ROOT.glob("studies/**/*.py") if "__main__" in path.read_text())
 SCRIPTS = sorted(path.relative_to(ROOT).as_posix() for path in RUNNABLE)
 SPECS = {"dials": DialStudy, "ladder": LadderStudy, "li2020": ReproductionSpec, "transfer": TransferStudy}
 
@@ -30,16 +30,18 @@ def test_a_script_starts_in_any_folder(script, tmp_path):
     assert "Usage" in done.stdout
 
 
-@pytest.mark.parametrize("name", ["suite", "learned", "policies", "crowds", "kce", "specialists", "crowdnav_plus"])
+@pytest.mark.parametrize(
+    "name", ["suite", "learned", "policies", "crowds", "kce", "specialists", "recorded", "crowdnav_plus"]
+)
 def test_the_tables_of_a_study_are_in_order(name):
     file = ROOT / "studies" / name / "study.toml"
-    assert parse_table(StudySpec, tomllib.loads(file.read_text()), Location(name)).description
+    assert parse_table(PageSpec, tomllib.loads(file.read_text()), Location(name)).description
 
 
 @pytest.mark.slow
 def test_a_study_is_named_after_its_folder():
-    study = read_study(ROOT / "studies" / "kce" / "study.toml")
-    assert study.name == "kce"
+    study = read_study(ROOT / "studies" / "crowds" / "study.toml")
+    assert study.name == "crowds"
     assert study.runs
 
 

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from study_folders import CROWDS, episodes, leave, read
+from study_folders import CROWDS, episodes, leave, read, read_page
 
 from crowdbench.catalog import load_scenario
 from crowdbench.metrics.summary import bootstrap
@@ -11,10 +11,10 @@ from crowdbench.runs.compare import compare
 from crowdbench.runs.paired import LEAST_SHARED
 from crowdbench.runs.result_file import read_result
 from crowdbench.runs.store import RunResult
-from crowdbench.runs.table import RunTable, comparisons, verdict_grid
-from crowdbench.study.crowds import OVER_SOLVED, FilledCrowd
+from crowdbench.runs.table import RunTable
 from crowdbench.study.folder import make_in_folder, run_directory
 from crowdbench.utils.tables import printed_by
+from studies.side_by_side import OVER_SOLVED, FilledCrowd, comparisons, verdict_grid
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
@@ -75,8 +75,8 @@ def test_a_few_shared_successes_are_no_evidence_and_the_cell_says_so():
 
 
 def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
-    study = read('description = "What is compared"\n' + CROWDS.replace('"8"', '"20"'))
-    for better, runs in zip((0, 4), study.tables[0].by_scenario, strict=True):
+    study = read_page('description = "What is compared"\n' + CROWDS.replace('"8"', '"20"'))
+    for better, runs in zip((0, 4), study.tables[0].table.by_scenario, strict=True):
         one, two = side_by_side(navigation_time=1.0)
         two = episodes([1] * (12 + better) + [0] * (8 - better), **{name: two.columns[name] for name in MEASURES})
         # What a failure has says nothing of those who arrive.
@@ -86,7 +86,7 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
         one.columns["at_fault_rate"][12:16] = True
         leave(runs[0], tmp_path, one)
         leave(runs[1], tmp_path, two)
-    text = study.page(study.fill(tmp_path), "crowdbench study tiny.toml")
+    text = study.markdown(study.fill(tmp_path), "crowdbench study tiny.toml")
     head = text.split("\n\n")[:3]
     assert head == [printed_by("crowdbench study tiny.toml"), "What is compared", "## Crowds"]
     assert re.findall("^##+ .*", text, re.MULTILINE) == ["## Crowds", "### circle_crossing_5", "### square_crossing_5"]
@@ -119,11 +119,11 @@ def test_a_planner_may_have_options():
 
 @pytest.mark.slow
 def test_a_pair_differs_as_crowdbench_compare_says(tmp_path):
-    table = read(CROWDS.replace('"8"', '"40"')).tables[0]
+    table = read_page(CROWDS.replace('"8"', '"40"')).tables[0]
     for one in table.runs:
         make_in_folder(one, tmp_path, lambda done: None)
     found = table.fill(tmp_path)
-    for runs, crowd in zip(table.by_scenario, found.crowds, strict=True):
+    for runs, crowd in zip(table.table.by_scenario, found.crowds, strict=True):
         expected = compare(*(run_directory(one, tmp_path) for one in runs))
         (found,) = crowd.pairs
         assert found.both_solved == expected.both_solved > LEAST_SHARED

@@ -5,8 +5,9 @@ import pytest
 from scipy.stats import t as student
 from scipy.stats import ttest_1samp
 
-from crowdbench.study.intervals import difference_over_networks, mean_over_networks, reduction_over_networks
+from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.utils.tables import plain
+from studies.li2020.claims import difference_over_networks, reduction_over_networks
 
 SIMULATIONS = 2000
 

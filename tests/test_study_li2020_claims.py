@@ -3,14 +3,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from study_folders import TABLE, cells, fill, refused, table
+from study_folders import TABLE as NETWORKS
+from study_folders import cells, fill, refused, table
 
+from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.runs.paired import LEAST_SHARED
-from crowdbench.study.intervals import difference_over_networks, mean_over_networks
 from crowdbench.utils.toml import Location
+from studies.li2020.claims import difference_over_networks
 from studies.li2020.table import ClaimedTable, read_reproduction
 
 pytestmark = pytest.mark.usefixtures("study_folder")
+
+TABLE = NETWORKS.replace("[[networks", "[[tables")
 
 CLAIM = """
 [[tables.claims]]

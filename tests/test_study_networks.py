@@ -3,7 +3,7 @@ import re
 from pathlib import Path
 
 import pytest
-from study_folders import MINE, NETWORKS, episodes, leave, read, refused, study
+from study_folders import MINE, NETWORKS, episodes, leave, print_page, read_page, refused
 
 from crowdbench.metrics.summary import wilson
 from crowdbench.study.folder import run_directory
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.usefixtures("study_folder")
 
 
 def test_a_row_of_networks_is_what_one_computes_by_hand(tmp_path):
-    asked = read(NETWORKS)
+    asked = read_page(NETWORKS)
     (row,) = asked.tables[0].rows
     nan = math.nan
     leave(row.runs[0], tmp_path, episodes([1] * 9 + [0], navigation_time=[10.0] * 8 + [19.0, nan]))
@@ -42,18 +42,18 @@ def test_a_row_of_networks_is_what_one_computes_by_hand(tmp_path):
     second, first = again.removeprefix("- mine with one: ").split("; ")
     assert re.fullmatch(r"75\.0 % \(.*\) in 9\.500 s \(.*\) on test:12:24", second)
     assert re.fullmatch(r"90\.0 % \(.*\) in 11\.000 s \(.*\) on test:0:10", first)
-    assert r"\*" not in asked.page(asked.fill(tmp_path), "study tiny.toml")
+    assert r"\*" not in asked.markdown(asked.fill(tmp_path), "study tiny.toml")
 
 
 def test_the_variant_and_the_cases_are_what_is_run():
-    runs = read(NETWORKS).tables[0].rows[0].all_runs
+    runs = read_page(NETWORKS).tables[0].rows[0].all_runs
     assert [str(one.spec.cases) for one in runs] == ["test:0:10"] * 4 + ["test:12:24"]
     assert [one.scenario.rules.collision for one in runs] == ["swept"] * 2 + ["crowdnav"] * 2 + ["swept"]
     assert [one.spec.options["weights"] for one in runs] == ["one", "two", "one", "two", "one"]
 
 
 def test_the_variant_may_be_run_by_the_first_network_alone_and_the_heading_says_so(tmp_path):
-    asked = read(NETWORKS.replace('" } }', '" }, networks = "first" }'))
+    asked = read_page(NETWORKS.replace('" } }', '" }, networks = "first" }'))
     (row,) = asked.tables[0].rows
     assert [one.spec.options["weights"] for one in row.all_runs] == ["one", "two", "one", "one"]
     for each in asked.runs:
@@ -65,7 +65,7 @@ def test_the_variant_may_be_run_by_the_first_network_alone_and_the_heading_says_
 
 
 def test_a_table_may_have_no_variant_and_no_second_reading(tmp_path):
-    asked = read("".join(line for line in NETWORKS.splitlines(True) if not line.startswith(("variant", "second"))))
+    asked = read_page("".join(line for line in NETWORKS.splitlines(True) if not line.startswith(("variant", "second"))))
     assert len(asked.runs) == 2
     for each in asked.runs:
         leave(each, tmp_path, episodes([1] * each.spec.cases.stop, navigation_time=[9.0] * each.spec.cases.stop))
@@ -80,23 +80,23 @@ def test_a_table_may_have_no_variant_and_no_second_reading(tmp_path):
 def test_a_label_replan_every_options_and_privilege_are_shown():
     Path("mine.py").write_text(MINE.replace("return made", "made.privileged = True; return made"))
     every = NETWORKS.replace("cases", "replan_every = 8\ncases", 1)
-    (row,) = read(every).tables[0].rows
+    (row,) = read_page(every).tables[0].rows
     assert (row.label, row.second_reading.spec.replanning.every) == ("mine", 8)
     assert run_directory(row.second_reading, Path()).name.startswith(
         "mine-circle_crossing_5-12-24-weights=one-replan_every=8-look_first=8-"
     )
-    (row,) = read(every + "options = { margin = 0.3 }").tables[0].rows
+    (row,) = read_page(every + "options = { margin = 0.3 }").tables[0].rows
     assert row.label == "mine (margin=0.3)"
-    study(NETWORKS.replace("planner =", 'label = "trained | alone"\nplanner ='), "--out", "there")
-    again = read(Path("tiny.toml").read_text())
-    text = again.page(again.fill(Path("there")), "study tiny.toml")
+    print_page(NETWORKS.replace("planner =", 'label = "trained | alone"\nplanner ='), "--out", "there")
+    again = read_page(Path("tiny.toml").read_text())
+    text = again.markdown(again.fill(Path("there")), "study tiny.toml")
     assert r"| trained \| alone * | 2 |" in text
     assert text.splitlines()[-1].startswith(r"\* uses")
 
 
 def test_an_option_may_be_a_table():
     Path("mine.py").write_text(MINE.replace("margin=0.0", "margin=0.0, limits=None"))
-    (row,) = read(NETWORKS + "options = { limits = { speed = 1.0, turn = false } }").tables[0].rows
+    (row,) = read_page(NETWORKS + "options = { limits = { speed = 1.0, turn = false } }").tables[0].rows
     assert row.runs[0].spec.options == {"limits": {"speed": 1.0, "turn": False}, "weights": "one"}
     assert row.label == "mine (limits={speed=1.0, turn=false})"
 
@@ -113,7 +113,7 @@ def planner(seed=0):
 def test_a_planner_without_weights_may_have_seeds(tmp_path):
     Path("seeded.py").write_text(SEEDED)
     text = NETWORKS.replace("mine.py", "seeded.py").replace('weights = ["one", "two"]', "seeds = [3, 5]")
-    (row,) = read(text).tables[0].rows
+    (row,) = read_page(text).tables[0].rows
     assert [one.spec.options for one in row.all_runs] == [
         {"seed": 3},
         {"seed": 5},
@@ -123,6 +123,8 @@ def test_a_planner_without_weights_may_have_seeds(tmp_path):
     ]
     assert row.networks == ["seed 3", "seed 5"]
     refused(
-        text.replace("seeds = ", 'weights = ["one"]\nseeds = '), ["rows[1].seeds", "left out where there are weights"]
+        text.replace("seeds = ", 'weights = ["one"]\nseeds = '),
+        ["rows[1].seeds", "left out where there are weights"],
+        read_page,
     )
-    refused(text.replace("seeded.py", "mine.py"), ["no option 'seed'"])
+    refused(text.replace("seeded.py", "mine.py"), ["no option 'seed'"], read_page)

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from study_folders import TABLE, cells, fill, read, refused, study, table
+from study_folders import TABLE, cells, fill, print_page, read_page, refused, table
 
 from crowdbench.metrics.summary import bootstrap, wilson
 
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.usefixtures("study_folder")
 
 def test_reported_stands_beside_measured(tmp_path):
     one, two = table([1] * 18 + [0] * 2), table([1] * 19 + [0], time=np.linspace(9.0, 11.0, 20))
-    found = fill(read(TABLE), tmp_path, mine=[one, two], other=[one, two], orca=[two])
+    found = fill(read_page(TABLE), tmp_path, mine=[one, two], other=[one, two], orca=[two])
     text = found.markdown()
     assert text.startswith("## Beside\n\nOn circle_crossing_5, replan_every=2, look_first=8, cases test:0:20.\n")
     header, mine, other, orca = cells(text)
@@ -38,7 +38,7 @@ def test_reported_stands_beside_measured(tmp_path):
 def test_networks_that_all_solve_every_case_or_none_are_no_more_certain_than_one(tmp_path, solves):
     alike = table([solves] * 20)
     found = fill(
-        read(TABLE), tmp_path, mine=[alike] * 2, other=[alike, table([solves] * 19 + [not solves])], orca=[alike]
+        read_page(TABLE), tmp_path, mine=[alike] * 2, other=[alike, table([solves] * 19 + [not solves])], orca=[alike]
     )
     mine, other, orca = (row.measured["success_rate"] for row in found.rows)
     assert mine == orca == wilson(alike.columns["success_rate"])
@@ -47,14 +47,14 @@ def test_networks_that_all_solve_every_case_or_none_are_no_more_certain_than_one
 
 def test_failures_count_for_success_alone(tmp_path):
     hasty = table([1] * 10 + [0] * 10, change=[1.0] * 10 + [9.0] * 10, jerk=[2.0] * 10 + [9.0] * 10)
-    found = fill(read(TABLE), tmp_path, mine=[hasty] * 2, other=[hasty] * 2, orca=[hasty])
+    found = fill(read_page(TABLE), tmp_path, mine=[hasty] * 2, other=[hasty] * 2, orca=[hasty])
     for row in found.rows:
         assert [row.measured[name].mean for name in ("max_velocity_change", "jerk")] == [1.0, 2.0]
         assert row.measured["success_rate"].mean == 0.5
 
 
 def test_what_nobody_reports_has_no_column(tmp_path):
-    asked = read(re.sub("reported.*", "", TABLE))
+    asked = read_page(re.sub("reported.*", "", TABLE))
     found = fill(asked, tmp_path, mine=[table([1] * 20)] * 2, other=[table([1] * 20)] * 2, orca=[table([1] * 20)])
     headings = ["planner", "networks", "success, %", "time, s", "largest change of velocity, m/s", "jerk, m/s^3"]
     assert cells(found.markdown())[0] == headings
@@ -62,21 +62,21 @@ def test_what_nobody_reports_has_no_column(tmp_path):
 
 @pytest.mark.slow
 def test_a_study_may_have_such_a_table(capsys):
-    study(TABLE.replace('"20"', '"3"').replace("replan_every = 2", ""))
+    print_page(TABLE.replace('"20"', '"3"').replace("replan_every = 2", ""))
     assert "| mine | 2 | 97.2 |" in capsys.readouterr().out
     assert len(list(Path("runs/study-tiny").iterdir())) == 5
 
 
 BROKEN = {
-    TABLE.replace('"other"', '"mine"'): ["tables[1].rows", "rows of different labels"],
-    TABLE.replace("navigation_time", "time"): ["unknown key tables[1].rows[1].reported.time", "navigation_time"],
+    TABLE.replace('"other"', '"mine"'): ["networks[1].rows", "rows of different labels"],
+    TABLE.replace("navigation_time", "time"): ["unknown key networks[1].rows[1].reported.time", "navigation_time"],
     TABLE.replace("0.972", "'97 %'"): ["reported.success_rate is '97 %'", "a number of at least 0"],
     TABLE.replace('["one", "two"]', "[]"): ["rows[1].weights is []", "list of texts"],
-    TABLE.replace('scenario = "circle_crossing_5"', ""): ["tables[1].scenario is missing", "text in quotes"],
-    TABLE.partition("[[tables.rows]]")[0]: ["tables[1].rows is missing", "one table or more"],
+    TABLE.replace('scenario = "circle_crossing_5"', ""): ["networks[1].scenario is missing", "text in quotes"],
+    TABLE.partition("[[networks.rows]]")[0]: ["networks[1].rows is missing", "one table or more"],
 }
 
 
 @pytest.mark.parametrize("text", BROKEN)
 def test_a_broken_table_gets_one_sentence(text):
-    refused(text, BROKEN[text])
+    refused(text, BROKEN[text], read_page)

@@ -13,10 +13,10 @@ from crowdbench.boards.board_runs import EntryPlanner, read_episodes
 from crowdbench.boards.entry import Entry
 from crowdbench.boards.verdict import Method
 from crowdbench.metrics import UNDISTURBED, info_of
+from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.metrics.summary import NOTHING, Estimate, wilson
 from crowdbench.runs.results import to_json
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.intervals import mean_over_networks
 
 MIN_NETWORKS = 5
 """Fewer networks do not represent a method."""

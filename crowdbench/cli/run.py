@@ -89,6 +89,7 @@ def run(
     from crowdbench.runs.shards import Parts, Shard, make_run
     from crowdbench.runs.spec import RunSpec, directory_name
     from crowdbench.scenario.cases import Cases
+    from crowdbench.utils.files import check_free
 
     announce_compilation()
     spec = RunSpec(
@@ -114,14 +115,15 @@ def run(
             say(f"crowdbench: {loaded.scenario.certificates.sentence(spec.cases)}")
         directory = out or Path("runs") / directory_name(loaded.driver.name, loaded.scenario.name, spec)
         if on_ray:
-            from crowdbench.runs.on_ray import make_run_on_ray
+            from crowdbench.runs.on_ray import make_parts
 
-            make_run_on_ray(loaded, directory, own, overwrite, cpus=threads or 1, progress=tell)
+            check_free(directory, overwrite)
+            make_parts([Parts.of(loaded, directory, own)], cpus=threads or 1, progress=tell)
         is_whole = make_run(loaded, directory, shard=own, overwrite=overwrite, progress=None if on_ray else tell)
     if not is_whole:
         parts = Parts.of(loaded, directory)
         finished = f"{parts.count_finished()} of {len(spec.cases)} cases are in {parts.folder}"
-        say(f"crowdbench: {finished}; the shard that ends last puts all of them together")
+        say(f"crowdbench: {finished}; the last process to finish merges the run")
         return
     changes = "".join(f", {key}={value}" for key, value in spec.changes.items())
     title = f"{loaded.label} on {loaded.scenario.name}{changes}"

@@ -7,54 +7,29 @@ folder in common with this process. A part whose worker is killed is made again 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import platform
 import signal
 import sys
 import tempfile
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from filelock import Timeout
-
 from crowdbench.runs.load import open_run
-from crowdbench.runs.run import Run
-from crowdbench.runs.shards import Parts, Shard
+from crowdbench.runs.shards import Parts
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, describe_error
-from crowdbench.utils.files import check_free, new_directory
-
-MOST_UNDER_WAY = 500
-"""Parts that are with the cluster at a time, at most: each keeps a lock, and processes may open about 1000 files."""
+from crowdbench.utils.files import new_directory
 
 
-def make_run_on_ray(
-    run: Run, out: Path, shard: Shard, overwrite: bool, *, cpus: int, progress: Callable[[float], None]
-) -> None:
-    """Make the parts of one run, or of a shard of it; arguments and errors are those of `make_parts` and `make_run`."""
-    check_free(out, overwrite)
-    parts = Parts.of(run, out, shard)
-    with parts.report_finished():
-        make_parts([parts], cpus=cpus, progress=progress)
-
-
-def make_parts(
-    runs: Sequence[Parts],
-    *,
-    cpus: int = 1,
-    finished: Callable[[int], None] = lambda number: None,
-    progress: Callable[[float], None],
-) -> None:
+def make_parts(runs: Sequence[Parts], *, cpus: int = 1, progress: Callable[[float], None]) -> None:
     """Make parts of runs on a cluster: the one that `RAY_ADDRESS` names, or one that is started on this machine.
 
     Args:
-        runs: What to make. Parts that are there, and those that other processes are making, are left out.
+        runs: What to make. Parts that are there are left out.
         cpus: CPUs that a part takes, and threads that its planner and simulator use.
-        finished: Called with the number of a run when none of its parts is left to make.
         progress: Called with the number of cases of each part that is there.
 
     Raises:
@@ -62,62 +37,35 @@ def make_parts(
             or a planner, scenario or metric breaks its contract. Finished parts are kept.
         KeyboardInterrupt: Somebody interrupted it. Finished parts are kept.
     """
+    environment = {"NUMBA_NUM_THREADS": str(cpus), "OMP_NUM_THREADS": str(cpus), "OMP_WAIT_POLICY": "passive"}
     with _connect() as ray, contextlib.ExitStack() as stack:
+        machines = [int(node["Resources"].get("CPU", 0)) for node in ray.nodes() if node["Alive"]]
+        if max(machines, default=0) < cpus:
+            raise InputError(f"--threads {cpus} is more than any machine of the Ray cluster has")
+        task = ray.remote(_make_part).options(num_cpus=cpus, runtime_env={"env_vars": environment})
+        waiting: dict[Any, tuple[Parts, Cases]] = {}
         for parts in runs:
             stack.enter_context(parts.open())
-        left = [len(parts.selected) for parts in runs]
-        for number, cases in _finish_parts(ray, runs, cpus):
-            progress(cases)
-            left[number] -= 1
-            if not left[number]:
-                finished(number)
-
-
-def _finish_parts(ray: Any, runs: Sequence[Parts], cpus: int) -> Iterator[tuple[int, int]]:
-    """Have all parts made, and yield for each the number of its run and how many cases have come by it."""
-    environment = {"NUMBA_NUM_THREADS": str(cpus), "OMP_NUM_THREADS": str(cpus), "OMP_WAIT_POLICY": "passive"}
-    task = ray.remote(_make_part).options(num_cpus=cpus, runtime_env={"env_vars": environment})
-    most = min(MOST_UNDER_WAY, 2 * _count_places(ray, cpus))
-    waiting = deque((number, part) for number, parts in enumerate(runs) for part in parts.selected)
-    under_way: dict[Any, tuple[int, Cases, contextlib.ExitStack]] = {}
-    with contextlib.ExitStack() as all_locks:
-        while waiting or under_way:
-            while waiting and len(under_way) < most:
-                number, part = waiting.popleft()
-                parts, lock = runs[number], all_locks.enter_context(contextlib.ExitStack())
-                try:
-                    is_missing = lock.enter_context(parts.claim(part))
-                except Timeout:
-                    yield number, 0
-                    continue
-                if is_missing:
-                    future = task.remote(parts.spec, part, parts.request, os.getcwd())
-                    under_way[future] = number, part, lock
+            for part in parts.selected:
+                if parts.is_finished(part):
+                    progress(len(part))
                 else:
-                    lock.close()
-                    yield number, len(part)
-            for done in ray.wait(list(under_way))[0] if under_way else []:
-                number, part, lock = under_way.pop(done)
-                files = _fetch_files(ray, done, part)
-                with new_directory(runs[number].directory(part), overwrite=True) as partial:
+                    waiting[task.remote(parts.spec, part, parts.request["run"], os.getcwd())] = parts, part
+        while waiting:
+            for future in ray.wait(list(waiting))[0]:
+                parts, part = waiting.pop(future)
+                files = _fetch_files(ray, future, part)
+                with new_directory(parts.directory(part), overwrite=True) as partial:
                     for name, contents in files.items():
                         (partial / name).write_bytes(contents)
-                lock.close()
-                yield number, len(part)
+                parts.write_request()
+                progress(len(part))
 
 
-def _count_places(ray: Any, cpus: int) -> int:
-    """How many parts the cluster makes at once. Raises InputError where no machine has as many CPUs."""
-    machines = [int(node["Resources"].get("CPU", 0)) for node in ray.nodes() if node["Alive"]]
-    if max(machines, default=0) < cpus:
-        raise InputError(f"--threads {cpus} is more than any machine of the Ray cluster has")
-    return sum(machine // cpus for machine in machines)
-
-
-def _fetch_files(ray: Any, done: Any, part: Cases) -> dict[str, bytes]:
-    """The files of a part. Raises InputError where a worker could not make it."""
+def _fetch_files(ray: Any, future: Any, part: Cases) -> dict[str, bytes]:
+    """Return the files of a part. Raises InputError where a worker could not make it."""
     try:
-        answer = ray.get(done)
+        answer = ray.get(future)
     except ray.exceptions.RayError as error:
         raise InputError(f"the Ray cluster could not run the cases {part}: {describe_error(error)}") from error
     if isinstance(answer, str):
@@ -125,13 +73,13 @@ def _fetch_files(ray: Any, done: Any, part: Cases) -> dict[str, bytes]:
     return dict(answer)
 
 
-def _make_part(spec: RunSpec, part: Cases, request: str, folder: str) -> dict[str, bytes] | str:
+def _make_part(spec: RunSpec, part: Cases, expected: Mapping[str, Any], folder: str) -> dict[str, bytes] | str:
     """Make a part, on a worker.
 
     Args:
         spec: The run.
         part: The cases.
-        request: What the part's folder says that its figures depend on.
+        expected: What the run is on the machine that sent it, see `RunId.parts`.
         folder: The folder that paths in the specification are relative to.
 
     Returns:
@@ -142,7 +90,13 @@ def _make_part(spec: RunSpec, part: Cases, request: str, folder: str) -> dict[st
             if Path(folder).is_dir():
                 stack.enter_context(contextlib.chdir(folder))
             run = stack.enter_context(open_run(spec))
-            _check_same(run, request)
+            differences = [key for key in ("code", *expected) if expected[key] != run.id.parts[key]]
+            if differences:
+                what = "code of crowdbench" if differences[0] == "code" else differences[0]
+                return (
+                    f"the Ray worker on {platform.node()} has another {what} than the machine that asks it: install "
+                    "the same crowdbench there, and the same files"
+                )
             directory = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "part"
             run.drive(part, directory)
             return {path.name: path.read_bytes() for path in directory.iterdir()}
@@ -150,21 +104,9 @@ def _make_part(spec: RunSpec, part: Cases, request: str, folder: str) -> dict[st
         return str(error)
 
 
-def _check_same(run: Run, request: str) -> None:
-    """Raise InputError where this machine would make another run."""
-    expected, own = (json.loads(text)["run"] for text in (request, Parts.of(run, Path("run")).request))
-    differ = [key for key in ("code", *expected) if expected.get(key) != own.get(key)]
-    if differ:
-        what = "code of crowdbench" if differ[0] == "code" else differ[0]
-        raise InputError(
-            f"the Ray worker on {platform.node()} has another {what} than the machine that asks it: install the same "
-            "crowdbench there, and the same files"
-        )
-
-
 @contextlib.contextmanager
 def _connect() -> Iterator[Any]:
-    """Ray, connected to a cluster. Raises InputError where it is not installed, or the cluster is not reached."""
+    """Connect to a Ray cluster. Raises InputError where it is not installed, or the cluster is not reached."""
     try:
         import ray
     except ImportError:

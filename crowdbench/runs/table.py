@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,8 +13,8 @@ import numpy as np
 
 from crowdbench.metrics import MAIN, METRICS, Metric, MetricInfo, info_of, no_metric
 from crowdbench.metrics.summary import NOTHING, Estimate
-from crowdbench.runs.compare import Comparison, check_comparable, compare_results
-from crowdbench.runs.paired import LEAST_SHARED, holm
+from crowdbench.runs.compare import check_comparable, compare_results
+from crowdbench.runs.paired import holm
 from crowdbench.runs.store import RunResult
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
@@ -195,35 +194,6 @@ def metric_grid(
             largest = "" if name in rates else info.number(one.max)
             rows.append((name, info.amount(one.mean), info.interval(one.low, one.high), largest, str(one.n)))
     return Grid(title, ("metric", "mean", "95 % interval", "max", "n"), rows, align="lrlrr")
-
-
-def comparisons(runs: Runs, metrics: Sequence[str]) -> list[Comparison]:
-    """Compare each pair of runs of a scenario."""
-    return [compare_results(*pair, metrics) for pair in itertools.combinations(runs.values(), 2)]
-
-
-def verdict_grid(found: Sequence[Comparison]) -> Grid:
-    """Return in which metrics the planner of a row is significantly better or worse than that of a column.
-
-    Args:
-        found: What `comparisons` returns for two runs or more.
-    """
-    cells = {one.names: _verdict(one) for one in found}
-    planners = list(dict.fromkeys(name for names in cells for name in names))
-    rows = [[row, *(cells.get((column, row), "") for column in planners[:-1])] for row in planners[1:]]
-    return Grid("pairs", ["significantly better or worse than", *planners[:-1]], rows, found)
-
-
-def _verdict(found: Comparison) -> str:
-    """In which metrics the second of two planners is better or worse."""
-    titles: dict[int, list[str]] = {1: [], -1: []}
-    for name, row in found.rows.items():
-        info = info_of(name)
-        if row.is_significant and info.sign:
-            titles[info.sign * (1 if row.difference.mean > 0.0 else -1)].append(info.title)
-    words = [f"{how}: {', '.join(titles[sign])}" for how, sign in (("better", 1), ("worse", -1)) if titles[sign]]
-    few = f" ({found.both_solved} solved by both)" if found.both_solved < LEAST_SHARED else ""
-    return ("; ".join(words) or "no significant difference") + few
 
 
 def scenario_title(run: RunResult) -> str:

@@ -1,1 +1,1 @@
-"""Studies: a file that says which runs are made, and the tables printed from them."""
+"""Studies: a TOML file of planners, scenarios and settings, the runs that it lists, and the table of these runs."""

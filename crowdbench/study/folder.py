@@ -14,23 +14,19 @@ from crowdbench.runs.store import RunResult
 
 
 def run_directory(run: Run, out: Path) -> Path:
-    """The directory of a run in the folder `out`: its name has a part for people, and the beginning of the run's id."""
+    """Return the directory of a run in the folder `out`; its name has a part for people, and the run's id."""
     name = directory_name(run.driver.name, run.scenario.name, run.spec)
     return out / f"{name[:180]}-{run.id.digest[:12]}"
 
 
 def describe_run(run: Run) -> str:
-    """What a run is, for people."""
-    return f"{run.label} on {describe_scenario(run)}, cases {run.spec.cases}"
-
-
-def describe_scenario(run: Run) -> str:
-    """The scenario of a run and what is changed in it, for people."""
-    return run.scenario.name + "".join(f", {key}={value}" for key, value in run.spec.overrides.items())
+    """Return what a run is, for people."""
+    changes = "".join(f", {key}={value}" for key, value in run.spec.overrides.items())
+    return f"{run.label} on {run.scenario.name}{changes}, cases {run.spec.cases}"
 
 
 def is_complete(run: Run, out: Path) -> bool:
-    """Whether a run is in the folder, to the last case, and can be checked.
+    """Return whether a run is in the folder, to the last case, and can be checked.
 
     Raises InputError where its directory holds something else, or other files than it wrote.
     """
@@ -38,39 +34,37 @@ def is_complete(run: Run, out: Path) -> bool:
     return (directory / RESULT).exists() and RunResult.read(directory).result["id"] == run.id.digest
 
 
-def make_in_folder(run: Run, out: Path, progress: Callable[[float], None] | None = None, *, wait: bool = True) -> bool:
+def make_in_folder(run: Run, out: Path, progress: Callable[[float], None] | None = None) -> bool:
     """Make a run that is not in the folder. After an interrupt its finished parts are kept, and it goes on with them.
 
     Args:
         run: The run.
         out: The folder.
         progress: As `make_run` calls it.
-        wait: Whether to wait for other processes that are making parts of it.
 
     Returns:
-        Whether it is there.
+        Whether it is there; not where another process is making it.
 
     Raises:
         InputError: As `make_run` does.
         KeyboardInterrupt: Somebody interrupted it.
     """
-    if is_complete(run, out):  # another process may have made it meanwhile
-        return True
-    return make_run(run, run_directory(run, out), overwrite=True, wait=wait, progress=progress)
+    # Another process may have made it meanwhile.
+    return is_complete(run, out) or make_run(run, run_directory(run, out), overwrite=True, progress=progress)
 
 
 def read_episodes(run: Run, out: Path) -> Episodes:
-    """The episodes of a run in the folder. Raises InputError where it is not there."""
+    """Read the episodes of a run in the folder. Raises InputError where it is not there."""
     return Episodes.read(run_directory(run, out) / EPISODES)
 
 
 def missing_runs(runs: Iterable[Run], out: Path, shard: Shard = WHOLE) -> list[Run]:
-    """The runs that are not in the folder, each once.
+    """Return the runs that are not in the folder, each once.
 
     Args:
         runs: The runs that are needed, some perhaps twice.
         out: The folder.
         shard: Which share of the runs is looked at. It is the same whichever of them are there.
     """
-    each = list({run_directory(run, out): run for run in runs}.values())
-    return [run for run in shard.select(each) if not is_complete(run, out)]
+    distinct = list({run_directory(run, out): run for run in runs}.values())
+    return [run for run in shard.select(distinct) if not is_complete(run, out)]

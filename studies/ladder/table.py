@@ -18,12 +18,11 @@ from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.study.measures import SUCCESS
-from crowdbench.study.schema import CasesText, CrowdPlannerSpec, Planners, StudyHead
+from crowdbench.study.schema import CasesText, Planners, PlannerSpec, StudyHead
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location, Name, Names, TomlTable
 from studies.ladder.rungs import RUNGS, load_rung
-from studies.pages import draw_bar, read_successes
+from studies.pages import SUCCESS, draw_bar, read_successes
 
 CHOICE = Cases("val", 0, 50)
 """The cases that choose the best planner."""
@@ -42,10 +41,10 @@ NOTES = (
 )
 
 CANDIDATES = [
-    CrowdPlannerSpec(planner="mppi", options={"filter": "kalman"}),
-    CrowdPlannerSpec(planner="dwa", options={"filter": "kalman"}),
-    CrowdPlannerSpec(planner="orca_margin"),
-    CrowdPlannerSpec(planner="ppo_attention", options={"weights": "ppo_worlds"}),
+    PlannerSpec(planner="mppi", options={"filter": "kalman"}),
+    PlannerSpec(planner="dwa", options={"filter": "kalman"}),
+    PlannerSpec(planner="orca_margin"),
+    PlannerSpec(planner="ppo_attention", options={"weights": "ppo_worlds"}),
 ]
 """Planners among which the best one is, where nobody names others: the strongest of each kind."""
 

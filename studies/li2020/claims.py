@@ -12,13 +12,14 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.metrics.info import MetricInfo
-from crowdbench.metrics.summary import Estimate
+from crowdbench.metrics.networks import Values, mean_of_means, mean_over_networks, network_estimate
+from crowdbench.metrics.summary import NOTHING, Estimate
 from crowdbench.runs.paired import LEAST_SHARED
 from crowdbench.runs.results import Episodes
-from crowdbench.study.intervals import Values, difference_over_networks, reduction_over_networks
-from crowdbench.study.measures import PLANNER_MEASURES, SUCCESS, SUCCESS_RATE, values_of
 from crowdbench.utils.tables import markdown
 from crowdbench.utils.toml import Location, Name, TomlTable, choice, number
+from studies.networks import PLANNER_MEASURES
+from studies.pages import SUCCESS, SUCCESS_RATE, values_of
 
 POINTS = dataclasses.replace(SUCCESS, unit="points")
 REDUCTION = MetricInfo("reduction", share=True)
@@ -191,3 +192,49 @@ def _gain_in_success(ours: Values, theirs: Float[np.ndarray, "their_network case
     guarded = difference_over_networks(np.hstack([ours, won]), np.hstack([theirs, lost]), paired)
     found = difference_over_networks(ours, theirs, paired)
     return dataclasses.replace(found, low=guarded.low, high=guarded.high)
+
+
+def difference_over_networks(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
+    """By how much one mean over networks is larger than another.
+
+    Args:
+        ours: A metric of each network in each case, NaN where it is not defined.
+        theirs: The same metric of other networks, or of the same ones under another planner, in the same cases.
+        paired: Whether the networks are the same ones in the same order. Those of two trainings are not, and their
+            parts of the variance are added.
+
+    Returns:
+        The difference with its interval; `n` counts the values of paired networks, and otherwise the cases.
+    """
+    if paired:
+        return mean_over_networks(ours - theirs)
+    if np.isnan(ours).all() or np.isnan(theirs).all():
+        return NOTHING
+    return network_estimate(
+        mean_of_means(ours) - mean_of_means(theirs), [ours, -theirs], _case_means(ours) - _case_means(theirs)
+    )
+
+
+def reduction_over_networks(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
+    """By which share one mean over networks is smaller than another.
+
+    Args:
+        ours: As in `difference_over_networks`.
+        theirs: As in `difference_over_networks`.
+        paired: As in `difference_over_networks`.
+
+    Returns:
+        The share with its interval, by linearisation (the delta method); NaN where the mean of `theirs` is 0.
+    """
+    if np.isnan(ours).all() or np.isnan(theirs).all() or (base := mean_of_means(theirs)) == 0.0:
+        return NOTHING
+    ratio = mean_of_means(ours) / base
+    parts = [ours / base, -ratio * theirs / base]
+    shares = 1.0 - _case_means(ours) / np.where(_case_means(theirs) == 0.0, np.nan, _case_means(theirs))
+    return network_estimate(1.0 - ratio, [parts[0] + parts[1]] if paired else parts, shares)
+
+
+def _case_means(values: Values) -> Float[np.ndarray, "case"]:
+    """Return the mean over networks in each case; NaN where none of them has a value."""
+    number = (~np.isnan(values)).sum(axis=0)
+    return np.where(number > 0, np.nansum(values, axis=0) / np.maximum(number, 1), np.nan)

@@ -12,7 +12,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
 from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
-from crowdbench.cli.study import ShardOption, make_runs, print_tables
+from crowdbench.cli.study import ShardOption, make_runs
 from crowdbench.utils.tables import Format
 
 
@@ -40,14 +40,15 @@ def reproduce(
     use_threads(None if is_on_ray(on) else threads)
     from studies.li2020.claims import tally
     from studies.li2020.table import fill, read_reproduction
+    from studies.pages import print_filled
 
     study = read_reproduction(table, quick)
     make_runs(study.runs, out, shard, on, threads)
     tables = fill(study, out)
     claims = [claim for each in tables for claim in each.claims]
     command = f"python studies/li2020/run.py{f' --table {table}' if table else ''}{' --quick' if quick else ''}"
-    page = f"{study.page(tables, command)}\n\n{tally(claims)}"
-    print_tables({"quick": quick, "tables": tables, "sources": study.sources}, tables, page, format)
+    page = f"{study.markdown(tables, command)}\n\n{tally(claims)}"
+    print_filled({"quick": quick, "tables": tables, "sources": study.sources}, tables, page, format)
 
 
 if __name__ == "__main__":

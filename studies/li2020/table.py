@@ -9,12 +9,11 @@ from pathlib import Path
 from pydantic import Field
 
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.planners import FilledPlannersTable, PlannersTable
-from crowdbench.study.schema import CasesText, PlannersSpec, StudyHead
-from crowdbench.study.study import Study
+from crowdbench.study.schema import CasesText, StudyHead
 from crowdbench.utils.toml import Location
 from studies.li2020.claims import NOTES, Assessment, ClaimSpec, assess, check_claim, claims_table
-from studies.pages import read_file
+from studies.networks import FilledNetworksTable, NetworksSpec, NetworksTable
+from studies.pages import Page, read_file
 
 FILE = Path(__file__).with_name("study.toml")
 """The tables of Li et al. (2020) and more."""
@@ -25,7 +24,7 @@ QUICK = (
 )
 
 
-class ClaimedSpec(PlannersSpec):
+class ClaimedSpec(NetworksSpec):
     """`[[tables]]`: planners on the cases of one scenario, and claims about them.
 
     `quick` are the cases for a quick look.
@@ -50,15 +49,15 @@ class ReproductionSpec(StudyHead):
 
 
 @dataclass(frozen=True)
-class ClaimedTable(PlannersTable):
+class ClaimedTable(NetworksTable):
     """Planners on the same cases, the runs of each, and claims about them."""
 
     spec: ClaimedSpec
 
     @classmethod
     def plan(cls, spec: ClaimedSpec, location: Location) -> ClaimedTable:
-        """Plan the runs; raises InputError as `PlannersTable.of` does, and where a claim cannot be assessed."""
-        rows = PlannersTable.of(spec, location).rows
+        """Plan the runs; raises InputError as `NetworksTable.of` does, and where a claim cannot be assessed."""
+        rows = NetworksTable.of(spec, location).rows
         networks = {row.label: row.networks for row in rows}
         for i, claim in enumerate(spec.claims):
             check_claim(claim, networks, location.at("claims", i))
@@ -72,7 +71,7 @@ class ClaimedTable(PlannersTable):
 
 
 @dataclass(frozen=True)
-class FilledClaimedTable(FilledPlannersTable):
+class FilledClaimedTable(FilledNetworksTable):
     """A table with its figures, and a verdict on each claim. Its fields are what `--format json` prints."""
 
     claims: list[Assessment]
@@ -87,7 +86,7 @@ class FilledClaimedTable(FilledPlannersTable):
         return [*super().notes(), *([NOTES] if self.claims else [])]
 
 
-def read_reproduction(number: int | None, quick: bool, file: Path | None = None) -> Study:
+def read_reproduction(number: int | None, quick: bool, file: Path | None = None) -> Page:
     """Read the study, or a part of it.
 
     Args:
@@ -105,9 +104,9 @@ def read_reproduction(number: int | None, quick: bool, file: Path | None = None)
         specs = [table.quick_look() for table in specs]
     location = Location(path.name)
     tables = [ClaimedTable.plan(table, location.at("tables", i)) for i, table in enumerate(specs)]
-    return Study(path.stem, QUICK if quick else spec.description, tables, spec.sources)
+    return Page(path.stem, QUICK if quick else spec.description, tables, spec.sources)
 
 
-def fill(study: Study, out: Path) -> list[FilledClaimedTable]:
+def fill(study: Page, out: Path) -> list[FilledClaimedTable]:
     """Fill the tables of the study from the runs in the folder `out`; raises InputError where one is not there."""
     return [table.fill(out) for table in study.tables if isinstance(table, ClaimedTable)]

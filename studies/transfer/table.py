@@ -17,12 +17,12 @@ from crowdbench.metrics.summary import Estimate, interval
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases as CaseRange
-from crowdbench.study.crowds import load_runs
 from crowdbench.study.folder import read_episodes
-from crowdbench.study.measures import SUCCESS_RATE
 from crowdbench.study.schema import CasesText, Planners, StudyHead
+from crowdbench.study.study import load_runs
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location, Name, Names, TomlTable, number
+from studies.pages import SUCCESS_RATE
 from studies.transfer.kendall import Cases, Scores, agreement, draw_families, kendall, mean_scores
 
 SUITE = "suite"

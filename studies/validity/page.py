@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from crowdbench.metrics.info import MetricInfo
-from crowdbench.study.intervals import mean_over_networks
+from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.utils.tables import markdown, printed_by
 from studies.validity import door
 from studies.validity.experiments import EVERYBODY, LAST, LENGTH, STUCK, TIME, WIDTH, People, Setting

@@ -1,26 +1,32 @@
-"""`[[tables]]`: planners on the same cases, each with one network or several, beside what others report of them."""
+"""`[[networks]]`: planners on the same cases, each with one network or several, beside what others report of them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator, Field
 
+from crowdbench.metrics import info_of
+from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.metrics.summary import Estimate, wilson
 from crowdbench.runs.load import load_run
 from crowdbench.runs.results import Episodes, planner_label
 from crowdbench.runs.run import Run
-from crowdbench.runs.spec import Replanning, RunSpec
+from crowdbench.runs.spec import LOOK_FIRST, Replanning, RunSpec
 from crowdbench.runs.table import PRIVILEGED
+from crowdbench.scenario.cases import Cases
 from crowdbench.study.folder import read_episodes
-from crowdbench.study.intervals import mean_over_networks
-from crowdbench.study.measures import PLANNER_MEASURES, SUCCESS, SUCCESS_RATE, values_of
-from crowdbench.study.schema import PlannersSpec, RowSpec
+from crowdbench.study.schema import CasesText
 from crowdbench.utils.tables import Grid, markdown
-from crowdbench.utils.toml import Location
+from crowdbench.utils.toml import Location, Name, Names, Text, TomlTable, Values, choice, integer, number, table
+from studies.pages import SUCCESS, SUCCESS_RATE, values_of
+
+PLANNER_MEASURES = {name: info_of(name) for name in (SUCCESS_RATE, "navigation_time", "max_velocity_change", "jerk")}
+"""Metrics that a table may show."""
 
 NOTES = (
     "Figures are means over the networks of a row, which all drive the same cases. Their 95 % intervals are for other "
@@ -33,6 +39,63 @@ SECOND_READING = (SUCCESS_RATE, "navigation_time")
 """The metrics of a second reading."""
 
 ALONE = "The networks of a row differ only in the seed of their training."
+
+
+def _known(measures: list[str]) -> list[str]:
+    if not set(measures) <= set(PLANNER_MEASURES):
+        raise ValueError
+    return measures
+
+
+class ReportedSpec(TomlTable):
+    """`reported`: what somebody else measured, by metric, in the metrics' own units."""
+
+    success_rate: float | None = number(None, least=0.0, below=1000.0)
+    navigation_time: float | None = number(None, least=0.0, below=1000.0)
+    max_velocity_change: float | None = number(None, least=0.0, below=1000.0)
+    jerk: float | None = number(None, least=0.0, below=1000.0)
+
+
+class RowSpec(TomlTable):
+    """`[[networks.rows]]`: a planner, with each of several networks or seeds or without any, and its label.
+
+    Seeds are values of the planner's option `seed`. They are shown as networks are.
+
+    The first network, which is the shipped one, is run on the cases of `second_reading` too, where there are any: cases
+    that nobody has looked at, while those of the table have been looked at often.
+    """
+
+    label: Text = ""
+    planner: Name
+    weights: Names = Field(default=[])
+    seeds: list[int] = Field(default=[], description="a list of whole numbers")
+    options: Values = Field(default={})
+    reported: ReportedSpec = table("reported")
+    second_reading: CasesText | None = None
+
+
+class VariantSpec(TomlTable):
+    """`variant`: the same runs under another rule of the scenario, with all networks of a row or its first."""
+
+    title: Name
+    overrides: Values = Field(default={})
+    networks: str = choice(("all", "first"), default="all")
+
+
+class NetworksSpec(TomlTable):
+    """`[[networks]]`: planners on the cases of one scenario."""
+
+    title: Name
+    scenario: Name
+    replan_every: int = integer(1, least=1, most=1000)
+    look_first: int = integer(LOOK_FIRST, least=1, most=1000)
+    cases: CasesText = Cases.parse("test:500")
+    measures: Annotated[Names, AfterValidator(_known)] = Field(
+        default=list(PLANNER_MEASURES),
+        description=f"a list of some of {', '.join(PLANNER_MEASURES)}, none of them twice",
+    )
+    variant: VariantSpec | None = Field(default=None, description="a table with a title and overrides")
+    rows: list[RowSpec] = Field(min_length=1, description="one table or more")
 
 
 @dataclass(frozen=True)
@@ -56,8 +119,8 @@ class PlannerRow:
     second_reading: Run | None
 
     @classmethod
-    def of(cls, row: RowSpec, table: PlannersSpec, location: Location) -> PlannerRow:
-        """Plan the runs of a row; raises InputError as `PlannersTable.of` does."""
+    def of(cls, row: RowSpec, table: NetworksSpec, location: Location) -> PlannerRow:
+        """Plan the runs of a row; raises InputError as `NetworksTable.of` does."""
         if "weights" in row.options:
             raise location.at("options").wrong(repr(row.options), "without weights: they have a key of their own")
         if row.seeds and row.weights:
@@ -126,14 +189,14 @@ class PlannerRow:
 
 
 @dataclass(frozen=True)
-class PlannersTable:
+class NetworksTable:
     """Planners on the same cases, and the runs of each."""
 
-    spec: PlannersSpec
+    spec: NetworksSpec
     rows: list[PlannerRow]
 
     @classmethod
-    def of(cls, spec: PlannersSpec, location: Location) -> PlannersTable:
+    def of(cls, spec: NetworksSpec, location: Location) -> NetworksTable:
         """Plan the runs of a table.
 
         Args:
@@ -155,12 +218,12 @@ class PlannersTable:
         """All runs that it needs, some perhaps twice."""
         return [run for row in self.rows for run in row.all_runs]
 
-    def fill(self, out: Path) -> FilledPlannersTable:
+    def fill(self, out: Path) -> FilledNetworksTable:
         """The table with the figures of the runs in the folder `out`; raises InputError where one is not there."""
         episodes = {row.label: row.episodes(out) for row in self.rows}
         run, variant = self.rows[0].runs[0], self.spec.variant
         of_first = " (first network)" if variant and variant.networks == "first" else ""
-        return FilledPlannersTable(
+        return FilledNetworksTable(
             title=self.spec.title,
             scenario=run.scenario.name,
             replanning=run.spec.replanning.settings,
@@ -218,7 +281,7 @@ class FilledPlannerRow:
 
 
 @dataclass(frozen=True)
-class FilledPlannersTable:
+class FilledNetworksTable:
     """A table of planners with its figures. Its fields are what `--format json` prints."""
 
     title: str

@@ -1,26 +1,23 @@
-"""`[[crowds]]`: planners side by side in every crowd, and by which measures they differ."""
+"""`[[tables]]`: planners side by side in every crowd, and the measures in which they differ."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crowdbench import catalog
 from crowdbench.metrics import info_of
-from crowdbench.runs.compare import Comparison
-from crowdbench.runs.load import load_run
+from crowdbench.runs.compare import Comparison, compare_results
 from crowdbench.runs.paired import LEAST_SHARED
 from crowdbench.runs.run import Run
-from crowdbench.runs.spec import RunSpec
-from crowdbench.runs.table import PRIVILEGED, RunTable, comparisons, estimate_grid, verdict_grid
-from crowdbench.scenario.cases import Cases
+from crowdbench.runs.store import RunResult
+from crowdbench.runs.table import PRIVILEGED, RunTable, estimate_grid
 from crowdbench.study.folder import run_directory
-from crowdbench.study.measures import SUCCESS, SUCCESS_RATE
-from crowdbench.study.schema import CrowdPlannerSpec, CrowdsSpec
+from crowdbench.study.study import StudyTable
 from crowdbench.utils.tables import Grid, markdown
-from crowdbench.utils.toml import Location
+from studies.pages import SUCCESS, SUCCESS_RATE
 
 OVER_SOLVED = ("navigation_time", "discomfort", "jerk", "minimum_gap")
 """What is measured over solved cases: each planner's own, or those that both of a pair solve."""
@@ -128,56 +125,47 @@ class FilledCrowdsTable:
         return [note for note, applies in notes.items() if applies]
 
 
-def load_runs(planners: Sequence[CrowdPlannerSpec], base: RunSpec) -> list[Run]:
-    """The runs of planners in one scenario, which is loaded once.
-
-    Args:
-        planners: The planners with their options.
-        base: What all runs have in common.
-
-    Raises:
-        InputError: A planner or the scenario does not exist.
-    """
-    scenario = catalog.load_scenario(base.scenario, base.overrides, data=base.data)
-    return [load_run(replace(base, planner=each.planner, options=each.options), scenario=scenario) for each in planners]
-
-
 @dataclass(frozen=True)
-class CrowdsTable:
-    """Planners in crowds, the same cases for all; `by_scenario` has the runs of each scenario in a list."""
+class SideBySide:
+    """The page of a table of a study. `fill` and `runs` are as `pages.Table` says."""
 
-    title: str
-    cases: Cases
-    by_scenario: list[list[Run]]
-
-    @classmethod
-    def of(cls, spec: CrowdsSpec, location: Location, data: Path | None) -> CrowdsTable:
-        """Plan the runs of a table.
-
-        Args:
-            spec: What the file says of the table.
-            location: Where in the file.
-            data: The folder with the recorded tracks that its scenarios need.
-
-        Raises:
-            InputError: A planner or a scenario does not exist, or two planners have the same name and options.
-        """
-        scenarios = catalog.simulated_scenarios() if spec.scenarios == "all" else spec.scenarios
-        base = RunSpec("", "", spec.cases, overrides=spec.overrides, record="none", data=data)
-        with location.named():
-            by_scenario = [load_runs(spec.planners, replace(base, scenario=scenario)) for scenario in scenarios]
-        labels = [run.label for run in by_scenario[0]]
-        if len(set(labels)) < len(labels):
-            raise location.at("planners").wrong(repr(labels), "planners that differ in their names or options")
-        return cls(spec.title, spec.cases, by_scenario)
+    table: StudyTable
 
     @property
     def runs(self) -> list[Run]:
         """All runs that it needs."""
-        return [run for runs in self.by_scenario for run in runs]
+        return self.table.runs
 
     def fill(self, out: Path) -> FilledCrowdsTable:
-        """The table with the figures of the runs in the folder `out`; raises InputError where one is not there."""
-        tables = [RunTable.read([run_directory(run, out) for run in runs]) for runs in self.by_scenario]
-        crowds = [FilledCrowd.of(table) for table in tables]
-        return FilledCrowdsTable(self.title, str(self.cases), crowds)
+        """Fill the table from the runs in the folder `out`. Raises InputError where one is not there."""
+        tables = [RunTable.read([run_directory(run, out) for run in runs]) for runs in self.table.by_scenario]
+        return FilledCrowdsTable(self.table.title, str(self.table.cases), list(map(FilledCrowd.of, tables)))
+
+
+def comparisons(runs: Mapping[str, RunResult], metrics: Sequence[str]) -> list[Comparison]:
+    """Compare each pair of runs of a scenario."""
+    return [compare_results(*pair, metrics) for pair in itertools.combinations(runs.values(), 2)]
+
+
+def verdict_grid(found: Sequence[Comparison]) -> Grid:
+    """Return in which metrics the planner of a row is significantly better or worse than that of a column.
+
+    Args:
+        found: What `comparisons` returns for two runs or more.
+    """
+    cells = {one.names: _verdict(one) for one in found}
+    planners = list(dict.fromkeys(name for names in cells for name in names))
+    rows = [[row, *(cells.get((column, row), "") for column in planners[:-1])] for row in planners[1:]]
+    return Grid("pairs", ["significantly better or worse than", *planners[:-1]], rows, found)
+
+
+def _verdict(found: Comparison) -> str:
+    """In which metrics the second of two planners is better or worse."""
+    titles: dict[int, list[str]] = {1: [], -1: []}
+    for name, row in found.rows.items():
+        info = info_of(name)
+        if row.is_significant and info.sign:
+            titles[info.sign * (1 if row.difference.mean > 0.0 else -1)].append(info.title)
+    words = [f"{how}: {', '.join(titles[sign])}" for how, sign in (("better", 1), ("worse", -1)) if titles[sign]]
+    few = f" ({found.both_solved} solved by both)" if found.both_solved < LEAST_SHARED else ""
+    return ("; ".join(words) or "no significant difference") + few

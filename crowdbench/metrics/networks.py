@@ -29,7 +29,7 @@ Values = Float[np.ndarray, "network case"]
 
 
 def mean_over_networks(values: Values) -> Estimate:
-    """The mean over networks of each network's mean over its cases.
+    """Return the mean over networks of each network's mean over its cases, with its interval.
 
     Args:
         values: A metric of each network in each case; NaN where it is not defined, which is left out.
@@ -39,58 +39,22 @@ def mean_over_networks(values: Values) -> Estimate:
         there are too few cases to tell. `n` counts the values that are not NaN.
     """
     defined = values[~np.isnan(values)]
-    return _estimate(_mean(values), [values], defined) if len(defined) else NOTHING
+    return network_estimate(mean_of_means(values), [values], defined) if len(defined) else NOTHING
 
 
-def difference_over_networks(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
-    """By how much one mean over networks is larger than another.
-
-    Args:
-        ours: A metric of each network in each case, NaN where it is not defined.
-        theirs: The same metric of other networks, or of the same ones under another planner, in the same cases.
-        paired: Whether the networks are the same ones in the same order. Those of two trainings are not, and their
-            parts of the variance are added.
-
-    Returns:
-        The difference with its interval; `n` counts the values of paired networks, and otherwise the cases.
-    """
-    if paired:
-        return mean_over_networks(ours - theirs)
-    if np.isnan(ours).all() or np.isnan(theirs).all():
-        return NOTHING
-    return _estimate(_mean(ours) - _mean(theirs), [ours, -theirs], _of_cases(ours) - _of_cases(theirs))
-
-
-def reduction_over_networks(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
-    """By which share one mean over networks is smaller than another.
+def network_estimate(
+    mean: float, groups: Sequence[Float[np.ndarray, "_ _"]], of_cases: Float[np.ndarray, "_"]
+) -> Estimate:
+    """Return an estimate.
 
     Args:
-        ours: As in `difference_over_networks`.
-        theirs: As in `difference_over_networks`.
-        paired: As in `difference_over_networks`.
-
-    Returns:
-        The share with its interval, by linearisation (the delta method); NaN where the mean of `theirs` is 0.
+        mean: The estimated value.
+        groups: Values of independent networks by network and case, whose means over networks add up to it.
+        of_cases: Its values by case.
     """
-    if np.isnan(ours).all() or np.isnan(theirs).all() or (base := _mean(theirs)) == 0.0:
-        return NOTHING
-    ratio = _mean(ours) / base
-    parts = [ours / base, -ratio * theirs / base]
-    shares = 1.0 - _of_cases(ours) / np.where(_of_cases(theirs) == 0.0, np.nan, _of_cases(theirs))
-    return _estimate(1.0 - ratio, [parts[0] + parts[1]] if paired else parts, shares)
-
-
-def _estimate(mean: float, groups: Sequence[Float[np.ndarray, "_ _"]], of_cases: Float[np.ndarray, "_"]) -> Estimate:
-    """An estimate: `groups` are independent networks whose means add up to it, `of_cases` are its values by case."""
     half = _half_width(groups)
     defined = of_cases[~np.isnan(of_cases)]
     return Estimate(mean, mean - half, mean + half, len(defined), float(defined.max(initial=-np.inf)))
-
-
-def _of_cases(values: Values) -> Float[np.ndarray, "case"]:
-    """The mean over networks in each case; NaN where none of them has a value."""
-    number = (~np.isnan(values)).sum(axis=0)
-    return np.where(number > 0, np.nansum(values, axis=0) / np.maximum(number, 1), np.nan)
 
 
 def _means(values: Values) -> Float[np.ndarray, "measured"]:
@@ -98,13 +62,13 @@ def _means(values: Values) -> Float[np.ndarray, "measured"]:
     return np.array([np.nanmean(of_network) for of_network in values if not np.isnan(of_network).all()])
 
 
-def _mean(values: Values) -> float:
-    """The mean over networks of their means over cases."""
+def mean_of_means(values: Values) -> float:
+    """Return the mean over networks of their means over cases."""
     return float(_means(values).mean())
 
 
 def _half_width(groups: Sequence[Float[np.ndarray, "_ _"]]) -> float:
-    """Half the width of the interval around the sum of the groups' `_mean`; NaN with fewer than two cases."""
+    """Half the width of the interval around the sum of the groups' `mean_of_means`; NaN with fewer than two cases."""
     squares = 0.0
     contributed = np.zeros(groups[0].shape[1])
     counted = np.zeros(groups[0].shape[1], bool)
