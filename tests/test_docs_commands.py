@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
-from crowdbench.cli import COMMANDS, app
+from crowdbench.cli import COMMANDS, app, build_script
 from crowdbench.record import viewer
+from studies.run import page
 
 ROOT = Path(__file__).parent.parent
 PAGES = [
@@ -118,13 +119,19 @@ def run(*arguments):
 @pytest.mark.slow
 def test_the_study_of_the_docs_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (text,) = re.findall(r"^```toml\n(.*?)^```", (ROOT / "docs" / "studies.md").read_text(), re.DOTALL | re.MULTILINE)
-    Path("mine.toml").write_text(text.replace("val:40", "val:12"))
+    texts = re.findall(r"^```toml\n(.*?)^```", (ROOT / "docs" / "studies.md").read_text(), re.DOTALL | re.MULTILINE)
+    study, networks = (text.replace("val:40", "val:12") for text in texts)
+    Path("mine.toml").write_text(study)
     run("study", "mine.toml")
+    printed = capsys.readouterr().out
+    assert "## ORCA with and without a margin" in printed
+    assert "square_crossing_5, time_limit=20.0" in printed
+    assert "ISRR 2011" in printed
+    Path("mine.toml").write_text(study + networks)
+    build_script(page)(["mine.toml"], standalone_mode=False)
     printed = capsys.readouterr().out
     assert "## A margin of ORCA" in printed
     assert "### square_crossing_5, time_limit=20.0" in printed
-    assert "ISRR 2011" in printed
 
 
 @pytest.mark.parametrize("page", ["paper.md", "training.md"])

@@ -57,7 +57,7 @@ def test_a_result_says_what_the_run_is_and_what_every_file_is(runs):
 
 def test_a_run_that_nobody_touched_is_read(runs):
     assert len(RunResult.read(runs / "a").episodes) == 12
-    assert compare(runs / "a", runs / "b").doubts == []
+    assert compare(runs / "a", runs / "b").warnings == []
     assert warn_of_other_code(runs / "a", check_result(runs / "a", ("run.rrd",))) == []
 
 
@@ -118,33 +118,17 @@ def another_runs(directory):
 
 
 FORGERIES = {
-    "deleted failures": (
-        rows(lambda header, table: [row for row in table if not failed(row)]),
-        "rows, but result.json",
-    ),
-    "half the rows": (rows(lambda header, table: table[:6]), "has 6 rows, but result.json says cases test:0:12"),
-    "doubled rows": (rows(lambda header, table: table * 2), "has 24 rows"),
-    "a row twice": (rows(lambda header, table: [table[0], *table[:11]]), "has case 0 in the place of case 1"),
-    "other cases": (cells("case", "7"), "has case 7 in the place of case 0"),
-    "no steps": (cells("steps", "0"), "has 0 steps in case 0, which must be 1 to 97"),
-    "negative steps": (cells("steps", "-3"), "has -3 steps"),
-    "endless steps": (cells("steps", "98"), "has 98 steps"),
-    "another outcome": (cells("outcome", "success", failed), "episodes with the outcome success, but result.json says"),
-    "a running episode": (cells("outcome", "running", failed), "with the outcome running, but result.json says 0"),
-    "another run's outcomes": (another_runs, "with the outcome"),
-    "a rate against its outcome": (cells("success_rate", "true", failed), "has another success_rate than the outcome"),
-    "a rate that is a number": (cells("success_rate", "1.0"), "column success_rate that are not true or false"),
-    "faster": (
-        cells("navigation_time", "5.0", lambda row: not failed(row)),
-        "values of navigation_time with the mean 5",
-    ),
-    "an undefined value": (cells("spl", "", failed), "values of spl with the mean"),
-    "a better mean": (
-        result(lambda table: table["metrics"]["spl"].update(mean=0.99)),
-        "but result.json says 12 with 0.99",
-    ),
-    "a metric less": (result(lambda table: table["metrics"].pop("spl")), r"not the same metrics \(spl\)"),
-    "fewer cases": (result(lambda table: table["run"].update(cases="test:0:11")), "has 12 rows"),
+    "deleted failures": (rows(lambda header, table: [row for row in table if not failed(row)]), "the cases"),
+    "half the rows": (rows(lambda header, table: table[:6]), "the cases"),
+    "doubled rows": (rows(lambda header, table: table * 2), "the cases"),
+    "a row twice": (rows(lambda header, table: [table[0], *table[:11]]), "the cases"),
+    "other cases": (cells("case", "7"), "the cases"),
+    "fewer cases": (result(lambda table: table["run"].update(cases="test:0:11")), "the cases"),
+    "another outcome": (cells("outcome", "success", failed), "outcomes"),
+    "a running episode": (cells("outcome", "running", failed), "outcomes"),
+    "another run's outcomes": (another_runs, "outcomes"),
+    "a rate that is a number": (cells("success_rate", "1.0"), "rates"),
+    "a metric less": (result(lambda table: table["metrics"].pop("spl")), "metrics"),
 }
 
 
@@ -153,10 +137,9 @@ def test_a_table_that_contradicts_its_result_is_refused_also_with_fitting_digest
     forge, expected = FORGERIES[kind]
     forge(a)
     reseal(a)
-    with pytest.raises(InputError, match=expected) as error:
+    with pytest.raises(InputError) as error:
         RunResult.read(a)
-    assert str(error.value).startswith(f"{a / 'episodes.csv'} ")
-    assert str(error.value).endswith("; make the run again")
+    assert str(error.value) == f"{a / 'episodes.csv'} and result.json differ in {expected}; make the run again"
 
 
 @pytest.mark.parametrize(
@@ -234,4 +217,4 @@ def test_a_run_by_other_code_is_told(a, runs, capsys):
 
 def test_a_run_that_was_interrupted_is_told(a, runs):
     reseal(a, lambda table: table.update(interrupted=True))
-    assert compare(runs / "b", a).doubts == [f"{a} was interrupted: only the cases that it finished are compared"]
+    assert compare(runs / "b", a).warnings == [f"{a} was interrupted: only the cases that it finished are compared"]

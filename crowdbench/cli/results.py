@@ -36,8 +36,8 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
     from crowdbench.runs.compare import compare_to, comparison_grid
 
     found = compare_to(reference, others)
-    for doubt in dict.fromkeys(doubt for one in found for doubt in one.doubts):
-        say(f"crowdbench: {doubt}")
+    for warning in dict.fromkeys(warning for comparison in found for warning in comparison.warnings):
+        say(f"crowdbench: {warning}")
     grid = comparison_grid(found, metric or [])
     if format is not None:
         print(format_tables([grid], format))

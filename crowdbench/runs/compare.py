@@ -33,7 +33,7 @@ class Comparison:
         rows: The metrics, by name.
         changed: Case, outcome in A and outcome in B, of every case in which the outcomes differ; None for several
             scenarios.
-        doubts: Sentences on what speaks against comparing them.
+        warnings: Reasons against comparing them, a sentence each.
     """
 
     scenario: str
@@ -42,7 +42,7 @@ class Comparison:
     both_solved: int
     rows: dict[str, MetricDifference]
     changed: list[tuple[int, int, int]] | None
-    doubts: list[str]
+    warnings: list[str]
 
     def _repr_markdown_(self) -> str:
         """What Jupyter shows."""
@@ -178,14 +178,14 @@ def _shared(a: RunResult, b: RunResult) -> Paired:
 def compare_results(a: RunResult, b: RunResult, metrics: Sequence[str] | None = None) -> Comparison:
     """Compare two runs in metrics, all where none are named. Raises InputError as `compare` does."""
     names = (a.label, b.label) if a.label != b.label else (str(a.directory), str(b.directory))
-    return _summarize(a.result["scenario"]["name"], names, [_shared(a, b)], _doubts((a, b)), metrics)
+    return _summarize(a.result["scenario"]["name"], names, [_shared(a, b)], _warnings((a, b)), metrics)
 
 
 def _summarize(
     scenario: str,
     names: tuple[str, str],
     strata: Sequence[Paired],
-    doubts: list[str],
+    warnings: list[str],
     chosen: Sequence[str] | None = None,
 ) -> Comparison:
     """Compare two planners in scenarios, the strata, by the chosen metrics or by all."""
@@ -203,7 +203,7 @@ def _summarize(
         both_solved=sum(int(each.solved.sum()) for each in strata),
         rows={name: compare_metric(name, strata) for name in metrics},
         changed=changed,
-        doubts=doubts,
+        warnings=warnings,
     )
 
 
@@ -211,16 +211,16 @@ def _has(shared: Paired, metric: str) -> bool:
     return metric in shared.one.columns and metric in shared.two.columns
 
 
-def _doubts(runs: Sequence[RunResult]) -> list[str]:
-    doubts = [
+def _warnings(runs: Sequence[RunResult]) -> list[str]:
+    warnings = [
         f"{run.directory} was interrupted: only the cases that it finished are compared"
         for run in runs
         if run.result["interrupted"]
     ]
     if len({run.result["run"]["code"] for run in runs}) > 1:
         both = " and ".join(str(run.directory) for run in runs)
-        doubts.append(f"{both} were made by different code of crowdbench, which may be what makes them differ")
-    return doubts
+        warnings.append(f"{both} were made by different code of crowdbench, which may be what makes them differ")
+    return warnings
 
 
 def check_comparable(one: RunResult, two: RunResult) -> None:

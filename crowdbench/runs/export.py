@@ -8,6 +8,7 @@ Everything follows from the run's commands, with which its cases are simulated a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -46,10 +47,17 @@ def export(run: RunResult, scenario: Scenario, folder: Path, progress: Progress 
         InputError: The run has no commands, or a pedestrian policy breaks its contract.
     """
     (folder / TRACKS).mkdir()
-    cases, seen = 0, _Seen()
+    cases = 0
+    seen: dict[tuple[int, int], Float[np.ndarray, "features"]] = {}
     writer: pq.ParquetWriter | None = None
+
+    def watch(world: World) -> None:
+        """Keep the observations before a step, as the environments show them."""
+        numbers = zip(world.case.tolist(), world.step.tolist(), strict=True)
+        seen.update(zip(numbers, flatten_vehicle(world), strict=True))
+
     try:
-        for trace in traces(run, scenario, progress=progress, watch=seen):
+        for trace in traces(run, scenario, progress=progress, watch=watch):
             cases += len(trace)
             for row, case in enumerate(trace.case.tolist()):
                 _write_tracks(trace, row, folder / TRACKS / f"{trace.split}-{case}.txt")
@@ -63,26 +71,6 @@ def export(run: RunResult, scenario: Scenario, folder: Path, progress: Progress 
     return cases
 
 
-class _Seen:
-    """Keeps what the vehicle sees, by case and step, as the environments show it."""
-
-    def __init__(self) -> None:
-        self._of: dict[tuple[int, int], Float[np.ndarray, "features"]] = {}
-
-    def __call__(self, world: World) -> None:
-        """Keep what it sees before a step."""
-        numbers = zip(world.case.tolist(), world.step.tolist(), strict=True)
-        self._of |= dict(zip(numbers, flatten_vehicle(world), strict=True))
-
-    def take(self, case: int, steps: int) -> Float[np.ndarray, "step features"]:
-        """What it saw in a case."""
-        return np.stack([self._of[case, step] for step in range(steps)])
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self._of.clear()
-
-
 def _write_tracks(trace: Trace, row: int, path: Path) -> None:
     """The positions of everybody in a case, one frame after the other."""
     position = trace.position[row, : trace.steps[row] + 1]
@@ -92,7 +80,7 @@ def _write_tracks(trace: Trace, row: int, path: Path) -> None:
     path.write_text("".join(f"{t}\t{who}\t{x:.6f}\t{y:.6f}\n" for t, who, (x, y) in lines), encoding="utf-8")
 
 
-def _tabulate(trace: Trace, seen: _Seen) -> pa.Table:
+def _tabulate(trace: Trace, seen: Mapping[tuple[int, int], Float[np.ndarray, "features"]]) -> pa.Table:
     """The steps of cases, a row for each."""
     cases = list(zip(trace.case.tolist(), trace.steps.tolist(), strict=True))
     is_last = np.concatenate([np.arange(steps) == steps - 1 for _, steps in cases])
@@ -101,7 +89,7 @@ def _tabulate(trace: Trace, seen: _Seen) -> pa.Table:
     columns = {
         "case": pa.array(np.repeat(trace.case, trace.steps)),
         "step": pa.array(np.concatenate([np.arange(steps) for _, steps in cases])),
-        "observation": _rows(np.concatenate([seen.take(*each) for each in cases])),
+        "observation": _rows(np.stack([seen[case, step] for case, steps in cases for step in range(steps)])),
         "action": _rows(trace.command[inside]),
         "reward": pa.array(episode_rewards(trace)[inside]),
         "terminated": pa.array(is_last & (outcome != Outcome.TIMEOUT)),

@@ -42,6 +42,7 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
     first, last = parts[0].cases, parts[-1].cases
     cases = Cases(first.split, first.start, last.stop)
     stated = [part.result["stated"] for part in parts]
+    joined = {name: _join([table[name] for table in stated]) for name in ("versions", "isolation") if name in stated[0]}
     with new_directory(out, overwrite) as directory:
         if (parts[0].directory / COMMANDS).exists():
             join_commands([part.directory / COMMANDS for part in parts], directory / COMMANDS)
@@ -55,10 +56,8 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
             "metrics": to_json(episodes.summary()),
             **episodes.blocks,
             "rates": episodes.rates,
-            "stated": {**stated[0], "timing": _timing(parts), "versions": _join_versions(stated)},
+            "stated": {**stated[0], "timing": _timing(parts), **joined},
         }
-        if "isolation" in stated[0]:
-            result["stated"]["isolation"] = _isolation([each["isolation"] for each in stated])
         write_run(directory, episodes, result)
     return result
 
@@ -81,8 +80,6 @@ def _check_fitting(parts: Sequence[RunResult]) -> None:
                 f"{before.directory} has cases {before.cases} and {after.directory} has {after.cases}, but the cases "
                 "of runs that are merged must follow each other without a gap and without an overlap"
             )
-        if (before.directory / COMMANDS).exists() != (after.directory / COMMANDS).exists():
-            raise InputError(f"{before.directory} and {after.directory} do not both have {COMMANDS}: record both alike")
 
 
 def _shared(part: RunResult) -> dict[str, Any]:
@@ -119,22 +116,14 @@ def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> in
 def _timing(parts: Sequence[RunResult]) -> dict[str, float]:
     timings = [part.result["stated"]["timing"] for part in parts]
     steps = [int(part.episodes.steps.sum()) for part in parts]
-    decided = sum(own["decision_ms_per_step"] * count for own, count in zip(timings, steps, strict=True))
-    return {"decision_ms_per_step": decided / sum(steps), "seconds": sum(own["seconds"] for own in timings)}
+    decided = sum(timing["decision_ms_per_step"] * count for timing, count in zip(timings, steps, strict=True))
+    return {"decision_ms_per_step": decided / sum(steps), "seconds": sum(timing["seconds"] for timing in timings)}
 
 
-def _join_versions(stated: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Return the versions of all parts."""
-    versions = [each["versions"] for each in stated]
-    return {name: _list_values(versions, name) for name in versions[0]}
-
-
-def _list_values(tables: Sequence[Mapping[str, Any]], name: str) -> str:
-    """All values by a name, each once, such as the machines of a cluster."""
-    return ", ".join(dict.fromkeys(str(table.get(name)) for table in tables))
-
-
-def _isolation(tables: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The worst of all parts."""
-    worst = {name: max(table[name] for table in tables) for name in ("construction_seconds", "peak_memory_mb")}
-    return {"level": _list_values(tables, "level"), **worst}
+def _join(tables: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the largest of numbers, and all distinct texts, such as the machines of a cluster."""
+    joined: dict[str, Any] = {}
+    for name, first in tables[0].items():
+        values = [table.get(name) for table in tables]
+        joined[name] = ", ".join(dict.fromkeys(map(str, values))) if isinstance(first, str) else max(values)
+    return joined
