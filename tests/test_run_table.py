@@ -9,8 +9,9 @@ from crowdbench.metrics.summary import Estimate
 from crowdbench.notebook import run
 from crowdbench.runs.compare import compare, comparison_grid
 from crowdbench.runs.results import read_estimate
-from crowdbench.runs.table import RunTable, comparisons, estimate_grid, estimates, verdict_grid
+from crowdbench.runs.table import RunTable, estimate_grid, estimates
 from crowdbench.utils.errors import InputError
+from studies.side_by_side import comparisons, verdict_grid
 
 METRICS = ["success_rate", "navigation_time", "discomfort", "jerk"]
 

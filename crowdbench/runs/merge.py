@@ -124,6 +124,6 @@ def _join(tables: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the largest of numbers, and all distinct texts, such as the machines of a cluster."""
     joined: dict[str, Any] = {}
     for name, first in tables[0].items():
-        values = [table.get(name) for table in tables]
+        values = [table[name] for table in tables if name in table]
         joined[name] = ", ".join(dict.fromkeys(map(str, values))) if isinstance(first, str) else max(values)
     return joined

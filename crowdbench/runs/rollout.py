@@ -83,7 +83,7 @@ def rollout(
     """
     world = scenario.worlds(cases)
     driver.reset(world.case)
-    states = _States(world, scenario.renewal is not None, bool(scenario.crowd.groups))
+    builder = _TraceBuilder(world, scenario.renewal is not None, bool(scenario.crowd.groups))
     shares = None if progress is None else _Shares(len(world), progress)
     start, rows = world, np.arange(len(world))
     for t in range(scenario.rules.max_steps):
@@ -96,9 +96,9 @@ def rollout(
             obs = observe(world, rows, future, {} if keep_logs else None)
             steps = replanning.steps_to_plan(t)
             commands = driver.decide(obs)[:, None] if steps == 1 else driver.decide_ahead(obs, steps)
-            states.log(rows, t, obs.logs or {})
+            builder.log(rows, t, obs.logs or {})
         after, check = step(world, commands[:, ahead], crowd, scenario.renewal)
-        states.add(rows, t, commands[:, ahead], after, check)
+        builder.add(rows, t, commands[:, ahead], after, check)
         running = check.outcome == Outcome.RUNNING
         if shares is not None:
             shares.add(rows, after, running)
@@ -109,8 +109,8 @@ def rollout(
         world = after
     alone = None
     if undisturbed and scenario.rules.visible:
-        alone = _walk_alone(scenario, start, int(states.steps.max()))
-    return states.trace(cases.split, alone, scenario.blocks(cases))
+        alone = _walk_alone(scenario, start, int(builder.steps.max()))
+    return builder.trace(cases.split, alone, scenario.blocks(cases))
 
 
 _Alone = tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "world time pedestrian"]]
@@ -162,46 +162,47 @@ class _Shares:
 
 
 _OF_PEOPLE = ("goal", "radius", "present", "person")
-"""What changes in an episode only where people come, leave, or change their goals."""
+"""Fields that change in an episode only where people come, leave, or change their goals."""
 
 
-class _States:
-    """Collects the arrays of a trace while worlds leave the batch.
+class _TraceBuilder:
+    """Fills the arrays of a trace while worlds leave the batch.
 
     Args:
         start: The worlds at their start.
         changing: Whether people may come, leave, or change their goals.
         grouped: Whether they may walk in groups.
+
+    Attributes:
+        arrays: The fields of the trace that are filled step by step, by name.
     """
 
     def __init__(self, start: World, changing: bool, grouped: bool) -> None:
         worlds, agents = start.radius.shape
         steps = start.rules.max_steps
-        self.start = start
-        self.steps = np.zeros(worlds, np.int64)
-        shapes = {"position": (agents, 2), "velocity": (agents, 2), "heading": ()}
-        self.states = {name: np.full((worlds, steps + 1, *shape), np.nan) for name, shape in shapes.items()}
-        self.checks = {name: np.full((worlds, steps), np.nan) for name in ("gap", "wall_gap")}
-        self.outcome = np.zeros(worlds, np.int64)
-        self.command = np.full((worlds, steps, 2), np.nan)
+        self.start, self.changing = start, changing
+        self.steps, self.outcome = np.zeros((2, worlds), np.int64)
         self.logs: dict[str, np.ndarray] = {}
-        self.changing = changing
-        self.people = {name: self._always(getattr(start, name)) for name in (*_OF_PEOPLE, *["group"] * grouped)}
-        if changing:
-            self.people = {name: array.copy() for name, array in self.people.items()}
-        for name, array in self.states.items():
-            array[:, 0] = getattr(start, name)
-        self.sight: dict[str, np.ndarray] = {}
+        states = {"position": (steps + 1, agents, 2), "velocity": (steps + 1, agents, 2), "heading": (steps + 1,)}
+        shapes = {**states, "gap": (steps,), "wall_gap": (steps,), "command": (steps, 2)}
         if not start.rules.sensor.sees_all:
-            shape = worlds, steps + 1, agents - 1
-            self.sight = {"perceived": np.full((*shape, 2), np.nan), "age": np.full(shape, np.inf)}
-            self._perceive(np.arange(worlds), 0, start)
+            shapes |= {"perceived": (steps + 1, agents - 1, 2), "age": (steps + 1, agents - 1)}
+        self.arrays = {name: np.full((worlds, *shape), np.nan) for name, shape in shapes.items()}
+        people = {name: self._always(getattr(start, name)) for name in (*_OF_PEOPLE, *["group"] * grouped)}
+        self.arrays |= {name: array.copy() if changing else array for name, array in people.items()}
+        self.names_of_state = [*states, *(people if changing else [])]
+        if "age" in self.arrays:
+            self.arrays["age"][:] = np.inf
+        self._add_state(np.arange(worlds), 0, start)
 
-    def _perceive(self, rows: Int[np.ndarray, "running"], t: int, world: World) -> None:
-        """Keep what the vehicles see in state `t` of the worlds in these rows."""
-        if self.sight:
-            self.sight["age"][rows, t] = age = ages(world)
-            self.sight["perceived"][rows, t] = np.where(np.isinf(age)[..., None], np.nan, world.sight["state"][..., :2])
+    def _add_state(self, rows: Int[np.ndarray, "running"], t: int, world: World) -> None:
+        """Keep state `t` of the worlds in these rows, and what the vehicles see in it."""
+        for name in self.names_of_state:
+            self.arrays[name][rows, t] = getattr(world, name)
+        if "age" in self.arrays:
+            self.arrays["age"][rows, t] = age = ages(world)
+            perceived = np.where(np.isinf(age)[..., None], np.nan, world.sight["state"][..., :2])
+            self.arrays["perceived"][rows, t] = perceived
 
     def add(
         self,
@@ -216,18 +217,15 @@ class _States:
         Args:
             rows: The worlds that were running in it.
             t: Its number, from 0.
-            command: What the planner asked for, in m/s.
+            command: The planner's command, in m/s.
             after: The worlds after it.
-            check: What its check found.
+            check: The gaps and the outcomes of the step.
         """
-        for name, array in (self.states | (self.people if self.changing else {})).items():
-            array[rows, t + 1] = getattr(after, name)
-        for name, array in self.checks.items():
-            array[rows, t] = getattr(check, name)
-        self.command[rows, t] = command
+        self._add_state(rows, t + 1, after)
+        for name, values in (("gap", check.gap), ("wall_gap", check.wall_gap), ("command", command)):
+            self.arrays[name][rows, t] = values
         self.outcome[rows] = check.outcome
         self.steps[rows] = t + 1
-        self._perceive(rows, t + 1, after)
 
     def log(self, rows: Int[np.ndarray, "running"], t: int, logs: Mapping[str, np.ndarray]) -> None:
         """Keep what the planner logs.
@@ -242,7 +240,7 @@ class _States:
             LogsTooLarge: See there.
         """
         for name, values in logs.items():
-            shape = (len(self.outcome), self.command.shape[1], *values.shape[1:])
+            shape = (*self.arrays["gap"].shape, *values.shape[1:])
             if name not in self.logs:
                 self.logs[name] = self._empty_log(shape)
             if self.logs[name].shape != shape:
@@ -264,44 +262,41 @@ class _States:
 
     def trace(self, split: str, alone: _Alone | None, block: Int[np.ndarray, "world"] | None) -> Trace:
         """The trace of all episodes, from the split of the cases and their blocks of recorded time."""
+        arrays = self.arrays
         if self.changing:
-            self.people = {name: array[self._last_states()] for name, array in self.people.items()}
+            arrays |= {name: arrays[name][self._last_states()] for name in (*_OF_PEOPLE, "group") if name in arrays}
         for name in ("position", "velocity"):
-            self.states[name][~self.people["present"]] = np.nan
+            arrays[name][~arrays["present"]] = np.nan
         undisturbed = None
         if alone is not None:
             undisturbed, persons = alone
             # Somebody else there cannot be compared.
-            gone = np.isnan(self.states["position"][:, :, 1:]).any(axis=3)
-            undisturbed[gone | (persons != self.people["person"])] = np.nan
+            gone = np.isnan(arrays["position"][:, :, 1:]).any(axis=3)
+            undisturbed[gone | (persons != arrays["person"])] = np.nan
         return Trace(
             split=split,
             case=self.start.case,
             outcome=self.outcome,
             steps=self.steps,
-            **self.states,
-            **self.checks,
-            command=self.command,
+            **arrays,
             preferred_speed=self.start.preferred_speed,
             seen=self._seen(),
             sees_vehicle=self._sees_vehicle(),
-            **self.people,
             route=self.start.route[:, 0],
             obstacles=self.start.obstacles,
             rules=self.start.rules,
             undisturbed=undisturbed,
-            **self.sight,
             block=block,
             logs=self.logs,
         )
 
     def _seen(self) -> Bool[np.ndarray, "world time pedestrian"]:
         """Whom the vehicles saw; in the last state, also after it."""
-        if not self.sight:
-            return self.people["present"][:, :, 1:]
+        if "age" not in self.arrays:
+            return self.arrays["present"][:, :, 1:]
         dt = self.start.rules.dt
         late = (self.start.rules.sensor.steps_delayed(dt) + 0.5) * dt
-        return np.asarray(self.sight["age"][self._last_states()] < late)
+        return np.asarray(self.arrays["age"][self._last_states()] < late)
 
     def _sees_vehicle(self) -> Bool[np.ndarray, "world time pedestrian"] | None:
         """Who sees the vehicle; None where all are alike."""
@@ -309,7 +304,7 @@ class _States:
             return None
         if not self.changing:
             return self._always(sees_vehicle(self.start.key, self.start.person, self.start.rules))
-        person = self.people["person"]
+        person = self.arrays["person"]
         key = np.repeat(self.start.key, person.shape[1])
         return sees_vehicle(key, person.reshape(len(key), person.shape[2]), self.start.rules).reshape(person.shape)
 
