@@ -7,9 +7,8 @@ import sys
 
 import typer
 
-from crowdbench.cli.console import announce_compilation, progress
+from crowdbench.cli.console import announce_compilation, print_table, progress
 from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
-from crowdbench.cli.tables import print_table
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
 

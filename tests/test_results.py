@@ -10,7 +10,7 @@ from helpers import Still, drive, make, reseal
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.cli import app
-from crowdbench.cli.tables import print_table
+from crowdbench.cli.console import print_table
 from crowdbench.core.types import Outcome
 from crowdbench.metrics import METRICS
 from crowdbench.planners.base import Planner

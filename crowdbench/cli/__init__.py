@@ -33,7 +33,7 @@ COMMANDS = {
     "table": ("Look", "figures:table"),
     "compare": ("Look", "results:compare"),
     "score": ("Look", "results:score"),
-    "export": ("Look", "export:export"),
+    "export": ("Look", "results:export"),
     "new-planner": ("Boards", "boards:new_planner"),
     "submit": ("Boards", "boards:submit"),
     "verify": ("Boards", "boards:verify"),

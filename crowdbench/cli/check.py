@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.console import announce_compilation
+from crowdbench.cli.console import announce_compilation, print_table
 from crowdbench.cli.options import assignments, help_from_docstring
-from crowdbench.cli.tables import print_table
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid

@@ -1,4 +1,4 @@
-"""What commands say on standard error: progress, the wait for the compiler, errors; and the standard streams."""
+"""Output of commands: progress, the wait for the compiler and errors on standard error, tables, and the streams."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import contextlib
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from typer.exceptions import TyperException
 
 from crowdbench.utils.errors import InputError, Interrupted, describe_error
+from crowdbench.utils.tables import Grid
 
 PLAIN_INTERVAL = 5.0
 """Seconds between two lines of progress, where there is no terminal."""
@@ -212,3 +214,25 @@ def flush_output() -> None:
         with open(os.devnull, "w") as nowhere:
             os.dup2(nowhere.fileno(), sys.stdout.fileno())
         raise
+
+
+def print_table(table: Grid, colours: Mapping[str, str] = MappingProxyType({})) -> None:
+    """Print a table under its title.
+
+    Args:
+        table: The table.
+        colours: The colours of cells on a terminal, by their text.
+    """
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    # On a line of its own, because rich wraps a title at the table's width.
+    print(table.title)
+    printed = Table(box=None, pad_edge=False)
+    for heading, alignment in zip(table.header, table.align, strict=True):
+        printed.add_column(heading, justify="left" if alignment == "l" else "right")
+    for row in table.rows:
+        printed.add_row(*(Text(cell, colours[cell]) if cell in colours else cell for cell in row))
+    # A file or a pipe has no width to fit. Brackets are units, not rich's markup.
+    Console(width=None if sys.stdout.isatty() else 200, markup=False).print(printed)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from crowdbench.cli.console import print_table
 from crowdbench.cli.options import help_from_docstring, parse_docstring
-from crowdbench.cli.tables import print_table
 from crowdbench.plugins.options import REQUIRED, Option, read_options
 from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.files import read_text

@@ -1,4 +1,4 @@
-"""The commands that look at what runs left: compare, view, score."""
+"""The commands that read runs: compare, view, score, export."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.console import announce_compilation, progress, say
+from crowdbench.cli.console import announce_compilation, print_table, progress, say
 from crowdbench.cli.options import help_from_docstring
-from crowdbench.cli.tables import print_table
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, Grid, format_tables
 
 if TYPE_CHECKING:
-    from crowdbench.runs.compare import Comparison
     from crowdbench.runs.results import Episodes
+    from crowdbench.runs.store import RunResult
+    from crowdbench.scenario.scenario import Scenario
 
 
 @help_from_docstring
@@ -47,25 +47,11 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
     print("over the cases that both runs solve. Intervals are of the paired difference, and go with p.")
     if len(found) > 1:
         print("p corrected: for the number of tests of a metric (Holm 1979), those of all scenarios apart.")
-    several = len({one.scenario for one in found}) > 1
-    for one in (one for one in found if one.changed is not None):
-        where = f"{one.scenario}: " if several else ""
-        for line in changed_cases(one) or [f"no case ends differently in {one.names[1]}"]:
+    several = len({comparison.scenario for comparison in found}) > 1
+    for comparison in found:
+        where = f"{comparison.scenario}: " if several else ""
+        for line in comparison.list_changed_cases():
             print(f"{where}{line}")
-
-
-def changed_cases(found: Comparison) -> list[str]:
-    """A line for each pair of different outcomes, with the cases that ended so."""
-    from crowdbench.core.types import Outcome
-
-    groups: dict[tuple[int, int], list[int]] = {}
-    for case, one, two in found.changed or []:
-        groups.setdefault((one, two), []).append(case)
-    lines = []
-    for (one, two), cases in sorted(groups.items()):
-        labels = f"{found.names[0]} {Outcome(one).label}, {found.names[1]} {Outcome(two).label}"
-        lines.append(f"{labels} ({len(cases)}): {', '.join(map(str, cases))}")
-    return lines
 
 
 @help_from_docstring
@@ -160,7 +146,7 @@ def score(
         layout: With --replay: the file of a layout of your own that the run had, ./mine.py.
     """
     if replay:
-        _replay(recording, metric or [], pedestrians or [], layout, data, as_json)
+        _replay(recording, metric, pedestrians, layout, data, as_json)
         return
     for flag, value, recorded in (
         ("--layout", layout, "where everybody started"),
@@ -211,27 +197,73 @@ def _episodes_table(cases: int, episodes: Episodes) -> Grid:
 
 
 def _replay(
-    directory: Path, metrics: list[str], pedestrians: list[str], layout: str | None, data: Path | None, as_json: bool
+    directory: Path,
+    metrics: list[str] | None,
+    pedestrians: list[str] | None,
+    layout: str | None,
+    data: Path | None,
+    as_json: bool,
 ) -> None:
     """Print what a replay finds, and exit with 1 if anything differs."""
-    from crowdbench import catalog
     from crowdbench.metrics.load import load_metrics
     from crowdbench.runs.replay import replay
-    from crowdbench.runs.result_file import RESULT
     from crowdbench.runs.store import RunResult
 
     announce_compilation()
-    measured = load_metrics(metrics)
+    measured = load_metrics(metrics or [])
     run = RunResult.read_unchecked(directory)
-    source = str(directory / RESULT)
-    scenario = catalog.load_recorded_scenario(run.result["scenario"], source, pedestrians, layout, data)
-    scenario.check_data(data)
-    cases = len(run.commands.case)
-    with progress(cases) as tell:
+    scenario = _load_scenario(run, pedestrians, layout, data)
+    with progress(len(run.commands.case)) as tell:
         found = replay(run, scenario, measured, tell)
     print(json.dumps(found.to_json(), indent=2) if as_json else found)
     if found.differences:
         sys.exit(1)
+
+
+def _load_scenario(run: RunResult, pedestrians: list[str] | None, layout: str | None, data: Path | None) -> Scenario:
+    """Load the scenario of a run, with the files that the run had."""
+    from crowdbench import catalog
+    from crowdbench.runs.result_file import RESULT
+
+    source = str(run.directory / RESULT)
+    scenario = catalog.load_recorded_scenario(run.result["scenario"], source, pedestrians or [], layout, data)
+    scenario.check_data(data)
+    return scenario
+
+
+@help_from_docstring
+def export(
+    run: Path,
+    out: Annotated[Path, typer.Option()],
+    pedestrians: list[str] | None = None,
+    layout: str | None = None,
+    data: Path | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write the tracks of a run, and a table of what the vehicle saw, did and gained, for other programs.
+
+    The cases are simulated again from the recorded commands, without the planner.
+
+    Args:
+        run: Directory of a run.
+        out: Directory to write: `tracks/` has a file for each case, with a line `frame person x y` for each position
+            in metres; the vehicle is person 0, and a frame is a step. `steps.parquet` has a row for each step, with the
+            observation of the environments, the command, CrowdNav's reward, and whether the episode ends.
+        pedestrians: The file of a pedestrian policy of your own that the run had, ./mine.py. Repeatable.
+        layout: The file of a layout of your own that the run had, ./mine.py.
+    """
+    from crowdbench.runs.export import STEPS
+    from crowdbench.runs.export import export as write
+    from crowdbench.runs.store import RunResult
+    from crowdbench.utils import files
+
+    files.check_free(out, overwrite, STEPS)
+    announce_compilation()
+    result = RunResult.read(run)
+    scenario = _load_scenario(result, pedestrians, layout, data)
+    with files.new_directory(out, overwrite, STEPS) as folder, progress(len(result.commands.case)) as tell:
+        cases = write(result, scenario, folder, tell)
+    print(f"{cases} cases in {out}")
 
 
 def recording_of(path: Path) -> Path:

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, print_table, progress, say
 from crowdbench.cli.options import OnOption, ThreadsOption, assignments, help_from_docstring, is_on_ray, use_threads
-from crowdbench.cli.tables import print_table
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
 

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from crowdbench.cli.boards import ROOT
-from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, print_table, progress, say
 from crowdbench.cli.options import assignments
-from crowdbench.cli.tables import print_table
 from crowdbench.utils.errors import InputError, MachineFault
 from crowdbench.utils.tables import plain
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from crowdbench.core.types import Outcome
 from crowdbench.metrics import MAIN, info_of
 from crowdbench.runs.paired import MetricDifference, Paired, compare_metric, holm
 from crowdbench.runs.results import EPISODES
@@ -43,6 +44,17 @@ class Comparison:
     rows: dict[str, MetricDifference]
     changed: list[tuple[int, int, int]] | None
     warnings: list[str]
+
+    def list_changed_cases(self) -> list[str]:
+        """Return a line with the cases for each pair of different outcomes; none for several scenarios."""
+        groups: dict[tuple[int, int], list[int]] = {}
+        for case, *ends in self.changed or []:
+            groups.setdefault((ends[0], ends[1]), []).append(case)
+        lines = []
+        for outcomes, cases in sorted(groups.items()):
+            labels = (f"{name} {Outcome(end).label}" for name, end in zip(self.names, outcomes, strict=True))
+            lines.append(f"{', '.join(labels)} ({len(cases)}): {', '.join(map(str, cases))}")
+        return lines or ([] if self.changed is None else [f"no case ends differently in {self.names[1]}"])
 
     def _repr_markdown_(self) -> str:
         """What Jupyter shows."""
@@ -190,7 +202,9 @@ def _summarize(
 ) -> Comparison:
     """Compare two planners in scenarios, the strata, by the chosen metrics or by all."""
     wanted = strata[0].one.columns if chosen is None else chosen
-    metrics = [name for name in wanted if all(_has(each, name) for each in strata)]
+    metrics = [
+        name for name in wanted if all(name in table.columns for pair in strata for table in (pair.one, pair.two))
+    ]
     changed = None
     if len(strata) == 1:
         one, two = strata[0].one, strata[0].two
@@ -205,10 +219,6 @@ def _summarize(
         changed=changed,
         warnings=warnings,
     )
-
-
-def _has(shared: Paired, metric: str) -> bool:
-    return metric in shared.one.columns and metric in shared.two.columns
 
 
 def _warnings(runs: Sequence[RunResult]) -> list[str]:

@@ -13,9 +13,9 @@ import typer
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
+from crowdbench.cli.console import print_table
 from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
 from crowdbench.cli.study import ShardOption, make_runs
-from crowdbench.cli.tables import print_table
 from crowdbench.utils.tables import Format, plain
 from crowdbench.utils.toml import Location, parse_table
 

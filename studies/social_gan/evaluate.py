@@ -14,9 +14,8 @@ import typer
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
-from crowdbench.cli.console import announce_compilation, progress
+from crowdbench.cli.console import announce_compilation, print_table, progress
 from crowdbench.cli.options import assignments, help_from_docstring
-from crowdbench.cli.tables import print_table
 from crowdbench.utils.defaults import HORIZON, MOST_AHEAD
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
