@@ -207,7 +207,8 @@ def run(
         loaded = dataclasses.replace(loaded, metrics={**loaded.metrics, **metrics}, planner=own)
     loaded.scenario.check_data(spec.data)
     if out is not None:
-        make_run(loaded, Path(out), overwrite=overwrite, progress=progress)
+        if not make_run(loaded, Path(out), overwrite=overwrite, progress=progress):
+            raise InputError(f"another process is making the run {out}: try again when it has ended")
         return Result.read(out)
     with tempfile.TemporaryDirectory() as folder:
         make_run(loaded, Path(folder) / "run", progress=progress)

@@ -113,7 +113,8 @@ def _make(runs: Mapping[str, Run], out: Path) -> dict[str, str]:
         say(f"{scenario}, cases {run.spec.cases}")
         try:
             with progress(len(run.spec.cases)) as tell:
-                make_in_folder(run, out, tell)
+                if not make_in_folder(run, out, tell):
+                    raise MachineFault(f"another process is making the run of {scenario}: try again when it has ended")
         except MachineFault:
             raise
         except InputError as error:
