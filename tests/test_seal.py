@@ -128,6 +128,12 @@ FORGERIES = {
     "a running episode": (cells("outcome", "running", failed), "outcomes"),
     "another run's outcomes": (another_runs, "outcomes"),
     "a rate that is a number": (cells("success_rate", "1.0"), "rates"),
+    "no steps": (cells("steps", "0"), "steps"),
+    "endless steps": (cells("steps", "98"), "steps"),
+    "a rate against its outcome": (cells("success_rate", "true", failed), "success_rate"),
+    "faster": (cells("navigation_time", "5.0", lambda row: not failed(row)), "the mean of navigation_time"),
+    "an undefined value": (cells("spl", "", failed), "the mean of spl"),
+    "a better mean": (result(lambda table: table["metrics"]["spl"].update(mean=0.99)), "the mean of spl"),
     "a metric less": (result(lambda table: table["metrics"].pop("spl")), "metrics"),
 }
 

@@ -8,9 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from crowdbench.core.types import Rules
+from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.runs.recording import COMMANDS, Commands, read_commands
 from crowdbench.runs.result_file import RESULT, check_result, read_result, write_result
-from crowdbench.runs.results import EPISODES, RECORDING, Episodes, result_label
+from crowdbench.runs.results import EPISODES, RECORDING, Episodes, read_estimate, result_label
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
@@ -97,12 +101,23 @@ class RunResult:
 
 
 def _contradictions(result: Mapping[str, Any], episodes: Episodes) -> list[str]:
-    """Return the points in which a table of episodes contradicts its result."""
+    """Return the points in which a table of episodes contradicts its result or itself."""
     cases, metrics = Cases.parse(result["run"]["cases"]), set(episodes.columns)
+    rules = Rules(dt=result["scenario"]["dt"], time_limit=result["scenario"]["time_limit"])
     agreement = {
         "the cases": len(episodes) == len(cases) and bool((episodes.case == cases.indices).all()),
+        "steps": bool(((episodes.steps >= 1) & (episodes.steps <= rules.max_steps)).all()),
         "outcomes": episodes.counts() == result["outcomes"],
         "metrics": metrics == result["metrics"].keys() == result["run"]["metrics"].keys(),
         "rates": episodes.rates == result.get("rates"),
     }
+    for name in COUNTED.keys() & metrics:
+        agreement[name] = np.array_equal(episodes.columns[name], np.isin(episodes.outcome, COUNTED[name]))
+    for name in metrics & result["metrics"].keys() if agreement["steps"] else ():
+        n, mean = episodes.mean(name)
+        stated = read_estimate(result["metrics"][name])
+        # Another version of NumPy may add in another order.
+        agreement[f"the mean of {name}"] = n == stated.n and bool(
+            np.isclose(mean, stated.mean, rtol=1e-9, atol=1e-12, equal_nan=True)
+        )
     return [name for name, agrees in agreement.items() if not agrees]
