@@ -17,7 +17,7 @@ PLACE = load_scenario("circle_crossing_5", {"time_limit": 4.0})
 
 
 def examined(make, cases="val:6", limit=60.0):
-    subject = PlannerSubject(make, "mine", PLACE, limit, neural=False)
+    subject = PlannerSubject(make, "mine", {"": PLACE}, limit, neural=False)
     return {result.name: result for result in check_plugin(subject, Cases.parse(cases))}
 
 
@@ -276,7 +276,7 @@ def test_only_networks_may_be_rounded_by_the_batch():
     assert not broken(
         {
             each.name: each
-            for each in check_plugin(PlannerSubject(Rounded, "mine", PLACE, neural=True), Cases("val", 0, 4))
+            for each in check_plugin(PlannerSubject(Rounded, "mine", {"": PLACE}, neural=True), Cases("val", 0, 4))
         }
     )
 
@@ -314,7 +314,7 @@ def test_a_broken_pedestrian_policy_is_not_blamed_on_the_planner(tmp_path):
     )
     place = load_scenario("circle_crossing_5", pedestrians=str(tmp_path / "mine.py"))
     with pytest.raises(InputError, match="pedestrian policy mine returned None"):
-        check_plugin(PlannerSubject(Straight, "mine", place), Cases.parse("val:2"))
+        check_plugin(PlannerSubject(Straight, "mine", {"": place}), Cases.parse("val:2"))
 
 
 def test_the_table_tells_what_is_kept_what_is_broken_and_what_was_not_examined():

@@ -32,6 +32,8 @@ The size of the batch changes how values are rounded, which decides ties.
 MORE = 3
 """Number of absent pedestrians that padding adds."""
 
+PADDING = f"with {MORE} more absent pedestrians"
+
 FEW = 5
 """Number of cases in further scenarios, such as one with limited sight."""
 
@@ -151,24 +153,22 @@ class Subject(ABC, Generic[Plugin]):
         answers: What the answers are called.
         repeat: Number of times that the plug-in gets each input when it is asked again. A plug-in that may not keep
             anything gets it twice.
-        padding: Whether answers are compared with more absent pedestrians.
+        padding: How errors describe padding; empty where answers are not compared with more absent pedestrians.
         make: Makes a new plug-in.
         name: Name of the plug-in.
-        scenario: The scenario.
+        scenarios: The scenarios, by what begins their names and errors. Only a few cases of all but the first count.
         limit: Seconds that a call may take.
-        limited: A scenario with limited sight, in which the plug-in is driven through some cases too.
         neural: Whether the values are those of a neural network; if None, whether torch or ONNX is imported.
     """
 
     answers: ClassVar[str]
     repeat: ClassVar[int] = 2
-    padding: ClassVar[bool] = False
+    padding: ClassVar[str] = ""
 
     make: Callable[[], Plugin]
     name: str
-    scenario: Scenario
+    scenarios: Mapping[str, Scenario]
     limit: float = DECISION_LIMIT
-    limited: Scenario | None = None
     neural: bool | None = None
 
     @abstractmethod
@@ -179,17 +179,9 @@ class Subject(ABC, Generic[Plugin]):
             What else was observed, if anything.
         """
 
-    def scenarios(self) -> Mapping[str, Scenario]:
-        """Return the scenarios, by what begins their names and errors. Only a few cases of all but the first count."""
-        return {"": self.scenario} | ({"with limited sight: ": self.limited} if self.limited else {})
-
     def is_neural(self) -> bool:
         """Return whether the values are those of a neural network."""
         return not {"torch", "onnxruntime"}.isdisjoint(sys.modules) if self.neural is None else self.neural
-
-    def variants(self) -> Mapping[str, Callable[[], Plugin]]:
-        """Return what makes plug-ins whose answers must be the same, by when they would not be."""
-        return {}
 
 
 class Drive(NamedTuple):
@@ -230,10 +222,9 @@ def check_plugin(subject: Subject[Plugin], cases: Cases) -> list[CheckResult]:
         Drive("when a case is driven alone", [[number] for number in numbers], subject.make),
         Drive("in batches of 3", [numbers[at : at + 3] for at in range(0, len(numbers), 3)], subject.make),
         Drive("in reverse order", [numbers[::-1]], subject.make),
-        *(Drive(when, [numbers], make) for when, make in subject.variants().items()),
     ]
     if subject.padding:
-        independent.append(Drive(f"with {MORE} more absent pedestrians", [numbers], subject.make, padding=True))
+        independent.append(Drive(subject.padding, [numbers], subject.make, padding=True))
     return [
         CheckResult("answers", True, seen),
         _compare("repeatable", repeatable, subject, cases, first.answers),
@@ -246,7 +237,7 @@ def _run(drive: Drive, subject: Subject[Any], cases: Cases, record: Record) -> s
     remark = ""
     for batch in drive.batches:
         plugin = drive.make()
-        for where, scenario in subject.scenarios().items():
+        for where, scenario in subject.scenarios.items():
             some = tuple(number for number in batch if not where or number < cases.start + FEW)
             if some:
                 record.where, shown = where, with_padding(scenario) if drive.padding else scenario

@@ -19,8 +19,7 @@ from crowdbench.check.subjects import (
 )
 from crowdbench.envs.rewards import REWARDS
 from crowdbench.metrics.load import METRIC
-from crowdbench.plugins.load import Kind, file_and_function, load_module
-from crowdbench.plugins.options import read_options
+from crowdbench.plugins.load import Kind, file_and_function, load_module, plugin_name
 from crowdbench.predict.load import PREDICTORS
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
@@ -75,33 +74,32 @@ def load_subject(
     if kind == "scenarios" and (options or scenario is not None):
         raise InputError("a scenario is checked as its file says: leave out --option and --scenario")
 
-    def load(**more: Any) -> tuple[str, Any]:
-        find = catalog.load_planner if kind == "planners" else KINDS[kind].load
-        return find(plugin, {**options, **more})
-
-    def place(changes: Mapping[str, Any] = MappingProxyType({})) -> Scenario:
-        default = "circle_crossing_5" if kind == "planners" else "circle_crossing_mixed"
-        named = plugin if kind == "scenarios" else scenario
+    def load_scenario(changes: Mapping[str, Any] = MappingProxyType({})) -> Scenario:
         if kind == "layouts":  # as a part of the scenario, so that its options are checked
             changes = {"layout": dict(options), "layout.generator": plugin}
-        if named is None and kind != "planners":
-            changes = {"vehicle.visible": True, **changes}
-        pedestrians = plugin if kind == "pedestrians" else None
-        loaded = catalog.load_scenario(named or default, changes, pedestrians, data)
+        spec = plugin if kind == "scenarios" else scenario
+        if spec is None and kind == "planners":
+            spec = "circle_crossing_5"
+        elif spec is None:
+            spec, changes = "circle_crossing_mixed", {"vehicle.visible": True, **changes}
+            if kind == "layouts":  # so that it also places pedestrians later
+                changes["pedestrians.arrival"] = "respawn"
+        loaded = catalog.load_scenario(spec, changes, plugin if kind == "pedestrians" else None, data)
         loaded.check_data(data)
         return loaded
 
-    more: dict[str, Any] = {}
+    def load() -> tuple[str, Any]:
+        if kind in ("layouts", "scenarios"):
+            loaded = load_scenario()
+            return plugin_name(plugin) if kind == "layouts" else loaded.name, loaded
+        return catalog.load_planner(plugin, options) if kind == "planners" else KINDS[kind].load(plugin, options)
+
+    scenarios = {"": load_scenario()}
     if kind in ("planners", "predictors"):
-        more["limited"] = place(limited_sight(place().rules.dt))
-    if kind == "predictors":
-        for option in read_options(PREDICTORS.find(plugin)[1]):
-            if option.name == "modes":
-                more["modes"] = options.get("modes", option.default), lambda modes: load(modes=modes)[1]
-    if kind in ("layouts", "scenarios"):
-        name = place().name if kind == "scenarios" else catalog.LAYOUTS.find(plugin)[0]
-        return ScenarioSubject(place, name, place(), limit)
-    return SUBJECTS[kind](lambda: load()[1], load()[0], place(), limit, **more)
+        scenarios["with limited sight: "] = load_scenario(limited_sight(scenarios[""].rules.dt))
+    if kind == "pedestrians":
+        scenarios["invisible vehicle: "] = load_scenario({"vehicle.visible": False})
+    return SUBJECTS[kind](lambda: load()[1], load()[0], scenarios, limit)
 
 
 def find_kind(plugin: str) -> str:
@@ -109,17 +107,16 @@ def find_kind(plugin: str) -> str:
     if plugin.endswith(".toml"):
         return "scenarios"
     file, function = file_and_function(plugin)
-    functions = {kind: each.function for kind, each in KINDS.items()}
-    if file is None:
-        return "planners"
-    if function:
-        return next((kind for kind, name in functions.items() if name == function), "planners")
+    functions = {definition.function: kind for kind, definition in KINDS.items()}
+    if file is None or function:
+        return functions.get(function, "planners")
     module = load_module(file)
-    kinds = [kind for kind, name in functions.items() if callable(getattr(module, name, None))]
-    if len(kinds) == 1:
-        return kinds[0]
-    if not kinds:
-        *others, last = (f"{name}()" for name in functions.values())
+    defined = [name for name in functions if callable(getattr(module, name, None))]
+    if not defined:
+        *others, last = (f"{name}()" for name in functions)
         raise InputError(f"{file} defines no function {', '.join(others)} or {last}")
-    found = " and ".join(f"{functions[kind]}()" for kind in kinds)
-    raise InputError(f"{file} defines {found}: say which is meant, with --kind {' or --kind '.join(kinds)}")
+    kinds = [functions[name] for name in defined]
+    if len(kinds) > 1:
+        options = f"--kind {' or --kind '.join(kinds)}"
+        raise InputError(f"{file} defines {'() and '.join(defined)}(): say which is meant, with {options}")
+    return kinds[0]

@@ -5,18 +5,16 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.check.contract import Broken, Record, Subject
-from crowdbench.core import rng
+from crowdbench.check.contract import PADDING, Broken, Record, Subject, WithPadding
 from crowdbench.core.dynamics import reach
 from crowdbench.core.geometry import norm, toward_goal
-from crowdbench.core.types import HISTORY, Observation, Outcome, World
+from crowdbench.core.types import Observation, Outcome, World
 from crowdbench.envs.rewards import CheckedReward, Reward
 from crowdbench.envs.stepping import drive as drive_step
 from crowdbench.envs.views import NEAREST, View
@@ -25,13 +23,12 @@ from crowdbench.metrics.load import measure
 from crowdbench.planners.base import OneStepOnly, Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.reactive import ORCAPlanner
-from crowdbench.predict import Prediction, Predictor
+from crowdbench.predict import Predictor
 from crowdbench.predict.base import validate_prediction
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.placement import LayoutCall, Placement, Position, check_routes, who
-from crowdbench.scenario.respawn import Room, draw_again
+from crowdbench.scenario.placement import Placement, check_routes, who
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.pedestrians.base import (
     Memory,
@@ -51,9 +48,6 @@ AHEAD = Replanning(8, look_first=1)
 
 EVERY, MOST_STEPS = 3, 8
 """A predictor predicts at every third step, 1, 2, ... and at most 8 steps in turn."""
-
-MORE_MODES = 3
-"""Number of modes that a predictor must be able to add without changing the first ones."""
 
 Futures = Float[np.ndarray, "world mode time pedestrian 4"]
 """Positions in metres and velocities in m/s."""
@@ -110,17 +104,12 @@ class PolicySubject(Subject[PedestrianPolicy]):
     """Lets a pedestrian policy move its pedestrians, with a vehicle that they see and without."""
 
     answers = "worlds' velocities"
-    padding = True
+    padding = PADDING
 
     def drive(self, plugin: PedestrianPolicy, scenario: Scenario, cases: Cases, record: Record) -> None:
         """Drive the test vehicle and record the velocities of the pedestrians."""
         policies = {**scenario.policies, self.name: _RecordingPolicy(plugin, self.name, record)}
         _drive_test(_TestVehicle(cases), dataclasses.replace(scenario, policies=policies), cases)
-
-    def scenarios(self) -> Mapping[str, Scenario]:
-        """Return the scenario, and the same with a vehicle that pedestrians do not see."""
-        invisible = dataclasses.replace(self.scenario.rules, visible=False)
-        return {"": self.scenario, "invisible vehicle: ": dataclasses.replace(self.scenario, rules=invisible)}
 
 
 class _RecordingPolicy(PolicyWithMemory):
@@ -153,16 +142,10 @@ class _RecordingPolicy(PolicyWithMemory):
 
 @dataclass
 class PredictorSubject(Subject[Predictor]):
-    """Lets a predictor predict what the test vehicle sees.
-
-    Attributes:
-        modes: The number of modes, and what makes a predictor with another one, where it has the option `modes`.
-    """
+    """Lets a predictor predict what the test vehicle sees; with padding, unseen pedestrians have NaN everywhere."""
 
     answers = "worlds' predictions"
-    padding = True
-
-    modes: tuple[int, Callable[[int], Predictor]] | None = None
+    padding = f"{PADDING}, and NaN in the rows of unseen pedestrians"
 
     def drive(self, plugin: Predictor, scenario: Scenario, cases: Cases, record: Record) -> None:
         """Drive the test vehicle and record predictions at every third step."""
@@ -170,6 +153,8 @@ class PredictorSubject(Subject[Predictor]):
         def predict(obs: Observation) -> None:
             done, between = divmod(int(obs.step[0]), EVERY)
             if between == 0:
+                if isinstance(scenario, WithPadding):
+                    obs = hide_unseen(obs)
                 names = _names(cases.indices[obs.row], obs.step)
                 call = functools.partial(self._predict, plugin, obs, 1 + done % MOST_STEPS)
                 futures = zip(record.ask(call, names, obs=obs), obs.pedestrians.seen, strict=True)
@@ -182,32 +167,6 @@ class PredictorSubject(Subject[Predictor]):
             answer = plugin.predict(obs, steps)
         prediction = validate_prediction(answer, self.name, obs, steps)
         return np.concatenate([prediction.position, prediction.velocity], axis=4)
-
-    def variants(self) -> Mapping[str, Callable[[], Predictor]]:
-        """Return predictors that see other values in the rows of unseen pedestrians, and one with more modes."""
-        variants: dict[str, Callable[[], Predictor]] = {
-            "with NaN in the rows of unseen pedestrians": lambda: _Changed(self.make(), nan_in_unseen),
-            "with other people in these rows": lambda: _Changed(self.make(), people_in_unseen),
-        }
-        if self.modes is not None:
-            modes, with_modes = self.modes
-            variants[f"with {MORE_MODES} more modes"] = lambda: _Changed(with_modes(modes + MORE_MODES), modes=modes)
-        return variants
-
-
-class _Changed(Predictor):
-    """A predictor that sees something else, or the first modes of a predictor."""
-
-    def __init__(
-        self, predictor: Predictor, change: Callable[[Observation], Observation] | None = None, modes: int | None = None
-    ) -> None:
-        self.predictor, self.change, self.modes = predictor, change, modes
-        self.privileged = predictor.privileged  # type: ignore[misc]  # of this object alone
-
-    def predict(self, obs: Observation, steps: int) -> Prediction:
-        """Predict."""
-        found = self.predictor.predict(obs if self.change is None else self.change(obs), steps)
-        return Prediction(found.position[:, : self.modes], found.velocity[:, : self.modes])
 
 
 @dataclass
@@ -246,85 +205,46 @@ class RewardSubject(Subject[Reward]):
 
 @dataclass
 class ScenarioSubject(Subject[Scenario]):
-    """Starts the cases of a scenario, draws a pedestrian and a goal again, and has ORCA drive.
+    """Starts the cases of a scenario, and has ORCA drive. A layout is checked as a part of its scenario."""
 
-    A layout is checked as a part of its scenario.
-    """
-
-    answers = "starts, draws and episodes"
+    answers = "starts and episodes"
     repeat = 1
 
     def drive(self, plugin: Scenario, scenario: Scenario, cases: Cases, record: Record) -> str:
         """Start each case and drive through all of them."""
-        drawn: list[bool] = []
         for number in cases.indices.tolist():
-            start, *ways = record.ask(functools.partial(_start, plugin, cases.split, number), [f"case {number}"])
-            names = [f"{what}case {number}" for what in ("", "a new pedestrian in ", "a new goal in ")]
-            record.keep(names[: 1 + len(ways)], [start, *ways])
-            drawn += [len(way) > 0 for way in ways]
-        room = f"room for {sum(drawn)} of {len(drawn)} new pedestrians and goals"
-        if plugin.renewal is not None and drawn and not any(drawn) and not record.expected:
-            raise Broken(f"the layout finds {room}, but the scenario draws some")
+            names = [f"case {number}"]
+            record.keep(names, [record.ask(functools.partial(_start, plugin, cases.split, number), names)])
         drive = functools.partial(rollout, Driver(ORCAPlanner(), "orca"), plugin, cases, undisturbed=False)
         trace = record.ask(drive, ["all cases"])
         record.keep([f"the episode of case {case}" for case in trace.case], list(trace.position))
         ends = Counter(Outcome(outcome).label for outcome in trace.outcome.tolist())
-        return f" ({room}; driven by ORCA: {', '.join(f'{count} {label}' for label, count in ends.most_common())})"
+        return f" (driven by ORCA: {', '.join(f'{count} {label}' for label, count in ends.most_common())})"
 
 
-def _start(scenario: Scenario, split: str, case: int) -> list[np.ndarray]:
-    """Start a case, and draw its last pedestrian and a goal for it again.
+def _start(scenario: Scenario, split: str, case: int) -> np.ndarray:
+    """Start a case and return all points of the start in metres.
 
-    Returns:
-        All points of the start in metres; the new pedestrian's start and goal, and its new goal, empty without room.
-
-    Raises:
-        InputError: Agents overlap, are at their goal, are led into a wall, or cannot be drawn again.
+    Raises InputError where agents overlap, are at their goal, or are led into a wall.
     """
     world = scenario.draw(split, np.array([case]))
     there = world.present[0]
-    start, goal, route, obstacles = (
-        world.position[0, there],
-        world.goal[0, there],
-        world.route[0, there],
-        world.obstacles[0],
-    )
-    ways, last = [], int(np.flatnonzero(there)[-1])
+    start, goal, route = (array[0, there] for array in (world.position, world.goal, world.route))
+    radius = world.radius[0, there]
+    distance = norm(goal - start)
     with Location(scenario.source, f"case {split}/{case}").named():
-        radius = world.radius[0, there] + np.where(np.arange(len(start)) == 0, reach(world.rules.body), 0.0)
-        gap = norm(start[:, None] - start) - (radius[:, None] + radius)
-        np.fill_diagonal(gap, np.inf)
-        one, other = sorted(int(agent) for agent in np.unravel_index(gap.argmin(), gap.shape))
-        if gap[one, other] < 0.0:
-            raise InputError(f"agents {one} and {other} overlap by {-gap[one, other]:.3g} m at the start")
-        distance = norm(goal - start)
-        if distance[0] < world.radius[0, 0]:
+        if distance[0] < radius[0]:
             raise InputError(f"the vehicle starts {distance[0]:.3g} m from its goal, where it has arrived")
         if (distance == 0.0).any():
             raise InputError(f"{who(int((distance == 0.0).argmax()))} starts at its goal")
-        check_routes(Placement(start, goal, route, obstacles), radius)
-        if scenario.layout is not None and last > 0:
-            ways = [_draw_again(scenario.layout, world, last, position) for position in (None, world.position[0, last])]
-    return [np.concatenate([part.ravel() for part in (start, goal, route, obstacles)]), *ways]
-
-
-def _draw_again(
-    layout: LayoutCall, world: World, agent: int, position: Position | None
-) -> Float[np.ndarray, "point 2"]:
-    """Return start and goal of a new pedestrian, or one with a new goal: no point where there is no room for it."""
-    room, radius = Room.of(world, 0, np.array([agent])), float(world.radius[0, agent])
-    stream = rng.generator(world.key[0], "places again")
-    way = draw_again(layout, stream, room, radius, float(world.preferred_speed[0, agent]), position)
-    if way is None:
-        return np.empty((0, 2))
-    start, goal = way
-    if position is not None and not np.array_equal(start, position):
-        raise InputError(f"who gets another goal is put at {start.tolist()}, but is at {position.tolist()}")
-    if position is None and not room.is_clear(start, radius, clearance=0.0, walls=0.0):
-        raise InputError(f"somebody new at {start.tolist()} overlaps with somebody, a goal or a wall")
-    if room.way(start, goal, radius) is None:
-        raise InputError(f"no way leads somebody from {start.tolist()} to its goal at {goal.tolist()}")
-    return np.array(way)
+        radius[0] += reach(world.rules.body)
+        gap = norm(start[:, None] - start) - (radius[:, None] + radius)
+        np.fill_diagonal(gap, np.inf)
+        first, second = sorted(int(agent) for agent in np.unravel_index(gap.argmin(), gap.shape))
+        if gap[first, second] < 0.0:
+            raise InputError(f"agents {first} and {second} overlap by {-gap[first, second]:.3g} m at the start")
+        check_routes(Placement(start, goal, route, world.obstacles[0]), radius)
+    return np.concatenate([part.ravel() for part in (start, goal, route, world.obstacles[0])])
 
 
 class _TestVehicle(Planner):
@@ -361,22 +281,14 @@ def _names(cases: Int[np.ndarray, "world"], steps: Int[np.ndarray, "world"], suf
     return [f"case {case}, step {step}{suffix}" for case, step in zip(cases.tolist(), steps.tolist(), strict=True)]
 
 
-def nan_in_unseen(obs: Observation) -> Observation:
+def hide_unseen(obs: Observation) -> Observation:
     """Return an observation with NaN in the rows of all pedestrians that are not seen."""
-    return _replace_unseen(obs, position=np.nan, velocity=np.nan, radius=np.nan, history=np.nan)
-
-
-def people_in_unseen(obs: Observation) -> Observation:
-    """Return an observation in which all pedestrians that are not seen pass the vehicle."""
-    here = obs.vehicle.position[:, None] + 1.0
-    velocity = np.broadcast_to(np.array([-1.0, 0.0]), obs.pedestrians.velocity.shape)
-    past = here[:, None] + obs.dt * np.arange(1 - HISTORY, 1)[:, None, None] * velocity[:, None]
-    return _replace_unseen(obs, position=here, velocity=velocity, radius=0.3, history=past, observed=HISTORY, age=0.0)
-
-
-def _replace_unseen(obs: Observation, **values: Any) -> Observation:
-    """Return an observation with other values, by array, in the rows of the pedestrians that are not seen."""
     crowd, seen = obs.pedestrians, obs.pedestrians.seen
-    masks = {"position": seen[:, :, None], "velocity": seen[:, :, None], "history": seen[:, None, :, None]}
-    arrays = {name: np.where(masks.get(name, seen), getattr(crowd, name), value) for name, value in values.items()}
+    masks = {
+        "position": seen[:, :, None],
+        "velocity": seen[:, :, None],
+        "history": seen[:, None, :, None],
+        "radius": seen,
+    }
+    arrays = {name: np.where(mask, getattr(crowd, name), np.nan) for name, mask in masks.items()}
     return dataclasses.replace(obs, pedestrians=dataclasses.replace(crowd, **arrays))
