@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from crowdbench.planners.base import Planner
 from crowdbench.planners.filtered import FilteredPlanner
 from crowdbench.plugins.code import code_digest
-from crowdbench.plugins.files import file_digests, imports_of
+from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import ROOT, Kind, file_and_function
 from crowdbench.scenario import layouts
 from crowdbench.scenario import load as scenario_file
@@ -85,8 +85,12 @@ def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, 
         By `planner`, its Python files; by `option weights` and the like, the files that an option names, such as
         trained weights with their card, or a predictor's file with what it imports. Files are named by their paths.
     """
-    by_option = {f"option {name}": _digest_files(value) for name, value in options.items()}
-    return {"planner": PLANNERS.files(spec)} | {name: files for name, files in by_option.items() if files}
+    files = {"planner": PLANNERS.files(spec).digests}
+    for name, value in options.items():
+        digests = [read_files(path).digests for path in _named_files(value)]
+        if digests:
+            files[f"option {name}"] = {path: digest for part in digests for path, digest in part.items()}
+    return files
 
 
 def planner_code(spec: str, options: Mapping[str, Any]) -> str:
@@ -96,30 +100,20 @@ def planner_code(spec: str, options: Mapping[str, Any]) -> str:
         spec: As `load_planner` takes it.
         options: The planner's options: what the files that they name import counts too.
     """
-    modules = PLANNERS.imports(spec).union(*map(_imports_of_files, options.values()))
-    return code_digest(modules | ({"crowdbench.planners.filtered"} if "filter" in options else set()))
+    modules = PLANNERS.files(spec).imports | ({"crowdbench.planners.filtered"} if "filter" in options else set())
+    named = (path for path in _named_files(options) if path.suffix == ".py")
+    return code_digest(modules.union(*(read_files(path).imports for path in named)))
 
 
-def _imports_of_files(value: Any) -> set[str]:
-    """Return the modules of crowdbench that the Python files import which the value of an option names."""
+def _named_files(value: Any) -> Iterator[Path]:
+    """Yield the files that the value of an option names, perhaps within a table or a list."""
     if isinstance(value, Mapping | list):
-        return set[str]().union(*map(_imports_of_files, value.values() if isinstance(value, Mapping) else value))
-    file = file_and_function(value)[0] if isinstance(value, str) else None
-    return imports_of(file) if file and file.is_file() else set()
-
-
-def _digest_files(value: Any) -> dict[str, str]:
-    """The sha256 of every file that the value of an option names, perhaps within a table or a list."""
-    if isinstance(value, Mapping | list):
-        values = value.values() if isinstance(value, Mapping) else value
-        return {name: digest for each in values for name, digest in _digest_files(each).items()}
-    if not isinstance(value, str):
-        return {}
-    built_in = ROOT / "agents" / "weights" / f"{value}.safetensors"
-    for path in (built_in, file_and_function(value)[0] or Path(value)):
-        if os.path.isfile(path):  # False too where a text can be no path
-            return file_digests(path)
-    return {}
+        for item in value.values() if isinstance(value, Mapping) else value:
+            yield from _named_files(item)
+    elif isinstance(value, str):
+        weights = ROOT / "agents" / "weights" / f"{value}.safetensors"
+        paths = weights, file_and_function(value)[0] or Path(value)
+        yield from [path for path in paths if os.path.isfile(path)][:1]  # False too where a text can be no path
 
 
 def load_scenario(

@@ -1,12 +1,13 @@
 import hashlib
 import importlib.metadata
 import sys
+from pathlib import Path
 
 import pytest
 
 from crowdbench import catalog
-from crowdbench.plugins.files import file_digests, joint
-from crowdbench.plugins.load import load_module, source_digest
+from crowdbench.plugins.files import PluginFiles, read_files
+from crowdbench.plugins.load import load_module
 from crowdbench.utils.errors import InputError
 
 MINE = """
@@ -43,7 +44,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_what_a_file_imports_from_its_folder_counts_wherever_the_import_stands(folder):
-    files = file_digests(folder / "mine.py")
+    files = read_files(folder / "mine.py").digests
     inner = ["tools/geometry/__init__.py", "tools/geometry/inner.py", "tools/shared.py"]
     assert list(files) == ["deeper.py", "helper.py", "lazy.py", "mine.py", *inner]
     assert files["lazy.py"] == hashlib.sha256(b"LATER = 1").hexdigest()
@@ -51,27 +52,28 @@ def test_what_a_file_imports_from_its_folder_counts_wherever_the_import_stands(f
 
 @pytest.mark.parametrize("name", ["mine.py", "helper.py", "deeper.py", "lazy.py", "tools/geometry/inner.py"])
 def test_a_changed_helper_changes_the_source(folder, name):
-    before = source_digest("./mine.py")
+    before = read_files(Path("mine.py")).digest
     (folder / name).write_text((folder / name).read_text() + "\n# changed\n")
-    assert source_digest("./mine.py") != before
+    assert read_files(Path("mine.py")).digest != before
 
 
 def test_other_files_of_the_folder_do_not_change_the_source(folder):
-    before = source_digest("./mine.py")
+    before = read_files(Path("mine.py")).digest
     (folder / "other.py").write_text("changed")
     (folder / "tools" / "unused.py").write_text("changed")
-    assert source_digest("./mine.py:planner") == before
+    assert read_files(Path("mine.py")).digest == before
 
 
 def test_the_source_of_a_file_that_imports_nothing_is_its_own_digest(folder):
-    assert source_digest("./lazy.py") == hashlib.sha256(b"LATER = 1").hexdigest()[:12]
-    assert source_digest("orca") is None
-    assert joint({"a.py": "1" * 64, "b.py": "2" * 64}) != joint({"a.py": "2" * 64, "b.py": "1" * 64})
+    assert read_files(Path("lazy.py")).digest == hashlib.sha256(b"LATER = 1").hexdigest()[:12]
+    assert catalog.PLANNERS.load_with_digest("orca")[2] is None
+    one, two = "1" * 64, "2" * 64
+    assert PluginFiles({"a": one, "b": two}, set()).digest != PluginFiles({"a": two, "b": one}, set()).digest
 
 
 def test_a_broken_helper_counts_and_one_that_cannot_be_read_is_told(folder):
     (folder / "mine.py").write_text("def planner():\n    import other, gone\n")
-    assert list(file_digests(folder / "mine.py")) == ["mine.py", "other.py"]
+    assert list(read_files(folder / "mine.py").digests) == ["mine.py", "other.py"]
     with pytest.raises(InputError, match=r"nowhere\.py"):
         load_module(folder / "nowhere.py")
 
@@ -80,7 +82,7 @@ def test_crowdbench_is_no_part_of_a_planner_beside_it(folder):
     (folder / "crowdbench").mkdir()
     (folder / "crowdbench" / "__init__.py").touch()
     (folder / "mine.py").write_text("from crowdbench import Planner\nimport numpy\n")
-    assert list(file_digests(folder / "mine.py")) == ["mine.py"]
+    assert list(read_files(folder / "mine.py").digests) == ["mine.py"]
 
 
 def test_files_that_options_name_count_with_what_belongs_to_them(folder):
@@ -117,6 +119,11 @@ def test_an_installed_planner_consists_of_the_files_of_its_package(folder, monke
     monkeypatch.syspath_prepend(folder)
     entry = importlib.metadata.EntryPoint("lab", "lab.drivers:planner", catalog.PLANNERS.entry_points)
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [entry])
-    assert list(catalog.PLANNERS.files("lab")) == ["lab/__init__.py", "lab/drivers.py", "lab/more.py", "lab/parts.py"]
+    assert list(catalog.PLANNERS.files("lab").digests) == [
+        "lab/__init__.py",
+        "lab/drivers.py",
+        "lab/more.py",
+        "lab/parts.py",
+    ]
     for name in [name for name in sys.modules if name.partition(".")[0] in ("lab", "helper", "deeper")]:
         monkeypatch.delitem(sys.modules, name)

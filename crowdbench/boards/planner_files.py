@@ -130,7 +130,7 @@ def package_files(planner: str) -> dict[str, str]:
         return {}
     if planner not in catalog.PLANNERS.sources():
         raise InputError(f"no planner that is built in or installed is called {planner!r}")
-    return catalog.PLANNERS.files(planner)
+    return catalog.PLANNERS.files(planner).digests
 
 
 def imported_code(planner: str, options: Mapping[str, Any], folder: Path) -> str:

@@ -28,7 +28,7 @@ from crowdbench.isolation.protocol import (
 from crowdbench.planners.base import OneStepOnly, Planner
 from crowdbench.planners.contract import Fault
 from crowdbench.planners.driver import FaultyAnswer, TimeLimit
-from crowdbench.plugins.files import file_digests
+from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function, plugin_name, program
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import LONGEST, InputError, MachineFault
@@ -207,6 +207,6 @@ def _own_files(value: Any) -> Iterator[Path]:
         path = file_and_function(value)[0] or Path(value)
         if "\0" not in value and path.is_file():
             yield path
-            yield from (path.resolve().parent / name for name in file_digests(path))
+            yield from (path.resolve().parent / name for name in read_files(path).digests)
         elif "\0" not in value and path.is_dir():
             yield path

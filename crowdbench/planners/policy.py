@@ -21,7 +21,7 @@ from crowdbench.networks.policy import Policy, Seen
 from crowdbench.networks.weights import digest, load_into, read_card, training_dt, weights_file
 from crowdbench.planners.base import Planner
 from crowdbench.planners.reactive import along_walls
-from crowdbench.plugins.files import file_digests
+from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function
 from crowdbench.predict import Predictor
 from crowdbench.predict.base import validate_prediction
@@ -165,7 +165,7 @@ def load_policy(
 def _check_encoder(weights: Path, trained: object, encoder: str | None) -> None:
     """Raise InputError unless an encoder is the one of which a card has these digests."""
     file, _ = file_and_function(encoder or "")
-    given = None if file is None else file_digests(file)
+    given = None if file is None else read_files(file).digests
     if given != trained:
         right = (
             f"with the encoder {', '.join(trained)}" if isinstance(trained, dict) else "without a file of an encoder"

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from crowdbench.plugins.files import crowdbench_imports, file_digests, imports_of, joint, module_digests
+from crowdbench.plugins.files import PluginFiles, read_files, read_module
 from crowdbench.plugins.options import read_options, takes_any
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, find_named, plugin_errors
@@ -58,12 +58,9 @@ class Kind:
         """Return where each built-in plug-in comes from, by name: `name.py`, or `name/name.py` with files beside it."""
         sources: dict[str, Source] = dict(self.functions)
         if self.folder:
-            paths = [*self.folder.glob("*.py"), *self.folder.glob("*/*.py")]
-            sources |= {
-                path.stem: path
-                for path in sorted(paths, key=lambda path: path.stem)
-                if path.parent in (self.folder, self.folder / path.stem)
-            }
+            in_folders = [path for path in self.folder.glob("*/*.py") if path.stem == path.parent.name]
+            paths = sorted([*self.folder.glob("*.py"), *in_folders], key=lambda path: path.stem)
+            sources |= {path.stem: path for path in paths}
         return sources
 
     def sources(self) -> dict[str, Source]:
@@ -76,11 +73,7 @@ class Kind:
 
     def names(self) -> list[tuple[str, str]]:
         """Name and first docstring line of everything that is built in or installed."""
-        rows = []
-        for name, source in self.sources().items():
-            unknown = f"installed: {source.value}" if isinstance(source, EntryPoint) else ""
-            rows.append((name, _docstring(source).partition("\n")[0] or unknown))
-        return rows
+        return [(name, _docstring(source).partition("\n")[0]) for name, source in self.sources().items()]
 
     def find(self, spec: str) -> tuple[str, Callable[..., Any]]:
         """A plug-in's name and function.
@@ -104,7 +97,7 @@ class Kind:
         return spec, source
 
     def load(self, spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Any]:
-        """A plug-in's name, and the plug-in, which its function makes with options where it is to make one.
+        """Return a plug-in's name, and the plug-in, which its function makes with options where it is to make one.
 
         Raises InputError as `find` and `make` do.
         """
@@ -112,10 +105,11 @@ class Kind:
         return name, function if self.makes is None else self.make(name, function, options or {})
 
     def load_with_digest(self, spec: str, folder: Path = Path()) -> tuple[str, Any, str | None]:
-        """As `load`, with the digest of a user's file, whose path is relative to a folder; None for other plug-ins."""
-        if file_and_function(spec)[0] is not None:
-            spec = str(folder / spec)
-        return *self.load(spec), source_digest(spec)
+        """Load as `load`, with the digest of a user's file, whose path is relative to a folder; None for others."""
+        file, _ = file_and_function(spec)
+        if file is None:
+            return *self.load(spec), None
+        return *self.load(str(folder / spec)), read_files(folder / file).digest
 
     def make(self, name: str, factory: Callable[..., object], options: Mapping[str, Any]) -> Any:
         """What a function makes with options.
@@ -141,59 +135,44 @@ class Kind:
             # In here, because it asks an object of the plug-in's for its class.
             is_right = isinstance(plugin, self.makes)
         if not is_right:
-            right = f"must make a crowdbench.{self.makes.__name__}"
-            raise InputError(f"{name}: the factory made a {type(plugin).__name__}, but {right}")
+            wrong = type(plugin).__name__
+            raise InputError(f"{name}: the factory made a {wrong}, but must make a crowdbench.{self.makes.__name__}")
         if self.validate is not None:
             self.validate(name, plugin)
         return plugin
 
     def docstring(self, spec: str) -> str:
-        """The docstring of the file of a plug-in that `find` finds, or of its function, empty if it has none."""
-        return _docstring(file_and_function(spec)[0] or self.built_in().get(spec) or self.sources()[spec])
+        """Return the docstring of the file of a plug-in that `find` finds, or of its function, empty without one."""
+        return _docstring(self._source(spec))
 
-    def files(self, spec: str) -> dict[str, str]:
-        """The sha256 of every file of a plug-in that `find` finds, or of a program, by its path: see `plugins.files`.
+    def files(self, spec: str) -> PluginFiles:
+        """Read the files of a plug-in that `find` finds, or of a program. None is run.
 
-        No file is run. crowdbench's own functions do not count.
+        crowdbench's own functions have none.
         """
-        place = self._place(spec)
-        if isinstance(place, Path):
-            return file_digests(place)
-        return module_digests(*place) if place else {}
-
-    def imports(self, spec: str) -> set[str]:
-        """Return the names of the modules of crowdbench that the files of a plug-in import. No file is run."""
-        place = self._place(spec)
-        if isinstance(place, Path):
-            return imports_of(place)
-        return crowdbench_imports(*place) if place else set()
-
-    def _place(self, spec: str) -> Path | tuple[Path, tuple[str, ...], str] | None:
-        """Return the file of a plug-in, or the folder, name and package of its module; None where it has no file."""
-        source = file_and_function(spec)[0] or self.built_in().get(spec) or self.sources().get(spec, Path(spec))
+        source = self._source(spec)
         if isinstance(source, Path):
-            return source
-        if not isinstance(source, EntryPoint):
-            return None
-        parts = tuple(source.module.split("."))
-        found = _find_module(parts)
-        if found is None or found.origin is None:
-            return None
-        origin = Path(found.origin).resolve()
-        depth = len(parts) if found.submodule_search_locations is not None else len(parts) - 1
-        return origin.parents[depth], parts, parts[0]
+            return read_files(source)
+        module = _find_module(source.module) if isinstance(source, EntryPoint) else None
+        if module is None or module.origin is None:
+            return PluginFiles({}, set())
+        parts, origin = tuple(module.name.split(".")), Path(module.origin).resolve()
+        depth = len(parts) if module.submodule_search_locations is not None else len(parts) - 1
+        return read_module(origin.parents[depth], parts, parts[0])
+
+    def _source(self, spec: str) -> Source:
+        """Return where a plug-in comes from; the path of a program."""
+        return file_and_function(spec)[0] or self.built_in().get(spec) or self.sources().get(spec, Path(spec))
 
 
-def _find_module(module: tuple[str, ...]) -> ModuleSpec | None:
-    """Where a module is, by the parts of its name. `importlib.util.find_spec` would run the packages around it."""
-    found = None
-    for depth in range(1, len(module) + 1):
-        around = None if found is None else found.submodule_search_locations
-        name = ".".join(module[:depth])
-        found = next((spec for finder in sys.meta_path if (spec := finder.find_spec(name, around))), None)
-        if found is None:
-            return None
-    return found
+def _find_module(name: str) -> ModuleSpec | None:
+    """Find a module. `importlib.util.find_spec` would run the packages around it."""
+    package = name.rpartition(".")[0]
+    around = _find_module(package) if package else None
+    if package and around is None:
+        return None
+    folders = None if around is None else around.submodule_search_locations
+    return next((spec for finder in sys.meta_path if (spec := finder.find_spec(name, folders))), None)
 
 
 def file_and_function(spec: str) -> tuple[Path | None, str]:
@@ -246,26 +225,19 @@ def load_module(path: Path) -> ModuleType:
     return module
 
 
-def source_digest(spec: str) -> str | None:
-    """Twelve hexadecimal digits that change with a user's file and what it imports from its folder.
-
-    None for other plug-ins.
-    """
-    file, _ = file_and_function(spec)
-    return None if file is None else joint(file_digests(file))
-
-
 def _docstring(source: Source) -> str:
-    """The docstring of a plug-in's function or file, empty if it has none. No file is run, which would run its imports.
+    """Return the docstring of a plug-in's function or file. No file is run, which would run its imports.
+
+    Without one it is empty; of what is installed, it says so.
 
     Raises InputError where the file of a plug-in that is not installed cannot be read.
     """
     if isinstance(source, EntryPoint):
         with contextlib.suppress(InputError), plugin_errors(f"{source.module} cannot be found:"):
-            found = _find_module(tuple(source.module.split(".")))
-            if found and found.origin and found.origin.endswith(".py"):
-                return _docstring(Path(found.origin))
-        return ""
+            module = _find_module(source.module)
+            if module and module.origin and module.origin.endswith(".py"):
+                return _docstring(Path(module.origin)) or f"installed: {source.value}"
+        return f"installed: {source.value}"
     if isinstance(source, Path):
         with plugin_errors(f"{source} cannot be read:"):
             return ast.get_docstring(ast.parse(files.read_regular(source))) or ""

@@ -47,16 +47,23 @@ class Option:
 
     @property
     def parts(self) -> list[type]:
-        """The dataclasses among its types."""
+        """Return the dataclasses among its types."""
         return [kind for kind in self.types if isinstance(kind, type) and dataclasses.is_dataclass(kind)]
 
     @property
     def can_be_off(self) -> bool:
-        """Whether it may be None, which is written as false."""
+        """Return whether it may be None, which is written as false."""
         return types.NoneType in self.types and bool not in self.types
 
+    def part_options(self, part: type) -> list[Option]:
+        """Return the parameters of one of its parts. Their defaults are those of its own default, if that is such."""
+        options = read_options(part)
+        if not isinstance(self.default, part):
+            return options
+        return [dataclasses.replace(option, default=getattr(self.default, option.name)) for option in options]
+
     def argument(self, value: Any) -> Any:
-        """What the function is given for a value.
+        """Return what the function is given for a value.
 
         Args:
             value: As it is written in TOML, or the argument itself. A table of some of a part's parameters leaves
@@ -71,67 +78,56 @@ class Option:
         """
         if self.can_be_off and (value is None or value is False):
             return None
-        if not self.parts:
-            self._check(value)
-            return value
-        if isinstance(value, tuple(self.parts)):
-            return value
-        if isinstance(value, dict):
-            for part, defaults in self._tables():
-                arguments = {**defaults, **value}
-                if arguments.keys() == defaults.keys() and all(each is not REQUIRED for each in arguments.values()):
-                    try:
-                        return part(**arguments)
-                    except InputError as error:
-                        raise InputError(f"in {self.name}, {error}") from error
-        right = " or ".join(f"a table with {', '.join(parameters(part))}" for part in self.parts)
-        raise InputError(f"{self.name} is {value!r}, but must be {'false or ' * self.can_be_off}{right}")
-
-    def _check(self, value: Any) -> None:
-        """Raises InputError where all of the types are plain, and a value is none of them."""
+        if self.parts:
+            return value if isinstance(value, tuple(self.parts)) else self._make_part(value)
         plain = [kind for kind in self.types if kind is not types.NoneType]
-        if not plain or any(kind not in PLAIN for kind in plain) or any(PLAIN[kind][0](value) for kind in plain):
-            return
-        found = str(value).lower() if isinstance(value, bool) else repr(value)
-        right = " or ".join(PLAIN[kind][1] for kind in plain)
-        raise InputError(f"{self.name} is {found}, but must be {'false or ' * self.can_be_off}{right}")
+        if plain and all(kind in PLAIN for kind in plain) and not any(PLAIN[kind][0](value) for kind in plain):
+            text = str(value).lower() if isinstance(value, bool) else repr(value)
+            raise self._wrong(text, [PLAIN[kind][1] for kind in plain])
+        return value
 
-    def _tables(self) -> list[tuple[type, dict[str, Any]]]:
-        """The parts that a table may be, each with the defaults of its parameters: first the part of the default."""
-        tables = [(part, parameters(part)) for part in self.parts]
-        own = type(self.default)
-        if own in self.parts:
-            tables.insert(0, (own, {name: getattr(self.default, name) for name in parameters(own)}))
-        return tables
+    def _make_part(self, table: Any) -> Any:
+        """Make the part whose parameters are in a table; of several such, the one of the default."""
+        tables = []
+        for part in sorted(self.parts, key=lambda part: type(self.default) is not part):
+            defaults = {option.name: option.default for option in self.part_options(part)}
+            tables.append(f"a table with {', '.join(defaults)}")
+            if not isinstance(table, dict) or table.keys() - defaults.keys():
+                continue
+            arguments = {**defaults, **table}
+            if all(argument is not REQUIRED for argument in arguments.values()):
+                try:
+                    return part(**arguments)
+                except InputError as error:
+                    raise InputError(f"in {self.name}, {error}") from error
+        raise self._wrong(repr(table), tables)
 
-
-def parameters(part: type) -> dict[str, Any]:
-    """The parameters of a dataclass, with their defaults."""
-    return {name: parameter.default for name, parameter in inspect.signature(part).parameters.items()}
+    def _wrong(self, text: str, right: list[str]) -> InputError:
+        """Return the error that says what was given, and what would be right."""
+        return InputError(f"{self.name} is {text}, but must be {'false or ' * self.can_be_off}{' or '.join(right)}")
 
 
 def read_options(factory: Callable[..., object]) -> list[Option]:
-    """The options of a function or class, without `*args` and `**kwargs`.
+    """Return the options of a function or class, without `*args` and `**kwargs`.
 
     Raises InputError where it has no signature that can be read.
     """
-    signature = _signature(factory)
     hints = _hints(factory)
     return [
         Option(name, parameter.default, _alternatives(hints.get(name)), parameter.kind is parameter.KEYWORD_ONLY)
-        for name, parameter in signature.parameters.items()
+        for name, parameter in _parameters(factory).items()
         if parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
     ]
 
 
 def takes_any(factory: Callable[..., object]) -> bool:
-    """Whether a function takes options of any name, `**kwargs`."""
-    return any(each.kind is each.VAR_KEYWORD for each in _signature(factory).parameters.values())
+    """Return whether a function takes options of any name, `**kwargs`."""
+    return any(parameter.kind is parameter.VAR_KEYWORD for parameter in _parameters(factory).values())
 
 
-def _signature(factory: Callable[..., object]) -> inspect.Signature:
+def _parameters(factory: Callable[..., object]) -> Mapping[str, inspect.Parameter]:
     try:
-        return inspect.signature(factory)
+        return inspect.signature(factory).parameters
     except (TypeError, ValueError):
         name = getattr(factory, "__name__", type(factory).__name__)
         raise InputError(f"{name} is no function whose options can be read") from None

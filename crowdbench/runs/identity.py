@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench.plugins.code import code_digest
-from crowdbench.plugins.files import file_digests, imports_of
+from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import ROOT
 
 SIMULATOR = ("crowdbench.runs.rollout", "crowdbench.scenario.load")
@@ -114,7 +114,8 @@ def source_of(thing: type | Callable[..., Any]) -> str:
         return _source_of_module(module)
     file = Path(getattr(sys.modules.get(module), "__file__", None) or "")
     if file.is_file():  # not `<stdin>`
-        return digest({"files": [file_digests(file), code_digest(imports_of(file))]})[:16]
+        files = read_files(file)
+        return digest({"files": [files.digests, code_digest(files.imports)]})[:16]
     try:
         return hashlib.sha256(inspect.getsource(thing).encode()).hexdigest()[:16]
     except (OSError, TypeError):

@@ -30,7 +30,7 @@ from crowdbench.metrics.outcomes import navigation_time_or_limit, success_rate
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.policy import ActorCritic, Memory, Policy, Seen
 from crowdbench.planners.policy import PolicyPlanner, Showing
-from crowdbench.plugins.files import file_digests
+from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function
 from crowdbench.plugins.options import Option
 from crowdbench.predict import ConstantVelocity
@@ -265,7 +265,7 @@ class PPOTraining(DrivingTraining[Policy]):
         files: dict[str, dict[str, str]] = {}
         for name, spec in {"reward": self.config.reward, "encoder": self.config.encoder}.items():
             file, _ = file_and_function(spec or "")
-            files |= {} if file is None else {f"{name}_files": file_digests(file)}
+            files |= {} if file is None else {f"{name}_files": read_files(file).digests}
         return {
             "nearest": self.nearest,
             "reward": self.config.reward,
