@@ -6,12 +6,15 @@ the command line start at once. `crowdbench/Vehicle-v0` is registered with Gymna
 
 from __future__ import annotations
 
+import ast
+import functools
 import importlib
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crowdbench import envs
 
-if TYPE_CHECKING:  # the aliases tell type checkers that these are public
+if TYPE_CHECKING:  # the aliases tell type checkers, and `public_names`, that these are public
     from crowdbench.catalog import load_planner as load_planner
     from crowdbench.catalog import load_scenario as load_scenario
     from crowdbench.core.types import Observation as Observation
@@ -37,50 +40,27 @@ if TYPE_CHECKING:  # the aliases tell type checkers that these are public
     from crowdbench.runs.rollout import rollout as rollout
     from crowdbench.scenario.cases import Cases as Cases
     from crowdbench.scenario.scenario import Scenario as Scenario
-    from crowdbench.sim.pedestrians import PedestrianPolicy as PedestrianPolicy
-    from crowdbench.sim.pedestrians import PolicyWithMemory as PolicyWithMemory
+    from crowdbench.sim.pedestrians.base import PedestrianPolicy as PedestrianPolicy
+    from crowdbench.sim.pedestrians.base import PolicyWithMemory as PolicyWithMemory
     from crowdbench.utils.errors import InputError as InputError
 
 envs.register()
 
-_HOMES = {
-    "METRICS": "metrics",
-    "Cases": "scenario.cases",
-    "Driver": "planners.driver",
-    "Encoder": "networks.policy",
-    "Episodes": "runs.results",
-    "InputError": "utils.errors",
-    "Observation": "core.types",
-    "OneWorldPlanner": "planners.base",
-    "Outcome": "core.types",
-    "PedestrianPolicy": "sim.pedestrians.base",
-    "Planner": "planners.base",
-    "PolicyWithMemory": "sim.pedestrians.base",
-    "Prediction": "predict",
-    "Predictor": "predict",
-    "Result": "notebook",
-    "Rules": "core.types",
-    "Scenario": "scenario.scenario",
-    "Trace": "core.types",
-    "ValuePlanner": "planners.lookahead",
-    "World": "core.types",
-    "flatten": "envs.observations",
-    "load_network": "networks.value",
-    "load_planner": "catalog",
-    "load_predictor": "predict.load",
-    "load_scenario": "catalog",
-    "parallel_env": "envs.parallel",
-    "rollout": "runs.rollout",
-    "run": "notebook",
-}
-"""The module of each public name."""
 
-__all__ = [*_HOMES]
+@functools.cache
+def public_names() -> dict[str, str]:
+    """Return the module of each public name, as the imports above say."""
+    tree = ast.parse(Path(__file__).read_bytes())
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    return {str(alias.asname): str(node.module) for node in imports for alias in node.names if alias.asname}
+
+
+__all__ = sorted(public_names())
 
 
 def __getattr__(name: str) -> object:
-    if name in _HOMES:
-        return getattr(importlib.import_module(f"crowdbench.{_HOMES[name]}"), name)
+    if name in __all__:
+        return getattr(importlib.import_module(public_names()[name]), name)
     raise AttributeError(f"module 'crowdbench' has no attribute {name!r}")
 
 

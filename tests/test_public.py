@@ -36,7 +36,7 @@ NAMES = [
 
 
 def test_the_public_names_are_these():
-    assert crowdbench.__all__ == NAMES
+    assert crowdbench.__all__ == sorted(NAMES)
     assert dir(crowdbench) == sorted(NAMES)
 
 

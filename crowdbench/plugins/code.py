@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import crowdbench
 from crowdbench.plugins import files
 from crowdbench.plugins.files import imported_modules
 from crowdbench.utils.compiled import store
@@ -35,51 +36,35 @@ def code_digest(modules: Iterable[str], further: Iterable[Path] = ()) -> str:
         modules: Names of modules of crowdbench, such as `crowdbench.runs.rollout`.
         further: Further files, which count with what they import from crowdbench.
     """
-    trees, imported, before = [], [], len(_kept())
-    for file in further:
-        tree, names = _read(file)
-        trees.append(tree)
-        imported += names
-    trees += [_read(path)[0] for path in _reach([*modules, *imported]).values()]
-    _keep(before)
-    return hashlib.sha256(json.dumps(sorted(trees)).encode()).hexdigest()
+    before = len(_cached())
+    trees = sorted(_read(path)[0] for path in reached_files(modules, further))
+    if len(_cached()) > before:
+        store.write(_entry(), json.dumps(_cached()).encode())
+    return hashlib.sha256(json.dumps(trees).encode()).hexdigest()
 
 
-def reached_modules(modules: Iterable[str]) -> set[str]:
-    """Return the names of the modules of crowdbench that some of them import, directly or not, and their own."""
-    return set(_reach(modules))
-
-
-def _reach(modules: Iterable[str]) -> dict[str, Path]:
-    """Return the files of the modules that some modules of crowdbench import, by name."""
-    found: dict[str, Path] = {}
-    waiting = list(modules)
+def reached_files(modules: Iterable[str], further: Iterable[Path] = ()) -> set[Path]:
+    """Return the files of some modules of crowdbench, further files, and those that they import, directly or not."""
+    found: set[Path] = set()
+    waiting = [*further, *map(_find, modules)]
     while waiting:
-        name = waiting.pop()
-        name = _public_names().get(name, name)
-        path = _find(name)
-        if path is not None and name not in found and name != DESCRIBES[0]:
-            found[name] = path
-            waiting += _read(path)[1]
+        path = waiting.pop()
+        if path is not None and path not in found:
+            found.add(path)
+            waiting += map(_find, _read(path)[1])
     return found
 
 
 @functools.cache
 def _find(name: str) -> Path | None:
-    """Return the file of a module of crowdbench; None for the package itself, which only names others, and others."""
-    first, *parts = name.split(".")
-    if first != NAME or not parts:
+    """Return the file of a module, or of a public name; None for the package itself, which only names others."""
+    package, *parts = name.split(".")
+    if package == NAME and len(parts) == 1:
+        parts = crowdbench.public_names().get(parts[0], name).split(".")[1:]
+    if package != NAME or not parts or name == DESCRIBES[0]:
         return None
     path = PACKAGE.joinpath(*parts)
     return next((file for file in (path.with_suffix(".py"), path / "__init__.py") if file.is_file()), None)
-
-
-@functools.cache
-def _public_names() -> dict[str, str]:
-    """Return the module of each public name, such as `crowdbench.Planner`."""
-    tree = ast.parse((PACKAGE / "__init__.py").read_bytes())
-    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
-    return {f"{NAME}.{alias.name}": str(node.module) for node in nodes for alias in node.names}
 
 
 @functools.cache
@@ -88,25 +73,19 @@ def _read(path: Path) -> tuple[str, list[str]]:
     source = path.read_bytes()
     package = (NAME, *path.relative_to(PACKAGE).parent.parts) if path.is_relative_to(PACKAGE) else ()
     name = hashlib.sha256(".".join(package).encode() + b"\n" + source).hexdigest()
-    if name not in _kept():
+    if name not in _cached():
         tree = ast.parse(source)
         modules = [".".join(module) for module in imported_modules(tree, package)]
-        _kept()[name] = _tree_digest(tree), [module for module in modules if module.startswith(f"{NAME}.")]
-    digest, imports = _kept()[name]
+        _cached()[name] = _tree_digest(tree), [module for module in modules if module.startswith(f"{NAME}.")]
+    digest, imports = _cached()[name]
     return digest, imports
 
 
 @functools.cache
-def _kept() -> dict[str, Any]:
-    """Return what `_read` has returned, by the digest of the source. It is kept on disk, beside compiled kernels."""
+def _cached() -> dict[str, Any]:
+    """Return what `_read` has returned, by the digest of the source. It is cached on disk, beside compiled kernels."""
     content = store.read(_entry())
     return json.loads(content) if content else {}
-
-
-def _keep(before: int) -> None:
-    """Write what `_read` has returned to disk, if it is more than there was."""
-    if len(_kept()) > before:
-        store.write(_entry(), json.dumps(_kept()).encode())
 
 
 @functools.cache
