@@ -66,12 +66,12 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
     Raises:
         InputError: There is no such planner, it does not take the options, or its file is broken.
     """
-    own = dict(options or {})
-    chosen = own.pop("filter", False)
-    if chosen not in (False, "kalman"):
-        raise InputError(f"option filter is {chosen!r}, but must be kalman, or left out")
-    name, planner = PLANNERS.load(spec, own)
-    return name, FilteredPlanner(planner) if chosen else planner
+    arguments = dict(options or {})
+    filter_name = arguments.pop("filter", False)
+    if filter_name not in (False, "kalman"):
+        raise InputError(f"option filter is {filter_name!r}, but must be kalman, or left out")
+    name, planner = PLANNERS.load(spec, arguments)
+    return name, FilteredPlanner(planner) if filter_name else planner
 
 
 def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, str]]:
@@ -198,16 +198,12 @@ def load_recorded_scenario(
         InputError: Something in the table is wrong, or the file of the layout or of a policy is not given, or is
             another one than in the run.
     """
-    policies = table["pedestrians"].get("policy_files")
-    policies = policies if isinstance(policies, Mapping) else {}
-    places = table.get("layout", {})
-    layouts = {places.get("generator"): places["generator_file"]} if "generator_file" in places else {}
-    load = scenario_file.Loaders(
-        _make_loader(LAYOUTS, "--layout", [layout] if layout else [], layouts, source),
-        _make_loader(PEDESTRIANS, "--pedestrians", pedestrians, policies, source),
-        data,
-    )
-    return scenario_file.restore(table, source, load)
+    policies, placement = table["pedestrians"].get("policy_files"), table.get("layout", {})
+    layouts = {placement.get("generator"): placement["generator_file"]} if "generator_file" in placement else {}
+    load_layout = _make_loader(LAYOUTS, "--layout", [layout] if layout else [], layouts, source)
+    digests = policies if isinstance(policies, Mapping) else {}
+    load_policy = _make_loader(PEDESTRIANS, "--pedestrians", pedestrians, digests, source)
+    return scenario_file.restore(table, source, scenario_file.Loaders(load_layout, load_policy, data))
 
 
 def _make_loader(
@@ -236,12 +232,14 @@ def _make_loader(
             )
 
     def load(name: str) -> PluginWithDigest:
-        if name not in plugins and (name in digests or file_and_function(name)[0] is not None):
+        if name in plugins:
+            return plugins[name]
+        if name in digests or file_and_function(name)[0] is not None:
             raise InputError(
                 f"the {kind.word} {name} of the run is a file of somebody's own: give it with "
                 f"{option} ./{name}.py, and it is loaded if its digest is {digests.get(name)}"
             )
-        return plugins[name] if name in plugins else kind.load_with_digest(name)
+        return kind.load_with_digest(name)
 
     return load
 

@@ -32,28 +32,18 @@ Color = tuple[int, int, int]
 class Palette(NamedTuple):
     """The colours of an episode. Vehicle, pedestrians and failures can be told apart by colour-blind readers too."""
 
-    vehicle: Color
-    pedestrian: Color
-    walked: Color
-    hidden: Color
-    failure: Color
-    faint: Color
-    wall: Color
-    text: Color
-    background: Color
+    vehicle: Color = (222, 122, 0)
+    pedestrian: Color = (38, 104, 178)
+    walked: Color = (146, 179, 216)
+    hidden: Color = (160, 188, 218)
+    failure: Color = (214, 39, 40)
+    faint: Color = (228, 228, 222)
+    wall: Color = (154, 154, 148)
+    text: Color = (70, 70, 70)
+    background: Color = (255, 255, 255)
 
 
-LIGHT = Palette(
-    vehicle=(222, 122, 0),
-    pedestrian=(38, 104, 178),
-    walked=(146, 179, 216),
-    hidden=(160, 188, 218),
-    failure=(214, 39, 40),
-    faint=(228, 228, 222),
-    wall=(154, 154, 148),
-    text=(70, 70, 70),
-    background=(255, 255, 255),
-)
+LIGHT = Palette()
 """On paper and in windows."""
 
 FORESEEN: Color = (150, 150, 165)
@@ -158,7 +148,7 @@ class Moment:
 
     @classmethod
     def of_trace(cls, trace: Trace, row: int, state: int) -> Moment:
-        """A state of the episode in a row of a trace."""
+        """Return a state of the episode in a row of a trace."""
         until, now = (row, slice(state + 1)), (row, state)
         motion = trace.position[until], trace.velocity[until], trace.heading[until], trace.person[until]
         here = trace.goal[now], trace.radius[now], trace.seen[now]
@@ -167,14 +157,14 @@ class Moment:
 
     @classmethod
     def of_worlds(cls, worlds: Sequence[World]) -> Moment:
-        """The last of several worlds, which are states of one episode, each a batch of one."""
+        """Return the last of several worlds, which are states of one episode, each a batch of one."""
         now = worlds[-1]
-        position = np.concatenate([np.where(one.present[..., None], one.position, np.nan) for one in worlds])
+        position = np.concatenate([np.where(world.present[..., None], world.position, np.nan) for world in worlds])
         names = ("step", "velocity", "heading", "person")
-        step, velocity, heading, person = (np.concatenate([getattr(one, name) for one in worlds]) for name in names)
+        step, velocity, heading, person = (np.concatenate([getattr(world, name) for world in worlds]) for name in names)
         seen = now.sight["unseen"][0] == 0 if now.sight else now.present[0, 1:]
-        motion = position, velocity, heading, person
-        return cls(step, *motion, now.goal[0], now.radius[0], seen, now.obstacles[0], now.rules)
+        scene = now.goal[0], now.radius[0], seen, now.obstacles[0], now.rules
+        return cls(step, position, velocity, heading, person, *scene)
 
     @functools.cached_property
     def hit(self) -> list[int]:

@@ -7,9 +7,8 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from crowdbench.figures.style import check_file
 from crowdbench.metrics import METRICS, Metric
 from crowdbench.metrics.load import RESERVED
 from crowdbench.metrics.summary import Estimate
@@ -24,35 +23,17 @@ from crowdbench.runs.spec import RunSpec
 from crowdbench.runs.store import RunResult
 from crowdbench.runs.table import metric_grid
 from crowdbench.scenario.cases import Cases
-from crowdbench.utils import files
 from crowdbench.utils.defaults import RECORD
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import markdown
 
-
-@dataclass(frozen=True, repr=False)
-class Picture:
-    """A picture that a notebook shows; `png` are the bytes of a file, which `save` writes."""
-
-    png: bytes
-
-    def save(self, path: Path | str) -> None:
-        """Write it to a .png file. Raises InputError where that cannot be."""
-        check_file(Path(path), [".png"])
-        with files.whole(Path(path)) as partial:
-            partial.write_bytes(self.png)
-
-    def __repr__(self) -> str:
-        return f"a picture of {len(self.png)} bytes, which a notebook shows; save('case.png') writes it"
-
-    def _repr_png_(self) -> bytes:
-        """What Jupyter shows."""
-        return self.png
+if TYPE_CHECKING:
+    from PIL import Image
 
 
 @dataclass(frozen=True, repr=False)
 class Result:
-    """What a run found. It is shown as a table of all metrics.
+    """Results of a run. A notebook shows a table of all metrics.
 
     Attributes:
         planner: The planner's name with its options.
@@ -82,9 +63,9 @@ class Result:
             InputError: A file is missing, or is not the one that the run wrote.
         """
         run = RunResult.read(Path(directory))
-        metrics = {name: read_estimate(found) for name, found in run.result["metrics"].items()}
-        scenario = run.result["scenario"]["name"]
-        return cls(run.label, scenario, run.result["run"]["cases"], metrics, run.episodes, run.directory)
+        metrics = {name: read_estimate(estimate) for name, estimate in run.result["metrics"].items()}
+        scenario, cases = run.result["scenario"]["name"], run.result["run"]["cases"]
+        return cls(run.label, scenario, cases, metrics, run.episodes, run.directory)
 
     @property
     def failures(self) -> dict[str, list[int]]:
@@ -114,18 +95,22 @@ class Result:
         recording = self._kept() / RECORDING
         viewer.view([recording], find_case(recording, str(case)), web=web)
 
-    def render(self, case: int | str) -> Picture:
-        """Draw a recorded case from above; a notebook shows the picture.
+    def render(self, case: int | str) -> Image.Image:
+        """Draw a recorded case from above, as a picture that a notebook shows and `save("case.png")` writes.
 
         Raises InputError where the run was not kept, or the case is not recorded.
         """
+        from PIL import Image
+
         from crowdbench.figures.episode import draw_case
         from crowdbench.record.cases import find_case
 
         with tempfile.TemporaryDirectory() as folder:
-            recording = self._kept() / RECORDING
-            draw_case(recording, find_case(recording, str(case)), Path(folder) / "case.png")
-            return Picture((Path(folder) / "case.png").read_bytes())
+            recording, out = self._kept() / RECORDING, Path(folder) / "case.png"
+            draw_case(recording, find_case(recording, str(case)), out)
+            picture = Image.open(out)
+            picture.load()  # before the file goes
+            return picture
 
     def _kept(self) -> Path:
         if self.directory is None:
@@ -203,8 +188,8 @@ def run(
     )
     loaded = load_run(spec, None if isinstance(planner, str) else planner, key=key)
     if metrics:
-        own = dataclasses.replace(loaded.planner, key=loaded.planner.key or key or new_key())
-        loaded = dataclasses.replace(loaded, metrics={**loaded.metrics, **metrics}, planner=own)
+        identity = dataclasses.replace(loaded.planner, key=loaded.planner.key or key or new_key())
+        loaded = dataclasses.replace(loaded, metrics={**loaded.metrics, **metrics}, planner=identity)
     loaded.scenario.check_data(spec.data)
     if out is not None:
         if not make_run(loaded, Path(out), overwrite=overwrite, progress=progress):
