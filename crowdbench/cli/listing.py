@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -47,19 +47,13 @@ def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> No
     if name is None:
         print_table(Grid(kind, ("name", "description"), _names(kind), align="ll"))
         return
-    if kind == "weights":
-        page = _weights_page(name)
-    elif kind == "scenarios":
-        page = _scenario_page(name)
-    elif kind == "boards":
-        from crowdbench.boards.board import FILE, ROOT, find_board
-
-        page = Page(read_text(ROOT / find_board(name, ROOT).name / FILE))
-    else:
-        page = _plugin_page(kind, name)
-    print(page.text.strip())
-    if page.options:
-        print_table(Grid(f"\n{page.title}", OptionRow._fields, page.options, align="l" * len(OptionRow._fields)))
+    if kind in ("weights", "scenarios", "boards"):
+        print(read_text(_find_text(kind, name)).strip())
+        return
+    text, title, options = _plugin_page(kind, name)
+    print(text.strip())
+    if options:
+        print_table(Grid(f"\n{title}", OptionRow._fields, options, align="l" * len(OptionRow._fields)))
 
 
 class OptionRow(NamedTuple):
@@ -82,14 +76,6 @@ class OptionRow(NamedTuple):
 
 FILTER = OptionRow("filter", "false", "text or false", "", "kalman: estimates in place of what a sensor measures.")
 """The option of every planner, which `catalog.load_planner` reads."""
-
-
-class Page(NamedTuple):
-    """What is said of one thing: a text, and its options under a title."""
-
-    text: str
-    options: Sequence[OptionRow] = ()
-    title: str = "Options: --option name=value, and a table --option 'name={parameter=value}'"
 
 
 def _names(kind: str) -> list[tuple[str, str]]:
@@ -119,35 +105,32 @@ def _describe_board(board: Board) -> str:
     return f"{size}. {board.spec.description}"
 
 
-def _weights_page(name: str) -> Page:
-    from crowdbench.networks.weights import weights_file
+def _find_text(kind: str, name: str) -> Path:
+    """Return the file that explains weights, a scenario or a board."""
+    if kind == "weights":
+        from crowdbench.networks.weights import weights_file
 
-    card = weights_file(name).with_suffix(".md")
-    try:
-        return Page(read_text(card))
-    except OSError as error:
-        raise InputError(f"there is no card {card}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"the card {card} is no text in UTF-8") from None
+        return weights_file(name).with_suffix(".md")
+    if kind == "scenarios":
+        from crowdbench.catalog import scenario_path
 
+        return scenario_path(name)
+    from crowdbench.boards.board import FILE, ROOT, find_board
 
-def _scenario_page(name: str) -> Page:
-    from crowdbench.catalog import load_scenario, scenario_path, scenarios, simulated_scenarios
-
-    recorded = {each for each, _ in scenarios()} - set(simulated_scenarios())
-    if name not in recorded:  # which could be loaded only with their data
-        load_scenario(name)
-    return Page(read_text(scenario_path(name)))
+    return ROOT / find_board(name, ROOT).name / FILE
 
 
-def _plugin_page(kind: str, name: str) -> Page:
-    """What the file of a plug-in says of it, or its function where a file may define several, and its options."""
+def _plugin_page(kind: str, name: str) -> tuple[str, str, list[OptionRow]]:
+    """Return what the file of a plug-in says, or its function where a file may define several, and its options.
+
+    The options come after their title.
+    """
     from crowdbench.check.kinds import KINDS
 
     plugins = KINDS[kind]
     if kind == "metrics":
         find_named("metric", name, plugins.functions)  # a file says nothing of its metrics
-    found, factory = plugins.find(name)
+    plugin, factory = plugins.find(name)
     text = parse_docstring(factory.__doc__)[0] if plugins.functions else plugins.docstring(name)
     text = text or f"{name} has no docstring: its file says nothing about the {plugins.word}."
     if kind == "metrics":
@@ -155,21 +138,23 @@ def _plugin_page(kind: str, name: str) -> Page:
 
         info = info_of(name)
         better = f"; {info.better} is better" if info.better else ""
-        return Page(f"{text}\n\nIn tables: {info.heading}{better}." + f" Source: {info.source}." * bool(info.source))
+        source = f" Source: {info.source}." if info.source else ""
+        return f"{text}\n\nIn tables: {info.heading}{better}.{source}", "", []
     if kind == "pedestrians":
-        return Page(text, parameter_rows(found, factory), "Parameters: --set name=value")
+        return text, "Parameters: --set name=value", parameter_rows(plugin, factory)
     if kind == "layouts":
-        rows = [row._replace(name=f"layout.{row.name}") for row in option_rows(factory, keyword_only=True)]
-        return Page(text, rows, "Options: --set name=value")
-    return Page(text, [*option_rows(factory), *([FILTER] if kind == "planners" else [])])
+        return text, "Options: --set name=value", option_rows(factory, "layout.", keyword_only=True)
+    title = "Options: --option name=value, and a table --option 'name={parameter=value}'"
+    return text, title, option_rows(factory) + ([FILTER] if kind == "planners" else [])
 
 
-def option_rows(factory: Callable[..., object], keyword_only: bool = False) -> list[OptionRow]:
-    """The options of a plug-in's function or class, each followed by the parameters of the table that it may be.
+def option_rows(factory: Callable[..., object], prefix: str = "", keyword_only: bool = False) -> list[OptionRow]:
+    """Return the options of a plug-in's function or class, each followed by the parameters of the table that it may be.
 
     Args:
         factory: Its docstring has an `Args:` section; a dataclass has `Attributes:`. Each entry ends with the unit in
             brackets. Of a partial, it is the function's docstring that counts.
+        prefix: Begins the names.
         keyword_only: Whether parameters that are not keyword-only are left out.
 
     Returns:
@@ -178,20 +163,16 @@ def option_rows(factory: Callable[..., object], keyword_only: bool = False) -> l
     entries = _read_entries(getattr(factory, "func", factory))
     rows = []
     for option in read_options(factory):
-        if keyword_only and not option.keyword_only:
-            continue
-        rows.append(_row(option, entries))
-        for part in option.parts:
-            own = option.default if isinstance(option.default, part) else None
-            for parameter in read_options(part):
-                default = parameter.default if own is None else getattr(own, parameter.name)
-                row = _row(dataclasses.replace(parameter, default=default), _read_entries(part))
-                rows.append(row._replace(name=f"  {row.name}"))
+        if option.keyword_only or not keyword_only:
+            rows.append(_row(option, entries, prefix))
+            for part in option.parts:
+                part_entries = _read_entries(part)
+                rows += [_row(parameter, part_entries, "  ") for parameter in option.part_options(part)]
     return rows
 
 
 def parameter_rows(name: str, factory: Callable[..., object]) -> list[OptionRow]:
-    """What a scenario may set of a pedestrian policy.
+    """Return what a scenario may set of a pedestrian policy.
 
     Args:
         name: The policy's name.
@@ -207,11 +188,11 @@ def parameter_rows(name: str, factory: Callable[..., object]) -> list[OptionRow]
 
     policy, entries = PEDESTRIANS.make(name, factory, {}), _read_entries(factory)
     options = [Option(key, float(default), (float,)) for key, default in policy.parameters.items()]
-    return [_row(each, entries)._replace(name=f"pedestrians.{name}.{each.name}") for each in options]
+    return [_row(option, entries, f"pedestrians.{name}.") for option in options]
 
 
 def _read_entries(documented: Any) -> dict[str, tuple[str, str]]:
-    """What the docstring of a function or class says of each parameter: meaning and unit."""
+    """Return what the docstring of a function or class says of each parameter: meaning and unit."""
     entries = {}
     for name, text in parse_docstring(documented.__doc__)[1].items():
         match = re.fullmatch(r"(.*?)\s*\[([^\[\]]+)\]\.?", text)
@@ -219,24 +200,19 @@ def _read_entries(documented: Any) -> dict[str, tuple[str, str]]:
     return entries
 
 
-def _row(option: Option, entries: dict[str, tuple[str, str]]) -> OptionRow:
+def _row(option: Option, entries: dict[str, tuple[str, str]], prefix: str) -> OptionRow:
     meaning, unit = entries.get(option.name, ("", ""))
-    words = dict.fromkeys("table" if kind in option.parts else _name_type(kind) for kind in option.types)
-    return OptionRow(option.name, _format_default(option), " or ".join(words), unit, meaning)
-
-
-def _name_type(kind: Any) -> str:
-    return WORDS.get(kind, getattr(kind, "__name__", str(kind)))
+    names = {kind: WORDS.get(kind, getattr(kind, "__name__", str(kind))) for kind in option.types}
+    words = dict.fromkeys("table" if kind in option.parts else name for kind, name in names.items())
+    return OptionRow(prefix + option.name, _format_default(option), " or ".join(words), unit, meaning)
 
 
 def _format_default(option: Option) -> str:
-    """An option's default as one would write it."""
+    """Return an option's default as one would write it."""
     if option.default is REQUIRED:
         return ""
-    if option.default is None or isinstance(option.default, bool):
-        return "true" if option.default else "false"
     if type(option.default) in option.parts:
         return "as below"
     if isinstance(option.default, float):
         return f"{option.default:g}"
-    return json.dumps(option.default, ensure_ascii=False, default=str)
+    return json.dumps(False if option.default is None else option.default, ensure_ascii=False, default=str)
