@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench import catalog
-from crowdbench.plugins.files import file_digests
+from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function
 from crowdbench.utils.errors import InputError
 
@@ -82,7 +82,7 @@ def _copy(text: str, copies: Path) -> str:
         if not path.is_file():
             return text
         path = path.resolve()  # the files beside a linked one are those beside its target
-        names = list(file_digests(path))
+        names = list(read_files(path).digests)
         folders = itertools.chain([copies], (copies / f"other_{number}" for number in itertools.count(2)))
         target = next(folder for folder in folders if _is_free(folder, path.parent, names))
         for name in names:

@@ -21,33 +21,32 @@ from crowdbench.cli.options import help_from_docstring
 from crowdbench.utils import interrupts
 
 COMMANDS = {
-    "run": ("Run", "run:run"),
-    "check": ("Run", "check:check"),
-    "study": ("Run", "study:study"),
-    "train": ("Run", "train:train"),
-    "merge": ("Run", "run:merge"),
-    "list": ("Look", "listing:list_"),
-    "view": ("Look", "results:view"),
-    "render": ("Look", "figures:render"),
-    "plot": ("Look", "figures:plot"),
-    "table": ("Look", "figures:table"),
-    "compare": ("Look", "results:compare"),
-    "score": ("Look", "results:score"),
-    "export": ("Look", "results:export"),
-    "new-planner": ("Boards", "boards:new_planner"),
-    "submit": ("Boards", "boards:submit"),
-    "verify": ("Boards", "boards:verify"),
+    "run": ("Run", "run", "run"),
+    "check": ("Run", "check", "check"),
+    "study": ("Run", "study", "study"),
+    "train": ("Run", "train", "train"),
+    "merge": ("Run", "run", "merge"),
+    "list": ("Look", "listing", "list_"),
+    "view": ("Look", "results", "view"),
+    "render": ("Look", "figures", "render"),
+    "plot": ("Look", "figures", "plot"),
+    "table": ("Look", "figures", "table"),
+    "compare": ("Look", "results", "compare"),
+    "score": ("Look", "results", "score"),
+    "export": ("Look", "results", "export"),
+    "new-planner": ("Boards", "boards", "new_planner"),
+    "submit": ("Boards", "boards", "submit"),
+    "verify": ("Boards", "boards", "verify"),
 }
 """The commands in the order of --help: the group of each there, its module in this folder, and the function there."""
 
 
-def _print_version(is_asked: bool | None) -> None:
-    if is_asked:
+def _print_version(is_wanted: bool | None) -> None:
+    if is_wanted:
         print(importlib.metadata.version("crowdbench"))
         raise typer.Exit
 
 
-@help_from_docstring
 def crowdbench(
     version: Annotated[bool | None, typer.Option("--version", callback=_print_version, is_eager=True)] = None,
 ) -> None:
@@ -59,19 +58,26 @@ def crowdbench(
 
 
 def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
-    """The command line with some of the commands."""
-    app = typer.Typer(
-        add_completion=False,
-        rich_markup_mode="markdown",  # joins the lines of a docstring's paragraph
-        epilog=f"Add {DEBUG} to any command to see the traceback of an error.",
-    )
-    app.callback()(crowdbench)
+    """Return the command line with some of the commands."""
+    app = _new_app(f"Add {DEBUG} to any command to see the traceback of an error.")
+    app.callback()(help_from_docstring(crowdbench))
     for name in names:
-        group, place = COMMANDS[name]
-        module, _, function = place.partition(":")
+        group, module, function = COMMANDS[name]
         command = getattr(importlib.import_module(f"crowdbench.cli.{module}"), function)
-        app.command(name, rich_help_panel=group)(command)
+        app.command(name, rich_help_panel=group)(help_from_docstring(command))
     return app
+
+
+def build_script(command: Callable[..., None]) -> typer.Typer:
+    """Return the command line of a script with one command."""
+    app = _new_app()
+    app.command()(help_from_docstring(command))
+    return app
+
+
+def _new_app(epilog: str | None = None) -> typer.Typer:
+    # Markdown joins the lines of a docstring's paragraph.
+    return typer.Typer(add_completion=False, rich_markup_mode="markdown", epilog=epilog)
 
 
 @functools.cache
@@ -80,13 +86,6 @@ def __getattr__(name: str) -> object:
     if name == "app":
         return build_app()
     raise AttributeError(f"module 'crowdbench.cli' has no attribute {name!r}")
-
-
-def build_script(command: Callable[..., None]) -> typer.Typer:
-    """The command line of a script with one command."""
-    app = typer.Typer(add_completion=False, rich_markup_mode="markdown")
-    app.command()(command)
-    return app
 
 
 def main(script: Callable[..., None] | None = None) -> None:
@@ -105,10 +104,7 @@ def main(script: Callable[..., None] | None = None) -> None:
     prepare_streams()
     interrupts.handle()
     try:
-        if script is None:
-            app = build_app(arguments[:1] if arguments[0] in COMMANDS else COMMANDS)
-        else:
-            app = build_script(script)
+        app = build_script(script) if script else build_app(arguments[:1] if arguments[0] in COMMANDS else COMMANDS)
         status = app(arguments, standalone_mode=False)
         flush_output()
     except BaseException as error:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.console import announce_compilation, print_table
-from crowdbench.cli.options import assignments, help_from_docstring
+from crowdbench.cli.options import assignments
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 SCENARIOS = "circle_crossing_5 for planners, else circle_crossing_mixed with a visible vehicle"
 
 
-@help_from_docstring
 def check(
     plugin: str,
     kind: Annotated[str | None, typer.Option(show_default="as the file's function says")] = None,

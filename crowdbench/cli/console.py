@@ -47,31 +47,21 @@ def progress(total: float, what: str = "") -> Iterator[Callable[[float], None]]:
         A function to be called with the number of pieces, or parts of them, that were done since its last call.
     """
     work = _Work(total, what or f"of {total} cases")
-    if sys.stderr.isatty():
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-        columns = BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
-        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task(str(work), total=total)
-
-            def show(done: float) -> None:
-                work.add(done)
-                bar.update(task, completed=work.done, description=str(work))
-
-            yield show
+    if not sys.stderr.isatty():
+        yield work.print
         return
-    start = last = time.monotonic()
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    def tell(done: float) -> None:
-        nonlocal last
-        work.add(done)
-        # The end is told after other lines only, because what comes then, such as intervals, may take its time too.
-        if time.monotonic() - last >= PLAIN_INTERVAL or (work.percent == 100 and last > start):
-            last = time.monotonic()
-            say(str(work))
+    columns = BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(str(work), total=total)
 
-    yield tell
+        def show(done: float) -> None:
+            work.add(done)
+            bar.update(task, completed=work.done, description=str(work))
+
+        yield show
 
 
 class _Work:
@@ -82,10 +72,9 @@ class _Work:
     """
 
     def __init__(self, total: float, what: str) -> None:
-        self.total = total
-        self.what = what
-        self.done = 0.0
-        self.before = 0.0
+        self.total, self.what = total, what
+        self.done = self.before = 0.0
+        self.created = self.printed = time.monotonic()
         self.start: float | None = None
 
     def add(self, done: float) -> None:
@@ -93,6 +82,15 @@ class _Work:
         self.done += done
         if self.start is None:
             self.before, self.start = self.done, time.monotonic()
+
+    def print(self, done: float) -> None:
+        """Count work, and print a line now and then."""
+        self.add(done)
+        # The end is told after other lines only, because what comes then, such as intervals, may take its time too.
+        is_end = self.percent == 100 and self.printed > self.created
+        if is_end or time.monotonic() - self.printed >= PLAIN_INTERVAL:
+            self.printed = time.monotonic()
+            say(str(self))
 
     @property
     def percent(self) -> int:
@@ -104,12 +102,9 @@ class _Work:
         text = f"{self.percent} % {self.what}"
         if self.percent == 100 or elapsed < KNOWN_AFTER or self.done == self.before:
             return text
-        left = elapsed * (self.total - self.done) / (self.done - self.before)
-        return f"{text}, about {_duration(left)} left"
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+        seconds = elapsed * (self.total - self.done) / (self.done - self.before)
+        left = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+        return f"{text}, about {left} left"
 
 
 def say(text: str) -> None:

@@ -11,7 +11,6 @@ from typing import Annotated
 import typer
 
 from crowdbench.cli.console import say
-from crowdbench.cli.options import help_from_docstring
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, floating, format_tables
 
@@ -27,7 +26,6 @@ class Kind(StrEnum):
     TRAINING = "training"
 
 
-@help_from_docstring
 def table(
     directories: list[Path],
     columns: str = METRIC,
@@ -68,7 +66,6 @@ def table(
     print(text)
 
 
-@help_from_docstring
 def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Path = Path("figure.pdf")) -> None:
     """Draw a figure of runs, or of trainings, as wide as a column of a paper.
 
@@ -96,7 +93,6 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
     say(f"wrote {out}")
 
 
-@help_from_docstring
 def render(
     what: str,
     case: Annotated[str, typer.Option()],

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from crowdbench.cli.console import print_table
-from crowdbench.cli.options import help_from_docstring, parse_docstring
+from crowdbench.cli.options import parse_docstring
 from crowdbench.plugins.options import REQUIRED, Option, read_options
 from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.files import read_text
@@ -33,7 +33,6 @@ WORDS: dict[Any, str] = {
 """How types are called; a dataclass is a table."""
 
 
-@help_from_docstring
 def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> None:
     """List planners, scenarios, boards and whatever else has a name, or explain one of them.
 

@@ -46,8 +46,11 @@ Command = TypeVar("Command", bound=Callable[..., None])
 def help_from_docstring(command: Command) -> Command:
     """Move what the `Args:` of a command's docstring, or else `SHARED`, say of its parameters into their help.
 
-    A parameter without a default is an argument, another one an option, unless its annotation says otherwise.
+    A parameter without a default is an argument, another one an option, unless its annotation says otherwise. Nothing
+    changes where this was done before.
     """
+    if hasattr(command, "__signature__"):
+        return command
     description, helps = parse_docstring(command.__doc__)
     signature = inspect.signature(command, eval_str=True)
     parameters = [_with_help(each, (SHARED | helps).get(each.name)) for each in signature.parameters.values()]
