@@ -23,7 +23,7 @@ from crowdbench.core.types import Observation
 from crowdbench.planners.base import OneStepOnly, Planner
 from crowdbench.planners.contract import Decision, Fault, validate_commands
 from crowdbench.utils.defaults import DECISION_LIMIT
-from crowdbench.utils.errors import InputError, describe_error, is_interrupt, one_process, plugin_errors
+from crowdbench.utils.errors import InputError, describe_error, is_interrupt, ForkGuard, plugin_errors
 from crowdbench.utils.time_limit import FairLimit
 
 
@@ -140,7 +140,7 @@ class Driver:
     def _answer(self, decision: Decision, plan: Callable[[], object], limit: FairLimit) -> object:
         """What the planner returns. Whatever it raises becomes an InputError."""
         try:
-            with one_process(f"planner {self.name}"), _interrupted_after(limit):
+            with ForkGuard(f"planner {self.name}"), _interrupted_after(limit):
                 return plan()
         except OneStepOnly:
             raise InputError(

@@ -1,4 +1,4 @@
-"""The one error that is meant for the user: made of what a plug-in raises, or of a value that is not as it must be."""
+"""Errors that are raised for wrong input of users, and for errors of plug-ins."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C or SIGTERM has arrived. Only crowdbench's own handlers raise it, never a plug-in."""
 
 
-class one_process:
-    """End a process that is forked in here and comes out of here: it would write, and remove, the same files.
+class ForkGuard:
+    """Terminate child processes that escape this block: they would write, and remove, the same files.
 
     Args:
         who: What forks, for the message.
@@ -59,7 +59,7 @@ class one_process:
             _end_fork(self._who, error)
 
 
-class plugin_errors(one_process):
+class plugin_errors(ForkGuard):
     """Turn whatever a plug-in raises, even SystemExit, into an InputError. A process that it forks ends here.
 
     Args:
