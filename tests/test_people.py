@@ -210,7 +210,7 @@ def test_who_gives_way_to_nobody_walks_straight():
 @pytest.mark.parametrize("name", ["distracted", "straight", "standing"])
 def test_policies_of_habits_pass(name):
     place = load_scenario("circle_crossing_mixed", {"vehicle.visible": True, "time_limit": 3.5}, name)
-    subject = PolicySubject(lambda: PEDESTRIANS.load(name)[1], name, place, neural=False)
+    subject = PolicySubject(lambda: PEDESTRIANS.load(name)[1], name, {"": place}, neural=False)
     assert not failed_checks(subject, "val:5")
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from crowdbench.check.contract import PADDING, Broken, Record, Subject, WithPadding
 from crowdbench.core.dynamics import reach
 from crowdbench.core.geometry import norm, toward_goal
-from crowdbench.core.types import Observation, Outcome, World
+from crowdbench.core.types import Observation, Outcome, Trace, World
 from crowdbench.envs.rewards import CheckedReward, Reward
 from crowdbench.envs.stepping import drive as drive_step
 from crowdbench.envs.views import NEAREST, View
@@ -215,8 +215,7 @@ class ScenarioSubject(Subject[Scenario]):
         for number in cases.indices.tolist():
             names = [f"case {number}"]
             record.keep(names, [record.ask(functools.partial(_start, plugin, cases.split, number), names)])
-        drive = functools.partial(rollout, Driver(ORCAPlanner(), "orca"), plugin, cases, undisturbed=False)
-        trace = record.ask(drive, ["all cases"])
+        trace = record.ask(functools.partial(_drive_orca, plugin, cases), ["all cases"])
         record.keep([f"the episode of case {case}" for case in trace.case], list(trace.position))
         ends = Counter(Outcome(outcome).label for outcome in trace.outcome.tolist())
         return f" (driven by ORCA: {', '.join(f'{count} {label}' for label, count in ends.most_common())})"
@@ -245,6 +244,20 @@ def _start(scenario: Scenario, split: str, case: int) -> np.ndarray:
             raise InputError(f"agents {first} and {second} overlap by {-gap[first, second]:.3g} m at the start")
         check_routes(Placement(start, goal, route, world.obstacles[0]), radius)
     return np.concatenate([part.ravel() for part in (start, goal, route, world.obstacles[0])])
+
+
+def _drive_orca(scenario: Scenario, cases: Cases) -> Trace:
+    """Have ORCA drive through cases. Raises InputError where a layout places somebody new on top of others."""
+    trace = rollout(Driver(ORCAPlanner(), "orca"), scenario, cases, undisturbed=False)
+    changes = np.argwhere(np.diff(trace.person, axis=1) != 0) if scenario.layout is not None else ()
+    for row, step, pedestrian in changes:
+        position, radius = trace.position[row, step + 1], trace.radius[row, step + 1]
+        gap = norm(position - position[1 + pedestrian]) - (radius + radius[1 + pedestrian])
+        gap[1 + pedestrian] = np.inf
+        if (gap < 0.0).any():
+            where = f"case {cases.split}/{trace.case[row]}, step {step + 1}"
+            raise InputError(f"in {where}, somebody new at {position[1 + pedestrian].tolist()} overlaps with somebody")
+    return trace
 
 
 class _TestVehicle(Planner):
