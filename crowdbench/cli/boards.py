@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
+from crowdbench.cli.options import ThreadsOption, assignments, use_threads
 from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ ROOT = Path("leaderboards")
 WORK = Path("runs/boards")
 
 
-@help_from_docstring
 def new_planner(name: str, out: Path = Path()) -> None:
     """Make the folder of a planner of your own: a planner that works, its test, and its card for leaderboards.
 
@@ -43,7 +42,6 @@ def new_planner(name: str, out: Path = Path()) -> None:
     )
 
 
-@help_from_docstring
 def submit(
     planner: str,
     board: Annotated[str, typer.Option()],
@@ -155,7 +153,6 @@ def _check_contract(planner: str, options: Sequence[str]) -> None:
         raise InputError(f"planner {planner} breaks its contract: see above")
 
 
-@help_from_docstring
 def verify(
     entry: Path,
     season: bool = False,

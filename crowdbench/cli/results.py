@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.console import announce_compilation, print_table, progress, say
-from crowdbench.cli.options import help_from_docstring
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, Grid, format_tables
 
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from crowdbench.scenario.scenario import Scenario
 
 
-@help_from_docstring
 def compare(reference: Path, others: list[Path], metric: list[str] | None = None, format: Format | None = None) -> None:
     """Compare runs with one of them, paired by case.
 
@@ -54,7 +52,6 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
             print(f"{where}{line}")
 
 
-@help_from_docstring
 def view(
     runs: list[Path],
     case: str | None = None,
@@ -126,7 +123,6 @@ def _worst(run: Path, metric: str, recorded: list[int]) -> int:
     return int(episodes.case[np.nanargmax(values)])
 
 
-@help_from_docstring
 def score(
     recording: Path,
     metric: list[str] | None = None,
@@ -231,7 +227,6 @@ def _load_scenario(run: RunResult, pedestrians: list[str] | None, layout: str | 
     return scenario
 
 
-@help_from_docstring
 def export(
     run: Path,
     out: Annotated[Path, typer.Option()],

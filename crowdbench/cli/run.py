@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, print_table, progress, say
-from crowdbench.cli.options import OnOption, ThreadsOption, assignments, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.options import OnOption, ThreadsOption, assignments, is_on_ray, use_threads
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
 
@@ -34,7 +34,6 @@ UNHEEDED = (
 """What a score means where people do not react."""
 
 
-@help_from_docstring
 def run(
     context: typer.Context,
     planner: Annotated[str, typer.Option()],
@@ -142,7 +141,6 @@ def warn_if_trained_otherwise(run: Run) -> None:
         say(f"crowdbench: planner {run.driver.name} was trained with {difference}: its figures may be worse for that")
 
 
-@help_from_docstring
 def merge(
     runs: list[Path],
     out: Annotated[Path, typer.Option()],

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.options import OnOption, ThreadsOption, is_on_ray, use_threads
 from crowdbench.utils.tables import Format, Grid, format_tables, plain
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ ShardOption = Annotated[
 ]
 
 
-@help_from_docstring
 def study(
     file: Path,
     out: Annotated[Path | None, typer.Option(show_default="runs/study-<name>")] = None,
