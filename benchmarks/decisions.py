@@ -118,7 +118,7 @@ def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
     imitation = seconds(training.imitate)
     durations = []
     for part in PARTS:
-        training.rounds = int(part * rounds)
+        training.episodes = int(part * rounds) * method.ROUND
         durations.append(seconds(training.improve))
     work = f"training of SARL, {episodes:,} episodes, estimated from imitation and {len(PARTS)} of {rounds:.0f} rounds"
     yield Measurement(work, (imitation + rounds * mean(durations)) / 60, "min")

@@ -389,7 +389,7 @@ def test_a_policy_drives_as_it_was_trained(speed):
     inputs = (torch.as_tensor(seen[name], dtype=torch.float32) for name in ("vehicle", "pedestrians"))
     with torch.no_grad():
         shown = Seen(*inputs, torch.as_tensor(seen["mask"] > 0.5))
-        action = policy(shown, policy.nothing(len(shown.mask)))[0].double().numpy()
+        action = policy(shown, policy.initial_memory(len(shown.mask)))[0].double().numpy()
     command = PolicyPlanner(policy, Showing(5)).plan(observe(env._running.worlds))
     env.step_async(action)
     env.step_wait()

@@ -32,7 +32,7 @@ from crowdbench.sim.presence import come_and_go, track_at
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, walk
 from crowdbench.train.config import PPOConfig, ValueConfig
-from crowdbench.train.driving import load_scenarios
+from crowdbench.train.training import load_scenarios
 from crowdbench.utils.errors import InputError
 from studies.social_gan.prediction_errors import on_scenario
 
@@ -320,14 +320,6 @@ def test_networks_learn_among_recorded_people(config_of, tmp_path):
         load_scenarios(dataclasses.replace(config, scenario="circle_crossing_5"), [])
     with pytest.raises(InputError, match="give the folder that holds them, --data DIR"):
         load_scenarios(dataclasses.replace(config, data=None), [])
-
-
-def test_networks_do_not_learn_where_there_is_a_case_for_each_car_only(monkeypatch, tmp_path):
-    place = recordings.scenario(tmp_path)
-    cars = dataclasses.replace(place, starts=dataclasses.replace(place.tracks, has_cars=True))
-    monkeypatch.setattr("crowdbench.train.driving.load_scenario", lambda *_, data: cars)
-    with pytest.raises(InputError, match="mine has a case for each window of time with a car in the scene mine"):
-        load_scenarios(ValueConfig(network="sarl", scenario="mine", data=str(tmp_path)), [])
 
 
 def test_predictors_are_measured_on_those_who_come_later_too_by_networks_that_have_not_seen_the_scene(place):

@@ -15,7 +15,8 @@ from crowdbench.planners.kce import Limits
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity
 from crowdbench.sim.sensor import observe
-from crowdbench.train import driving, value
+from crowdbench.train import training as driving
+from crowdbench.train import value
 from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.config import ValueConfig
 from crowdbench.train.runner import Runner
@@ -48,8 +49,9 @@ def test_a_resumed_training_ends_in_the_same_weights(options, tmp_path):
     trainings.kill(config, tmp_path / "killed", 2)
     resumed = trainings.resume(tmp_path / "killed").training
     assert resumed.limits == whole.limits
-    for part in ("network", "average", "best"):
+    for part in ("network", "current"):
         assert digest(getattr(resumed, part)) == digest(getattr(whole, part))
+    assert digest(resumed.best()[1]) == digest(whole.best()[1])
     assert trainings.untimed(resumed) == trainings.untimed(whole)
 
 
@@ -66,8 +68,8 @@ def test_a_card_looks_at_test_cases_only_where_that_is_asked_for(tmp_path):
         training = dataclasses.replace(CONFIG, card=card).training("cpu")
         training._validate(0.0)
         cards[card] = {"network": "cadrl", **training.card(trainings.ignore)}
-        figures = cards[card]["figures"].values()
-        assert training.card_cases == sum(figure["metrics"]["success_rate"]["n"] for figure in figures)
+        measured = {split: figure["metrics"]["success_rate"]["n"] for split, figure in cards[card]["figures"].items()}
+        assert measured == {split: len(cases) for split, cases in training.card_cases.items()}
     assert list(cards["val"]["figures"]) == ["validation"]
     assert list(cards["test"]["figures"]) == ["validation", "test"]
     assert headline(cards["val"]).endswith("success on validation cases")
@@ -78,7 +80,7 @@ def test_a_card_looks_at_test_cases_only_where_that_is_asked_for(tmp_path):
 def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
     running = trainings.train(dataclasses.replace(CONFIG, card="test"), tmp_path / "run")
     path = running.finish(trainings.ignore)
-    assert digest(load_network("cadrl", str(path))) == digest(running.training.best)
+    assert digest(load_network("cadrl", str(path))) == digest(running.training.best()[1])
     card = read_card(path)
     assert card["command"] == (
         "crowdbench train cadrl --scenario circle_crossing_mixed --set 'pedestrians.number=[1, 3]' "
@@ -99,22 +101,22 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
     }
     text = (tmp_path / "run" / "weights.md").read_text()
     assert (
-        f"| checkpoint | chosen at episode {running.training.best_point().episodes} of 40, on val:0:5 of circle_"
-        in text
+        f"| checkpoint | chosen at episode {running.training.best()[0].episodes} of 40, on val:0:5 of circle_" in text
     )
     assert "| test test:0:5 |" in text
     with pytest.raises(InputError, match="is finished: its weights are"):
         Runner.resume(tmp_path / "run", "cpu")
 
 
-def test_a_training_that_stops_before_its_first_checkpoint_leaves_nothing(tmp_path, monkeypatch):
+def test_a_training_that_stops_before_its_first_validation_begins_again_where_it_is_resumed(tmp_path, monkeypatch):
     def fail(*arguments):
         raise trainings.Killed
 
     monkeypatch.setattr(ValueTraining, "imitate", fail)
     with pytest.raises(trainings.Killed):
-        Runner.start(CONFIG, tmp_path / "run", "cpu").train(trainings.ignore)
-    assert not (tmp_path / "run").exists()
+        list(Runner.start(CONFIG, tmp_path / "run", "cpu").train())
+    monkeypatch.undo()
+    assert Runner.resume(tmp_path / "run", "cpu").training.curve == []
 
 
 def test_a_network_learns_in_training_mode_after_it_has_driven():
@@ -156,7 +158,7 @@ def test_what_does_not_exist_is_refused_and_nothing_is_left(change, message, tmp
 
 def test_a_file_that_is_no_checkpoint_cannot_be_resumed(tmp_path):
     (tmp_path / CHECKPOINT).write_bytes(b"something else, and not short")
-    with pytest.raises(InputError, match="is not a checkpoint of a training"):
+    with pytest.raises(InputError, match="cannot be continued: it is damaged"):
         Runner.resume(tmp_path, "cpu")
 
 
@@ -253,7 +255,7 @@ def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenar
     change = np.linalg.norm(np.diff(driven.velocity[:, :, 0], axis=1), axis=-1)
     assert np.nanmax(change) <= 0.6 + 1e-9
     assert np.nanmax(change) > 0.5
-    running.train(trainings.ignore)
+    list(running.train())
     card = read_card(running.finish(trainings.ignore))
     assert card["training"]["limits"] == {"max_turn": 2.0, "max_velocity_change": 0.6}
     assert card["training"]["validation"] == {
@@ -273,6 +275,6 @@ def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenar
 
 def test_no_case_that_chooses_a_checkpoint_is_on_the_card():
     chosen_by = set(driving.VALIDATION_CASES.indices)
-    on_cards = [cases for cases in driving.CASES.values() if cases.split == "val"]
+    on_cards = [cases for cases in driving.CARD_CASES.values() if cases.split == "val"]
     assert on_cards
     assert all(chosen_by.isdisjoint(cases.indices) for cases in on_cards)

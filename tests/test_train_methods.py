@@ -1,8 +1,7 @@
 import dataclasses
 import inspect
 import shlex
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import pytest
 from typer.testing import CliRunner
@@ -32,7 +31,6 @@ def test_a_network_that_does_not_exist_is_refused():
         ("cadrl", {"steps": 9}, "--steps is not for cadrl, only for ppo, ppo_attention"),
         ("ppo", {"episodes": 9}, "--episodes is not for ppo, only for cadrl, lstm_rl, sarl"),
         ("sarl", {"episodes": 9, "minutes": 1.0}, "--minutes and --episodes both say how long to train"),
-        ("sarl", {"card": "all"}, "--card is 'all', but must be val or test"),
         ("sarl", {"minutes": float("inf")}, "--minutes is inf, but must be a finite number"),
     ],
 )
@@ -97,11 +95,6 @@ class Third(ValueConfig):
 
     length: ClassVar[str] = "updates"
 
-    @classmethod
-    def check(cls, options: Mapping[str, Any]) -> None:
-        if "episodes" in options and "predictor" in options:
-            raise InputError("--episodes and --predictor exclude each other")
-
 
 def test_a_third_method_is_one_line_of_the_table(monkeypatch):
     monkeypatch.setitem(METHODS, "third", Third)
@@ -118,7 +111,6 @@ def test_a_third_method_is_one_line_of_the_table(monkeypatch):
         ("sarl", {"updates": 5}, "--updates is not for sarl, only for third"),
         ("third", {"steps": 5}, "--steps is not for third, only for ppo, ppo_attention"),
         ("third", {"updates": 5, "minutes": 1.0}, "--minutes and --updates both say how long to train"),
-        ("third", {"episodes": 5, "predictor": "linear"}, "--episodes and --predictor exclude each other"),
         ("mlp", {}, "there are cadrl, lstm_rl, ppo, ppo_attention, sarl, third"),
     ]:
         with pytest.raises(InputError, match=message):

@@ -46,14 +46,14 @@ def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_
     """Drawing the first cases alone takes longer than the time until the next validation."""
     config = dataclasses.replace(CONFIG, minutes=100.0)
     training = Runner.start(config, tmp_path / "run", "cpu").training
-    draw, clock = training.worlds[0].start, ppo.time.perf_counter
+    draw, clock = training.worlds[0].seed, ppo.time.perf_counter
     late = [0.0]
 
     def slowly(seed):
         late[0] += 5000.0
         draw(seed)
 
-    monkeypatch.setattr(training.worlds[0], "start", slowly)
+    monkeypatch.setattr(training.worlds[0], "seed", slowly)
     monkeypatch.setattr(ppo, "time", SimpleNamespace(perf_counter=lambda: clock() + late[0]))
     list(training.learn())
     assert [point.steps for point in training.curve] == [0, 128, 256]
@@ -72,7 +72,7 @@ def test_a_reward_that_is_too_large_ends_the_training_with_one_sentence(tmp_path
     (tmp_path / "huge.py").write_text("def reward(step):\n    return 1e38 * step.progress\n")
     config = dataclasses.replace(CONFIG, reward=str(tmp_path / "huge.py"))
     with pytest.raises(InputError, match=r"the policy's actions are not finite, as where the reward .*huge\.py is too"):
-        Runner.start(config, tmp_path / "run", "cpu").train(trainings.ignore)
+        list(Runner.start(config, tmp_path / "run", "cpu").train())
 
 
 @pytest.mark.slow
@@ -121,14 +121,14 @@ def test_only_the_time_limit_leaves_the_value_of_what_would_have_followed(monkey
     training = dataclasses.replace(CONFIG, also_train_in="square_crossing_5").training("cpu")
     training.train_until(0.0)
     for worlds, timed_out in zip(training.worlds, ([], [1, 3]), strict=True):
-        outcome = np.full(worlds.number, Outcome.COLLISION)
+        now = worlds.worlds
+        outcome = np.full(len(now), Outcome.COLLISION)
         outcome[timed_out] = Outcome.TIMEOUT
-        now = worlds.worlds.worlds
         driven = Driven(Step(now, now, outcome, np.ones(len(now))), np.ones(len(now)), np.ones(len(now)), outcome)
-        monkeypatch.setattr(worlds.worlds, "step", lambda command, driven=driven: driven)
+        monkeypatch.setattr(worlds, "step", lambda command, driven=driven: driven)
     memory, on = training.memory, torch.zeros(1, 8, dtype=torch.bool)
     with torch.no_grad():
-        value = training.network(training._seen(), memory, on)[1].numpy()
+        value = training.network(training.seen, memory, on)[1].numpy()
         reward, ended = training._step(np.zeros((8, 2)))
     expected = np.ones(8)
     expected[[5, 7]] += training.parameters.gamma * value[[5, 7]]
@@ -141,7 +141,7 @@ def test_a_training_in_several_scenarios_shares_its_worlds(tmp_path):
         CONFIG, also_train_in="doorway_8,square_crossing_5", validation="circle_crossing_5,doorway_8", steps=130
     )
     training = config.training("cpu")
-    assert [worlds.number for worlds in training.worlds] == [3, 3, 2]
+    assert list(map(len, training.rows)) == [3, 3, 2]
     assert training.nearest == 8
     list(training.learn())
     assert training.curve[-1].steps == 256
@@ -178,7 +178,7 @@ def test_a_finished_training_leaves_a_policy_that_drives(tmp_path):
 
 def test_parameters_of_ppo_are_in_the_command_and_wrong_ones_get_one_sentence():
     assert "--ppo worlds=8 --ppo steps=16 --ppo segments=4 --ppo epochs=2" in CONFIG.command
-    parameters = ppo.read_parameters(CONFIG.ppo)
+    parameters = CONFIG.training("cpu").parameters
     assert (parameters.worlds, parameters.gamma) == (8, 0.97)
     for given, sentence in [
         (

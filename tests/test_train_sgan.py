@@ -52,7 +52,7 @@ def test_a_resumed_training_ends_in_the_same_weights(tmp_path):
     whole = trainings.train(CONFIG, tmp_path / "whole").training
     trainings.kill(CONFIG, tmp_path / "killed", 2)
     resumed = trainings.resume(tmp_path / "killed", METHODS).training
-    for part in ("generator", "discriminator", "average", "best"):
+    for part in ("generator", "discriminator", "average", "validated"):
         assert digest(getattr(resumed, part)) == digest(getattr(whole, part))
 
 
@@ -64,7 +64,7 @@ def test_training_lessens_the_error_and_what_is_kept_is_the_best(pooling, monkey
     training = config.training("cpu")
     list(training.learn())
     assert training.curve[-1].loss < 0.8 * training.curve[0].loss
-    assert training.best_point().ade == min(point.ade for point in training.curve)
+    assert training.best()[0].ade == min(point.ade for point in training.curve)
 
 
 @pytest.mark.slow
@@ -77,7 +77,7 @@ def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(reco
         "python studies/social_gan/train.py --data tracks --dt 0.25 --held-out hotel --seed 3 --epochs 4"
     )
     assert card["training"]["scenes"] == ["eth"]
-    assert card["figures"]["validation"]["ade"] == running.training.best_point().ade
+    assert card["figures"]["validation"]["ade"] == running.training.best()[0].ade
     assert "| scene held out | hotel |" in path.with_suffix(".md").read_text()
     made = load_predictor("sgan", {"weights": str(path), "modes": 2})[1]
     assert made.unseen("hotel") is made
@@ -150,9 +150,6 @@ def run(*arguments):
     [
         ({"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both say how long to train"),
         ({"data": "eth_ucy", "dt": float("nan")}, "--dt is nan, but must be a finite number"),
-        ({"data": "eth_ucy", "scenario": "circle_crossing_5"}, "leave out --scenario and --set, or else --data"),
-        ({"data": "eth_ucy", "overrides": {"seed": 1}}, "leave out --scenario and --set, or else --data"),
-        ({"dt": 0.25}, "--held-out and --dt are for recorded tracks: give them with --data"),
     ],
 )
 def test_options_that_contradict_each_other_are_refused(options, message):
@@ -163,6 +160,9 @@ def test_options_that_contradict_each_other_are_refused(options, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["--data", "eth_ucy", "--scenario", "circle_crossing_5"], "leave out --scenario and --set, or else --data"),
+        (["--data", "eth_ucy", "--set", "seed=1"], "leave out --scenario and --set, or else --data"),
+        (["--dt", "0.25"], "--held-out and --dt are for recorded tracks: give them with --data"),
         (["--held-out", "eth"], "--held-out and --dt are for recorded tracks: give them with --data"),
         (["--data", "nowhere"], "there is no folder nowhere with recorded tracks"),
         (["--resume", "nowhere", "--epochs", "3"], "--epochs cannot be changed with --resume"),

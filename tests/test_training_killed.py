@@ -14,9 +14,9 @@ from crowdbench import InputError
 from crowdbench.cli import app
 from crowdbench.networks.weights import load_into, read_card
 from crowdbench.train import checkpoint, runner
-from crowdbench.train.checkpoint import CHECKPOINT, LOCK, WEIGHTS, hold
+from crowdbench.train.checkpoint import CHECKPOINT, LOCK, hold
 from crowdbench.train.config import METHODS, Config
-from crowdbench.train.runner import Runner
+from crowdbench.train.runner import WEIGHTS, Runner
 from crowdbench.train.training import Training
 
 
@@ -31,18 +31,17 @@ class Counting(Training):
     """A training whose network counts to 3."""
 
     point = Point
-    parts = ("best",)
+    parts = ("network",)
     counters = ()
-    best = None
 
     def __init__(self, config, device):
         super().__init__(config, device)
-        self.best = torch.nn.Linear(1, 1)
-        torch.nn.init.zeros_(self.best.weight)
-        torch.nn.init.zeros_(self.best.bias)
+        self.network = torch.nn.Linear(1, 1)
+        torch.nn.init.zeros_(self.network.weight)
+        torch.nn.init.zeros_(self.network.bias)
 
-    def best_point(self):
-        return self.curve[-1]
+    def best(self):
+        return self.curve[-1], self.network
 
     @property
     def progress(self):
@@ -51,7 +50,7 @@ class Counting(Training):
     def learn(self):
         while len(self.curve) < 3:
             with torch.no_grad():
-                self.best.bias += 1
+                self.network.bias += 1
             self.curve.append(Point(len(self.curve) + 1))
             yield
 
@@ -118,7 +117,7 @@ def kill():
 
 def through(running):
     """Train to the end."""
-    running.train(trainings.ignore)
+    list(running.train())
     running.finish(trainings.ignore)
 
 
@@ -129,7 +128,7 @@ def begun_again(directory):
     except InputError as error:
         if "is finished: its weights are" in str(error):
             return None
-        if "there is no directory" in str(error) or "was stopped before its first checkpoint" in str(error):
+        if "there is no checkpoint" in str(error):
             return Runner.start(CONFIG, directory, "cpu")
         raise
 
@@ -151,7 +150,7 @@ def test_a_kill_before_any_call_of_the_file_system_leaves_a_training_that_goes_o
     while killed(kill, tmp_path / str(calls), calls):
         directory = tmp_path / str(calls)
         if (directory / WEIGHTS).exists():
-            load_into(Counting(CONFIG, "cpu").best, "counting", directory / WEIGHTS)
+            load_into(Counting(CONFIG, "cpu").network, "counting", directory / WEIGHTS)
         if running := begun_again(directory):
             through(running)
         assert {path.name for path in directory.iterdir()} - {LOCK} == FINISHED
@@ -162,7 +161,7 @@ def test_a_kill_before_any_call_of_the_file_system_leaves_a_training_that_goes_o
 
 
 def test_an_empty_directory_is_taken(tmp_path):
-    Runner.start(CONFIG, tmp_path, "cpu").train(trainings.ignore)
+    list(Runner.start(CONFIG, tmp_path, "cpu").train())
     with pytest.raises(InputError, match=r"holds a training already: .* crowdbench train counting --resume"):
         Runner.start(CONFIG, tmp_path, "cpu")
 
@@ -180,8 +179,8 @@ def test_a_directory_with_a_users_file_is_refused_and_kept(name, tmp_path):
 def test_two_processes_do_not_train_in_the_same_directory(tmp_path):
     running = Runner.start(CONFIG, tmp_path, "cpu")
     with hold(tmp_path), pytest.raises(InputError, match="another process trains in"):
-        running.train(trainings.ignore)
-    running.train(trainings.ignore)
+        list(running.train())
+    list(running.train())
 
 
 def full(path):
@@ -200,10 +199,10 @@ def test_a_place_where_nothing_can_be_written_is_told_at_once(tmp_path):
     disk = full(tmp_path / "a" / CHECKPOINT)
     running = Runner.start(CONFIG, tmp_path / "a", "cpu")
     with pytest.raises(InputError, match="cannot be written: No space left on device; nothing was kept"):
-        running.train(trainings.ignore)
+        list(running.train())
     disk.on = False
     assert running.training.curve == []
-    assert not (tmp_path / "a").exists()
+    list(Runner.start(CONFIG, tmp_path / "a", "cpu").train())
 
 
 @pytest.mark.parametrize("name", ["curve.csv", "weights.json", "weights.safetensors", "weights.md", "training.rrd"])
@@ -222,11 +221,12 @@ def test_a_full_disk_leaves_the_checkpoint_before(tmp_path):
     disk = full(tmp_path / "a" / CHECKPOINT)
     disk.on = False
 
-    def fill(point, done):
-        disk.on = point.rounds == 2
-
+    training = running.train()
+    next(training)
+    next(training)
+    disk.on = True
     with pytest.raises(InputError, match="its last checkpoint is kept"):
-        running.train(fill)
+        next(training)
     disk.on = False
     assert Runner.resume(tmp_path / "a", "cpu").training.curve == [Point(1), Point(2)]
 
@@ -234,14 +234,17 @@ def test_a_full_disk_leaves_the_checkpoint_before(tmp_path):
 @pytest.mark.parametrize(
     ("metadata", "message"),
     [
-        ("{", "is not a checkpoint of a training"),
-        ("[" * 100_000, "is not a checkpoint of a training: RecursionError"),
-        ("9" * 5000, "is not a checkpoint of a training: ValueError"),
-        ("[]", "is not a checkpoint of a training: it must have config, threads, counters, curve"),
-        ('{"config": {}, "threads": 1, "counters": {}, "curve": 3}', "it must have config, threads, counters, curve"),
+        ("{", "cannot be continued: it is damaged"),
+        ("[" * 100_000, "cannot be continued: it is damaged, .*RecursionError"),
+        ("9" * 5000, "cannot be continued: it is damaged, .*ValueError"),
+        ("[]", "cannot be continued: it is damaged"),
         (
-            '{"config": {}, "threads": null, "counters": {}, "curve": []}',
-            "it must have config, threads, counters, curve",
+            '{"config": {"network": "counting"}, "threads": 1, "counters": {}, "curve": 3}',
+            "cannot be continued: it is ",
+        ),
+        (
+            '{"config": {"network": "counting"}, "threads": null, "counters": {}, "curve": []}',
+            "cannot be continued: it is damaged",
         ),
         ('{"config": {}, "threads": 1, "counters": {}, "curve": []}', "cannot be continued: .*network"),
         (
@@ -264,7 +267,7 @@ def test_a_full_disk_leaves_the_checkpoint_before(tmp_path):
     ],
 )
 def test_a_checkpoint_that_makes_no_sense_is_told(metadata, message, tmp_path):
-    tensors = checkpoint.tensors_of("best", Counting(CONFIG, "cpu").best)
+    tensors = checkpoint.tensors_of("network", Counting(CONFIG, "cpu").network)
     (tmp_path / CHECKPOINT).write_bytes(checkpoint.to_bytes(tensors, metadata={"training": metadata}))
     with pytest.raises(InputError, match=message.replace("another version", "another version of crowdbench")) as error:
         Runner.resume(tmp_path, "cpu")
@@ -274,8 +277,8 @@ def test_a_checkpoint_that_makes_no_sense_is_told(metadata, message, tmp_path):
 @pytest.mark.parametrize(
     ("tensors", "message"),
     [
-        ({"best.bias": torch.zeros(1)}, "cannot be continued: .*Missing key"),
-        ({"best.bias": torch.full((1,), torch.nan)}, "is damaged: best.bias has numbers that are not finite"),
+        ({"network.bias": torch.zeros(1)}, "cannot be continued: .*Missing key"),
+        ({"network.bias": torch.full((1,), torch.nan)}, "is damaged, .*network.bias has numbers that are not finite"),
     ],
 )
 def test_a_checkpoint_with_wrong_tensors_is_told(tensors, message, tmp_path):
@@ -301,27 +304,20 @@ def test_options_that_resume_would_ignore_are_refused(tmp_path):
         assert isinstance(error, InputError)
         assert str(error).startswith(f"{more[0]} cannot be changed with --resume")
     allowed = CliRunner().invoke(app, [*command, "--device", "cpu"]).exception
-    assert "was stopped before its first checkpoint" in str(allowed)
+    assert "nothing can be resumed there" in str(allowed)
 
 
 def test_a_training_of_another_network_is_not_resumed(tmp_path):
-    with pytest.raises(InterruptedError):
-        Runner.start(CONFIG, tmp_path, "cpu").train(interrupt)
+    next(Runner.start(CONFIG, tmp_path, "cpu").train())
     error = CliRunner().invoke(app, ["train", "cadrl", "--resume", str(tmp_path)]).exception
     assert str(error) == f"the training in {tmp_path} is of counting, not of cadrl"
-
-
-def interrupt(*point):
-    """A listener that stops the training."""
-    raise InterruptedError
 
 
 def test_a_resumed_training_has_its_number_of_threads(tmp_path):
     threads = torch.get_num_threads()
     try:
         torch.set_num_threads(3)
-        with pytest.raises(InterruptedError):
-            Runner.start(CONFIG, tmp_path, "cpu").train(interrupt)
+        next(Runner.start(CONFIG, tmp_path, "cpu").train())
         torch.set_num_threads(2)
         Runner.resume(tmp_path, "cpu", threads=2)
         assert torch.get_num_threads() == 2

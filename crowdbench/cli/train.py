@@ -17,8 +17,6 @@ from crowdbench.utils.errors import InputError
 if TYPE_CHECKING:
     from crowdbench.train.runner import Runner
 
-LENGTHS = " or ".join(f"--{length}" for length in dict.fromkeys(method.length for method in METHODS.values()))
-
 
 @help_from_docstring
 def train(
@@ -27,13 +25,7 @@ def train(
     overrides: list[str] | None = None,
     data: Path | None = None,
     seed: Annotated[int | None, typer.Option(min=0, max=MOST_SEED, show_default="0")] = None,
-    minutes: Annotated[
-        float | None,
-        typer.Option(
-            min=0.1,
-            help=f"Train for this many minutes, validations included, instead of {LENGTHS}.",
-        ),
-    ] = None,
+    minutes: Annotated[float | None, typer.Option(min=0.1)] = None,
     device: str = "cpu",
     threads: ThreadsOption = None,
     resume: Path | None = None,
@@ -49,6 +41,7 @@ def train(
     Args:
         scenario: Name of the scenario to train in, or a file: ./mine.toml.
         seed: Seed of the weights and of everything random in training.
+        minutes: Train for this many minutes, validations included, instead of --episodes or --steps.
         device: cpu or cuda.
         resume: Continue the interrupted training in this directory, with the options and the number of threads that it
             was started with; only --device and --threads can be different.
@@ -85,7 +78,15 @@ def run_training(
     from crowdbench.train.runner import Runner
 
     options = {name: value for name, value in options.items() if value is not None}
-    if resume is not None:
+    if resume is None:
+        if "data" in options:
+            options["data"] = str(options["data"])
+        for name in {"overrides", "ppo"} & options.keys():
+            options[name] = assignments(options[name], flag(name))
+        config = make_config(network, options, methods)
+        announce_compilation()
+        runner = Runner.start(config, out or Path("runs") / f"train-{network}-seed{config.seed}", device)
+    else:
         if flags := [flag(name) for name in (options if out is None else {**options, "out": out})]:
             raise InputError(
                 f"{', '.join(flags)} cannot be changed with --resume: a training goes on with the options that it was "
@@ -95,42 +96,23 @@ def run_training(
         runner = Runner.resume(resume, device, threads, methods)
         if runner.training.config.network != network:
             raise InputError(f"the training in {resume} is of {runner.training.config.network}, not of {network}")
-    else:
-        if "data" in options:
-            options["data"] = str(options["data"])
-        pairs = {name for name, (field, _) in method_options(methods).items() if field.metadata["pairs"]}
-        for name in (pairs | {"overrides"}) & options.keys():
-            options[name] = assignments(options[name], flag(name))
-        config = make_config(network, options, methods)
-        announce_compilation()
-        runner = Runner.start(config, out or Path("runs") / f"train-{network}-seed{config.seed}", device)
     _run(runner)
 
 
 def _run(runner: Runner) -> None:
     """Train to the end with progress, and print where the weights are."""
-    training, directory = runner.training, runner.directory
-
-    def describe_rest() -> str:
-        if not directory.exists():
-            return "nothing was kept yet"
-        return f"continue with {training.config.program} --resume {directory}"
-
-    with exit_on_interrupt(describe_rest):
+    training = runner.training
+    with exit_on_interrupt(f"continue with {training.config.program} --resume {runner.directory}"):
         with progress(1.0, "trained") as advance:
             before = 0.0
-
-            def report(point: Any, done: float) -> None:
-                nonlocal before
+            for point in runner.train():
                 say(str(point))
-                advance(done - before)
-                before = done
-
-            runner.train(report)
-        cases = training.card_cases
+                advance(training.progress - before)
+                before = training.progress
+        cases = sum(map(len, training.card_cases.values()))
         with progress(cases, f"of {cases} cases for the card") as advance:
             weights = runner.finish(advance)
-    print(f"The best validated network was kept: {' '.join(str(training.best_point()).split())}")
+    print(f"The best validated network was kept: {' '.join(str(training.best()[0]).split())}")
     print(f"Its card has figures on other cases: {weights.with_suffix('.md')}")
     print(f"The weights are in {weights}; use them with crowdbench {training.config.use} --option weights={weights}")
 

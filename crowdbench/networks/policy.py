@@ -149,7 +149,7 @@ class Policy(nn.Module):
             codes.append(memory)
         return torch.cat(codes), memory
 
-    def nothing(self, worlds: int) -> Memory:
+    def initial_memory(self, worlds: int) -> Memory:
         """The memory at the start of episodes."""
         return self.action.weight.new_zeros(worlds, self.remembered)
 

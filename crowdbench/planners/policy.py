@@ -107,7 +107,7 @@ class PolicyPlanner(Planner):
 
     def reset(self, rows: np.ndarray) -> None:
         """See `Planner`."""
-        self.memory = self.policy.nothing(len(rows))
+        self.memory = self.policy.initial_memory(len(rows))
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
@@ -115,7 +115,7 @@ class PolicyPlanner(Planner):
         seen = Seen.of(shown, self.memory.device)
         action, row = np.empty((len(obs), 2)), torch.from_numpy(obs.row)
         if len(self.memory) <= row.max():  # asked without a reset
-            self.memory = self.policy.nothing(int(row.max()) + 1)
+            self.memory = self.policy.initial_memory(int(row.max()) + 1)
         before = self.memory[row]
 
         def fill(part: slice) -> None:

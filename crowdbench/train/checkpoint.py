@@ -7,33 +7,24 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
 from filelock import Timeout
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.torch import save as to_bytes
 from torch import Tensor
 
-from crowdbench.utils.errors import InputError, describe_error
+from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import half_written, hold_lock, whole
 
 CHECKPOINT = "checkpoint.safetensors"
 """The state of the training. It is removed last: while it is there, the training is not finished."""
 
-CURVE = "curve.csv"
-RECORDING = "training.rrd"
-WEIGHTS = "weights.safetensors"
-CARDS = ("weights.json", "weights.md")
-
 LOCK = ".lock"
 """Locked by the process that trains in the directory, and by nobody once that has been killed."""
-
-FACTS = {"config": dict, "threads": int, "counters": dict, "curve": list}
-"""The facts in a checkpoint, with their types: the options of the training, the number of torch's threads, counters by
-name, and the points of the curve."""
 
 
 def save(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
@@ -42,7 +33,8 @@ def save(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) ->
     Args:
         path: The file.
         tensors: Tensors by name.
-        facts: See `FACTS`.
+        facts: `config`, the options of the training; `threads`, the number of torch's threads; `counters` by name; and
+            `curve`, its points.
 
     Raises:
         OSError: The file cannot be written. An earlier checkpoint stays as it is.
@@ -52,26 +44,19 @@ def save(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) ->
         partial.write_bytes(content)
 
 
-def read_facts(path: Path) -> dict[str, Any]:
-    """Read the `FACTS` in a checkpoint. Raises InputError if the file is not a checkpoint."""
-    try:
-        with safe_open(path, "pt") as file:
-            facts = json.loads((file.metadata() or {})["training"])
-    except (SafetensorError, OSError, KeyError, ValueError, RecursionError) as error:
-        raise InputError(f"{path} is not a checkpoint of a training: {describe_error(error)}") from None
-    if not (isinstance(facts, dict) and all(isinstance(facts.get(key), kind) for key, kind in FACTS.items())):
-        raise InputError(f"{path} is not a checkpoint of a training: it must have {', '.join(FACTS)}")
-    return facts
+def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Read the tensors and facts in a checkpoint.
 
-
-def read_tensors(path: Path) -> dict[str, Tensor]:
-    """Read the tensors in a checkpoint. Raises InputError if a number is not finite."""
+    Raises:
+        ValueError, LookupError, TypeError, SafetensorError or OSError: The file is not a checkpoint, or is damaged.
+    """
     with safe_open(path, "pt") as file:
+        facts = json.loads(file.metadata()["training"])
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no dict)
     for name, tensor in tensors.items():
         if not tensor.isfinite().all():
-            raise InputError(f"the checkpoint {path} is damaged: {name} has numbers that are not finite")
-    return tensors
+            raise ValueError(f"{name} has numbers that are not finite")
+    return tensors, facts
 
 
 def tensors_of(name: str, part: Any) -> dict[str, Tensor]:
@@ -110,39 +95,13 @@ def check_free(directory: Path, program: str) -> None:
             f"{directory} holds a training already: name another place with --out, or go on with what is there: "
             f"{program} --resume {directory}"
         )
-    if directory.exists() and _is_used(directory):
+    if directory.is_dir() and {*directory.iterdir()} - {directory / LOCK, *half_written(directory)}:
         raise InputError(f"{directory} exists already: name another place with --out")
 
 
-def check_resumable(directory: Path) -> None:
-    """Check that a directory holds a checkpoint. Raises InputError with the reason if it does not."""
-    if (directory / CHECKPOINT).exists():
-        return
-    if not directory.is_dir():
-        raise InputError(f"there is no directory {directory}: name the one of a training with --resume")
-    if (directory / WEIGHTS).exists():
-        raise InputError(f"the training in {directory} is finished: its weights are {directory / WEIGHTS}")
-    if _is_used(directory):
-        raise InputError(f"there is no checkpoint {directory / CHECKPOINT}: nothing can be resumed there")
-    raise InputError(
-        f"the training in {directory} was stopped before its first checkpoint, and nothing was kept: start it again "
-        f"with --out {directory} and the options that it had"
-    )
-
-
-def remove(directory: Path) -> None:
-    """Remove a training without results, but no files of others in the directory."""
-    (directory / CHECKPOINT).unlink(missing_ok=True)
-    (directory / LOCK).unlink(missing_ok=True)
-    with contextlib.suppress(OSError):  # raised where something else is in it
-        directory.rmdir()
-
-
-def hold(directory: Path) -> contextlib.ExitStack:
+@contextlib.contextmanager
+def hold(directory: Path) -> Iterator[None]:
     """Lock a directory against other processes, and remove half-written files of killed trainings.
-
-    Returns:
-        The context at whose end the lock is released.
 
     Raises:
         InputError: Another process trains there.
@@ -156,18 +115,7 @@ def hold(directory: Path) -> contextlib.ExitStack:
             stack.enter_context(hold_lock(path, 0))
         except Timeout:
             raise InputError(f"another process trains in {directory}: wait for it, or name another directory") from None
-        for partial in _half_written(directory):
-            partial.unlink(missing_ok=True)
         stack.callback(path.unlink, missing_ok=True)
-        return stack.pop_all()
-
-
-def _half_written(directory: Path) -> list[Path]:
-    """Return the half-written files of killed trainings."""
-    names = (CHECKPOINT, CURVE, RECORDING, WEIGHTS, *CARDS)
-    return [path for name in names for path in half_written(directory / name)]
-
-
-def _is_used(directory: Path) -> bool:
-    """Return whether a directory holds more than the files of a training killed before its first checkpoint."""
-    return not directory.is_dir() or bool({*directory.iterdir()} - {directory / LOCK, *_half_written(directory)})
+        for partial in half_written(directory):
+            partial.unlink(missing_ok=True)
+        yield

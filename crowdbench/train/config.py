@@ -14,7 +14,7 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 from crowdbench.utils.errors import InputError, find_named
 
@@ -105,22 +105,9 @@ class Config(abc.ABC):
         return f"crowdbench train {self.network}"
 
     @property
-    @abc.abstractmethod
     def use(self) -> str:
         """The words after `crowdbench` that run the trained network; its weights are added as an option."""
-
-    @classmethod  # noqa: B027 (most methods have nothing to check)
-    def check(cls, options: Mapping[str, Any]) -> None:
-        """Raise InputError if the given options, by field name, contradict each other."""
-
-    def progress(self, done: int, seconds: float) -> float:
-        """Return the finished part of the training, from 0 to 1.
-
-        Args:
-            done: The finished part, in the unit of `length`.
-            seconds: The training time so far.
-        """
-        return min(1.0, seconds / (60.0 * self.minutes) if self.minutes else done / getattr(self, self.length))
+        return f"run --planner {self.network}"
 
     @property
     def source(self) -> list[str]:
@@ -147,7 +134,7 @@ class Config(abc.ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class DrivingConfig(Config):
-    """The options of `crowdbench.train.driving`: a network that drives.
+    """The options of a network that drives.
 
     Attributes:
         validation: The scenarios that choose the checkpoint, by name or path, with commas between them; None for the
@@ -156,13 +143,9 @@ class DrivingConfig(Config):
     """
 
     validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
-    card: str = option("val", "Measure the network for its card on val, other cases than chose it, or on test too")
-
-    @classmethod
-    def check(cls, options: Mapping[str, Any]) -> None:
-        """See `Config`."""
-        if options.get("card", "val") not in ("val", "test"):
-            raise InputError(f"--card is {options['card']!r}, but must be val or test")
+    card: Literal["val", "test"] = option(
+        "val", "Measure the network for its card on val, other cases than chose it, or on test too"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,7 +183,7 @@ class ValueConfig(DrivingConfig):
     def use(self) -> str:
         """See `Config`."""
         # The planner `sarl` is privileged, as published.
-        words = f"run --planner {'sarl_cvm' if self.network == 'sarl' else self.network}"
+        words = "run --planner sarl_cvm" if self.network == "sarl" else super().use
         limits = ", ".join(f"{name}={limit}" for name, limit in (UNLIMITED | self.limits).items())
         return f"{words} --option 'limits={{{limits}}}'" if self.limits else words
 
@@ -234,11 +217,6 @@ class PPOConfig(DrivingConfig):
         from crowdbench.train.ppo import PPOTraining
 
         return PPOTraining(self, device)
-
-    @property
-    def use(self) -> str:
-        """See `Config`."""
-        return f"run --planner {self.network}"
 
 
 METHODS: dict[str, type[Config]] = {
@@ -286,5 +264,4 @@ def make_config(network: str, options: Mapping[str, Any], methods: Mapping[str, 
             raise InputError(f"{flag(name)} is {value}, but must be a finite number")
     if "minutes" in options and method.length in options:
         raise InputError(f"--minutes and --{method.length} both say how long to train: give one")
-    method.check(options)
     return method(network=network, **options)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -34,11 +34,9 @@ from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function
 from crowdbench.plugins.options import Option
 from crowdbench.predict import ConstantVelocity
-from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.sensor import observe
 from crowdbench.train.config import PPOConfig, split_names
-from crowdbench.train.driving import DrivingTraining
-from crowdbench.train.training import describe_scenario
+from crowdbench.train.training import DrivingTraining, describe_scenario
 from crowdbench.utils.errors import InputError, is_number, require, require_count, require_positive
 from crowdbench.utils.memory import keep_freed_memory
 from crowdbench.utils.threads import in_chunks, one_torch_thread
@@ -95,12 +93,6 @@ class Parameters:
             require(name, value, is_number(value) and 0.0 <= value <= 1.0, "a number from 0 to 1")
 
 
-def read_parameters(given: Mapping[str, Any]) -> Parameters:
-    """Read the parameters of `--ppo`, by name. Raises InputError if one does not exist or is impossible."""
-    parameters: Parameters = Option("--ppo", Parameters(), (Parameters,)).argument(dict(given))
-    return parameters
-
-
 @dataclass(frozen=True)
 class CurvePoint:
     """One validation: a point of the training curve. Its means are over the cases of all validation scenarios.
@@ -126,64 +118,6 @@ class CurvePoint:
             f"{self.steps:8d} steps, {self.seconds:4.0f} s: on validation cases {100 * self.success:.1f} % success in "
             f"{self.navigation_time_or_limit:.2f} s (a failure counts as the time limit), jerk {self.jerk:.1f}"
         )
-
-
-class StepBatch(NamedTuple):
-    """Rewards and terminations of one step.
-
-    Attributes:
-        reward: The rewards.
-        ended: Where the step ended the episode.
-        returned: The returns of the episodes that ended.
-        timed_out: The worlds whose episode the time limit ended.
-        cut_off: The observations there after the step; None if there are no such worlds.
-    """
-
-    reward: Float[np.ndarray, "world"]
-    ended: Bool[np.ndarray, "world"]
-    returned: list[float]
-    timed_out: Int[np.ndarray, "row"]
-    cut_off: Seen | None
-
-
-class PolicyWorlds:
-    """Many worlds of a scenario in which a policy drives.
-
-    Attributes:
-        seen: The present observations. There are none before `start`.
-
-    Args:
-        number: The number of worlds.
-        scenario: The scenario.
-        showing: The observations of the policy, and the meaning of its actions.
-        reward: The name of a reward, or a file.
-        device: `cpu` or `cuda`.
-    """
-
-    def __init__(self, number: int, scenario: Scenario, showing: Showing, reward: str, device: str) -> None:
-        view = View(scenario, action="native" if showing.predictor else "world")
-        self.worlds = TrainingWorlds(number, view, load_reward(reward), CASES)
-        self.number, self.showing, self.device = number, showing, device
-
-    def start(self, seed: int) -> None:
-        """Draw training cases anew, and start episodes in all worlds."""
-        self.worlds.seed(seed)
-        self.worlds.start()
-        self._observe()
-
-    def step(self, action: Float[np.ndarray, "world 2"]) -> StepBatch:
-        """Simulate a step with the policy's actions; where it ends an episode, the next one starts."""
-        step, reward, returned, _ = self.worlds.step(self.showing.commands(action, self.vehicle, self.axis))
-        timed_out = np.flatnonzero(step.outcome == Outcome.TIMEOUT)
-        after = self.showing(observe(step.after.take(timed_out))) if len(timed_out) else None
-        cut_off = None if after is None else Seen.of(after, self.device)
-        self._observe()
-        return StepBatch(reward, step.ended, returned[step.ended].tolist(), timed_out, cut_off)
-
-    def _observe(self) -> None:
-        obs = observe(self.worlds.worlds)
-        shown = self.showing(obs)
-        self.seen, self.axis, self.vehicle = Seen.of(shown, self.device), shown.axis, obs.vehicle
 
 
 class Experience(NamedTuple):
@@ -231,30 +165,26 @@ class PPOTraining(DrivingTraining[Policy]):
 
     def __init__(self, config: PPOConfig, device: str) -> None:
         super().__init__(config, device)
+        self.parameters: Parameters = Option("--ppo", Parameters(), (Parameters,)).argument(dict(config.ppo or {}))
         self.also_train_in = [load_scenario(name) for name in split_names(config.also_train_in)]
         scenarios = [self.scenario, *self.also_train_in]
         self.nearest = config.nearest or max(1, *(scenario.max_agents - 1 for scenario in scenarios))
-        self.parameters = read_parameters(config.ppo or {})
-        self.steps = 0
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
-            policy = make_policy(config.network, config.encoder)
-            self.network = ActorCritic(policy).to(device)
-        self.showing = Showing(self.nearest, ConstantVelocity() if policy.remembered else None)
+            self.network = ActorCritic(make_policy(config.network, config.encoder)).to(device)
+        self.current = self.network.policy
+        self.showing = Showing(self.nearest, ConstantVelocity() if self.current.remembered else None)
         # The first scenarios have a world more where worlds cannot be shared evenly.
-        shares = np.array_split(np.arange(self.parameters.worlds), len(scenarios))
+        self.rows = np.array_split(np.arange(self.parameters.worlds), len(scenarios))
+        action, reward = "native" if self.showing.predictor else "world", load_reward(config.reward)
         self.worlds = [
-            PolicyWorlds(len(share), scenario, self.showing, config.reward, device)
-            for share, scenario in zip(shares, scenarios, strict=True)
+            TrainingWorlds(len(rows), View(scenario, action=action), reward, CASES)
+            for rows, scenario in zip(self.rows, scenarios, strict=True)
         ]
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=self.parameters.learning_rate, eps=1e-5)
         self.generator = torch.Generator()
+        self.steps = 0
         self.returns: list[float] = []
-
-    @property
-    def current(self) -> Policy:
-        """See `DrivingTraining`."""
-        return self.network.policy
 
     def planner(self, network: Policy) -> PolicyPlanner:
         """See `DrivingTraining`."""
@@ -290,8 +220,10 @@ class PPOTraining(DrivingTraining[Policy]):
         seed = self.config.seed + 1000 * len(self.curve)
         self.generator.manual_seed(seed)
         for worlds in self.worlds:
-            worlds.start(seed)  # draws new cases
-        self.memory = self.network.policy.nothing(self.parameters.worlds)
+            worlds.seed(seed)  # draws new cases
+            worlds.start()
+        self._observe()
+        self.memory = self.network.policy.initial_memory(self.parameters.worlds)
         self.begins = torch.ones(1, self.parameters.worlds, dtype=torch.bool, device=self.device)
         while True:  # once in any case: where cases take long to draw, they alone may have taken until the goal
             self._update()
@@ -316,11 +248,10 @@ class PPOTraining(DrivingTraining[Policy]):
         """Drive some steps of every world."""
         steps, values, rewards, goes_on, memory = [], [], [], [], self.memory
         for _ in range(self.parameters.steps):
-            seen = self._seen()
-            mean, value, self.memory = self.network(seen, self.memory, self.begins)
+            mean, value, self.memory = self.network(self.seen, self.memory, self.begins)
             noise = torch.randn(mean.shape, generator=self.generator).to(self.device)
             action = mean + self.network.log_std.exp() * noise
-            steps.append((*seen, self.begins[0], action, self.network.log_probability(action, mean)))
+            steps.append((*self.seen, self.begins[0], action, self.network.log_probability(action, mean)))
             if not action.isfinite().all():
                 raise InputError(
                     f"the training has failed after {self.steps} steps: the policy's actions are not finite, as where "
@@ -331,39 +262,43 @@ class PPOTraining(DrivingTraining[Policy]):
             rewards.append(reward)
             goes_on.append(~ended)
             self.begins = ended[None]
-        value = torch.stack([*values, self.network(self._seen(), self.memory, self.begins)[1]])
-        advantage = advantages(
-            torch.stack(rewards), value, torch.stack(goes_on), self.parameters.gamma, self.parameters.gae_lambda
-        )
+        value = torch.stack([*values, self.network(self.seen, self.memory, self.begins)[1]])
+        gamma, gae_lambda = self.parameters.gamma, self.parameters.gae_lambda
+        advantage = advantages(torch.stack(rewards), value, torch.stack(goes_on), gamma, gae_lambda)
         normalized = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
         *observed, begins, action, log_probability = (torch.stack(part) for part in zip(*steps, strict=True))
         target = advantage + value[:-1]
         return Experience(Seen(*observed), memory, begins, action, log_probability, normalized, target)
 
-    def _seen(self) -> Seen:
-        """Return the present observations of all worlds."""
-        return Seen(*map(torch.cat, zip(*(worlds.seen for worlds in self.worlds), strict=True)))
+    def _observe(self) -> None:
+        """Observe all worlds: what the policy sees, and what gives its actions their meaning in each scenario."""
+        observations = [observe(worlds.worlds) for worlds in self.worlds]
+        features = [self.showing(obs) for obs in observations]
+        self.frames = [(obs.vehicle, shown.axis) for obs, shown in zip(observations, features, strict=True)]
+        seen = (Seen.of(shown, self.device) for shown in features)
+        self.seen = Seen(*map(torch.cat, zip(*seen, strict=True)))
 
     def _step(self, action: Float[np.ndarray, "world 2"]) -> tuple[Float[Tensor, "world"], Bool[Tensor, "world"]]:
-        """Act in all worlds. Return the rewards, and where an episode has ended.
+        """Act in all worlds, and observe them. Return the rewards, and where an episode has ended.
 
         The time limit cuts an episode off: there the discounted value of the last state is added to the reward, for
         what would have followed (Pardo et al. 2018).
         """
-        rewards, ends, start = [], [], 0
-        for worlds in self.worlds:
-            part = slice(start, start + worlds.number)
-            batch = worlds.step(action[part])
-            if batch.cut_off is not None:
-                memory, begins = self.memory[part][batch.timed_out], self.begins.new_zeros(1, len(batch.timed_out))
-                value = self.network(batch.cut_off, memory, begins)[1].double().cpu().numpy()
-                batch.reward[batch.timed_out] += self.parameters.gamma * value
-            self.returns += batch.returned
-            rewards.append(batch.reward)
-            ends.append(batch.ended)
-            start = part.stop
-        reward, ended = (torch.from_numpy(np.concatenate(part)).to(self.device) for part in (rewards, ends))
-        return reward.float(), ended
+        rewards, ends = [], []
+        for worlds, rows, frame in zip(self.worlds, self.rows, self.frames, strict=True):
+            step, reward, returned, _ = worlds.step(self.showing.commands(action[rows], *frame))
+            timed_out = np.flatnonzero(step.outcome == Outcome.TIMEOUT)
+            if len(timed_out):
+                seen = Seen.of(self.showing(observe(step.after.take(timed_out))), self.device)
+                memory, begins = self.memory[rows[timed_out]], self.begins.new_zeros(1, len(timed_out))
+                value = self.network(seen, memory, begins)[1]
+                reward[timed_out] += self.parameters.gamma * value.double().cpu().numpy()
+            self.returns += returned[step.ended].tolist()
+            rewards.append(reward)
+            ends.append(step.ended)
+        self._observe()
+        reward_and_ended = [torch.from_numpy(np.concatenate(part)).to(self.device) for part in (rewards, ends)]
+        return reward_and_ended[0].float(), reward_and_ended[1]
 
     def _descend(self, experience: Experience, worlds: Int[Tensor, "world"]) -> None:
         """Make one step of the optimizer on the segments of the given worlds."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import os
 import platform
 import re
@@ -15,21 +14,24 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from safetensors import SafetensorError
 
 from crowdbench.networks import card as cards
 from crowdbench.networks.weights import save_network
 from crowdbench.record import curves
 from crowdbench.train import checkpoint
-from crowdbench.train.checkpoint import CHECKPOINT, CURVE, RECORDING, WEIGHTS
+from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.config import METHODS, Config
 from crowdbench.train.training import Training
 from crowdbench.utils.errors import InputError, describe_error, find_named
 from crowdbench.utils.files import whole
 
+WEIGHTS = "weights.safetensors"
+
 
 @dataclass(frozen=True)
 class Runner:
-    """A training in its directory. Call `train`, and then `finish`.
+    """A training in its directory. Iterate over `train`, and then call `finish`.
 
     Attributes:
         training: The training and its state.
@@ -79,47 +81,40 @@ class Runner:
         Raises:
             InputError: There is no checkpoint, or the training is finished or cannot be continued.
         """
-        path = directory / CHECKPOINT
-        checkpoint.check_resumable(directory)
-        facts = checkpoint.read_facts(path)
+        path, weights = directory / CHECKPOINT, directory / WEIGHTS
+        if not path.exists() and weights.exists():
+            raise InputError(f"the training in {directory} is finished: its weights are {weights}")
+        if not path.exists():
+            raise InputError(f"there is no checkpoint {path}: nothing can be resumed there")
         _prepare(device)
         with _readable(path):
+            tensors, facts = checkpoint.read(path)
             config = find_named("network", facts["config"]["network"], methods)(**facts["config"])
             if threads is None:
                 torch.set_num_threads(facts["threads"])  # sums in another order have other bits
         training = config.training(device)
-        tensors = checkpoint.read_tensors(path)
         with _readable(path):
             training.restore(tensors, facts)
         return cls(training, directory)
 
-    def train(self, after_validation: Callable[[Any, float], None]) -> None:
+    def train(self) -> Iterator[Any]:
         """Train to the end, and write a checkpoint at the start and after every validation.
 
-        An exception leaves the last checkpoint, and no directory before the first validation.
-
-        Args:
-            after_validation: Called with every new point of the curve, and the progress from 0 to 1.
+        Yields:
+            Every new point of the curve.
 
         Raises:
             InputError: A file cannot be written, or another process trains in the directory.
         """
         training = self.training
-        with self._hold(), contextlib.ExitStack() as stack:
-            log = _tensorboard(self.directory, stack)
-            try:
-                if not training.curve:
-                    # At once, so that a full disk is reported before hours of work.
-                    self._save()
+        with self._hold():
+            if not training.curve:
+                self._save()  # at once, so that a full disk is reported before hours of work
+            with _tensorboard(self.directory) as log:
                 for _ in training.learn():
                     self._save()
-                    with self._writing():
-                        log(training.curve[-1])
-                    after_validation(training.curve[-1], training.progress)
-            except BaseException:
-                if not training.curve:
-                    checkpoint.remove(self.directory)
-                raise
+                    log(dataclasses.asdict(training.curve[-1]))
+                    yield training.curve[-1]
 
     def finish(self, progress: Callable[[float], None]) -> Path:
         """Measure the best network and write weights, card and curves; the checkpoint is removed.
@@ -145,15 +140,14 @@ class Runner:
                 "versions": {"python": platform.python_version(), "torch": torch.__version__},
                 "licence": "MIT",
             }
+            point, network = training.best()
             points = [dataclasses.asdict(point) for point in training.curve]
-            best = training.curve.index(training.best_point())
-            with self._writing():
-                recording = self.directory / RECORDING
-                curves.write(recording, about["command"], points, best=best, intervals=training.intervals())
-                card = save_network(training.best, training.config.network, weights, about)
-                with whole(weights.with_suffix(".md")) as partial:
-                    partial.write_text(cards.markdown(card), encoding="utf-8")
-                (self.directory / CHECKPOINT).unlink()
+            recording, best = self.directory / "training.rrd", training.curve.index(point)
+            curves.write(recording, about["command"], points, best=best, intervals=training.intervals())
+            card = save_network(network, training.config.network, weights, about)
+            with whole(weights.with_suffix(".md")) as partial:
+                partial.write_text(cards.markdown(card), encoding="utf-8")
+            (self.directory / CHECKPOINT).unlink()
         return weights
 
     def _save(self) -> None:
@@ -166,52 +160,44 @@ class Runner:
             "counters": {name: getattr(training, name) for name in training.counters},
             "curve": curve,
         }
-        with self._writing():
-            checkpoint.save(self.directory / CHECKPOINT, training.tensors(), facts)
-            if curve:
-                rows = [list(curve[0]), *(point.values() for point in curve)]
-                with whole(self.directory / CURVE) as partial:
-                    partial.write_text("".join(",".join(map(str, row)) + "\n" for row in rows), encoding="utf-8")
-
-    def _hold(self) -> contextlib.ExitStack:
-        """Lock the directory against other processes."""
-        with self._writing():
-            return checkpoint.hold(self.directory)
+        checkpoint.save(self.directory / CHECKPOINT, training.tensors(), facts)
+        if curve:
+            rows = [curve[0], *(point.values() for point in curve)]
+            with whole(self.directory / "curve.csv") as partial:
+                partial.write_text("".join(",".join(map(str, row)) + "\n" for row in rows), encoding="utf-8")
 
     @contextlib.contextmanager
-    def _writing(self) -> Iterator[None]:
-        """Report in one sentence that a file cannot be written, and where the last checkpoint is."""
+    def _hold(self) -> Iterator[None]:
+        """Lock the directory, and report in one sentence that a file in it cannot be written."""
         try:
-            yield
+            with checkpoint.hold(self.directory):
+                yield
         except OSError as error:
-            rest = (
-                "its last checkpoint is kept: make room, and go on with "
-                f"{self.training.config.program} --resume {self.directory}"
-                if self.training.curve and (self.directory / CHECKPOINT).exists()
-                else "nothing was kept: name another place with --out"
-            )
+            rest = "nothing was kept: name another place with --out"
+            if (self.directory / CHECKPOINT).exists():
+                command = f"{self.training.config.program} --resume {self.directory}"
+                rest = f"its last checkpoint is kept: make room, and go on with {command}"
             reason = error.strerror or error
             raise InputError(f"the training in {self.directory} cannot be written: {reason}; {rest}") from None
 
 
-def _tensorboard(directory: Path, stack: contextlib.ExitStack) -> Callable[[Any], None]:
-    """Return a function that logs a point of the curve for TensorBoard; it does nothing if that is not installed."""
+@contextlib.contextmanager
+def _tensorboard(directory: Path) -> Iterator[Callable[[Mapping[str, float]], None]]:
+    """Yield a function that logs a point of the curve for TensorBoard; it does nothing if that is not installed."""
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:
-        return lambda point: None
+        yield lambda point: None
+        return
+    with SummaryWriter(directory) as events:
 
-    @functools.cache
-    def writer() -> SummaryWriter:
-        return stack.enter_context(SummaryWriter(directory))  # which makes a file at once
+        def log(point: Mapping[str, float]) -> None:
+            (_, step), *quantities = point.items()
+            for name, quantity in quantities:
+                events.add_scalar(name, quantity, step)
+            events.flush()
 
-    def log(point: Any) -> None:
-        (_, step), *quantities = dataclasses.asdict(point).items()
-        for name, quantity in quantities:
-            writer().add_scalar(name, quantity, step)
-        writer().flush()
-
-    return log
+        yield log
 
 
 @contextlib.contextmanager
@@ -221,10 +207,10 @@ def _readable(path: Path) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{path} cannot be continued: {error}") from None
-    except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+    except (LookupError, TypeError, ValueError, RuntimeError, AttributeError, OSError, SafetensorError) as error:
+        reason = describe_error(error)[:200]
         raise InputError(
-            f"{path} cannot be continued: it is damaged, or of another version of crowdbench: "
-            f"{describe_error(error)[:200]}"
+            f"{path} cannot be continued: it is damaged, or of another version of crowdbench: {reason}"
         ) from None
 
 

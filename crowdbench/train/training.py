@@ -1,17 +1,41 @@
-"""The base class of the training methods."""
+"""The base classes of the training methods: any training, and one of a network that drives."""
 
 from __future__ import annotations
 
 import abc
 import contextlib
+import copy
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, ClassVar
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
+import numpy as np
 from torch import Tensor, nn
 
+from crowdbench.catalog import load_scenario
+from crowdbench.metrics import METRICS, Metric
+from crowdbench.metrics.summary import wilson
+from crowdbench.networks import card as cards
+from crowdbench.planners.base import Planner
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.results import Episodes, to_json
+from crowdbench.runs.rollout import rollout
+from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.train import checkpoint
+from crowdbench.train.config import Config, split_names
+from crowdbench.utils.defaults import BATCH
+
+VALIDATION_CASES = Cases("val", 0, 200)
+"""The cases of a validation, in each of its scenarios."""
+
+CARD_CASES = {"validation": Cases("val", 1000, 1200), "test": Cases("test", 0, 500)}
+"""The cases of the figures on a card, by the name of their split. None of them chooses a checkpoint."""
+
+Network = TypeVar("Network", bound=nn.Module)
 
 
 class Training(abc.ABC):
@@ -37,6 +61,9 @@ class Training(abc.ABC):
     counters: ClassVar[Sequence[str]]
     """The attributes that are numbers in a checkpoint."""
 
+    card_cases: Mapping[str, Cases] = MappingProxyType({})
+    """The cases that `card` runs, by the name of their split."""
+
     def __init__(self, config: Any, device: str) -> None:
         self.config, self.device = config, device
         self.seconds = 0.0
@@ -45,20 +72,17 @@ class Training(abc.ABC):
     @property
     def progress(self) -> float:
         """The finished part of the training, from 0 to 1."""
-        return self.config.progress(getattr(self, self.config.length), self.seconds)
+        config = self.config
+        done = getattr(self, config.length) / getattr(config, config.length)
+        return min(1.0, self.seconds / (60.0 * config.minutes) if config.minutes else done)
 
     @abc.abstractmethod
     def learn(self) -> Iterator[None]:
         """Train to the end, and yield whenever `curve` has a new point."""
 
-    @property
     @abc.abstractmethod
-    def best(self) -> nn.Module:
-        """The network that was best on validation, which is saved in the end."""
-
-    @abc.abstractmethod
-    def best_point(self) -> Any:
-        """Return the point of the curve of `best`."""
+    def best(self) -> tuple[Any, nn.Module]:
+        """Return the best point of the curve, and the network of that validation, which is saved in the end."""
 
     @abc.abstractmethod
     def card(self, progress: Callable[[float], None]) -> dict[str, Any]:
@@ -70,11 +94,6 @@ class Training(abc.ABC):
         Returns:
             `training`: conditions of the training; `figures`: measured results; `data`: the data, in words.
         """
-
-    @property
-    def card_cases(self) -> int:
-        """The number of cases that `card` runs."""
-        return 0
 
     def intervals(self) -> dict[str, list[tuple[float, float]]]:
         """Return the confidence intervals of the curve, by the name of the quantity."""
@@ -99,6 +118,133 @@ class Training(abc.ABC):
         self.curve = [type(self).point(**point) for point in facts["curve"]]
         for name in self.parts:
             checkpoint.restore(name, getattr(self, name), tensors)
+
+
+class DrivingTraining(Training, Generic[Network]):
+    """A training of a network that drives.
+
+    Attributes:
+        scenario: The training scenario, in which the card's figures are measured too.
+        validation: The scenarios of validations.
+        validated: The networks of all validations.
+        current: The present network, which is copied at each validation. A method's constructor sets it.
+
+    Raises:
+        InputError: There is no such scenario, or the folder of recorded tracks does not go with it.
+    """
+
+    metrics: ClassVar[Sequence[str]] = ("success_rate", "collision_rate", "timeout_rate", "navigation_time")
+    """The metrics on the card."""
+
+    current: Network
+
+    def __init__(self, config: Any, device: str) -> None:
+        super().__init__(config, device)
+        self.scenario, self.validation = load_scenarios(config, split_names(config.validation))
+        self.validated = nn.ModuleList()
+        self.card_cases = {split: CARD_CASES[split] for split in CARD_CASES if split in ("validation", config.card)}
+
+    @abc.abstractmethod
+    def planner(self, network: Network) -> Planner:
+        """Make the planner of validations and cards."""
+
+    @abc.abstractmethod
+    def conditions(self) -> dict[str, Any]:
+        """Return the conditions of the training on a card that are specific to the method."""
+
+    def validate(self, *metrics: Metric) -> list[float]:
+        """Drive the validation cases, and add the present network to `validated`. Return the mean of each metric."""
+        with self.timed():
+            network = copy.deepcopy(self.current)
+            driver = Driver(self.planner(network), self.config.network)
+            traces = [rollout(driver, scenario, VALIDATION_CASES, undisturbed=False) for scenario in self.validation]
+            self.validated.append(network)
+        return [float(np.nanmean([metric(trace) for trace in traces])) for metric in metrics]
+
+    def best(self) -> tuple[Any, Network]:
+        """See `Training`."""
+        point = choose_point(self.curve, self._cases_per_point)
+        return point, cast(Network, self.validated[self.curve.index(point)])
+
+    @property
+    def _cases_per_point(self) -> int:
+        return len(VALIDATION_CASES) * len(self.validation)
+
+    def intervals(self) -> dict[str, list[tuple[float, float]]]:
+        """See `Training`: Wilson's interval of the success rate."""
+        cases = np.arange(self._cases_per_point)
+        estimates = [wilson(cases < round(point.success * len(cases))) for point in self.curve]
+        return {"success": [(estimate.low, estimate.high) for estimate in estimates]}
+
+    def card(self, progress: Callable[[float], None]) -> dict[str, Any]:
+        """See `Training`. The figures are those of the best network in the training scenario."""
+        length, (point, network) = self.config.length, self.best()
+        driver, figures = Driver(self.planner(network), self.config.network), {}
+        metrics = {metric: METRICS[metric] for metric in self.metrics}
+        for split, cases in self.card_cases.items():
+            traces = (rollout(driver, self.scenario, part, progress=progress) for part in cases.batches(BATCH))
+            episodes = Episodes.join([Episodes.of(trace, metrics) for trace in traces])
+            figures[split] = {"cases": str(cases), "metrics": to_json(episodes.summary())}
+        validation = {"scenarios": [scenario.name for scenario in self.validation], "cases": str(VALIDATION_CASES)}
+        return {
+            "training": {
+                "scenario": describe_scenario(self.scenario),
+                **self.conditions(),
+                "validation": validation,
+                "seed": self.config.seed,
+                length: getattr(self.curve[-1], length),
+                f"kept_after_{length}": getattr(point, length),
+                "minutes": round(self.seconds / 60, 1),
+            },
+            "figures": figures,
+            "data": cards.episodes(self.scenario.table),
+        }
+
+    def restore(self, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
+        """See `Training`."""
+        self.validated.extend(copy.deepcopy(self.current) for _ in facts["curve"])
+        super().restore(tensors, facts)
+
+
+def load_scenarios(config: Config, validation: Sequence[str]) -> tuple[Scenario, list[Scenario]]:
+    """Load the scenarios of a training.
+
+    Args:
+        config: The options of the training.
+        validation: The scenarios of validations, by name or path; none for the training scenario.
+
+    Returns:
+        The training scenario, and the scenarios of validations.
+
+    Raises:
+        InputError: There is no such scenario, or the folder of recorded tracks does not go with them.
+    """
+    data = None if config.data is None else Path(config.data)
+    scenario = load_scenario(config.scenario, config.overrides, data=data)
+    validated = [load_scenario(name, data=data) for name in validation] or [scenario]
+    if not any(loaded.tracks for loaded in (scenario, *validated)):
+        scenario.check_data(data)
+    return scenario, validated
+
+
+def choose_point(curve: Sequence[Any], cases: int) -> Any:
+    """Choose a point of a training curve: by success first, within noise, and by time second.
+
+    Args:
+        curve: The points, with `success` from 0 to 1 and `navigation_time_or_limit` in seconds.
+        cases: The number of cases of each point.
+
+    Returns:
+        The quickest of the points whose success is at most one standard error below the largest (the rule of Breiman
+        et al., *Classification and Regression Trees*, 1984); the latest of equally quick ones. The standard error is
+        that of two successes and two failures more (Agresti and Coull 1998), because it would be 0 where all cases
+        succeed.
+    """
+    most = max(point.success for point in curve)
+    share = (most * cases + 2) / (cases + 4)
+    error = math.sqrt(share * (1 - share) / (cases + 4))
+    within_noise = [point for point in reversed(curve) if point.success >= most - error]
+    return min(within_noise, key=lambda point: point.navigation_time_or_limit)
 
 
 def describe_scenario(scenario: Scenario) -> dict[str, Any]:

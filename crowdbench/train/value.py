@@ -37,8 +37,8 @@ from crowdbench.predict.load import load_predictor
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.train.config import UNLIMITED, ValueConfig
-from crowdbench.train.driving import DrivingTraining
 from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
+from crowdbench.train.training import DrivingTraining
 
 DEMONSTRATIONS = 2000
 """Episodes that ORCA demonstrates."""
@@ -113,7 +113,7 @@ class CurvePoint:
 
 
 class ValueTraining(DrivingTraining[ValueNetwork]):
-    """A training of a value network.
+    """A training of a value network. Its current network is a moving average, which is also the target network.
 
     Args:
         config: The options.
@@ -122,8 +122,8 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
 
     config: ValueConfig
     point = CurvePoint
-    parts = ("network", "average", "optimizer", "replay", "validated")
-    counters = ("rounds", "seconds")
+    parts = ("network", "current", "optimizer", "replay", "validated")
+    counters = ("episodes", "seconds")
 
     def __init__(self, config: ValueConfig, device: str) -> None:
         _, self.predictor = load_predictor(config.predictor)
@@ -132,20 +132,10 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self.network = NETWORKS[config.network]().to(device)
-        self.average = copy.deepcopy(self.network)
+        self.current = copy.deepcopy(self.network)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE)
         self.replay = ReplayBuffer(CAPACITY)
-        self.rounds = 0
-
-    @property
-    def episodes(self) -> int:
-        """The episodes driven so far."""
-        return self.rounds * ROUND
-
-    @property
-    def current(self) -> ValueNetwork:
-        """See `DrivingTraining`: the moving average."""
-        return self.average
+        self.episodes = 0
 
     def planner(self, network: ValueNetwork) -> ValuePlanner:
         """See `DrivingTraining`."""
@@ -181,7 +171,7 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
             order = generator.permutation(len(steps))
             batches = [steps.take(order[start : start + BATCH]) for start in range(0, len(steps), BATCH)]
             loss = np.mean([self._update(optimizer, batch, self._tensor(batch.episode_return)) for batch in batches])
-        self.average.load_state_dict(self.network.state_dict())
+        self.current.load_state_dict(self.network.state_dict())
         return float(loss)
 
     def improve(self) -> float:
@@ -190,14 +180,14 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
             group["lr"] = LEARNING_RATE * min(1.0, 2.0 * (1.0 - self.progress))
         steps = transitions(self._drive(), N_STEPS)
         self.replay.add(steps)
-        generator = np.random.default_rng([self.config.seed, 1, self.rounds])
+        generator = np.random.default_rng([self.config.seed, 1, self.episodes // ROUND])
         losses = []
         for _ in range(REPLAY_RATIO * len(steps) // BATCH):
             batch = self.replay.sample(generator, BATCH)
             losses.append(self._update(self.optimizer, batch, self._target(batch)))
             with torch.no_grad():
-                torch._foreach_lerp_(list(self.average.parameters()), list(self.network.parameters()), AVERAGING)
-        self.rounds += 1
+                torch._foreach_lerp_(list(self.current.parameters()), list(self.network.parameters()), AVERAGING)
+        self.episodes += ROUND
         return float(np.mean(losses))
 
     def _drive(self) -> Trace:
@@ -221,7 +211,7 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
     @torch.no_grad()
     def _target(self, batch: Transitions) -> Float[Tensor, "step"]:
         """Return the n-step returns: the rewards of n steps and the target network's discounted value after them."""
-        value = self.average(self._tensor(batch.next_joint), self._tensor(batch.next_present))
+        value = self.current(self._tensor(batch.next_joint), self._tensor(batch.next_present))
         return self._tensor(batch.reward) + self._tensor(batch.bootstrap) * value
 
     def _update(self, optimizer: torch.optim.Optimizer, batch: Transitions, target: Float[Tensor, "step"]) -> float:

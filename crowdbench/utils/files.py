@@ -64,9 +64,9 @@ def hold_lock(path: Path, patience: float = -1) -> Iterator[None]:
         lock.release()
 
 
-def half_written(path: Path) -> list[Path]:
-    """What killed processes have left of files that were to become `path` by `whole`."""
-    return sorted(path.parent.glob(f".{glob.escape(path.name)}.{'[0-9a-f]' * 8}"))
+def half_written(directory: Path) -> list[Path]:
+    """Return the files that killed processes have left half-written by `whole` in a directory."""
+    return sorted(directory.glob(f".*.{'[0-9a-f]' * 8}"))
 
 
 @contextlib.contextmanager

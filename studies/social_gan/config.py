@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from crowdbench.train.config import Config, option
-from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
     from studies.social_gan.training import SocialGANTraining
@@ -33,16 +31,6 @@ class SocialGANConfig(Config):
     length: ClassVar[str] = "epochs"
     program = "python studies/social_gan/train.py"
     use = "check sgan --kind predictors"
-
-    @classmethod
-    def check(cls, options: Mapping[str, Any]) -> None:
-        """See `Config`."""
-        if "data" in options and ("scenario" in options or "overrides" in options):
-            raise InputError(
-                "sgan learns from the tracks in --data themselves: leave out --scenario and --set, or else --data"
-            )
-        if "data" not in options and ("held_out" in options or "dt" in options):
-            raise InputError("--held-out and --dt are for recorded tracks: give them with --data")
 
     def training(self, device: str) -> SocialGANTraining:
         """See `Config`."""

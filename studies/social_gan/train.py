@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +16,7 @@ from crowdbench.cli import main
 from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
 from crowdbench.cli.train import run_training, with_method_options
 from crowdbench.train.config import MOST_SEED, SCENARIO
+from crowdbench.utils.errors import InputError
 from studies.social_gan.config import METHODS
 
 
@@ -47,7 +49,19 @@ def train(
     """
     use_threads(threads)
     common = {"scenario": scenario, "overrides": overrides, "data": data, "seed": seed, "minutes": minutes}
+    check_options(common | method)
     run_training("sgan", common | method, device, threads, resume, out, METHODS)
+
+
+def check_options(options: Mapping[str, Any]) -> None:
+    """Raise InputError if the given options, by name, contradict each other; None stands for one that is not given."""
+    given = {name for name, value in options.items() if value is not None}
+    if "data" in given and given & {"scenario", "overrides"}:
+        raise InputError(
+            "sgan learns from the tracks in --data themselves: leave out --scenario and --set, or else --data"
+        )
+    if "data" not in given and given & {"held_out", "dt"}:
+        raise InputError("--held-out and --dt are for recorded tracks: give them with --data")
 
 
 # Typer reads the options from the signature.

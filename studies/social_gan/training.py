@@ -114,14 +114,9 @@ class SocialGANTraining(Training):
         self.discriminator_optimizer = torch.optim.Adam(self.discriminator.parameters(), lr=LEARNING_RATE)
         self.epochs = 0
 
-    @property
-    def best(self) -> Generator:
-        """See `Training`."""
-        return self.validated
-
-    def best_point(self) -> CurvePoint:
+    def best(self) -> tuple[CurvePoint, Generator]:
         """See `Training`: the point with the smallest ADE; the latest of equals."""
-        return min(reversed(self.curve), key=lambda point: point.ade)
+        return min(reversed(self.curve), key=lambda point: point.ade), self.validated
 
     def learn(self) -> Iterator[None]:
         """See `Training`."""
@@ -179,7 +174,7 @@ class SocialGANTraining(Training):
         with self.timed():
             ade, fde = self._errors()
         self.curve.append(CurvePoint(self.epochs, self.seconds, loss, discriminator_loss, ade, fde))
-        if self.best_point() is self.curve[-1]:
+        if self.best()[0] is self.curve[-1]:
             self.validated.load_state_dict(self.average.state_dict())
 
     @torch.inference_mode()
@@ -202,7 +197,7 @@ class SocialGANTraining(Training):
 
     def card(self, progress: Callable[[float], None]) -> dict[str, Any]:
         """See `Training`. The figures are the errors on the validation windows."""
-        best, config = self.best_point(), self.config
+        (best, _), config = self.best(), self.config
         if config.data is None:
             scenario = load_scenario(config.scenario, config.overrides)
             source = {"scenario": describe_scenario(scenario), "dt": scenario.rules.dt, "scenes": []}
