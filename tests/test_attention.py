@@ -106,7 +106,7 @@ def test_nobody_is_heard_who_is_not_there_and_the_order_does_not_matter():
 def test_an_episode_begins_without_a_memory_and_steps_at_once_are_steps_one_by_one():
     torch.manual_seed(0)
     policy, seen = make_policy("ppo_attention"), Seen.of(shown_of(crowded(6, 3)))  # 2 steps of 3 worlds
-    first, second = (seen.each(lambda part, at=at: part[3 * at : 3 * at + 3]) for at in (0, 1))
+    first, second = (Seen(*(part[3 * at : 3 * at + 3] for part in seen)) for at in (0, 1))
     before = torch.randn(3, policy.remembered)
     begins = torch.tensor([[False, True, False], [False, False, True]])
     with torch.no_grad():

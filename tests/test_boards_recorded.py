@@ -32,7 +32,7 @@ from crowdbench import Planner
 class Careful(Planner):
     facts = {"network": "mine"}
 
-    def unseen(self, scene):
+    def for_held_out_scene(self, scene):
         other = Careful()
         other.facts = {"network": "mine", "weights": f"all but {scene}"}
         return other

@@ -115,7 +115,7 @@ def test_one_mode_is_the_first_the_best_together_and_the_best_for_each():
 class LeaveOneOut(ConstantVelocity):
     """Is off by as many metres as the scene's name has letters."""
 
-    def unseen(self, scene):
+    def for_held_out_scene(self, scene):
         return Off(lambda obs: np.full((len(obs), 1, HORIZON, obs.pedestrians.seen.shape[1]), float(len(scene))))
 
 

@@ -152,15 +152,15 @@ def test_rescaled_steps_are_the_same_walk_seen_by_a_slower_clock():
 def test_it_is_scored_only_where_it_was_not_trained():
     other = predictor()
     made = SocialGAN(generator(), {"dt": 0.4, "scenes": ["eth"]}, trained_without={"eth": other}.__getitem__)
-    assert made.unseen("hotel") is made
-    assert made.unseen("eth") is other
+    assert made.for_held_out_scene("hotel") is made
+    assert made.for_held_out_scene("eth") is other
     with pytest.raises(InputError, match="were trained on eth, and so cannot be scored there"):
-        predictor().unseen("eth")
+        predictor().for_held_out_scene("eth")
 
 
 @pytest.mark.parametrize("modes", [0, -1])
 def test_impossible_numbers_of_modes_are_refused(modes):
-    with pytest.raises(InputError, match="must be a whole number of futures"):
+    with pytest.raises(InputError, match="must be a whole number, 1 or more"):
         predictor(modes=modes)
 
 

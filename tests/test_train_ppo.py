@@ -1,7 +1,6 @@
 import dataclasses
 import json
 import shutil
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,6 +18,7 @@ from crowdbench.planners.policy import load_policy
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.train import ppo
+from crowdbench.train import training as training_module
 from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.config import PPOConfig
 from crowdbench.train.runner import Runner
@@ -46,7 +46,7 @@ def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_
     """Drawing the first cases alone takes longer than the time until the next validation."""
     config = dataclasses.replace(CONFIG, minutes=100.0)
     training = Runner.start(config, tmp_path / "run", "cpu").training
-    draw, clock = training.worlds[0].seed, ppo.time.perf_counter
+    draw, clock = training.worlds[0].seed, training_module.time.perf_counter
     late = [0.0]
 
     def slowly(seed):
@@ -54,7 +54,7 @@ def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_
         draw(seed)
 
     monkeypatch.setattr(training.worlds[0], "seed", slowly)
-    monkeypatch.setattr(ppo, "time", SimpleNamespace(perf_counter=lambda: clock() + late[0]))
+    monkeypatch.setattr(training_module, "time", SimpleNamespace(perf_counter=lambda: clock() + late[0]))
     list(training.learn())
     assert [point.steps for point in training.curve] == [0, 128, 256]
 
@@ -192,18 +192,6 @@ def test_parameters_of_ppo_are_in_the_command_and_wrong_ones_get_one_sentence():
     ]:
         with pytest.raises(InputError, match=sentence):
             dataclasses.replace(CONFIG, ppo=given).training("cpu")
-
-
-def test_tensorboard_shows_the_curve_where_it_is_installed(tmp_path, monkeypatch):
-    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator").EventAccumulator
-    curve = trained(tmp_path / "a").training.curve
-    events = accumulator(str(tmp_path / "a")).Reload()
-    for name in ("reward", "success", "jerk"):
-        found = [(event.step, event.value) for event in events.Scalars(name)]
-        assert found == [(point.steps, pytest.approx(getattr(point, name))) for point in curve]
-    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
-    trained(tmp_path / "b")
-    assert not list((tmp_path / "b").glob("events.*"))
 
 
 @pytest.mark.slow

@@ -187,7 +187,7 @@ def test_a_device_that_is_not_there_is_refused(saved):
     [
         ({"weights": "sarl"}, "are of the network sarl, but must be of sgan"),
         ({"weights": "mine"}, "no weights are called 'mine'; there are"),
-        ({"modes": 0}, "modes is 0, but must be a whole number of futures"),
+        ({"modes": 0}, "modes is 0, but must be a whole number, 1 or more"),
     ],
 )
 def test_a_social_gan_that_cannot_be_is_refused(options, message):
@@ -205,20 +205,20 @@ def test_social_gans_that_come_along_say_what_they_were_trained_on():
 
 def test_a_card_that_does_not_say_where_a_social_gan_was_trained_is_refused(tmp_path):
     save_network(Generator(), "sgan", tmp_path / "mine.safetensors", CARD)
-    with pytest.raises(InputError, match="must say on which scenes, in steps of which dt, they were trained"):
+    with pytest.raises(InputError, match="must say of the training: "):
         load_predictor("sgan", {"weights": str(tmp_path / "mine.safetensors")})
 
 
 @pytest.mark.parametrize(
     ("training", "message"),
     [
-        ({"dt": 0}, "has a dt of 0, but it must be a number of seconds above 0"),
-        ({"dt": -0.4}, "has a dt of -0.4, but"),
-        ({"dt": float("nan")}, "has a dt of nan, but"),
-        ({"dt": "0.4"}, "has a dt of 0.4, but"),
-        ({"dt": 10**400}, "has a dt of 1000000000000000000000000000000000000000, but"),
-        ({"scenes": "eth"}, "must have a list of names as scenes"),
-        ({"pooling": "yes"}, "must have true or false as pooling"),
+        ({"dt": 0}, "must say of the training: dt, seconds above 0 and up to 60"),
+        ({"dt": -0.4}, "must say of the training: dt, seconds"),
+        ({"dt": float("nan")}, "must say of the training: dt, seconds"),
+        ({"dt": "0.4"}, "must say of the training: dt, seconds"),
+        ({"dt": 10**400}, "must say of the training: dt, seconds"),
+        ({"scenes": "eth"}, "must say of the training: scenes, a list of names"),
+        ({"pooling": "yes"}, "must say of the training: pooling, true or false"),
     ],
 )
 def test_a_card_of_a_social_gan_with_a_wrong_value_is_refused(training, message, tmp_path):

@@ -86,7 +86,7 @@ class PlannerServer:
             return Kind.READY, to_json({"version": VERSION})
         self.name, self.planner = load_planner(request["planner"], request["options"])
         if request.get("scene"):
-            self.planner = self.planner.unseen(request["scene"])
+            self.planner = self.planner.for_held_out_scene(request["scene"])
         properties = {
             "version": VERSION,
             "privileged": self.planner.privileged,

@@ -76,7 +76,7 @@ class IsolatedPlanner(Planner):
         readable: What it may read in its sandbox beside Python and crowdbench; if None, the files that it consists of
             and what its options name.
         folder: Its working directory; the present one if None.
-        scene: The recorded scene that it must not have been trained on, if any: see `Planner.unseen`.
+        scene: The recorded scene that it must not have been trained on, if any: see `Planner.for_held_out_scene`.
 
     Raises:
         InputError: The planner cannot be made, or takes longer or more memory than it may.

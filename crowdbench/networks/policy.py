@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -42,11 +41,7 @@ class Seen(NamedTuple):
     def of(cls, shown: Features, device: str | torch.device = "cpu") -> Seen:
         """Features, in the numbers of the network, on a device."""
         numbers = shown.vehicle.astype(np.float32), shown.pedestrians.astype(np.float32), shown.seen
-        return cls(*(torch.from_numpy(each).to(device) for each in numbers))
-
-    def each(self, change: Callable[[Tensor], Tensor]) -> Seen:
-        """The same with every tensor changed by a function."""
-        return Seen(*map(change, self))
+        return cls(*(torch.from_numpy(array).to(device) for array in numbers))
 
 
 class Encoder(nn.Module, abc.ABC):
@@ -150,7 +145,7 @@ class Policy(nn.Module):
         return torch.cat(codes), memory
 
     def initial_memory(self, worlds: int) -> Memory:
-        """The memory at the start of episodes."""
+        """Return the memory at the start of episodes."""
         return self.action.weight.new_zeros(worlds, self.remembered)
 
 

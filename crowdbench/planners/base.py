@@ -61,8 +61,8 @@ class Planner(abc.ABC):
         """
         raise OneStepOnly
 
-    def unseen(self, scene: str) -> Planner:
-        """The planner for a recorded scene: one without a part that was trained on it.
+    def for_held_out_scene(self, scene: str) -> Planner:
+        """Return the planner for a recorded scene: one without a part that was trained on it.
 
         Called once, before anything else, where people are recorded.
 
@@ -105,13 +105,13 @@ class OneWorldPlanner(Planner):
 
     def _decide(self, obs: Observation, w: int, logs: dict[str, np.ndarray]) -> Float[np.ndarray, "2"]:
         """The command of one world in m/s; what is logged is put into row `w` of `logs`."""
-        one = obs.rows(lambda array: array[w, ...], None if obs.logs is None else {})
+        world = obs.rows(lambda array: array[w, ...], None if obs.logs is None else {})
         try:
-            command = self.decide(one)
+            command = self.decide(world)
         except BaseException as error:
             error.row = w  # type: ignore[attr-defined]  # whoever reports it can tell the case
             raise
-        for name, values in (one.logs or {}).items():
+        for name, values in (world.logs or {}).items():
             if name not in logs:
                 logs[name] = np.full((len(obs), *values.shape), np.nan)
             logs[name][w] = values

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -74,64 +73,39 @@ class Fault:
         return f"{self.what} (case {decision.case[row]}, step {decision.step[row] + self.ahead})"
 
 
-class Validation(NamedTuple):
-    """An answer, examined.
-
-    Attributes:
-        points: The fault, or None, at each point that could be examined, in this order: dtype, shape, finite, speed
-            (which stands for all limits of the dynamics).
-        commands: The answer as float64, where it consists of numbers in the right shape.
-    """
-
-    points: dict[str, Fault | None]
-    commands: Float[np.ndarray, "world *time 2"] | None
-
-    @property
-    def fault(self) -> Fault | None:
-        """The first fault, if any."""
-        return next((fault for fault in self.points.values() if fault is not None), None)
-
-
 def validate_commands(
     answer: object, max_speed: Float[np.ndarray, "world"], *steps: int, dynamics: Dynamics = FREE
-) -> Validation:
-    """Check what a planner returned.
+) -> Float[np.ndarray, "world *time 2"] | Fault:
+    """Check what a planner returned: dtype, shape, finite numbers, and the limits of the dynamics, in this order.
 
     Args:
-        answer: Whatever it returned.
+        answer: What it returned.
         max_speed: The vehicle's maximum speed in m/s.
-        steps: For how many steps commands were asked for; left out where it was the next one alone.
-        dynamics: Whose commands they are. Velocities are those of a holonomic vehicle.
+        steps: The number of steps for which commands are due; left out where it is the next one alone.
+        dynamics: The dynamics of the commands. Velocities are those of a holonomic vehicle.
+
+    Returns:
+        The commands as float64, or the first fault.
     """
     array, is_array = _to_array(answer), issubclass(type(answer), np.ndarray)
-    points: dict[str, Fault | None] = {"dtype": None}
     if not (is_array and array.dtype.kind == "f"):
         kind = f"{array.dtype} array" if is_array else type(answer).__name__
         shape = "[world, time, 2]" if steps else "[world, 2]"
-        points["dtype"] = Fault(f"returned a {kind} instead of a float array of shape {shape}")
-    if array.dtype.kind not in "fiu":
-        return Validation(points, None)
+        return Fault(f"returned a {kind} instead of a float array of shape {shape}")
     values, expected = array.astype(np.float64), [len(max_speed), *steps, 2]
-    points["shape"] = None
     if list(values.shape) != expected:
         meant = "a command per world and step" if steps else "a command per world"
-        points["shape"] = Fault(f"returned shape {list(values.shape)} instead of {expected}, {meant}")
-        return Validation(points, None)
-    each = values.reshape(-1, *(steps or (1,)), 2)
-    finite = np.asarray(np.isfinite(each).all(axis=2))
-    limit = np.broadcast_to(max_speed[:, None], finite.shape)
-    beyond = ~dynamics.is_within(np.where(finite[..., None], each, 0.0), limit)
-    points["finite"] = None
-    if finite.any():
-        points["speed"] = None
+        return Fault(f"returned shape {list(values.shape)} instead of {expected}, {meant}")
+    commands = values.reshape(-1, *(steps or (1,)), 2)
+    finite = np.asarray(np.isfinite(commands).all(axis=2))
     if not finite.all():
         row, ahead = np.argwhere(~finite)[0].tolist()
-        what = f"returned {each[row, ahead].tolist()}, but a command must be finite"
-        points["finite"] = Fault(what, row, ahead)
+        return Fault(f"returned {commands[row, ahead].tolist()}, but a command must be finite", row, ahead)
+    beyond = ~dynamics.is_within(commands, np.broadcast_to(max_speed[:, None], finite.shape))
     if beyond.any():
         row, ahead = np.argwhere(beyond)[0].tolist()
-        points["speed"] = Fault(dynamics.broken_limit(each[row, ahead], float(max_speed[row])), row, ahead)
-    return Validation(points, values)
+        return Fault(dynamics.broken_limit(commands[row, ahead], float(max_speed[row])), row, ahead)
+    return values
 
 
 def _to_array(answer: object) -> np.ndarray:

@@ -129,13 +129,12 @@ class Driver:
         self.seconds += time.perf_counter() - start
         # Nobody interrupts a planner in another thread, or one that catches the interrupt.
         if limit.over():
-            raise self._too_slow(decision, None)
+            raise self._too_slow(decision)
         dynamics = decision.dynamics if self.native else FREE
-        validation = validate_commands(answer, decision.max_speed, *steps, dynamics=dynamics)
-        if validation.fault is not None:
-            raise InputError(self._sentence(validation.fault, decision))
-        assert validation.commands is not None  # or else there is a fault
-        return validation.commands if self.native else decision.to_commands(validation.commands)
+        commands = validate_commands(answer, decision.max_speed, *steps, dynamics=dynamics)
+        if isinstance(commands, Fault):
+            raise self._error(commands, decision)
+        return commands if self.native else decision.to_commands(commands)
 
     def _answer(self, decision: Decision, plan: Callable[[], object], limit: FairLimit) -> object:
         """What the planner returns. Whatever it raises becomes an InputError."""
@@ -148,24 +147,24 @@ class Driver:
                 "it has no plan_ahead, so that it runs with replan_every = 1 only"
             ) from None
         except FaultyAnswer as error:
-            raise InputError(self._sentence(error.fault, decision)) from None
+            raise self._error(error.fault, decision) from None
         except TimeLimit as error:
             raise self._too_slow(decision, getattr(error, "row", None)) from None
         except BaseException as error:
             # Interrupted in a plug-in that it asked for something, such as a pedestrian policy.
             if isinstance(error.__cause__, TimeLimit):
-                raise self._too_slow(decision, None) from None
+                raise self._too_slow(decision) from None
             if is_interrupt(error) or isinstance(error, InputError):
                 raise
             fault = Fault(f"raised {describe_error(error)}", getattr(error, "row", None))
-            raise InputError(self._sentence(fault, decision)) from error
+            raise self._error(fault, decision) from error
 
-    def _too_slow(self, decision: Decision, row: int | None) -> DecisionLimitExceeded:
+    def _error(self, fault: Fault, decision: Decision) -> InputError:
+        return InputError(f"planner {self.name} {fault.at(decision)}")
+
+    def _too_slow(self, decision: Decision, row: int | None = None) -> DecisionLimitExceeded:
         fault = Fault(f"took longer than the limit of {self.decision_limit:g} s", row)
-        return DecisionLimitExceeded(self._sentence(fault, decision))
-
-    def _sentence(self, fault: Fault, decision: Decision) -> str:
-        return f"planner {self.name} {fault.at(decision)}"
+        return DecisionLimitExceeded(str(self._error(fault, decision)))
 
 
 def _read_flag(planner: Planner, name: str, flag: str, words: tuple[str, ...] = ()) -> Any:

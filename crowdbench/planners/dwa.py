@@ -10,11 +10,11 @@ from jaxtyping import Float
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.planners.base import Planner
-from crowdbench.planners.filtered import doubts
+from crowdbench.planners.filtered import radius_inflation
 from crowdbench.planners.scene import Commands, Velocities, scene_of
 from crowdbench.planners.trials import time_left, try_sequences
 from crowdbench.predict import Predictor
-from crowdbench.predict.base import validate_prediction
+from crowdbench.predict.base import predict
 from crowdbench.utils.errors import require, require_count, require_not_negative
 
 
@@ -28,8 +28,8 @@ class Objective:
         room: Weight of the smallest gap to people until then, as part of `free` [1].
         speed: Weight of the speed, as part of the preferred one [1].
         free: A gap beyond which more room is not better [m].
-        margin: By how much people are larger [m].
-        doubt: By how many standard deviations of where they will be people are larger, if a filter tells [1].
+        margin: Enlargement of people's radii [m].
+        sigma_factor: Standard deviations of future positions by which a filter enlarges people's radii [1].
 
     Raises:
         InputError: A number is impossible.
@@ -41,7 +41,7 @@ class Objective:
     speed: float = 0.1
     free: float = 1.0
     margin: float = 0.1
-    doubt: float = 0.5
+    sigma_factor: float = 0.5
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -78,9 +78,9 @@ class DWAPlanner(Planner):
         require_count("horizon", self.horizon)
         self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
 
-    def unseen(self, scene: str) -> DWAPlanner:
+    def for_held_out_scene(self, scene: str) -> DWAPlanner:
         """See `Planner`."""
-        return dataclasses.replace(self, predictor=self.predictor.unseen(scene))
+        return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
 
     def plan(self, obs: Observation) -> Velocities:
         """See `Planner`."""
@@ -93,12 +93,11 @@ class DWAPlanner(Planner):
 
     def rate(self, obs: Observation, window: Commands) -> Float[np.ndarray, "world action"]:
         """How good each command is; minus infinity where it is not admissible."""
-        answer = self.predictor.predict(obs, self.horizon)
-        prediction = validate_prediction(answer, type(self.predictor).__name__, obs, self.horizon)
-        scene, own = scene_of(obs, prediction, 0, obs.vehicle, self.horizon), self.objective
-        larger = own.margin + doubts(obs, self.horizon, own.doubt)
-        kept = np.repeat(window[:, :, None], self.horizon, axis=2)
-        result = try_sequences(scene, kept, larger)
+        prediction = predict(self.predictor, obs, self.horizon)
+        scene, objective = scene_of(obs, prediction, 0, obs.vehicle, self.horizon), self.objective
+        inflation = objective.margin + radius_inflation(obs, self.horizon, objective.sigma_factor)
+        sequences = np.repeat(window[:, :, None], self.horizon, axis=2)
+        result = try_sequences(scene, sequences, inflation)
         # Over several futures, the worst.
         steps, gap = result.steps.min(axis=2), result.gap.min(axis=(2, 3))
         collides = ((result.outcome == Outcome.COLLISION) | (result.outcome == Outcome.WALL_COLLISION)).any(axis=2)
@@ -110,6 +109,7 @@ class DWAPlanner(Planner):
         now = norm(obs.vehicle.local_goal - obs.vehicle.position)[:, None] / obs.vehicle.preferred_speed[:, None]
         nearer = (now - left) / (self.horizon * obs.dt)
         clear = np.where(collides, (steps - 1) / self.horizon, 1.0)
-        goodness = own.heading * nearer + own.clearance * clear + own.room * np.clip(gap / own.free, 0.0, 1.0)
-        goodness += own.speed * speed / obs.vehicle.preferred_speed[:, None]
+        goodness = objective.heading * nearer + objective.clearance * clear
+        goodness += objective.room * np.clip(gap / objective.free, 0.0, 1.0)
+        goodness += objective.speed * speed / obs.vehicle.preferred_speed[:, None]
         return np.where(admissible, goodness, -np.inf)

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from crowdbench.core.types import HISTORY, Observation, Pedestrians
 from crowdbench.planners.base import Planner
@@ -69,7 +69,10 @@ class KalmanFilter:
         age, radius = tracks.age[row] + elapsed[:, None], tracks.radius[row]
         crowd = obs.pedestrians
         measured = crowd.seen & (crowd.age <= delay + 1e-6)
-        is_new = measured & (~np.isfinite(age) | ~self._continues(obs))
+        # A place has another person where `observed` starts again, or where the person before was elsewhere; the
+        # second is False where nothing was measured in the last step.
+        is_other = np.abs(crowd.history[:, -2] - tracks.last[row]).max(axis=-1) > 1e-9
+        is_new = measured & (~np.isfinite(age) | (crowd.observed <= 1) | is_other)
         noise = obs.sensor.noise
         variance = np.array([max(noise.position, EXACT) ** 2, max(noise.velocity, EXACT) ** 2])
         values = np.concatenate([crowd.position, crowd.velocity], axis=2)
@@ -83,14 +86,6 @@ class KalmanFilter:
         tracks.last[row] = np.where(measured[..., None], crowd.position, np.nan)
         mean, covariance = _move_on(mean, covariance, np.full_like(age, delay))
         return dataclasses.replace(obs, pedestrians=_estimated(obs, mean, covariance, age, radius))
-
-    def _continues(self, obs: Observation) -> Bool[np.ndarray, "world pedestrian"]:
-        """Whether a place has the person whom it had: `observed` starts again with another one, or it moves a lot."""
-        assert self.tracks is not None
-        crowd, last = obs.pedestrians, self.tracks.last[obs.row]
-        before = crowd.history[:, -2]
-        is_other = np.abs(before - last).max(axis=-1) > 1e-9  # False where it was not measured in the last step
-        return (crowd.observed > 1) & ~is_other
 
 
 def _move_on(
@@ -131,7 +126,7 @@ def _estimated(
 ) -> Pedestrians:
     """The people as estimated, each with a history on the line on which it walks."""
     known = age <= MEMORY
-    position, velocity = (np.where(known[..., None], each, 0.0) for each in (mean[..., :2], mean[..., 2:]))
+    position, velocity = (np.where(known[..., None], part, 0.0) for part in (mean[..., :2], mean[..., 2:]))
     back = obs.dt * np.arange(1 - HISTORY, 1)[:, None, None]
     return Pedestrians(
         position=position,
@@ -145,19 +140,19 @@ def _estimated(
     )
 
 
-Doubts = Float[np.ndarray, "#world #time #pedestrian"]
-"""By how much people are larger for a planner that does not know exactly where they will be, in metres."""
+RadiusInflation = Float[np.ndarray, "#world #time #pedestrian"]
+"""Enlargements of people's radii in metres, for uncertain future positions."""
 
-CERTAIN = np.zeros((1, 1, 1))
-"""Where it knows that exactly."""
+NO_INFLATION = np.zeros((1, 1, 1))
+"""The enlargement without uncertainty."""
 
 
-def doubts(obs: Observation, steps: int, deviations: float) -> Doubts:
-    """So many standard deviations of where people will be in each of the next steps; 0 without a filter."""
+def radius_inflation(obs: Observation, steps: int, sigma_factor: float) -> RadiusInflation:
+    """Return `sigma_factor` standard deviations of people's positions in each of the next steps; 0 without a filter."""
     if obs.pedestrians.deviation is None:
-        return CERTAIN
+        return NO_INFLATION
     position, velocity = np.moveaxis(obs.pedestrians.deviation[:, None], -1, 0)
-    return deviations * np.hypot(position, obs.dt * np.arange(1, steps + 1)[:, None] * velocity)
+    return sigma_factor * np.hypot(position, obs.dt * np.arange(1, steps + 1)[:, None] * velocity)
 
 
 class FilteredPlanner(Planner):
@@ -173,9 +168,9 @@ class FilteredPlanner(Planner):
         self.trained_pedestrians, self.trained_dt = planner.trained_pedestrians, planner.trained_dt
         self.facts: Mapping[str, str] = planner.facts
 
-    def unseen(self, scene: str) -> FilteredPlanner:
+    def for_held_out_scene(self, scene: str) -> FilteredPlanner:
         """See `Planner`."""
-        return FilteredPlanner(self.planner.unseen(scene))
+        return FilteredPlanner(self.planner.for_held_out_scene(scene))
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         """See `Planner`."""

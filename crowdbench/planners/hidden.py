@@ -36,30 +36,30 @@ def hidden_scene(obs: Observation, scene: Scene) -> Scene | None:
     if not obs.sensor.occlusion or obs.obstacles.shape[1] == 0:
         return None
     vehicle, worlds = obs.vehicle, len(obs)
-    place, found = np.zeros((worlds, 2)), np.zeros((worlds, 1), np.bool_)
+    point, exists = np.zeros((worlds, 2)), np.zeros((worlds, 1), np.bool_)
     arrays = vehicle.position, vehicle.goal, vehicle.route, vehicle.waypoint, obs.obstacles
-    _find_hidden(*map(np.ascontiguousarray, arrays), place, found)
+    _find_hidden(*map(np.ascontiguousarray, arrays), point, exists)
     steps = scene.crowd.position.shape[2]
-    position = np.ascontiguousarray(np.broadcast_to(place[:, None, None, None], (worlds, 1, steps, 1, 2)))
-    crowd = Crowd(position, np.zeros((worlds, 1, 1, 2)), np.full((worlds, 1), 2.0 * RADIUS), found)
+    position = np.ascontiguousarray(np.broadcast_to(point[:, None, None, None], (worlds, 1, steps, 1, 2)))
+    crowd = Crowd(position, np.zeros((worlds, 1, 1, 2)), np.full((worlds, 1), 2.0 * RADIUS), exists)
     return dataclasses.replace(scene, crowd=crowd)
 
 
 @no_type_check
 @njit(error_model="numpy")
-def _find_hidden(position, goal, route, waypoint, obstacles, place, found):
-    """Fill the first place on the way from each vehicle to its goal where a person is hidden, if there is one."""
+def _find_hidden(position, goal, route, waypoint, obstacles, point, exists):
+    """Fill the first point on the way from each vehicle to its goal where a person is hidden, if there is one."""
     pair, radius, present = np.empty((2, 2)), np.full(2, RADIUS), np.ones(2, np.bool_)
     for w in range(len(position)):
         x, y, k, ends = position[w, 0], position[w, 1], waypoint[w], False
         pair[0, 0], pair[0, 1] = x, y
-        while not (ends or found[w, 0]):
+        while not (ends or exists[w, 0]):
             ends = k == route.shape[1] or math.isnan(route[w, k, 0])
             to_x, to_y = (goal[w, 0], goal[w, 1]) if ends else (route[w, k, 0], route[w, k, 1])
             number = math.ceil(math.hypot(to_x - x, to_y - y) / STEP)
             for i in range(1, number + 1):
                 pair[1, 0], pair[1, 1] = x + i / number * (to_x - x), y + i / number * (to_y - y)
                 if is_hidden(1, pair, radius, present, obstacles[w]):
-                    place[w, 0], place[w, 1], found[w, 0] = pair[1, 0], pair[1, 1], True
+                    point[w, 0], point[w, 1], exists[w, 0] = pair[1, 0], pair[1, 1], True
                     break
             x, y, k = to_x, to_y, k + 1

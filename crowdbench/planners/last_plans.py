@@ -1,4 +1,4 @@
-"""The last plan of each world, whose rest is where the next decision starts."""
+"""The last plan of each world, from whose remaining steps the next decision starts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Int
 
 from crowdbench.core.types import Observation
-from crowdbench.planners.scene import Sequence
+from crowdbench.planners.scene import Sequence, Sequences
+from crowdbench.utils.errors import require
 
 
 class LastPlans:
@@ -24,20 +25,32 @@ class LastPlans:
         """Forget all plans. See `Planner.reset`."""
         self.plan = np.zeros((len(rows), self.horizon, 2))
         self.step = np.full(len(rows), -1)
-        """The step in which each was made; -1 where there is none."""
+        """The step in which each plan was computed; -1 where there is none."""
 
-    def rest(self, obs: Observation, otherwise: Sequence) -> Sequence:
-        """What is left of the last plans, whose last command goes on.
+    def check_length(self, steps: int) -> None:
+        """Raise InputError unless a plan has commands for the steps of `Planner.plan_ahead`."""
+        right = f"{steps} or more, the steps that are asked for at once"
+        require("horizon", self.horizon, steps <= self.horizon, right)
+
+    def guesses(self, obs: Observation, default: Sequence) -> Sequences:
+        """Return first guesses: the remaining steps of the last plan, and each command of the dynamics throughout.
 
         Args:
             obs: The present.
-            otherwise: Taken in worlds without a plan.
+            default: Replaces the last plan in worlds without one.
         """
-        made = self.step[obs.row]
-        ahead = np.minimum(np.arange(self.horizon) + (obs.step - made)[:, None], self.horizon - 1)
-        rest = np.take_along_axis(self.plan[obs.row], ahead[..., None], axis=1)
-        return np.where((made < 0)[:, None, None], otherwise, rest)
+        vehicle = obs.vehicle
+        constant = vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, self.horizon * obs.dt)
+        remaining = self.remaining(obs, default)[:, None]
+        return np.concatenate([remaining, constant[:, :, None].repeat(self.horizon, axis=2)], axis=1)
 
-    def keep(self, obs: Observation, plan: Sequence) -> None:
-        """Remember new plans."""
+    def remaining(self, obs: Observation, default: Sequence) -> Sequence:
+        """Return the remaining steps of the last plans, whose last command is repeated; see `guesses`."""
+        planned = self.step[obs.row]
+        ahead = np.minimum(np.arange(self.horizon) + (obs.step - planned)[:, None], self.horizon - 1)
+        remaining = np.take_along_axis(self.plan[obs.row], ahead[..., None], axis=1)
+        return np.where((planned < 0)[:, None, None], default, remaining)
+
+    def store(self, obs: Observation, plan: Sequence) -> None:
+        """Store new plans."""
         self.plan[obs.row], self.step[obs.row] = plan, obs.step

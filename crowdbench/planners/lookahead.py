@@ -89,9 +89,9 @@ class ValuePlanner(Planner):
         self.privileged, self.trained_dt = self.predictor.privileged, self.value.trained_dt
         self.facts = {"network": self.value.name, "weights": digest(self.value), **self.predictor.facts}
 
-    def unseen(self, scene: str) -> ValuePlanner:
+    def for_held_out_scene(self, scene: str) -> ValuePlanner:
         """See `Planner`: with the predictor that was not trained on the scene."""
-        return dataclasses.replace(self, predictor=self.predictor.unseen(scene))
+        return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
 
     def plan(self, obs: Observation) -> Velocities:
         """See `Planner`."""

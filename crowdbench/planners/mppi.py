@@ -11,23 +11,23 @@ from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.planners.base import Planner
-from crowdbench.planners.filtered import CERTAIN, Doubts, doubts
+from crowdbench.planners.filtered import NO_INFLATION, RadiusInflation, radius_inflation
 from crowdbench.planners.hidden import hidden_scene
 from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
 from crowdbench.planners.trials import SequenceResult, limit_commands, propagate_vehicle, time_left, try_sequences
 from crowdbench.predict import Prediction, Predictor
-from crowdbench.predict.base import validate_prediction
+from crowdbench.predict.base import predict
 from crowdbench.utils.errors import is_number, require, require_count, require_not_negative, require_positive
 from crowdbench.utils.threads import CHUNK, in_chunks
 
 Costs = Float[np.ndarray, "world sequence"]
 Noise = Float[np.ndarray, "world round sample time 2"]
-Ways = Float[np.ndarray, "world way time 3"]
-"""Positions in metres, and what the whole way costs in seconds, negative."""
+Paths = Float[np.ndarray, "world sequence time 3"]
+"""Positions in metres, and the negative cost of the whole sequence in seconds."""
 
 SHOWN = 60
-"""How many of the sampled ways are recorded."""
+"""Number of sampled paths that are recorded."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Weights:
         near: A step with a gap of 0 inside the margin; less for larger gaps, with their square [s].
         margin: Width of the margin in the first step [m].
         growth: By how much it is wider for each second ahead [m/s].
-        doubt: By how many standard deviations of where they will be people are larger, if a filter tells [1].
+        sigma_factor: Standard deviations of future positions by which a filter enlarges people's radii [1].
         change: A change of a command by its whole range, squared [s].
         jerk: A change of this change, squared [s].
 
@@ -88,7 +88,7 @@ class Weights:
     near: float = 6.0
     margin: float = 0.03
     growth: float = 0.35
-    doubt: float = 0.7
+    sigma_factor: float = 0.7
     change: float = 0.15
     jerk: float = 0.1
 
@@ -132,9 +132,9 @@ class MPPIPlanner(Planner):
         self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
         self.last = LastPlans(self.horizon)
 
-    def unseen(self, scene: str) -> MPPIPlanner:
+    def for_held_out_scene(self, scene: str) -> MPPIPlanner:
         """See `Planner`."""
-        return dataclasses.replace(self, predictor=self.predictor.unseen(scene))
+        return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
 
     def reset(self, rows: np.ndarray) -> None:
         """See `Planner`."""
@@ -146,26 +146,23 @@ class MPPIPlanner(Planner):
 
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`."""
-        require(
-            "horizon", self.horizon, steps <= self.horizon, f"{steps} or more, the steps that are asked for at once"
-        )
+        self.last.check_length(steps)
         first, noise = self._first_guesses(obs), self._noise(obs)
-        answer = self.predictor.predict_given(obs, self.horizon, first[:, 0])
-        prediction = validate_prediction(answer, type(self.predictor).__name__, obs, self.horizon)
+        prediction = predict(self.predictor, obs, self.horizon, first[:, 0])
         best = np.empty((len(obs), self.horizon, 2))
         shown = np.empty((len(obs), min(SHOWN, self.search.samples), self.horizon, 3))
 
         def fill(part: slice) -> None:
             futures = Prediction(prediction.position[part], prediction.velocity[part])
-            some = obs.take(part)
-            scene = scene_of(some, futures, 0, some.vehicle, self.horizon)
-            larger = doubts(some, self.horizon, self.weights.doubt)
-            best[part], ways = self._search(scene, larger, hidden_scene(some, scene), first[part], noise[part])
-            shown[part] = ways[:, : shown.shape[1]]
+            chunk = obs.take(part)
+            scene = scene_of(chunk, futures, 0, chunk.vehicle, self.horizon)
+            inflation = radius_inflation(chunk, self.horizon, self.weights.sigma_factor)
+            best[part], paths = self._search(scene, inflation, hidden_scene(chunk, scene), first[part], noise[part])
+            shown[part] = paths[:, : shown.shape[1]]
 
         rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1) * prediction.position.shape[1]
         in_chunks(fill, len(obs), max(1, 8 * CHUNK // rows))
-        self.last.keep(obs, best)
+        self.last.store(obs, best)
         if obs.logs is not None:
             obs.log("predicted", prediction.position)
             obs.log("sampled", shown.swapaxes(1, 2))
@@ -176,47 +173,42 @@ class MPPIPlanner(Planner):
         vehicle, straight = obs.vehicle, np.empty((len(obs), self.horizon, 2))
         dynamics, speed = vehicle.dynamics, vehicle.preferred_speed
         for t in range(self.horizon):
-            wanted = toward_goal(vehicle.position, vehicle.local_goal, speed)
-            straight[:, t] = dynamics.follow(vehicle.state, wanted, speed, obs.dt)
+            toward = toward_goal(vehicle.position, vehicle.local_goal, speed)
+            straight[:, t] = dynamics.follow(vehicle.state, toward, speed, obs.dt)
             vehicle = propagate_vehicle(vehicle, straight[:, t], obs)
-        rest = self.last.rest(obs, straight)
-        constant = dynamics.commands(obs.vehicle.state, speed, self.horizon * obs.dt)
-        guesses = [rest[:, None], straight[:, None], constant[:, :, None].repeat(self.horizon, axis=2)]
-        return np.concatenate(guesses, axis=1)
+        return np.insert(self.last.guesses(obs, straight), 1, straight, axis=1)
 
     def _noise(self, obs: Observation) -> Noise:
         """Noise of standard deviation 1, correlated over the steps of a sequence; the second half mirrors the first."""
         noise = obs.noise("mppi", (self.search.rounds, (self.search.samples + 1) // 2, self.horizon, 2))
-        own, rest = self.search.correlation, np.sqrt(1.0 - self.search.correlation**2)
+        correlation, innovation = self.search.correlation, np.sqrt(1.0 - self.search.correlation**2)
         for t in range(1, self.horizon):
-            noise[..., t, :] = own * noise[..., t - 1, :] + rest * noise[..., t, :]
+            noise[..., t, :] = correlation * noise[..., t - 1, :] + innovation * noise[..., t, :]
         return np.concatenate([noise, -noise], axis=2)[:, :, : self.search.samples]
 
     def _search(
-        self, scene: Scene, larger: Doubts, hidden: Scene | None, guesses: Sequences, noise: Noise
-    ) -> tuple[Sequence, Ways]:
+        self, scene: Scene, inflation: RadiusInflation, hidden: Scene | None, guesses: Sequences, noise: Noise
+    ) -> tuple[Sequence, Paths]:
         """The sequence that is driven in each world, and where the samples of the last round lead."""
         spread = self.search.spread * _range(scene)[:, None, None]
-        beside, world = guesses, np.arange(len(guesses))
-        cost, _ = self.costs(scene, guesses, larger, hidden)
+        candidates, world = guesses, np.arange(len(guesses))
+        cost, _ = self.costs(scene, guesses, inflation, hidden)
         for number in range(self.search.rounds):
-            centre = beside[world, cost.argmin(axis=1)]
-            sampled = limit_commands(
-                centre[:, None] + self.search.narrower**number * spread * noise[:, number], scene.vehicle
-            )
+            centre = candidates[world, cost.argmin(axis=1)]
+            deviation = self.search.narrower**number * spread * noise[:, number]
+            sampled = limit_commands(centre[:, None] + deviation, scene.vehicle)
             tried = np.concatenate([sampled, centre[:, None]], axis=1)
-            cost, result = self.costs(scene, tried, larger, hidden)
+            cost, result = self.costs(scene, tried, inflation, hidden)
             weight = np.exp((cost.min(axis=1, keepdims=True) - cost) / self.search.temperature)
             mean = (weight[..., None, None] * tried).sum(axis=1) / weight.sum(axis=1)[:, None, None]
-            beside = np.stack([mean, tried[world, cost.argmin(axis=1)]], axis=1)
-            ways = np.concatenate(
-                [result.motion[:, :, 1:, :2], -np.repeat(cost[..., None, None], noise.shape[3], 2)], axis=3
-            )
-            cost, _ = self.costs(scene, beside, larger, hidden)
-        return beside[world, cost.argmin(axis=1)], ways
+            candidates = np.stack([mean, tried[world, cost.argmin(axis=1)]], axis=1)
+            values = -np.repeat(cost[..., None, None], noise.shape[3], axis=2)
+            paths = np.concatenate([result.motion[:, :, 1:, :2], values], axis=3)
+            cost, _ = self.costs(scene, candidates, inflation, hidden)
+        return candidates[world, cost.argmin(axis=1)], paths
 
     def costs(
-        self, scene: Scene, commands: Sequences, larger: Doubts, hidden: Scene | None = None
+        self, scene: Scene, commands: Sequences, inflation: RadiusInflation, hidden: Scene | None = None
     ) -> tuple[Costs, SequenceResult]:
         """What sequences cost in seconds, see `Weights`, and how they would go.
 
@@ -225,13 +217,13 @@ class MPPIPlanner(Planner):
         Args:
             scene: The vehicles and the pedestrians.
             commands: Commands of the vehicle's dynamics.
-            larger: By how much each pedestrian is larger in each step, in metres.
+            inflation: The enlargement of each pedestrian's radius in each step.
             hidden: The scene with whom walls may hide.
         """
-        result = try_sequences(scene, commands, larger)
+        result = try_sequences(scene, commands, inflation)
         cost = self._nearness(result, scene.dt) + self.weights.wall * (result.outcome == Outcome.WALL_COLLISION)
         if hidden is not None:
-            cost += self._nearness(try_sequences(hidden, commands, CERTAIN), scene.dt)
+            cost += self._nearness(try_sequences(hidden, commands, NO_INFLATION), scene.dt)
         arrived, whole = result.outcome == Outcome.SUCCESS, scene.dt * commands.shape[2]
         cost += np.where(arrived, scene.dt * result.steps, whole + time_left(scene, result)[..., None])
         return self._over_futures(cost) + self._roughness(scene, commands), result

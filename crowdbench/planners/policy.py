@@ -24,7 +24,7 @@ from crowdbench.planners.reactive import along_walls
 from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function
 from crowdbench.predict import Predictor
-from crowdbench.predict.base import validate_prediction
+from crowdbench.predict.base import predict
 from crowdbench.predict.load import load_predictor
 from crowdbench.sim.nearest_walls import nearest_walls
 from crowdbench.utils.errors import InputError, is_integer
@@ -53,8 +53,7 @@ class Showing:
         """What is shown of an observation."""
         if self.predictor is None:
             return features(obs, self.nearest)
-        answer = self.predictor.predict(obs, STEPS)
-        prediction = validate_prediction(answer, type(self.predictor).__name__, obs, STEPS)
+        prediction = predict(self.predictor, obs, STEPS)
         walls = nearest_walls(obs.vehicle.position, obs.obstacles, WALLS, REACH)
         return features_ahead(obs, self.nearest, prediction.position[:, 0], walls)
 
@@ -98,11 +97,11 @@ class PolicyPlanner(Planner):
         self.facts = {**of_predictor, "network": self.network, "weights": digest(self.policy)}
         self.reset(np.arange(0))
 
-    def unseen(self, scene: str) -> PolicyPlanner:
+    def for_held_out_scene(self, scene: str) -> PolicyPlanner:
         """See `Planner`."""
         if self.showing.predictor is None:
             return self
-        showing = dataclasses.replace(self.showing, predictor=self.showing.predictor.unseen(scene))
+        showing = dataclasses.replace(self.showing, predictor=self.showing.predictor.for_held_out_scene(scene))
         return dataclasses.replace(self, showing=showing)
 
     def reset(self, rows: np.ndarray) -> None:
@@ -120,8 +119,8 @@ class PolicyPlanner(Planner):
 
         def fill(part: slice) -> None:
             with torch.inference_mode():
-                found, memory = self.policy(seen.each(lambda tensor: tensor[part]), before[part])
-                action[part] = found.double().cpu().numpy()
+                mean, memory = self.policy(Seen(*(tensor[part] for tensor in seen)), before[part])
+                action[part] = mean.double().cpu().numpy()
                 before[part] = memory
 
         in_chunks(fill, len(obs), CHUNK)
@@ -178,7 +177,9 @@ def _check_encoder(weights: Path, trained: object, encoder: str | None) -> None:
 def _most_pedestrians(training: Mapping[str, Any]) -> int | None:
     """The largest number of pedestrians that a card says of the training; None where it does not say one."""
     try:
-        numbers = [each["pedestrians"]["number"] for each in (training["scenario"], *training.get("beside", []))]
+        numbers = [
+            scenario["pedestrians"]["number"] for scenario in (training["scenario"], *training.get("beside", []))
+        ]
     except (KeyError, TypeError):
         return None
     most = [number[-1] if isinstance(number, list) and number else number for number in numbers]

@@ -89,9 +89,9 @@ class SequencePlanner(Planner):
         self.privileged = self.lookahead.privileged
         self.facts = self.lookahead.facts
 
-    def unseen(self, scene: str) -> SequencePlanner:
+    def for_held_out_scene(self, scene: str) -> SequencePlanner:
         """See `Planner`."""
-        return dataclasses.replace(self, lookahead=self.lookahead.unseen(scene))
+        return dataclasses.replace(self, lookahead=self.lookahead.for_held_out_scene(scene))
 
     def plan(self, obs: Observation) -> Velocities:
         """See `Planner`."""

@@ -33,7 +33,7 @@ def propagate_vehicle(vehicle: Vehicle, command: Float[np.ndarray, "world 2"], o
     after = vehicle.dynamics.step(vehicle.state, command, vehicle.preferred_speed, obs.dt)
     # With an axis of agents: the vehicle is the only one.
     fields = after.position, vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius
-    position, goal, route, waypoint, radius = (each[:, None] for each in fields)
+    position, goal, route, waypoint, radius = (values[:, None] for values in fields)
     waypoint = next_waypoints(position, goal, route, waypoint, radius, obs.obstacles)[:, 0]
     return dataclasses.replace(vehicle, **after._asdict(), waypoint=waypoint)
 
@@ -167,13 +167,10 @@ def time_left(scene: Scene, result: SequenceResult) -> Float[np.ndarray, "world 
     """Seconds from the end of each sequence to the goal, along the route at the preferred speed."""
     vehicle, position = scene.vehicle, np.ascontiguousarray(result.motion[:, :, -1, :2])
 
-    def each(values: np.ndarray) -> np.ndarray:
-        return np.repeat(values[:, None], position.shape[1], axis=1)
-
-    goal, route, radius = each(vehicle.goal), each(vehicle.route), each(vehicle.radius)
-    waypoint = next_waypoints(position, goal, route, each(vehicle.waypoint), radius, scene.obstacles)
-    way = norm(local_goals(position, goal, route, waypoint) - position)
-    return way / vehicle.preferred_speed[:, None]
+    fields = vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius
+    goal, route, waypoint, radius = (np.repeat(values[:, None], position.shape[1], axis=1) for values in fields)
+    waypoint = next_waypoints(position, goal, route, waypoint, radius, scene.obstacles)
+    return norm(local_goals(position, goal, route, waypoint) - position) / vehicle.preferred_speed[:, None]
 
 
 @no_type_check
@@ -231,12 +228,8 @@ def _fill_chords(code, body, before, after, dt, chord):
     if code == HOLONOMIC:
         chord[0, 0], chord[0, 1], chord[0, 2], chord[0, 3] = before.x, before.y, after.vx * dt, after.vy * dt
         return
-    cos, sin, cos_after, sin_after = (
-        math.cos(before.heading),
-        math.sin(before.heading),
-        math.cos(after.heading),
-        math.sin(after.heading),
-    )
+    cos, sin = math.cos(before.heading), math.sin(before.heading)
+    cos_after, sin_after = math.cos(after.heading), math.sin(after.heading)
     for k in range(len(body)):
         chord[k, 0], chord[k, 1] = before.x + body[k] * cos, before.y + body[k] * sin
         chord[k, 2] = after.x + body[k] * cos_after - chord[k, 0]

@@ -65,9 +65,27 @@ class Predictor(abc.ABC):
         """
         return self.predict(obs, steps)
 
-    def unseen(self, scene: str) -> Predictor:
-        """The predictor to be evaluated on a recorded scene: one that was not trained on it."""
+    def for_held_out_scene(self, scene: str) -> Predictor:
+        """Return the predictor for a recorded scene: one that was not trained on it."""
         return self
+
+
+def predict(
+    predictor: Predictor, obs: Observation, steps: int, plan: Float[np.ndarray, "world time 2"] | None = None
+) -> Prediction:
+    """Predict all pedestrians, and check the prediction.
+
+    Args:
+        predictor: The predictor.
+        obs: The observation of every world.
+        steps: Number of steps to predict.
+        plan: The commands of the vehicle in these steps, for `Predictor.predict_given`; None where they are not known.
+
+    Raises:
+        InputError: See `validate_prediction`.
+    """
+    answer = predictor.predict(obs, steps) if plan is None else predictor.predict_given(obs, steps, plan)
+    return validate_prediction(answer, type(predictor).__name__, obs, steps)
 
 
 def validate_prediction(answer: object, name: str, obs: Observation, steps: int) -> Prediction:
@@ -85,11 +103,6 @@ def validate_prediction(answer: object, name: str, obs: Observation, steps: int)
     Raises:
         InputError: It is no prediction, of another shape, or not finite for a pedestrian that is seen.
     """
-    return validate_numbers(validate_shape(answer, name, obs, steps), name, obs)
-
-
-def validate_shape(answer: object, name: str, obs: Observation, steps: int) -> Prediction:
-    """Check type and shape alone, as `validate_prediction` does; numbers may still not be finite."""
     if not isinstance(answer, Prediction):
         raise InputError(f"predictor {name} returned a {type(answer).__name__} instead of a Prediction")
     worlds, pedestrians = obs.pedestrians.seen.shape
@@ -111,11 +124,6 @@ def validate_shape(answer: object, name: str, obs: Observation, steps: int) -> P
             f"predictor {name} returned positions in {prediction.position.shape[1]} modes and velocities in "
             f"{prediction.velocity.shape[1]}, but each mode must have both"
         )
-    return prediction
-
-
-def validate_numbers(prediction: Prediction, name: str, obs: Observation) -> Prediction:
-    """Check the numbers of a prediction of the right shape alone, as `validate_prediction` does."""
 
     def zero_absent(what: str, values: np.ndarray) -> np.ndarray:
         numbers = np.isfinite(values)

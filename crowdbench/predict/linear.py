@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from crowdbench.core.types import Observation
 from crowdbench.predict.base import Prediction, Predictor
-from crowdbench.utils.errors import require
+from crowdbench.utils.errors import require, require_count
 
 
 class Linear(Predictor):
@@ -36,8 +36,8 @@ class Linear(Predictor):
         variance = (deviation**2).sum(axis=2, keepdims=True)
         slope_weight = np.divide(deviation, variance, out=np.zeros_like(deviation), where=variance > 0.0)
         # Without matrix products, whose last bits depend on the number of worlds.
-        weights = [np.ascontiguousarray(each.swapaxes(1, 2))[..., None] for each in (slope_weight, mean_weight)]
-        velocity, mean = ((each * crowd.history).sum(axis=1) for each in weights)
+        weights = [np.ascontiguousarray(weight.swapaxes(1, 2))[..., None] for weight in (slope_weight, mean_weight)]
+        velocity, mean = ((weight * crowd.history).sum(axis=1) for weight in weights)
         return _straight_on(mean - velocity * mean_time, velocity[:, None], obs, steps)
 
 
@@ -67,7 +67,7 @@ class ConstantVelocitySampled(Predictor):
     """
 
     def __init__(self, modes: int = 20, angle: float = 25.0) -> None:
-        require("modes", modes, isinstance(modes, int) and modes >= 1, "a whole number, 1 or more")
+        require_count("modes", modes)
         good = isinstance(angle, int | float) and 0.0 <= angle < np.inf
         require("angle", angle, good, "a number of degrees, 0 or more")
         self.modes = modes

@@ -16,7 +16,7 @@ from crowdbench.core.types import Observation, Pedestrians
 from crowdbench.networks.social_gan import NOISE, Generator
 from crowdbench.networks.weights import built_in, digest, load_into, read_card, weights_file
 from crowdbench.predict.base import Prediction, Predictor
-from crowdbench.utils.errors import InputError, is_number, require
+from crowdbench.utils.errors import InputError, is_number, require_count
 from crowdbench.utils.threads import CHUNK, in_chunks
 
 NAME = "sgan"
@@ -54,9 +54,7 @@ class SocialGAN(Predictor):
     trained_without: Callable[[str], Predictor] | None = None
 
     def __post_init__(self) -> None:
-        require(
-            "modes", self.modes, isinstance(self.modes, int) and self.modes >= 1, "a whole number of futures, 1 or more"
-        )
+        require_count("modes", self.modes)
         self.facts = {"predictor_weights": digest(self.generator.eval())}
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
@@ -94,7 +92,7 @@ class SocialGAN(Predictor):
         moves = self.generator(history.to(device), present, noise.to(device), steps)
         return scatter(moves, present).double().cpu().numpy()
 
-    def unseen(self, scene: str) -> Predictor:
+    def for_held_out_scene(self, scene: str) -> Predictor:
         """See `Predictor`. Raises InputError where it was trained on the scene and there is no other."""
         if scene not in self.about["scenes"]:
             return self
@@ -142,7 +140,7 @@ def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> So
         device: `cpu` or `cuda`.
 
     Returns:
-        The predictor. Its `unseen(scene)` loads the weights `<weights>-<scene>`, where there are any.
+        The predictor. Its `for_held_out_scene(scene)` loads the weights `<weights>-<scene>`, where there are any.
 
     Raises:
         InputError: The weights do not exist, are of another network, or their card lacks scenes or time step.
@@ -160,20 +158,14 @@ def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> So
 
 
 def _check(about: Mapping[str, Any], file: Path) -> None:
-    """Raises InputError where a card does not say what the predictor must know of the training."""
-    if not {"dt", "scenes"} <= about.keys():
-        raise InputError(
-            f"the card of the weights {file} must say on which scenes, in steps of which dt, they were trained"
-        )
-    dt, names = about["dt"], about["scenes"]
-    right = f"it must be a number of seconds above 0 and up to {LONGEST_STEP:g}"
-    for is_right, sentence in (
-        (is_number(dt) and 0.0 < dt <= LONGEST_STEP, f"has a dt of {str(dt)[:40]}, but {right}"),
-        (
-            isinstance(names, list) and all(isinstance(name, str) for name in names),
-            "must have a list of names as scenes",
-        ),
-        (isinstance(about.get("pooling", False), bool), "must have true or false as pooling"),
-    ):
+    """Raise InputError if the facts of a card on the training are missing or impossible."""
+    dt: Any = about.get("dt")
+    scenes = about.get("scenes")
+    facts = {
+        f"dt, seconds above 0 and up to {LONGEST_STEP:g}": is_number(dt) and 0.0 < dt <= LONGEST_STEP,
+        "scenes, a list of names": isinstance(scenes, list) and all(isinstance(name, str) for name in scenes),
+        "pooling, true or false": isinstance(about.get("pooling", False), bool),
+    }
+    for fact, is_right in facts.items():
         if not is_right:
-            raise InputError(f"the card of the weights {file} {sentence}")
+            raise InputError(f"the card of the weights {file} must say of the training: {fact}")

@@ -37,8 +37,8 @@ def load_run(
     if planner is None:
         name, planner = catalog.load_planner(spec.planner, spec.options)
     if scenario.tracks:
-        with plugin_errors(f"planner {name} raised", " in unseen()"):
-            planner = planner.unseen(scenario.tracks.scene)
+        with plugin_errors(f"planner {name} raised", " in for_held_out_scene()"):
+            planner = planner.for_held_out_scene(scenario.tracks.scene)
     driver = Driver(planner, name, spec.decision_limit)
     if is_named:
         identity = identify(spec.planner, spec.options, driver)

@@ -101,13 +101,14 @@ def check_free(directory: Path, program: str) -> None:
 
 @contextlib.contextmanager
 def hold(directory: Path) -> Iterator[None]:
-    """Lock a directory against other processes, and remove half-written files of killed trainings.
+    """Make a directory, lock it against other processes, and remove half-written files of killed trainings.
 
     Raises:
         InputError: Another process trains there.
         OSError: Nothing can be written there.
     """
     path = directory / LOCK
+    directory.mkdir(parents=True, exist_ok=True)
     # First, because a lock would wait for ever where the file cannot be made.
     path.touch()
     with contextlib.ExitStack() as stack:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -216,22 +215,24 @@ class PPOTraining(DrivingTraining[Policy]):
 
     def train_until(self, goal: float) -> None:
         """Train up to some progress. All random numbers follow from the seed and the number of validations so far."""
-        start = time.perf_counter()
+        with self.timed():
+            self._start()
+        while True:  # once in any case: where cases take long to draw, they alone may have taken until the goal
+            with self.timed():
+                self._update()
+            if self.progress >= min(goal, 1.0):
+                return
+
+    def _start(self) -> None:
+        """Start episodes in all worlds, from training cases that are drawn anew."""
         seed = self.config.seed + 1000 * len(self.curve)
         self.generator.manual_seed(seed)
         for worlds in self.worlds:
-            worlds.seed(seed)  # draws new cases
+            worlds.seed(seed)
             worlds.start()
         self._observe()
         self.memory = self.network.policy.initial_memory(self.parameters.worlds)
         self.begins = torch.ones(1, self.parameters.worlds, dtype=torch.bool, device=self.device)
-        while True:  # once in any case: where cases take long to draw, they alone may have taken until the goal
-            self._update()
-            now = time.perf_counter()
-            self.seconds += now - start
-            start = now
-            if self.progress >= min(goal, 1.0):
-                return
 
     def _update(self) -> None:
         """Drive, and learn from it."""

@@ -51,16 +51,11 @@ class Runner:
             device: `cpu` or `cuda`.
 
         Raises:
-            InputError: An option is impossible, or the directory is used or cannot be made.
+            InputError: An option is impossible, or the directory is used.
         """
         _prepare(device)
         checkpoint.check_free(directory, config.program)
-        training = config.training(device)
-        try:
-            directory.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{directory} cannot be made: {error.strerror}: name another place with --out") from None
-        return cls(training, directory)
+        return cls(config.training(device), directory)
 
     @classmethod
     def resume(
@@ -110,11 +105,9 @@ class Runner:
         with self._hold():
             if not training.curve:
                 self._save()  # at once, so that a full disk is reported before hours of work
-            with _tensorboard(self.directory) as log:
-                for _ in training.learn():
-                    self._save()
-                    log(dataclasses.asdict(training.curve[-1]))
-                    yield training.curve[-1]
+            for _ in training.learn():
+                self._save()
+                yield training.curve[-1]
 
     def finish(self, progress: Callable[[float], None]) -> Path:
         """Measure the best network and write weights, card and curves; the checkpoint is removed.
@@ -179,25 +172,6 @@ class Runner:
                 rest = f"its last checkpoint is kept: make room, and go on with {command}"
             reason = error.strerror or error
             raise InputError(f"the training in {self.directory} cannot be written: {reason}; {rest}") from None
-
-
-@contextlib.contextmanager
-def _tensorboard(directory: Path) -> Iterator[Callable[[Mapping[str, float]], None]]:
-    """Yield a function that logs a point of the curve for TensorBoard; it does nothing if that is not installed."""
-    try:
-        from torch.utils.tensorboard import SummaryWriter
-    except ImportError:
-        yield lambda point: None
-        return
-    with SummaryWriter(directory) as events:
-
-        def log(point: Mapping[str, float]) -> None:
-            (_, step), *quantities = point.items()
-            for name, quantity in quantities:
-                events.add_scalar(name, quantity, step)
-            events.flush()
-
-        yield log
 
 
 @contextlib.contextmanager

@@ -163,16 +163,12 @@ class DrivingTraining(Training, Generic[Network]):
 
     def best(self) -> tuple[Any, Network]:
         """See `Training`."""
-        point = choose_point(self.curve, self._cases_per_point)
+        point = choose_point(self.curve, len(VALIDATION_CASES) * len(self.validation))
         return point, cast(Network, self.validated[self.curve.index(point)])
-
-    @property
-    def _cases_per_point(self) -> int:
-        return len(VALIDATION_CASES) * len(self.validation)
 
     def intervals(self) -> dict[str, list[tuple[float, float]]]:
         """See `Training`: Wilson's interval of the success rate."""
-        cases = np.arange(self._cases_per_point)
+        cases = np.arange(len(VALIDATION_CASES) * len(self.validation))
         estimates = [wilson(cases < round(point.success * len(cases))) for point in self.curve]
         return {"success": [(estimate.low, estimate.high) for estimate in estimates]}
 

@@ -110,7 +110,7 @@ def on_scenario(
     _check_ahead(ahead)
     cluster = np.arange(len(cases))
     if scenario.tracks:
-        predictor = predictor.unseen(scenario.tracks.scene)
+        predictor = predictor.for_held_out_scene(scenario.tracks.scene)
         _, cluster = np.unique(scenario.tracks.blocks(cases.split, cases.indices), return_inverse=True)
     clusters = _Clusters.empty(int(cluster.max()) + 1, ahead)
     for part in cases.batches(BATCH):
@@ -161,7 +161,7 @@ def on_tracks(
     _check_ahead(ahead)
     by_scene = {}
     for scene, parts in scenes(recordings).items():
-        unseen = predictor.unseen(scene)
+        unseen = predictor.for_held_out_scene(scene)
         by_scene[scene] = _Clusters.join([_of_recording(name, unseen, tracks, ahead) for tracks in parts])
         progress(1)
     if not by_scene:

@@ -16,14 +16,14 @@ from mpc_program import PEOPLE, TERMS, WALLS, Terms, build_program, import_casad
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.planners.base import Planner
-from crowdbench.planners.filtered import Doubts, doubts
+from crowdbench.planners.filtered import RadiusInflation, radius_inflation
 from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.scene import Sequence, Velocities, scene_of
 from crowdbench.planners.trials import limit_commands, time_left, try_sequences
 from crowdbench.predict import Prediction, Predictor
-from crowdbench.predict.base import validate_prediction
+from crowdbench.predict.base import predict
 from crowdbench.predict.load import load_predictor
-from crowdbench.utils.errors import require, require_count
+from crowdbench.utils.errors import require_count
 
 LOST = 10.0
 """Seconds that a guess is worse for each step by which it ends earlier in a collision."""
@@ -83,9 +83,9 @@ class MPCPlanner(Planner):
         self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
         self.last = LastPlans(self.horizon)
 
-    def unseen(self, scene: str) -> MPCPlanner:
+    def for_held_out_scene(self, scene: str) -> MPCPlanner:
         """See `Planner`."""
-        return dataclasses.replace(self, predictor=self.predictor.unseen(scene))
+        return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
 
     def reset(self, rows: np.ndarray) -> None:
         """See `Planner`."""
@@ -97,41 +97,35 @@ class MPCPlanner(Planner):
 
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`."""
-        require(
-            "horizon", self.horizon, steps <= self.horizon, f"{steps} or more, the steps that are asked for at once"
-        )
-        answer = self.predictor.predict(obs, self.horizon)
-        prediction = validate_prediction(answer, type(self.predictor).__name__, obs, self.horizon)
+        self.last.check_length(steps)
+        prediction = predict(self.predictor, obs, self.horizon)
         vehicle, crowd = obs.vehicle, obs.pedestrians
         program = build_program(vehicle.dynamics, vehicle.body, obs.dt, self.horizon, self.terms, self.iterations)
-        larger = doubts(obs, self.horizon, self.terms.doubt)
-        larger = np.broadcast_to(larger, (len(obs), self.horizon, crowd.radius.shape[1]))
-        guesses = self._guess(obs, prediction, larger)
+        inflation = radius_inflation(obs, self.horizon, self.terms.sigma_factor)
+        inflation = np.broadcast_to(inflation, (len(obs), self.horizon, crowd.radius.shape[1]))
+        guesses = self._guess(obs, prediction, inflation)
         brake = vehicle.dynamics.follow(vehicle.state, np.zeros((len(obs), 2)), vehicle.preferred_speed, obs.dt)
         bounds = vehicle.dynamics.space(vehicle.preferred_speed)
         commands = np.empty((len(obs), self.horizon, 2))
         for w in range(len(obs)):
-            situation = _situation(obs, prediction.position[w, 0], larger[w], w)
+            situation = _situation(obs, prediction.position[w, 0], inflation[w], w)
             found = program.run(guesses[w], (bounds[0][w], bounds[1][w]), situation)
             commands[w] = np.where(np.isfinite(found).all(), found, brake[w])
         commands = limit_commands(commands[:, None], vehicle)[:, 0]
-        self.last.keep(obs, commands)
+        self.last.store(obs, commands)
         if obs.logs is not None:
             obs.log("predicted", prediction.position)
         return commands[:, :steps]
 
-    def _guess(self, obs: Observation, prediction: Prediction, larger: Doubts) -> Sequence:
+    def _guess(self, obs: Observation, prediction: Prediction, inflation: RadiusInflation) -> Sequence:
         """What a program starts from: the rest of the last solution or one command throughout.
 
         Of these it is the one that touches nobody for longest, and of several that which leads nearest to the goal:
         from a guess that goes through somebody, IPOPT finds no way around.
         """
-        vehicle = obs.vehicle
-        constant = vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, self.horizon * obs.dt)
-        rest = self.last.rest(obs, np.zeros((len(obs), self.horizon, 2)))
-        guesses = np.concatenate([rest[:, None], constant[:, :, None].repeat(self.horizon, axis=2)], axis=1)
-        scene = scene_of(obs, prediction, 0, vehicle, self.horizon)
-        result = try_sequences(scene, guesses, larger + self.terms.margin)
+        guesses = self.last.guesses(obs, np.zeros((len(obs), self.horizon, 2)))
+        scene = scene_of(obs, prediction, 0, obs.vehicle, self.horizon)
+        result = try_sequences(scene, guesses, inflation + self.terms.margin)
         arrives = result.outcome[:, :, 0] == Outcome.SUCCESS
         left = np.where(arrives, 0.0, time_left(scene, result))
         lost = np.where(arrives, 0.0, (self.horizon - result.steps[:, :, 0]) * LOST)
@@ -141,7 +135,7 @@ class MPCPlanner(Planner):
 def _situation(
     obs: Observation,
     ahead: Float[np.ndarray, "time pedestrian 2"],
-    larger: Float[np.ndarray, "time pedestrian"],
+    inflation: Float[np.ndarray, "time pedestrian"],
     w: int,
 ) -> Float[np.ndarray, "number"]:
     """What a program is solved for: vehicle, goal, people in each step, edges of obstacles."""
@@ -153,7 +147,7 @@ def _situation(
     nearest = np.argsort(np.where(crowd.seen[w], norm(crowd.position[w] - vehicle.position[w]), np.inf), kind="stable")
     nearest = nearest[: min(PEOPLE, int(crowd.seen[w].sum()))]
     people[:, : len(nearest), :2] = ahead[:, nearest]
-    people[:, : len(nearest), 2] = crowd.radius[w, nearest] + larger[:, nearest]
+    people[:, : len(nearest), 2] = crowd.radius[w, nearest] + inflation[:, nearest]
     people[:, len(nearest) :, 2] = 0.0
     return np.concatenate([now, own, people.ravel(), _edges(obs.obstacles[w], vehicle.position[w]).ravel()])
 

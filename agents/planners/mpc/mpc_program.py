@@ -32,7 +32,7 @@ class Terms:
         wall: The same of the margin to an obstacle [1].
         margin: Distance to people that is to be kept [m].
         growth: By how much that is larger for each second ahead [m/s].
-        doubt: By how many standard deviations of where they will be people are larger, if a filter tells [1].
+        sigma_factor: Standard deviations of future positions by which a filter enlarges people's radii [1].
 
     Raises:
         InputError: A number is impossible.
@@ -44,7 +44,7 @@ class Terms:
     wall: float = 300.0
     margin: float = 0.15
     growth: float = 0.35
-    doubt: float = 1.0
+    sigma_factor: float = 1.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
