@@ -26,7 +26,7 @@ from crowdbench.isolation.protocol import (
     to_json,
 )
 from crowdbench.planners.base import OneStepOnly, Planner
-from crowdbench.planners.contract import validate_commands
+from crowdbench.planners.contract import Fault, validate_array
 from crowdbench.utils import interrupts
 from crowdbench.utils.errors import InputError, describe_error, plugin_errors
 
@@ -106,12 +106,11 @@ class PlannerServer:
         obs, steps = read_observation(content)
         max_speed = obs.vehicle.preferred_speed.copy()
         answer: object = self.planner.plan(obs) if steps == 1 else self.planner.plan_ahead(obs, steps)
-        validation = validate_commands(answer, max_speed, *([steps] if steps > 1 else []))
-        # Speed and finiteness are for the parent to judge: it gets what was decided.
-        if validation.commands is None:
-            assert validation.fault is not None
-            return _failed(How.FAULTY, validation.fault.what, validation.fault.row)
-        return Kind.COMMANDS, array_bytes(validation.commands)
+        # Numbers are checked outside, where the dynamics are known.
+        commands = validate_array(answer, len(max_speed), *([steps] if steps > 1 else []))
+        if isinstance(commands, Fault):
+            return _failed(How.FAULTY, commands.what, commands.row)
+        return Kind.COMMANDS, array_bytes(commands)
 
 
 def _failed(how: How, what: str, row: int | None = None) -> tuple[Kind, bytes]:

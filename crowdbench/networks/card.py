@@ -58,47 +58,25 @@ def _text(card: Mapping[str, Any]) -> CardText:
     """Return the text of a planner's or of a predictor's card."""
     if "ade" in card["figures"].get("validation", {}):
         return _predicting_text(card)
-    return _policy_text(card) if "reward" in card["training"] else _value_text(card)
+    return _driving_text(card)
 
 
-def _value_text(card: Mapping[str, Any]) -> CardText:
-    trained = card["training"]
-    limits = ", ".join(f"{name} {limit:g}" for name, limit in trained["limits"].items())
-    setting = f"with the {trained['predictor']} predictor in {crowd(trained['scenario'])}"
-    rows = {"predictor in the lookahead": trained["predictor"]}
-    conditions = ", with the constant-velocity predictor in the lookahead"
-    if limits:
-        setting += f", {limits}"
-        rows["limits"] = limits
-        conditions = f" and within the same limits{conditions}"
-    return _driving_text(card, "episodes", setting, rows, conditions)
-
-
-def _policy_text(card: Mapping[str, Any]) -> CardText:
-    trained = card["training"]
-    further = [crowd(scenario) for scenario in trained["beside"]]
-    rows = {"trained beside in": "; ".join(further)} if further else {}
-    rows |= {"reward": str(trained["reward"]), "pedestrians shown": f"{trained['nearest']} at most, the nearest"}
-    setting = f"in {crowd(trained['scenario'])}"
-    if not further:
-        return _driving_text(card, "steps", setting, rows, "")
-    return _driving_text(card, "steps", f"{setting}, and {len(further)} more", rows, ", not in those beside it")
-
-
-def _driving_text(
-    card: Mapping[str, Any], unit: str, setting: str, rows: Mapping[str, str], conditions: str
-) -> CardText:
-    """Return the text of a network that drives.
-
-    Args:
-        card: The card.
-        unit: The unit of the training's length.
-        setting: The conditions of the training, for the headline.
-        rows: The rows of the table between scenario and checkpoint.
-        conditions: The conditions of the measurement in the training scenario.
-    """
-    trained, figures = card["training"], card["figures"]
-    validation = trained["validation"]
+def _driving_text(card: Mapping[str, Any]) -> CardText:
+    """Return the text of a network that drives: a policy, which has a reward, or a value network."""
+    trained, figures, validation = card["training"], card["figures"], card["training"]["validation"]
+    setting, conditions = f"in {crowd(trained['scenario'])}", ""
+    if "reward" in trained:
+        unit, further = "steps", [crowd(scenario) for scenario in trained["beside"]]
+        rows = {"trained beside in": "; ".join(further)} if further else {}
+        rows |= {"reward": str(trained["reward"]), "pedestrians shown": f"{trained['nearest']} at most, the nearest"}
+        if further:
+            setting, conditions = f"{setting}, and {len(further)} more", ", not in those beside it"
+    else:
+        unit, limits = "episodes", ", ".join(f"{name} {limit:g}" for name, limit in trained["limits"].items())
+        rows = {"predictor in the lookahead": trained["predictor"]} | ({"limits": limits} if limits else {})
+        setting = f"with the {trained['predictor']} predictor {setting}{f', {limits}' if limits else ''}"
+        within = " and within the same limits" if limits else ""
+        conditions = f"{within}, with the constant-velocity predictor in the lookahead"
     chosen_on = f"{validation['cases']} of {' and of '.join(validation['scenarios'])}"
     chosen = f"chosen at {unit[:-1]} {trained[f'kept_after_{unit}']} of {trained[unit]}, on {chosen_on}"
     scenario = f"{crowd(trained['scenario'])} (digest {trained['scenario']['digest']})"

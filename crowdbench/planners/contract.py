@@ -1,4 +1,4 @@
-"""What a planner may return: dtype, shape, finite numbers and limits, each examined by itself."""
+"""The check of what a planner returned: dtype, shape, finite numbers, and limits."""
 
 from __future__ import annotations
 
@@ -87,15 +87,9 @@ def validate_commands(
     Returns:
         The commands as float64, or the first fault.
     """
-    array, is_array = _to_array(answer), issubclass(type(answer), np.ndarray)
-    if not (is_array and array.dtype.kind == "f"):
-        kind = f"{array.dtype} array" if is_array else type(answer).__name__
-        shape = "[world, time, 2]" if steps else "[world, 2]"
-        return Fault(f"returned a {kind} instead of a float array of shape {shape}")
-    values, expected = array.astype(np.float64), [len(max_speed), *steps, 2]
-    if list(values.shape) != expected:
-        meant = "a command per world and step" if steps else "a command per world"
-        return Fault(f"returned shape {list(values.shape)} instead of {expected}, {meant}")
+    values = validate_array(answer, len(max_speed), *steps)
+    if isinstance(values, Fault):
+        return values
     commands = values.reshape(-1, *(steps or (1,)), 2)
     finite = np.asarray(np.isfinite(commands).all(axis=2))
     if not finite.all():
@@ -106,6 +100,19 @@ def validate_commands(
         row, ahead = np.argwhere(beyond)[0].tolist()
         return Fault(dynamics.broken_limit(commands[row, ahead], float(max_speed[row])), row, ahead)
     return values
+
+
+def validate_array(answer: object, worlds: int, *steps: int) -> Float[np.ndarray, "world *time 2"] | Fault:
+    """Check dtype and shape alone, as `validate_commands` does; numbers may still not be finite."""
+    array, is_array = _to_array(answer), issubclass(type(answer), np.ndarray)
+    if not (is_array and array.dtype.kind == "f"):
+        kind = f"{array.dtype} array" if is_array else type(answer).__name__
+        shape = "[world, time, 2]" if steps else "[world, 2]"
+        return Fault(f"returned a {kind} instead of a float array of shape {shape}")
+    if array.shape != (worlds, *steps, 2):
+        meant = "a command per world and step" if steps else "a command per world"
+        return Fault(f"returned shape {list(array.shape)} instead of {[worlds, *steps, 2]}, {meant}")
+    return array.astype(np.float64)
 
 
 def _to_array(answer: object) -> np.ndarray:
