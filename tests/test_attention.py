@@ -16,7 +16,7 @@ from crowdbench.networks.features import VEHICLE_FEATURES, features
 from crowdbench.networks.features_ahead import REACH, STEPS, WALLS
 from crowdbench.networks.policy import Seen
 from crowdbench.planners.driver import Driver
-from crowdbench.planners.policy import PolicyPlanner, Showing
+from crowdbench.planners.policy import PolicyInterface, PolicyPlanner
 from crowdbench.predict import ConstantVelocity
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
@@ -28,7 +28,7 @@ torch.set_num_threads(1)
 
 
 def shown_of(obs, nearest=4):
-    return Showing(nearest, ConstantVelocity())(obs)
+    return PolicyInterface(nearest, ConstantVelocity())(obs)
 
 
 def turned(vectors, axis):
@@ -123,7 +123,7 @@ def test_an_episode_is_the_same_alone_and_in_company(network):
     torch.manual_seed(0)
     scenario = load_scenario("unicycle_10", {"time_limit": 4.0, "pedestrians.number": 3})
     policy = make_policy(network)
-    planner = PolicyPlanner(policy, Showing(3, ConstantVelocity() if policy.remembered else None))
+    planner = PolicyPlanner(policy, PolicyInterface(3, ConstantVelocity() if policy.remembered else None))
     together = rollout(Driver(planner, "policy"), scenario, Cases("val", 0, 4))
     alone = rollout(Driver(planner, "policy"), scenario, Cases("val", 2, 3))
     np.testing.assert_allclose(together.command[2], alone.command[0], atol=1e-5)
@@ -132,14 +132,15 @@ def test_an_episode_is_the_same_alone_and_in_company(network):
 
 def test_actions_are_velocities_towards_the_goal_or_commands_between_their_bounds():
     obs = crowded(2, 1)
-    axis, showing = features(obs, 1).axis, Showing(1, ConstantVelocity())
+    axis, interface = features(obs, 1).axis, PolicyInterface(1, ConstantVelocity())
     action = np.array([[1.0, 0.0], [0.0, 5.0]]) * obs.vehicle.preferred_speed[:, None]
     side = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
     np.testing.assert_allclose(
-        showing.commands(action, obs.vehicle, axis), obs.vehicle.preferred_speed[:, None] * np.stack([axis[0], side[1]])
+        interface.commands(action, obs.vehicle, axis),
+        obs.vehicle.preferred_speed[:, None] * np.stack([axis[0], side[1]]),
     )
     wheels = dataclasses.replace(obs.vehicle, dynamics=Unicycle(max_angular_speed=1.5))
-    found = showing.commands(np.array([[-1.0, 1.0], [3.0, 0.0]]), wheels, axis)
+    found = interface.commands(np.array([[-1.0, 1.0], [3.0, 0.0]]), wheels, axis)
     np.testing.assert_allclose(found, [[0.0, 1.5], [wheels.preferred_speed[1], 0.0]])
 
 

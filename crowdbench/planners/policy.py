@@ -35,8 +35,8 @@ CHUNK = 4096
 
 
 @dataclass(frozen=True)
-class Showing:
-    """What a policy is shown, and what its actions mean.
+class PolicyInterface:
+    """Features that a policy observes, and the meaning of its actions.
 
     A policy with a memory is shown where people are predicted to be, walls, and how it moves, and its actions are
     commands of the vehicle's dynamics; one without is shown the present, and its actions are velocities.
@@ -76,21 +76,21 @@ class PolicyPlanner(Planner):
 
     Attributes:
         policy: The trained network.
-        showing: What it is shown, and what its actions mean.
+        interface: What it is shown, and what its actions mean.
         network: The name of the network.
         trained_pedestrians: The largest number of pedestrians that it was trained with; None where that is unknown.
         trained_dt: The length of a step in seconds that it was trained with; None where that is unknown.
     """
 
     policy: Policy
-    showing: Showing
+    interface: PolicyInterface
     network: str = "ppo"
     trained_pedestrians: int | None = None
     trained_dt: float | None = None
 
     def __post_init__(self) -> None:
         self.policy.eval()
-        predictor = self.showing.predictor
+        predictor = self.interface.predictor
         self.native = predictor is not None
         self.privileged = predictor is not None and predictor.privileged
         of_predictor = {} if predictor is None else predictor.facts
@@ -99,10 +99,10 @@ class PolicyPlanner(Planner):
 
     def for_held_out_scene(self, scene: str) -> PolicyPlanner:
         """See `Planner`."""
-        if self.showing.predictor is None:
+        if self.interface.predictor is None:
             return self
-        showing = dataclasses.replace(self.showing, predictor=self.showing.predictor.for_held_out_scene(scene))
-        return dataclasses.replace(self, showing=showing)
+        interface = dataclasses.replace(self.interface, predictor=self.interface.predictor.for_held_out_scene(scene))
+        return dataclasses.replace(self, interface=interface)
 
     def reset(self, rows: np.ndarray) -> None:
         """See `Planner`."""
@@ -110,7 +110,7 @@ class PolicyPlanner(Planner):
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
-        shown = self.showing(obs)
+        shown = self.interface(obs)
         seen = Seen.of(shown, self.memory.device)
         action, row = np.empty((len(obs), 2)), torch.from_numpy(obs.row)
         if len(self.memory) <= row.max():  # asked without a reset
@@ -125,7 +125,7 @@ class PolicyPlanner(Planner):
 
         in_chunks(fill, len(obs), CHUNK)
         self.memory[row] = before
-        command = self.showing.commands(action, obs.vehicle, shown.axis)
+        command = self.interface.commands(action, obs.vehicle, shown.axis)
         # Policies without a memory have learnt in worlds without obstacles.
         return command if self.native else along_walls(obs, command)
 
@@ -157,8 +157,8 @@ def load_policy(
     nearest = training.get("nearest")
     if not is_integer(nearest) or nearest < 1:
         raise InputError(f"the card of the weights {path} does not say how many pedestrians the policy is shown")
-    showing = Showing(int(nearest), load_predictor(predictor)[1] if policy.remembered else None)
-    return PolicyPlanner(policy, showing, network, _most_pedestrians(training), training_dt(card))
+    interface = PolicyInterface(int(nearest), load_predictor(predictor)[1] if policy.remembered else None)
+    return PolicyPlanner(policy, interface, network, _most_pedestrians(training), training_dt(card))
 
 
 def _check_encoder(weights: Path, trained: object, encoder: str | None) -> None:

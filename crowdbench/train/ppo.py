@@ -1,9 +1,9 @@
 """Trains a policy by proximal policy optimization (PPO, Schulman et al. 2017).
 
 A policy observes the vehicle and the nearest pedestrians in the frame of the goal, and gives a velocity in it; a
-recurrent one observes more, and gives commands (`planners.policy.Showing`). It learns from a reward in many worlds at
-once. Each update drives some steps of every world, then passes over them several times in minibatches of whole
-segments. The value loss is not clipped, and there is no entropy bonus.
+recurrent one observes more, and gives commands (`planners.policy.PolicyInterface`). It learns from a reward in many
+worlds at once. Each update drives some steps of every world, then passes over them several times in minibatches of
+whole segments. The value loss is not clipped, and there is no entropy bonus.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from crowdbench.metrics.motion import jerk
 from crowdbench.metrics.outcomes import navigation_time_or_limit, success_rate
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.policy import ActorCritic, Memory, Policy, Seen
-from crowdbench.planners.policy import PolicyPlanner, Showing
+from crowdbench.planners.policy import PolicyInterface, PolicyPlanner
 from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function
 from crowdbench.plugins.options import Option
@@ -172,10 +172,10 @@ class PPOTraining(DrivingTraining[Policy]):
             torch.manual_seed(config.seed)
             self.network = ActorCritic(make_policy(config.network, config.encoder)).to(device)
         self.current = self.network.policy
-        self.showing = Showing(self.nearest, ConstantVelocity() if self.current.remembered else None)
+        self.interface = PolicyInterface(self.nearest, ConstantVelocity() if self.current.remembered else None)
         # The first scenarios have a world more where worlds cannot be shared evenly.
         self.rows = np.array_split(np.arange(self.parameters.worlds), len(scenarios))
-        action, reward = "native" if self.showing.predictor else "world", load_reward(config.reward)
+        action, reward = "native" if self.interface.predictor else "world", load_reward(config.reward)
         self.worlds = [
             TrainingWorlds(len(rows), View(scenario, action=action), reward, CASES)
             for rows, scenario in zip(self.rows, scenarios, strict=True)
@@ -187,7 +187,7 @@ class PPOTraining(DrivingTraining[Policy]):
 
     def planner(self, network: Policy) -> PolicyPlanner:
         """See `DrivingTraining`."""
-        return PolicyPlanner(network, self.showing, self.config.network)
+        return PolicyPlanner(network, self.interface, self.config.network)
 
     def conditions(self) -> dict[str, Any]:
         """See `DrivingTraining`."""
@@ -274,7 +274,7 @@ class PPOTraining(DrivingTraining[Policy]):
     def _observe(self) -> None:
         """Observe all worlds: what the policy sees, and what gives its actions their meaning in each scenario."""
         observations = [observe(worlds.worlds) for worlds in self.worlds]
-        features = [self.showing(obs) for obs in observations]
+        features = [self.interface(obs) for obs in observations]
         self.frames = [(obs.vehicle, shown.axis) for obs, shown in zip(observations, features, strict=True)]
         seen = (Seen.of(shown, self.device) for shown in features)
         self.seen = Seen(*map(torch.cat, zip(*seen, strict=True)))
@@ -287,10 +287,10 @@ class PPOTraining(DrivingTraining[Policy]):
         """
         rewards, ends = [], []
         for worlds, rows, frame in zip(self.worlds, self.rows, self.frames, strict=True):
-            step, reward, returned, _ = worlds.step(self.showing.commands(action[rows], *frame))
+            step, reward, returned, _ = worlds.step(self.interface.commands(action[rows], *frame))
             timed_out = np.flatnonzero(step.outcome == Outcome.TIMEOUT)
             if len(timed_out):
-                seen = Seen.of(self.showing(observe(step.after.take(timed_out))), self.device)
+                seen = Seen.of(self.interface(observe(step.after.take(timed_out))), self.device)
                 memory, begins = self.memory[rows[timed_out]], self.begins.new_zeros(1, len(timed_out))
                 value = self.network(seen, memory, begins)[1]
                 reward[timed_out] += self.parameters.gamma * value.double().cpu().numpy()
