@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import ThreadsOption, assignments, use_threads
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.train.config import METHODS, MOST_SEED, SCENARIO, Config, flag, make_config, method_options
 from crowdbench.utils.errors import InputError
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from crowdbench.train.runner import Runner
 
 
+@help_from_docstring  # before the options of the methods are added
 def train(
     network: Annotated[str, typer.Argument(help=f"One of {', '.join(METHODS)}.")],
     scenario: Annotated[str | None, typer.Option(show_default=SCENARIO)] = None,
