@@ -146,12 +146,14 @@ def load_scenario(
     for key, value in (overrides or {}).items():
         _set(table, key, _resolve_files(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
     _read_map(table.get("layout"), path.parent)
-    load = scenario_file.Loaders(
+    scenario = scenario_file.parse(
+        table,
+        path.stem,
+        str(path) if spec.endswith(".toml") else path.name,
         functools.partial(LAYOUTS.load_with_digest, folder=path.parent),
         functools.partial(PEDESTRIANS.load_with_digest, folder=path.parent),
         data,
     )
-    scenario = scenario_file.parse(table, path.stem, str(path) if spec.endswith(".toml") else path.name, load)
     return scenario_file.with_certificates(scenario, spec, path.parent / FOLDER / path.name)
 
 
@@ -203,7 +205,10 @@ def load_recorded_scenario(
     load_layout = _make_loader(LAYOUTS, "--layout", [layout] if layout else [], layouts, source)
     digests = policies if isinstance(policies, Mapping) else {}
     load_policy = _make_loader(PEDESTRIANS, "--pedestrians", pedestrians, digests, source)
-    return scenario_file.restore(table, source, scenario_file.Loaders(load_layout, load_policy, data))
+    keys = {key: value for key, value in table.items() if key not in ("name", "digest")}
+    keys["layout"] = {key: value for key, value in placement.items() if key != "generator_file"}
+    keys["pedestrians"] = {key: value for key, value in table["pedestrians"].items() if key != "policy_files"}
+    return scenario_file.parse(keys, str(table.get("name", "")), source, load_layout, load_policy, data)
 
 
 def _make_loader(

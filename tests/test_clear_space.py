@@ -69,8 +69,8 @@ def test_there_is_space_where_nobody_is_near_or_soon_touches(position, velocity,
 def test_the_whole_body_counts():
     vehicle = MovingVehicle(np.zeros(2), np.pi / 2, np.zeros(2), 0.3, (0.0, 2.0))
     person = np.array([[0.0, 3.9]]), np.zeros((1, 2)), np.array([0.3])
-    assert not ClearSpace(1.5, 0.0).holds(vehicle, *person)
-    assert ClearSpace(1.2, 0.0).holds(vehicle, *person)
+    assert not ClearSpace(distance=1.5, time=0.0).holds(vehicle, *person)
+    assert ClearSpace(distance=1.2, time=0.0).holds(vehicle, *person)
 
 
 def test_what_cannot_be_gets_one_sentence():

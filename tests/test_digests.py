@@ -4,12 +4,12 @@ import json
 
 import pytest
 
-from crowdbench.catalog import PEDESTRIANS, load_scenario, scenarios, simulated_scenarios
+from crowdbench.catalog import PEDESTRIANS, load_recorded_scenario, load_scenario, scenarios, simulated_scenarios
 from crowdbench.scenario import schema
-from crowdbench.scenario.digest import BUILT_IN, compute_digest
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.layouts.crossings import circle_crossing
-from crowdbench.sim.pedestrians import ORCA, StopAndGo
+from crowdbench.scenario.population import GoalChange
+from crowdbench.sim.pedestrians import ORCA
 from crowdbench.utils.toml import number, table
 
 
@@ -76,11 +76,18 @@ def test_every_other_value_than_a_default_has_a_digest_of_its_own():
     assert len({all_defaults(change).digest for change in changes}) == len(changes)
 
 
-def test_a_results_table_has_the_digest_of_its_scenario_whatever_it_says_of_it():
-    for change in ({}, {"pedestrians.policy": {"orca": 2, "social_force": 1}}, {"pedestrians.number": [1, 3]}):
+def test_a_results_table_makes_the_same_scenario_whatever_it_says_of_it():
+    shares = {"orca": 2, "social_force": 1, "power_law": 4}
+    for change in ({}, {"pedestrians.policy": shares}, {"pedestrians.number": [1, 3]}):
         scenario = load_scenario("circle_crossing_5", change)
         result = {"name": "mine", **scenario.table, "description": "another"}
-        assert compute_digest(json.loads(json.dumps(result))) == scenario.digest
+        again = load_recorded_scenario(json.loads(json.dumps(result)), "result.json")
+        assert (again.digest, again.crowd) == (scenario.digest, scenario.crowd)
+
+
+def test_shares_have_no_unit():
+    one, two = ({"orca": 1, "social_force": 2}, {"social_force": 6, "orca": 3})
+    assert all_defaults({"pedestrians.policy": one}).digest == all_defaults({"pedestrians.policy": two}).digest
 
 
 SCENARIOS = {
@@ -170,7 +177,7 @@ def shipped(shared):
 
 
 def test_the_digests_of_the_simulated_scenarios_stay():
-    """Where this fails because a default is another one, `crowdbench.scenario.digest.VERSION` must be raised."""
+    """Where this fails because a default is another one, `crowdbench.scenario.load.VERSION` must be raised."""
     digests = {name: load_scenario(name).digest for name in simulated_scenarios()}
     assert digests.items() <= SCENARIOS.items()
     assert len(digests) == 53
@@ -190,7 +197,7 @@ def later_defaults(monkeypatch):
     class LaterVehicle(schema.VehicleSpec):
         mass: float | None = number(None, above=0.0, below=1000.0)
 
-    class LaterGoalChange(schema.GoalChangeSpec):
+    class LaterGoalChange(GoalChange):
         jump: float = number(0.5, least=0.0, below=1.0)
 
     class LaterPedestrians(schema.PedestriansSpec):
@@ -205,15 +212,10 @@ def later_defaults(monkeypatch):
     def later(rng, radius, preferred_speed, *, circle_radius=4.0, perturbation=0.0, walls=0.0):
         return circle_crossing(rng, radius, preferred_speed, circle_radius=circle_radius, perturbation=perturbation)
 
-    for module in ("load", "digest"):
-        monkeypatch.setattr(f"crowdbench.scenario.{module}.ScenarioSpec", Later)
-    monkeypatch.setattr("crowdbench.scenario.digest.GoalChangeSpec", LaterGoalChange)
-    for module in ("load", "schema"):
-        monkeypatch.setattr(f"crowdbench.scenario.{module}.VehicleSpec", LaterVehicle)
-        monkeypatch.setattr(f"crowdbench.scenario.{module}.PedestriansSpec", LaterPedestrians)
+    for spec in (Later, LaterVehicle, LaterPedestrians):
+        monkeypatch.setattr(schema, spec.__base__.__name__, spec)
     monkeypatch.setitem(LAYOUTS, "circle_crossing", later)
     monkeypatch.setattr(ORCA, "parameters", {**ORCA.parameters, "patience": 1.0})
-    monkeypatch.setitem(BUILT_IN, "distracted", StopAndGo(ORCA()))  # which has the parameters of ORCA too
 
 
 @pytest.mark.slow
@@ -226,7 +228,8 @@ def test_a_new_key_with_a_default_changes_no_digest_of_a_scenario(monkeypatch):
     assert {name: scenario.digest for name, scenario in after.items()}.items() <= SCENARIOS.items()
     assert "pedestrians.goal_change.jump" in flat(after["restless_20"].table)
     # The tables of results that are there already.
-    assert {name: compute_digest(scenario.table) for name, scenario in before.items()}.items() <= SCENARIOS.items()
+    again = {name: load_recorded_scenario(scenario.table, "result.json") for name, scenario in before.items()}
+    assert {name: scenario.digest for name, scenario in again.items()}.items() <= SCENARIOS.items()
     for key in sorted(new):
         assert load_scenario("circle_crossing_5", {key: 0.75}).digest != SCENARIOS["circle_crossing_5"]
 
@@ -235,11 +238,6 @@ def test_a_new_key_with_a_default_changes_no_digest_of_a_scenario(monkeypatch):
 def test_a_new_key_with_a_default_changes_no_digest_with_recorded_people(monkeypatch, shipped):
     later_defaults(monkeypatch)
     assert shipped() == SCENARIOS
-
-
-def test_the_digest_knows_all_built_in_policies():
-    built_in = {path.stem: PEDESTRIANS.load(path.stem)[1].parameters for path in PEDESTRIANS.folder.glob("*.py")}
-    assert {name: policy.parameters for name, policy in BUILT_IN.items()} == built_in
 
 
 def test_the_digest_changes_with_a_policys_file(tmp_path):

@@ -98,7 +98,7 @@ def test_who_stands_is_on_the_way_in_a_circle_and_stays():
 
 def test_those_who_come_new_walk():
     place = load_scenario("circle_crossing_10", {"pedestrians.policy": {"orca": 0.25, "standing": 0.75}})
-    assert dict(place.crowd.walking().shares) == {"orca": 1.0, "standing": 0.0}
+    assert dict(place.crowd.walking().shares) == {"orca": 0.25, "standing": 0.0}
 
 
 @pytest.mark.parametrize("arrival", ["new_goal", "respawn", "back_and_forth"])

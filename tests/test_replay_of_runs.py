@@ -229,6 +229,11 @@ def other_scenario(directory):
     rewrite_scenario(directory, scenario.digest, scenario={"name": scenario.name, **scenario.table})
 
 
+def scenario_of_another_id(directory):
+    scenario = load_scenario("circle_crossing_5", {"description": "another", "time_limit": 26.0})
+    rewrite(directory, scenario={"name": scenario.name, **scenario.table})
+
+
 @pytest.mark.parametrize(
     ("forge", "named"),
     [
@@ -245,6 +250,7 @@ def other_scenario(directory):
         (fewer_recorded, "values in result.json differ: recorded ("),
         (other_seed, "episodes in run.rrd have other states: test/0 ("),
         (other_scenario, "cases end otherwise than episodes.csv says: test/"),
+        (scenario_of_another_id, "values in result.json differ: run.scenario ("),
     ],
 )
 def test_a_forged_run_is_named(forge, named, forged):

@@ -175,7 +175,6 @@ def test_a_result_of_other_types_is_none(a, change):
         (lambda table: table["run"]["planner"].update(options={"pace": 2.0}), "has an id that is not that of its run"),
         (lambda table: table["run"].update(code="0"), "has an id that is not that of its run"),
         (lambda table: table.update(id="0"), "has an id that is not that of its run"),
-        (lambda table: table["scenario"].update(seed=7), "has an id that is not that of its run and its scenario"),
     ],
 )
 def test_the_id_of_a_run_is_computed_again(a, runs, change, expected):

@@ -42,7 +42,6 @@ from crowdbench.networks.features import (
 )
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import EXTENT
-from crowdbench.scenario.population import Quantity
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import InputError, is_number
@@ -164,7 +163,7 @@ def _box(*shape: int) -> Box:
 
 def pedestrian_action_space(scenario: Scenario) -> Box:
     """Velocities of a pedestrian in m/s, each axis within the largest preferred speed that the scenario draws."""
-    speed = _largest(scenario.crowd.preferred_speed)
+    speed = scenario.crowd.preferred_speed.high
     return Box(-speed, speed, (2,), np.float64)
 
 
@@ -172,7 +171,7 @@ def flat_space(scenario: Scenario) -> Box:
     """The space of the flat observations of any agent, see `crowdbench.envs.observations`."""
     speed = _max_speed(scenario)
     body = scenario.rules.body
-    radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, _largest(scenario.crowd.radius))
+    radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, scenario.crowd.radius.high)
     if scenario.tracks:
         radius = max(radius, scenario.tracks.largest_radius)
     # The difference of two coordinates is at most twice the largest coordinate.
@@ -218,8 +217,4 @@ def position_bound(scenario: Scenario) -> float:
 
 
 def _max_speed(scenario: Scenario) -> float:
-    return max(scenario.vehicle.speed, _largest(scenario.crowd.preferred_speed)) * (1 + SPEED_TOLERANCE)
-
-
-def _largest(quantity: Quantity) -> float:
-    return quantity.mean if quantity.std == 0.0 else quantity.high
+    return max(scenario.vehicle.speed, scenario.crowd.preferred_speed.high) * (1 + SPEED_TOLERANCE)

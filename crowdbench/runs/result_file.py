@@ -15,7 +15,6 @@ from typing import Any
 from crowdbench.metrics.load import LARGEST
 from crowdbench.runs.identity import code, digest
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.digest import compute_digest
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, is_integer, is_number
 
@@ -95,8 +94,8 @@ def check_result(directory: Path, needed: Iterable[str] = ()) -> dict[str, Any]:
     digests = {**result["files"]}
     if digests.pop(RESULT, "") != _own_digest({key: value for key, value in result.items() if key != "files"}):
         raise InputError(f"{path} is not the file that the run wrote: its sha256 differs; make the run again")
-    if result["id"] != digest(result["run"]) or result["run"]["scenario"] != compute_digest(result["scenario"]):
-        raise InputError(f"{path} has an id that is not that of its run and its scenario; make the run again")
+    if result["id"] != digest(result["run"]):
+        raise InputError(f"{path} has an id that is not that of its run; make the run again")
     for name in needed:
         if name not in digests and (directory / name).exists():
             raise InputError(f"{directory / name} is not a file of this run: {RESULT} does not list it; remove it")

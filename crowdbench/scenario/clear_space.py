@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from crowdbench.core.dynamics import Body
 from crowdbench.core.geometry import dot, norm
+from crowdbench.utils.toml import TomlTable, number
 
 Agents = Float[np.ndarray, "agent 2"]
 
@@ -31,16 +32,16 @@ class MovingVehicle(NamedTuple):
     body: Body
 
 
-class ClearSpace(NamedTuple):
-    """How much space there is.
+class ClearSpace(TomlTable):
+    """`[pedestrians] clear_space`: how much space there is.
 
     Attributes:
         distance: Smallest distance in metres between the vehicle's rim and that of somebody who starts or comes in.
         time: Smallest time in seconds until they touch, if both keep their velocities.
     """
 
-    distance: float
-    time: float
+    distance: float = number(least=0.0, below=1e3)
+    time: float = number(least=0.0, below=1e3)
 
     def is_entered(
         self, discs: Float[np.ndarray, "disc 2"], position: Agents, radius: Float[np.ndarray, "agent"], reach: float

@@ -146,26 +146,22 @@ class _Renewal:
 
     def __call__(self, world: World, running: Bool[np.ndarray, "world"]) -> World:
         """See `crowdbench.sim.simulator.Renewal`."""
-        is_theirs = world.memory[MEMORY]["drawn"] >= 0
+        is_theirs, change = world.memory[MEMORY]["drawn"] >= 0, self.crowd.goal_change
         after = self.others(world, running & ~is_theirs)
-        due = running & is_theirs & (find_arrived(world, running).any(axis=1) | self._is_change(world))
+        may_turn = change.is_due(world) if change else np.zeros(len(world), bool)
+        due = running & is_theirs & (find_arrived(world, running).any(axis=1) | may_turn)
         if due.any() and after is world:
             after = world.take(np.arange(len(world)))  # a copy, which is changed in place
         for row in np.flatnonzero(due).tolist():
             self._renew(after, row)
         return after
 
-    def _is_change(self, world: World) -> Bool[np.ndarray, "world"]:
-        """In which worlds people may change their goals after this step."""
-        change = self.crowd.goal_change
-        return np.zeros(len(world), bool) if change is None else world.step % change.every == 0
-
     def _renew(self, world: World, row: int) -> None:
         """Change the goals and the people of a world after a step, in its arrays."""
         number, drawn = world.memory[MEMORY]["case"], world.memory[MEMORY]["drawn"]
         stream = _Stream(int(number[row]), self.crowd, self.circle_radius, int(drawn[row]))
         change = self.crowd.goal_change
-        if change is not None and self._is_change(world)[row]:
+        if change is not None and change.is_due(world)[row]:
             for agent in range(1, self.crowd.number[1] + 1):
                 if stream.draw() <= change.chance:
                     self._turn(stream, world, row, agent)

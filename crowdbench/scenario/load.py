@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,21 +13,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from crowdbench.core.dynamics import DISC, DYNAMICS, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
 from crowdbench.core.types import Rules, Sensor
 from crowdbench.scenario.certified import CertificateStatus, Certified
-from crowdbench.scenario.clear_space import ClearSpace
+from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.layouts.crossings import crowdnav_plus
 from crowdbench.scenario.placement import Layout, LayoutCall
-from crowdbench.scenario.population import RECORDED, Crowd, GoalChange, Quantity
+from crowdbench.scenario.population import RECORDED, Crowd, Distribution
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import (
     SHOWN,
     SHOWN_IN,
-    GoalChangeSpec,
+    LayoutSpec,
+    NamesSpec,
     PedestriansSpec,
     ScenarioSpec,
     VehicleSpec,
-    layout_spec,
-    pedestrians_spec,
-    vehicle_spec,
+    further_keys,
+    scenario_spec,
 )
 from crowdbench.scenario.starts import LayoutStarts, Vehicle
 from crowdbench.sim.pedestrians import PedestrianPolicy, Recorded
@@ -41,83 +43,133 @@ OF_TRACKS = ("number", "preferred_speed", "arrival", "goal_change", "groups", "c
 """Keys of `[pedestrians]` that recorded tracks stand for."""
 
 
-class Loaders(NamedTuple):
-    """What finds the plug-ins and the recordings that a scenario names.
+VERSION = 1
+"""Raise it when a default changes, or what a key means, so that no earlier digest is the digest of a scenario now."""
 
-    Attributes:
-        layout: Turns what a table says of a layout into its name, the layout, and the digest of its file, if any.
-        policy: The same for a pedestrian policy.
-        data: The folder with the recorded tracks; None where nobody has said it.
-    """
+LoadLayout = Callable[[str], tuple[str, Layout, str | None]]
+"""Turns what a table says of a layout into its name, the layout, and the digest of its file, if any."""
 
-    layout: Callable[[str], tuple[str, Layout, str | None]]
-    policy: Callable[[str], tuple[str, PedestrianPolicy, str | None]]
-    data: Path | None = None
+LoadPolicy = Callable[[str], tuple[str, PedestrianPolicy, str | None]]
+"""Does the same for a pedestrian policy."""
 
 
-def parse(table: Mapping[str, Any], name: str, source: str, load: Loaders) -> Scenario:
+def parse(
+    table: Mapping[str, Any],
+    name: str,
+    source: str,
+    load_layout: LoadLayout,
+    load_policy: LoadPolicy,
+    data: Path | None = None,
+) -> Scenario:
     """Make a scenario from a table.
 
     Args:
         table: As read from a file, perhaps with changes.
         name: What the scenario is called.
         source: What its file is called, for errors.
-        load: Finds what the table names.
+        load_layout: Loads the layout that the table names.
+        load_policy: Loads the pedestrian policies that it names.
+        data: The folder with the recorded tracks, if the user gave one.
 
     Raises:
         InputError: A key is unknown, or a value is of the wrong type or impossible; `source` and the key are named.
     """
     file = Location(source)
-    top = parse_table(ScenarioSpec, table, file)
-    _refuse_limits_of_others(table.get("vehicle", {}), top.vehicle.dynamics, file.at("vehicle"))
-    vehicle = parse_table(vehicle_spec(top.vehicle.dynamics), table.get("vehicle", {}), file.at("vehicle"))
-    _check_combinations(top, file)
-    rules = _rules(top, vehicle, file)
+    names = parse_table(NamesSpec, table, file)
+    _refuse_limits_of_others(table.get("vehicle", {}), names.vehicle.dynamics, file.at("vehicle"))
+    policies = _load_policies(names.pedestrians.policy, load_policy, file.at("pedestrians", "policy"))
+    parameters = {policy: part.policy.parameters for policy, part in policies.items()}
     with file.at("layout", "generator").named():
-        generator, layout, layout_file = load.layout(top.layout.generator)
-        options_of_layout = layout_spec(layout)
-    layout_table = {**table.get("layout", {}), "generator": generator}
-    options = parse_table(options_of_layout, layout_table, file.at("layout")).complete()
-    policies = _policies(top.pedestrians.policy, load, file.at("pedestrians", "policy"))
-    tracks = _tracks(top, table, rules, load.data, file)
-    if tracks and tracks.has_cars and RECORDED not in policies:
-        policies[RECORDED] = _Policy(Recorded(), 0.0, None)  # which moves the other cars
-    kind = pedestrians_spec({policy: each.policy.parameters for policy, each in policies.items()})
-    pedestrians = parse_table(kind, table.get("pedestrians", {}), file.at("pedestrians")).complete()
-    space = top.pedestrians.clear_space
-    call = LayoutCall(layout, {option: value for option, value in options.items() if option != "generator"})
-    complete = {**top.complete(), "layout": options, "vehicle": vehicle.complete()}
-    complete["pedestrians"] = pedestrians | _write_policies(policies)
-    if layout_file:
-        options["generator_file"] = layout_file
+        generator, layout, layout_file = load_layout(names.layout.generator)
+        model = scenario_spec(layout, names.vehicle.dynamics, parameters)
+    spec = parse_table(model, table, file)
+    _check_combinations(spec, file)
+    rules = _rules(spec, file)
+    tracks = _tracks(spec, table, rules, data, file)
+    complete = spec.complete()
+    complete["layout"] |= {"generator": generator} | ({"generator_file": layout_file} if layout_file else {})
+    complete["pedestrians"] |= _write_policies(policies)
     if tracks:
         complete |= {"layout": {}, "tracks": tracks.table}
         for key in OF_TRACKS:
             del complete["pedestrians"][key]
     else:
         del complete["tracks"]
+    digest = _digest(complete, _known_defaults(model, layout, policies), policies)
+    if tracks and tracks.has_cars and RECORDED not in policies:
+        policies[RECORDED] = _Policy(Recorded(), 0.0, None)  # which moves the other cars
     return Scenario(
         name=name,
         source=source,
         rules=rules,
-        seed=top.seed,
-        vehicle=Vehicle(vehicle.radius, vehicle.preferred_speed),
-        crowd=Crowd(
-            number=tracks.number if tracks else top.pedestrians.number,
-            radius=Quantity(**pedestrians["radius"]),
-            preferred_speed=Quantity(tracks.top_speed) if tracks else Quantity(**pedestrians["preferred_speed"]),
-            shares={policy: each.share for policy, each in policies.items() if each.share},
-            standing=[policy for policy, each in policies.items() if each.policy.stands],
-            parameters={policy: _parameters(each.policy, pedestrians[policy]) for policy, each in policies.items()},
-            groups={int(size): share for size, share in (top.pedestrians.groups or {}).items()},
-            arrival=top.pedestrians.arrival,
-            goal_change=_goal_change(top.pedestrians.goal_change, top.dt, file.at("pedestrians", "goal_change")),
-            clear_space=ClearSpace(space.distance, space.time) if space else None,
-        ),
-        starts=tracks or _layout_starts(call, top.crowdnav_cases),
-        policies={policy: each.policy for policy, each in policies.items()},
+        seed=spec.seed,
+        vehicle=Vehicle(spec.vehicle.radius, spec.vehicle.preferred_speed),
+        crowd=_crowd(spec.pedestrians, policies, tracks),
+        starts=tracks or _layout_starts(LayoutCall(layout, further_keys(spec.layout)), spec.crowdnav_cases),
+        policies={policy: part.policy for policy, part in policies.items()},
         table=complete,
+        digest=digest,
     )
+
+
+def _crowd(spec: PedestriansSpec, policies: Mapping[str, _Policy], tracks: TrackedCrowd | None) -> Crowd:
+    """Return the pedestrians of a scenario."""
+    parameters = {policy: further_keys(table) for policy, table in further_keys(spec).items()}
+    return Crowd(
+        number=tracks.number if tracks else spec.number,
+        radius=spec.radius,
+        preferred_speed=Distribution.model_validate(tracks.top_speed) if tracks else spec.preferred_speed,
+        shares={policy: part.share for policy, part in policies.items() if part.share},
+        standing=[policy for policy, part in policies.items() if part.policy.stands],
+        parameters={policy: parameters.get(policy, {}) for policy in policies},
+        groups={int(size): share for size, share in (spec.groups or {}).items()},
+        arrival=spec.arrival,
+        goal_change=spec.goal_change,
+        clear_space=spec.clear_space,
+    )
+
+
+def _known_defaults(model: type[ScenarioSpec], layout: Layout, policies: Mapping[str, _Policy]) -> dict[str, Any]:
+    """Return all keys of a scenario with their defaults.
+
+    The options of a layout and the parameters of a policy from elsewhere are left out, because their defaults may
+    change.
+    """
+    defaults = model().complete()
+    # Written as the name of one policy, where all pedestrians follow the same.
+    (defaults["pedestrians"]["policy"],) = defaults["pedestrians"]["policy"]
+    if layout not in LAYOUTS.values():
+        defaults["layout"] = LayoutSpec().complete()
+    for name, part in policies.items():
+        if not type(part.policy).__module__.startswith("crowdbench."):
+            defaults["pedestrians"].pop(name, None)
+    return defaults
+
+
+def _digest(complete: Mapping[str, Any], defaults: Mapping[str, Any], policies: Mapping[str, _Policy]) -> str:
+    """Return the digest of a scenario: twelve hexadecimal digits that two share if all their cases are the same.
+
+    It is over the keys whose values differ from their defaults, and over the digests of the files of layouts and
+    policies. A new key whose default means what was the case before changes no digest.
+    """
+    changed = _changed({key: value for key, value in complete.items() if key != "description"}, defaults)
+    shares = {name: part.share for name, part in policies.items() if part.share}
+    if len(shares) > 1:
+        changed["pedestrians"]["policy"] = {name: share / sum(shares.values()) for name, share in shares.items()}
+    text = json.dumps({"version": VERSION, **changed}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def _changed(table: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what of a table differs from its defaults; a table within it counts if anything in it does."""
+    changed = {}
+    for key, value in table.items():
+        default = defaults.get(key)
+        if isinstance(value, dict) and isinstance(default, dict):
+            value, default = _changed(value, default), {}
+        if key not in defaults or value != default:
+            changed[key] = value
+    return changed
 
 
 def _check_combinations(top: ScenarioSpec, file: Location) -> None:
@@ -143,24 +195,6 @@ def _layout_starts(layout: LayoutCall, crowdnav_cases: int) -> LayoutStarts:
     from crowdbench.scenario.crowdnav_plus import CrowdNavPlusStarts
 
     return CrowdNavPlusStarts(layout, crowdnav_cases)
-
-
-def _parameters(policy: PedestrianPolicy, table: Mapping[str, Any]) -> dict[str, Quantity]:
-    """The parameters of a policy, by its complete table."""
-    return {
-        parameter: Quantity(**table[parameter], whole=isinstance(default, int))
-        for parameter, default in policy.parameters.items()
-    }
-
-
-def _goal_change(spec: GoalChangeSpec | None, dt: float, location: Location) -> GoalChange | None:
-    """How goals change on the way. Raises InputError where the period is no multiple of `dt`."""
-    if spec is None:
-        return None
-    every = _count_steps(spec.period, dt, location.at("period"))
-    if not every:
-        raise location.at("period").wrong(f"{spec.period:g}", f"a multiple of dt, {dt:g} s")
-    return GoalChange(every, spec.chance)
 
 
 def _count_steps(seconds: float, dt: float, location: Location) -> int:
@@ -209,20 +243,24 @@ def _refuse_limits_of_others(table: Mapping[str, Any], dynamics: str, location: 
             raise location.at(key).wrong("given", right)
 
 
-def _rules(top: ScenarioSpec, vehicle: VehicleSpec, file: Location) -> Rules:
+def _rules(top: ScenarioSpec, file: Location) -> Rules:
     """Return the rules of a scenario.
 
     Raises InputError where keys of its vehicle contradict each other or the crowd's, or where the sensor's delay is no
     whole number of steps, or more than `MAX_DELAY` of them.
     """
-    location, delay = file.at("vehicle"), file.at("sensor", "delay")
+    vehicle, location, delay = top.vehicle, file.at("vehicle"), file.at("sensor", "delay")
+    period = file.at("pedestrians", "goal_change", "period")
+    change = top.pedestrians.goal_change
+    if change and not _count_steps(change.period, top.dt, period):
+        raise period.wrong(f"{change.period:g}", f"a multiple of dt, {top.dt:g} s")
     if _count_steps(top.sensor.delay, top.dt, delay) > MAX_DELAY:
         raise delay.wrong(f"{top.sensor.delay:g}", f"{MAX_DELAY * top.dt:g} s or less, {MAX_DELAY} steps")
     if top.pedestrians.sees_vehicle < 1.0 and not vehicle.visible:
         raise location.at("visible").wrong("false", "true where the key pedestrians.sees_vehicle says how many see it")
-    limits = {key: value for key, value in vehicle.complete().items() if key not in VehicleSpec.model_fields}
+    limits = {key: value for key, value in further_keys(vehicle).items() if value is not None}
     with location.named():
-        dynamics = DYNAMICS[vehicle.dynamics](**{key: value for key, value in limits.items() if value is not None})
+        dynamics = DYNAMICS[vehicle.dynamics](**limits)
     if isinstance(dynamics, Unicycle) and dynamics.max_angular_speed * top.dt > math.pi:
         right = f"{math.pi / top.dt:.6g} rad/s at most: the vehicle may turn by half a circle in a step"
         raise location.at("max_angular_speed").wrong(f"{dynamics.max_angular_speed:g}", right)
@@ -256,31 +294,6 @@ def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:
     return chain(vehicle.length, vehicle.radius, wheelbase / 2.0)
 
 
-def restore(table: Mapping[str, Any], source: str, load: Loaders) -> Scenario:
-    """Make the scenario of a run again, which draws the same cases to the last bit.
-
-    Args:
-        table: The table `scenario` of its `result.json`.
-        source: What that file is called, for errors.
-        load: Finds what the table names.
-
-    Raises:
-        InputError: As `parse` does.
-    """
-    crowd = {key: value for key, value in table["pedestrians"].items() if key != "policy_files"}
-    keys = {key: value for key, value in table.items() if key not in ("name", "digest")}
-    layout = {key: value for key, value in table.get("layout", {}).items() if key != "generator_file"}
-    keys |= {"layout": layout, "pedestrians": crowd}
-    scenario = parse(keys, str(table.get("name", "")), source, load)
-    shares = crowd.get("policy")
-    if isinstance(shares, Mapping) and len(shares) > 1 and math.isclose(sum(shares.values()), 1.0, abs_tol=1e-12):
-        # They have been divided by their sum: once more could change their last bits.
-        shares = {policy: float(shares[policy]) for policy in scenario.crowd.shares}
-        written = {**scenario.table, "pedestrians": {**scenario.table["pedestrians"], "policy": shares}}
-        return dataclasses.replace(scenario, crowd=dataclasses.replace(scenario.crowd, shares=shares), table=written)
-    return scenario
-
-
 def with_certificates(scenario: Scenario, spec: str, file: Path) -> Scenario:
     """Return a scenario with what a file says of its certificates.
 
@@ -307,12 +320,12 @@ class _Policy(NamedTuple):
     digest: str | None
 
 
-def _policies(shares: Mapping[str, float], load: Loaders, location: Location) -> dict[str, _Policy]:
-    """The policies by their names, in the order of these: who follows which must not depend on the file's order."""
+def _load_policies(shares: Mapping[str, float], load: LoadPolicy, location: Location) -> dict[str, _Policy]:
+    """Return the policies by name, in the order of names: who follows which must not depend on the file's order."""
     policies: dict[str, _Policy] = {}
     for spec, share in shares.items():
         with location.named():
-            name, policy, digest = load.policy(spec)
+            name, policy, digest = load(spec)
         if name in policies or name in PedestriansSpec.model_fields:
             right = f"of policies that are not both called {name}, nor as another key here"
             raise location.wrong(", ".join(shares), right)

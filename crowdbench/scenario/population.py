@@ -5,12 +5,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from pydantic import Field, model_validator
 
+from crowdbench.core.types import World
 from crowdbench.scenario.clear_space import ClearSpace
+from crowdbench.utils.errors import is_number
+from crowdbench.utils.toml import TomlTable, number
 
 ARRIVALS = ("walk_on", "stop", "leave", "new_goal", "respawn", "back_and_forth")
 """What a pedestrian does that has reached its goal:
@@ -30,37 +34,56 @@ GOES_ON = ("new_goal", "respawn", "back_and_forth")
 """After these somebody walks on to another goal."""
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A parameter of pedestrians: one value for all, or a value per pedestrian.
-
-    Values per pedestrian have a truncated Gaussian distribution, or a uniform one.
+class Distribution(TomlTable):
+    """How a quantity differs between pedestrians; a number in a scenario's file stands for a constant.
 
     Attributes:
-        mean: The value, or the mean of the distribution before it is truncated, in the unit of the parameter.
-        std: Standard deviation of the Gaussian; 0 for one value, None for the uniform distribution.
-        low: Smallest value: what a Gaussian draws below it is drawn again.
-        high: Largest value.
-        whole: Whether values are rounded to whole numbers.
+        mean: The constant, or the mean of a normal distribution before it is truncated, or the middle of a uniform one.
+        std: Standard deviation of a truncated normal distribution; 0 for a constant, None for a uniform distribution.
+        low: Smallest value: what a normal distribution draws below it is drawn again.
+        high: Largest value. The bounds must not be so narrow that hardly any draw is within them.
     """
 
     mean: float
-    std: float | None = 0.0
-    low: float = -np.inf
-    high: float = np.inf
-    whole: bool = False
+    std: float | None = Field(ge=0, lt=1e6)
+    low: float = Field(ge=0)
+    high: float = Field(lt=1e6)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _write_out(cls, value: Any) -> Any:
+        if is_number(value):
+            return {"mean": value, "std": 0.0, "low": value, "high": value}
+        if isinstance(value, dict) and value.keys() == {"low", "high"} and all(map(is_number, value.values())):
+            return {"mean": (value["low"] + value["high"]) / 2.0, "std": None, **value}
+        return value
+
+    @model_validator(mode="after")
+    def _check_bounds(self) -> Distribution:
+        std = self.std or 0.0
+        if not self.low <= self.mean <= self.high or (std > 0.0 and self.high - self.low < 0.1 * std):
+            raise ValueError
+        return self
 
     def draw(self, generator: np.random.Generator, n: int) -> Float[np.ndarray, "{n}"]:
         """Draw a value for each of n pedestrians."""
-        values = np.full(n, self.mean)
         if self.std is None:
-            values = generator.uniform(self.low, self.high, n)
-        elif self.std > 0.0:
+            return generator.uniform(self.low, self.high, n)
+        values = np.full(n, self.mean)
+        if self.std > 0.0:
             outside = np.ones(n, bool)
             while outside.any():
                 values[outside] = generator.normal(self.mean, self.std, outside.sum())
                 outside = (values < self.low) | (values > self.high)
-        return np.rint(values) if self.whole else values
+        return values
+
+
+class WholeDistribution(Distribution):
+    """A distribution of whole numbers, to which values are rounded."""
+
+    def draw(self, generator: np.random.Generator, n: int) -> Float[np.ndarray, "{n}"]:
+        """Draw a whole number for each of n pedestrians."""
+        return np.rint(super().draw(generator, n))
 
 
 class Traits(NamedTuple):
@@ -83,16 +106,20 @@ class Traits(NamedTuple):
         return self._replace(preferred_speed=self.preferred_speed[first], policy=self.policy[first])
 
 
-class GoalChange(NamedTuple):
-    """How pedestrians change their goals on the way.
+class GoalChange(TomlTable):
+    """`[pedestrians] goal_change`: how pedestrians change their goals on the way.
 
     Attributes:
-        every: At the steps that are multiples of this number,
+        period: At each multiple of it in seconds, a multiple of dt,
         chance: each pedestrian takes another goal with this probability.
     """
 
-    every: int
-    chance: float
+    period: float = number(above=0.0, below=1e6)
+    chance: float = Field(ge=0, le=1, description="a probability from 0 to 1")
+
+    def is_due(self, world: World) -> Bool[np.ndarray, "world"]:
+        """Return in which worlds goals may change after this step."""
+        return np.asarray(world.step % round(self.period / world.rules.dt) == 0)
 
 
 @dataclass(frozen=True)
@@ -103,7 +130,7 @@ class Crowd:
         number: The smallest and the largest number of them.
         radius: Radii in metres.
         preferred_speed: Preferred and largest speeds in m/s; of recorded people the largest of all.
-        shares: By policy, the share of the pedestrians that follow it.
+        shares: By policy, the share of the pedestrians that follow it, in any unit.
         standing: The policies whose pedestrians stand, by name.
         parameters: By policy and name, the parameters of the policies.
         groups: By size, the share of the groups that are so large; empty where all walk alone.
@@ -113,11 +140,11 @@ class Crowd:
     """
 
     number: tuple[int, int]
-    radius: Quantity
-    preferred_speed: Quantity
+    radius: Distribution
+    preferred_speed: Distribution
     shares: Mapping[str, float]
     standing: Collection[str]
-    parameters: Mapping[str, Mapping[str, Quantity]]
+    parameters: Mapping[str, Mapping[str, Distribution]]
     groups: Mapping[int, float]
     arrival: str
     goal_change: GoalChange | None
@@ -131,17 +158,17 @@ class Crowd:
     def walking(self) -> Crowd:
         """Those who walk: who replace others that have arrived."""
         shares = {name: 0.0 if name in self.standing else share for name, share in self.shares.items()}
-        total = sum(shares.values())
-        if total in (0.0, 1.0):  # then nobody arrives, or everybody walks
+        if not any(shares.values()):  # then nobody arrives
             return self
-        return dataclasses.replace(self, shares={name: share / total for name, share in shares.items()})
+        return dataclasses.replace(self, shares=shares)
 
     def draw(self, stream: np.random.Generator, n: int | None = None) -> Traits:
         """Draw n pedestrians from a random stream; without n as many as a case has, whose number is drawn first."""
         if n is None:
             n = int(stream.integers(self.number[0], self.number[1] + 1))
         radius, speed = self.radius.draw(stream, n), self.preferred_speed.draw(stream, n)
-        policy = stream.choice(len(self.shares), n, p=list(self.shares.values()))
+        total = sum(self.shares.values())
+        policy = stream.choice(len(self.shares), n, p=[share / total for share in self.shares.values()])
         parameters = {
             name: {parameter: quantity.draw(stream, n) for parameter, quantity in table.items()}
             for name, table in self.parameters.items()

@@ -49,7 +49,7 @@ class Renewal:
         arrived = walks & find_arrived(world, running & (self.crowd.arrival != "walk_on"))
         mind = np.where(world.group < 0, world.person, world.group)  # a group has one
         change, turned = self.crowd.goal_change, np.zeros_like(walks)
-        if change is not None and (is_due := running & (world.step % change.every == 0)).any():
+        if change is not None and (is_due := running & change.is_due(world)).any():
             draws = rng.uniforms(world.key, "goal_change", world.step, mind)
             turned = is_due[:, None] & walks & (draws < change.chance)
         if not arrived.any() and not turned.any():

@@ -16,7 +16,6 @@ from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.types import HISTORY, Rules, World
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.certified import CertificateStatus
-from crowdbench.scenario.digest import compute_digest
 from crowdbench.scenario.placement import LayoutCall
 from crowdbench.scenario.population import Crowd
 from crowdbench.scenario.starts import Case, LayoutStarts, Vehicle
@@ -44,6 +43,7 @@ class Scenario:
         starts: How cases start: by a layout, as in CrowdNav++, or as people were recorded.
         policies: The pedestrian policies by name.
         table: The scenario in full, as it is written into results.
+        digest: Twelve hexadecimal digits that change with the cases: see `crowdbench.scenario.load`.
         certificates: What there is to say of its certificates; None where there are none.
     """
 
@@ -56,6 +56,7 @@ class Scenario:
     starts: LayoutStarts | TrackedCrowd
     policies: Mapping[str, PedestrianPolicy]
     table: Mapping[str, Any]
+    digest: str
     certificates: CertificateStatus | None = None
 
     @functools.cached_property
@@ -72,11 +73,6 @@ class Scenario:
     def layout(self) -> LayoutCall | None:
         """Places the agents of a case, with its options; None where people are recorded."""
         return self.starts.layout if isinstance(self.starts, LayoutStarts) else None
-
-    @property
-    def digest(self) -> str:
-        """Twelve hexadecimal digits that change with the cases: see `crowdbench.scenario.digest.compute_digest`."""
-        return compute_digest(self.table)
 
     @property
     def max_agents(self) -> int:

@@ -11,16 +11,17 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_model, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_model
 
 from crowdbench.core.dynamics import DYNAMICS
 from crowdbench.core.types import COLLISION_RULES
 from crowdbench.plugins.options import PLAIN, REQUIRED, Option, read_options
+from crowdbench.scenario.clear_space import ClearSpace
 from crowdbench.scenario.groups import LARGEST
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import Layout
-from crowdbench.scenario.population import ARRIVALS
-from crowdbench.utils.errors import InputError, is_integer, is_number
+from crowdbench.scenario.population import ARRIVALS, Distribution, GoalChange, WholeDistribution
+from crowdbench.utils.errors import InputError, is_integer
 from crowdbench.utils.toml import Flag, Name, Text, TomlTable, choice, integer, number, table
 
 Spec = TypeVar("Spec", bound=TomlTable)
@@ -36,43 +37,14 @@ MIN_SIZE = 1e-3
 """Pedestrians' radii in metres and preferred speeds in m/s are no smaller than this."""
 
 
-class Gaussian(TomlTable):
-    """A quantity that differs between pedestrians; a number stands for one that does not.
-
-    Values beyond `low` and `high` are drawn again, so these must not be too close for that. Without `mean` and `std`
-    the quantity has a uniform distribution from `low` to `high`.
-    """
-
-    mean: float
-    std: float | None = Field(ge=0, lt=1e6)
-    low: float = Field(ge=0)
-    high: float = Field(lt=1e6)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _written_out(cls, value: Any) -> Any:
-        if is_number(value):
-            return {"mean": value, "std": 0.0, "low": value, "high": value}
-        if isinstance(value, dict) and value.keys() == {"low", "high"} and all(map(is_number, value.values())):
-            return {"mean": (value["low"] + value["high"]) / 2.0, "std": None, **value}
-        return value
-
-    @model_validator(mode="after")
-    def _can_be_drawn(self) -> Gaussian:
-        std = self.std or 0.0
-        if not self.low <= self.mean <= self.high or (std > 0.0 and self.high - self.low < 0.1 * std):
-            raise ValueError
-        return self
-
-
-class Size(Gaussian):
+class Size(Distribution):
     """A quantity that must not be 0."""
 
     low: float = Field(ge=MIN_SIZE)
 
 
 def quantity(default: float, least: float = 0.0) -> Any:
-    """A field for a `Gaussian` or a number, with its value where it is left out, and the smallest value allowed."""
+    """Return the field of a `Distribution` with its value where it is left out, and the smallest value allowed."""
     return Field(
         default=default,
         validate_default=True,
@@ -96,11 +68,6 @@ def _as_shares(value: Any) -> Any:
     return {value: 1.0} if isinstance(value, str) else value
 
 
-def _of_one(shares: dict[str, float]) -> dict[str, float]:
-    total = sum(shares.values())
-    return {name: share / total for name, share in shares.items()}
-
-
 def _of_sizes(shares: dict[str, float]) -> dict[str, float]:
     if not shares or not all(size in _SIZES for size in shares):
         raise ValueError
@@ -117,13 +84,32 @@ class LayoutSpec(TomlTable, extra="allow"):
 
 
 class DynamicsSpec(TomlTable, extra="allow"):
-    """The key of `[vehicle]` that tells which other keys there are; see `vehicle_spec`."""
+    """The key of `[vehicle]` that determines which other keys there are; see `scenario_spec`."""
 
     dynamics: str = choice(DYNAMICS, default="holonomic")
 
 
+class PoliciesSpec(TomlTable, extra="allow"):
+    """The key of `[pedestrians]` that names the policies, with the share of the pedestrians that follow each."""
+
+    policy: Annotated[
+        dict[str, Annotated[float, Field(gt=0, lt=1e9)]], Field(min_length=1), BeforeValidator(_as_shares)
+    ] = Field(
+        default={"orca": 1.0},
+        description="the name of a policy, or shares of several such as { orca = 0.7, social_force = 0.3 }",
+    )
+
+
+class NamesSpec(TomlTable, extra="allow"):
+    """The names in a scenario's file that determine which other keys it may hold; see `scenario_spec`."""
+
+    layout: LayoutSpec = table("layout")
+    vehicle: DynamicsSpec = table("vehicle")
+    pedestrians: PoliciesSpec = table("pedestrians")
+
+
 class VehicleSpec(DynamicsSpec):
-    """`[vehicle]`, to which `vehicle_spec` adds the limits of the dynamics.
+    """`[vehicle]`, to which `scenario_spec` adds the limits of the dynamics.
 
     Radius, length and goal tolerance are in metres, the preferred speed in m/s. Without a length the vehicle is a disc,
     without a goal tolerance it has arrived where its goal is nearer than its radius.
@@ -168,25 +154,11 @@ class SensorSpec(TomlTable):
     lidar: LidarSpec | None = Field(default=None, description="a table [sensor.lidar] with beams and range")
 
 
-class GoalChangeSpec(TomlTable):
-    """`[pedestrians] goal_change`: at each multiple of `period`, in seconds, everybody does so by this chance."""
+class PedestriansSpec(PoliciesSpec):
+    """`[pedestrians]`, with a table for each policy besides; see `scenario_spec`.
 
-    period: float = number(above=0.0, below=1e6)
-    chance: float = Field(ge=0, le=1, description="a probability from 0 to 1")
-
-
-class ClearSpaceSpec(TomlTable):
-    """`[pedestrians] clear_space`: see `crowdbench.scenario.clear_space.ClearSpace`."""
-
-    distance: float = number(least=0.0, below=1e3)
-    time: float = number(least=0.0, below=1e3)
-
-
-class PedestriansSpec(TomlTable, extra="allow"):
-    """`[pedestrians]`, with a table for each policy besides; see `pedestrians_spec`.
-
-    `number` is the least and the largest number of pedestrians, `policy` the share of each policy, `sees_vehicle` the
-    share of those who see a visible vehicle.
+    `number` is the least and the largest number of pedestrians, `sees_vehicle` the share of those who see a visible
+    vehicle.
     """
 
     number: Annotated[
@@ -199,25 +171,16 @@ class PedestriansSpec(TomlTable, extra="allow"):
     )
     radius: Size = quantity(0.3, MIN_SIZE)
     preferred_speed: Size = quantity(1.0, MIN_SIZE)
-    policy: Annotated[
-        dict[str, Annotated[float, Field(gt=0, lt=1e9)]],
-        Field(min_length=1),
-        BeforeValidator(_as_shares),
-        AfterValidator(_of_one),
-    ] = Field(
-        default={"orca": 1.0},
-        description="the name of a policy, or shares of several such as { orca = 0.7, social_force = 0.3 }",
-    )
     groups: Annotated[dict[str, Annotated[float, Field(gt=0, lt=1e9)]], AfterValidator(_of_sizes)] | None = Field(
         default=None,
         description=f"the shares of groups by their size, from 1 to {LARGEST}, such as {{ 1 = 0.4, 2 = 0.4, 3 = 0.2 }}",
     )
     sees_vehicle: float = Field(default=1.0, ge=0, le=1, description="a share from 0 to 1")
     arrival: str = choice(ARRIVALS, default="walk_on")
-    goal_change: GoalChangeSpec | None = Field(
+    goal_change: GoalChange | None = Field(
         default=None, description="a table with the keys of { period = 5.0, chance = 0.5 }"
     )
-    clear_space: ClearSpaceSpec | None = Field(
+    clear_space: ClearSpace | None = Field(
         default=None, description="a table with the keys of { distance = 1.5, time = 1.5 }"
     )
 
@@ -243,10 +206,41 @@ class ScenarioSpec(TomlTable):
     seed: int = integer(0, least=0, most=2**63 - 1)
     crowdnav_cases: int = integer(0, least=0, most=500)
     layout: LayoutSpec = table("layout")
-    vehicle: DynamicsSpec = table("vehicle")
+    vehicle: VehicleSpec = table("vehicle")
     sensor: SensorSpec = table("sensor")
     pedestrians: PedestriansSpec = table("pedestrians")
     tracks: TracksSpec | None = Field(default=None, description="a table with the name of a scene")
+
+
+def scenario_spec(layout: Layout, dynamics: str, parameters: Mapping[str, Mapping[str, float]]) -> type[ScenarioSpec]:
+    """Return the model of a whole file.
+
+    A limit of the vehicle that is infinite by default is None there.
+
+    Args:
+        layout: The layout that the file names.
+        dynamics: The vehicle's dynamics.
+        parameters: By pedestrian policy, the defaults of its parameters.
+
+    Raises:
+        InputError: As `layout_spec` does.
+    """
+    limits = {
+        field.name: (float | None, number(None if field.default == math.inf else field.default, above=0.0, below=1e6))
+        for field in dataclasses.fields(DYNAMICS[dynamics])
+    }
+    policies = {}
+    for name, defaults in parameters.items():
+        kinds = {key: WholeDistribution if isinstance(value, int) else Distribution for key, value in defaults.items()}
+        policy = _extended(TomlTable, {key: (kinds[key], quantity(value)) for key, value in defaults.items()})
+        policies[name] = policy, table(f"pedestrians.{name}")
+    return create_model(
+        "ScenarioSpec",
+        __base__=ScenarioSpec,
+        layout=(layout_spec(layout), table("layout")),
+        vehicle=(_extended(VehicleSpec, limits), table("vehicle")),
+        pedestrians=(_extended(PedestriansSpec, policies), table("pedestrians")),
+    )
 
 
 def layout_spec(layout: Layout) -> type[LayoutSpec]:
@@ -290,28 +284,16 @@ _OPTIONS: Mapping[type, tuple[Any, str]] = {kind: (kind, right) for kind, (_, ri
 """What an option of a layout may be, by the type of its default: its type, and its name in errors."""
 
 
-def vehicle_spec(dynamics: str) -> type[VehicleSpec]:
-    """`[vehicle]` with the limits of one dynamics. A limit that is infinite by default is None there."""
-    limits = {
-        field.name: (float | None, number(None if field.default == math.inf else field.default, above=0.0, below=1e6))
-        for field in dataclasses.fields(DYNAMICS[dynamics])
-    }
-    return _extended(VehicleSpec, limits)
-
-
-def pedestrians_spec(parameters: Mapping[str, Mapping[str, float]]) -> type[PedestriansSpec]:
-    """`[pedestrians]` with a table for each policy; `parameters` has the defaults of each by the policy's name."""
-    tables = {}
-    for name, defaults in parameters.items():
-        spec = _extended(TomlTable, {parameter: (Gaussian, quantity(value)) for parameter, value in defaults.items()})
-        tables[name] = spec, table(f"pedestrians.{name}")
-    return _extended(PedestriansSpec, tables)
-
-
 def _extended(base: type[Spec], fields: Mapping[str, tuple[Any, Any]]) -> type[Spec]:
-    """A table with further keys, given as types and fields, and no others."""
+    """Return a table with further keys, given as types and fields, and no others."""
     # Keys are aliases: as names of attributes, some would be in the way of pydantic's own.
     keys: dict[str, Any] = {
         f"key_{i}": (Annotated[kind, Field(alias=key)], field) for i, (key, (kind, field)) in enumerate(fields.items())
     }
     return create_model(base.__name__, __base__=base, __cls_kwargs__={"extra": "forbid"}, **keys)
+
+
+def further_keys(spec: TomlTable) -> dict[str, Any]:
+    """Return the values of the keys that `scenario_spec` or `layout_spec` has added to a table."""
+    fields = type(spec).model_fields.items()
+    return {field.alias: getattr(spec, name) for name, field in fields if field.alias is not None}

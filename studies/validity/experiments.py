@@ -143,8 +143,13 @@ def crowd(policy: str, people: People, number: int, layout: Callable[..., Placem
     """
     size = {"radius": people.radius}  # the vehicle has to fit where people do
     pedestrians = {"number": number, "policy": policy, "preferred_speed": people.preferred_speed, **size}
-    load = scenario_file.Loaders(lambda _: ("validity", layout, None), catalog.PEDESTRIANS.load_with_digest)
-    return scenario_file.parse({"vehicle": size, "pedestrians": pedestrians}, "validity", "validity", load)
+    return scenario_file.parse(
+        {"vehicle": size, "pedestrians": pedestrians},
+        "validity",
+        "validity",
+        lambda _: ("validity", layout, None),
+        catalog.PEDESTRIANS.load_with_digest,
+    )
 
 
 def run_experiment(setting: Setting, worlds: int = WORLDS, time: float = TIME) -> Walk | Passages:
