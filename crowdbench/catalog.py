@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -15,7 +16,7 @@ from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import ROOT, Kind, file_and_function
 from crowdbench.scenario import layouts
 from crowdbench.scenario import load as scenario_file
-from crowdbench.scenario.certified import FOLDER
+from crowdbench.scenario.certified import FOLDER, CertificateStatus, Certified
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import PedestriansSpec
 from crowdbench.sim.pedestrians import PedestrianPolicy
@@ -154,7 +155,12 @@ def load_scenario(
         functools.partial(PEDESTRIANS.load_with_digest, folder=path.parent),
         data,
     )
-    return scenario_file.with_certificates(scenario, spec, path.parent / FOLDER / path.name)
+    file = path.parent / FOLDER / path.name
+    certified = Certified.read(file)
+    if certified is None:
+        return scenario
+    status = CertificateStatus(spec, scenario.name, scenario.digest, file, certified)
+    return dataclasses.replace(scenario, certificates=status)
 
 
 def _read_map(layout: Any, folder: Path) -> None:

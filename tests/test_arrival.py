@@ -127,7 +127,7 @@ def test_somebody_new_has_no_past():
     came = 0
     for _ in range(25):
         crowd, decided = crowd_decisions(world, place.policies)
-        before, (world, _) = world, step(decided, np.zeros((20, 2)), crowd, place.renewal)
+        before, (world, _) = world, step(decided, np.zeros((20, 2)), crowd, place.post_step_rule)
         new = before.person != world.person
         came += new.sum()
         seen = observe(world).pedestrians
@@ -279,7 +279,7 @@ def test_a_layout_can_say_how_people_come_again():
     world = place.worlds(Cases.parse("1"))
     for _ in range(24):
         crowd, decided = crowd_decisions(world, place.policies)
-        world, _ = step(decided, np.zeros((1, 2)), crowd, place.renewal)
+        world, _ = step(decided, np.zeros((1, 2)), crowd, place.post_step_rule)
     new = world.person[0] >= 5
     assert new.any()
     assert (world.goal[0, 1:][new] == [-20.0, 0.0]).all()

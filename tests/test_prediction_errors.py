@@ -11,12 +11,13 @@ from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear
 from crowdbench.predict.load import PREDICTORS
 from crowdbench.runs.rollout import _walk_alone
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.tracks.eth_ucy import Tracks, read_folder
+from crowdbench.scenario.tracks.eth_ucy import Tracks
 from crowdbench.utils.defaults import HORIZON
 from crowdbench.utils.errors import InputError
 from studies.social_gan import prediction_errors
 from studies.social_gan.evaluate import evaluate_predictor
 from studies.social_gan.prediction_errors import MEAN, displacement, on_scenario, on_tracks
+from studies.social_gan.recordings import read_folder
 
 CASES = Cases.parse("val:6")
 FIRST, TOGETHER, EACH = range(3)

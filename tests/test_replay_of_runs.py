@@ -282,8 +282,8 @@ def crowd_stopped(monkeypatch):
 
 
 def judge_lenient(monkeypatch):
-    def lenient(world, command, crowd, renewal):
-        after, check = step(world, command, crowd, renewal)
+    def lenient(world, command, crowd, post_step_rule):
+        after, check = step(world, command, crowd, post_step_rule)
         return after, check._replace(outcome=np.where(check.outcome == Outcome.COLLISION, 0, check.outcome))
 
     monkeypatch.setattr(rollouts, "step", lenient)

@@ -14,7 +14,7 @@ from crowdbench.planners.driver import Driver
 from crowdbench.runs.replay import Playback
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.certified import Certified, Examined
+from crowdbench.scenario.certified import Certified
 from crowdbench.scenario.starts import Vehicle
 from crowdbench.utils.errors import InputError
 from studies.certificates import run
@@ -253,8 +253,8 @@ def test_nearly_all_cases_of_a_dense_crowd_are_certified(planners):
 def test_a_stale_file_is_told(made):
     scenario = made("ring", 12)
     Path("certified").mkdir()
-    file = Certified(scenario="0" * 12, margin=0.1, test=Examined(examined=4, uncertified=[1]))
-    Path("certified/mine.toml").write_text(file.text())
+    file = 'scenario = "000000000000"\nmargin = 0.1\n[test]\nexamined = 4\nuncertified = [1]\n'
+    Path("certified/mine.toml").write_text(file)
     loaded = load_scenario("mine.toml")
     assert loaded.digest == scenario.digest
     assert "is for the digest 000000000000" in loaded.certificates.sentence(Cases.parse("2"))

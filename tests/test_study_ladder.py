@@ -18,6 +18,7 @@ from crowdbench.utils.errors import InputError
 from studies.ladder.futures import AWAY, Simulated
 from studies.ladder.plot import plot
 from studies.ladder.run import ladder
+from studies.ladder.table import find_certified
 
 STEPS = 12
 
@@ -122,7 +123,7 @@ def test_what_is_no_ladder_is_refused(arguments, sentence, tmp_path, monkeypatch
 
 
 def test_certificates_are_of_the_cases_that_were_examined():
-    status = load_scenario("blocks_12").certificates
-    assert status.certify(Cases("test", 0, 500)).all()
-    assert status.certify(Cases("test", 0, 10**6)) is None
-    assert load_scenario("blocks_12", {"layout.blocks": 3}).certificates.certify(Cases("test", 0, 5)) is None
+    scenario = load_scenario("blocks_12")
+    assert find_certified(scenario, Cases("test", 0, 500)).all()
+    assert find_certified(scenario, Cases("test", 0, 10**6)) is None
+    assert find_certified(load_scenario("blocks_12", {"layout.blocks": 3}), Cases("test", 0, 5)) is None

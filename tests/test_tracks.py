@@ -3,8 +3,9 @@ import os
 import numpy as np
 import pytest
 
-from crowdbench.scenario.tracks.eth_ucy import DT, FRAME_STEP, Tracks, read_folder, read_tracks, scenes
+from crowdbench.scenario.tracks.eth_ucy import DT, FRAME_STEP, Tracks, read_tracks
 from crowdbench.utils.errors import InputError
+from studies.social_gan.recordings import read_folder, scenes
 from studies.social_gan.windows import windows
 
 GOOD = "780\t1.0\t8.46\t3.59\n790\t1.0\t9.57\t3.79\n"

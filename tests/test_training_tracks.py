@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from crowdbench.scenario.tracks.eth_ucy import DT, FRAME_STEP, Tracks, read_folder
+from crowdbench.scenario.tracks.eth_ucy import DT, FRAME_STEP, Tracks
 from crowdbench.utils.errors import InputError
+from studies.social_gan.recordings import read_folder
 from studies.social_gan.windows import resample, training_split, windows
 
 PUBLISHED = {  # where validation starts, as the data's README has it

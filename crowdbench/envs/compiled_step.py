@@ -76,7 +76,7 @@ class CompiledStep:
         """
         scenario, rules = view.scenario, world.rules
         is_usual = view.observation == "flat" and view.action == "world" and reward.reward is crowdnav
-        is_alone = isinstance(rules.dynamics, Holonomic) and rules.body == DISC and scenario.renewal is None
+        is_alone = isinstance(rules.dynamics, Holonomic) and rules.body == DISC and scenario.post_step_rule is None
         sees_all = rules.sensor.sees_all and not rules.sensor.nearest
         is_orca = [type(policy) for policy in scenario.policies.values()] == [ORCA]
         everybody_sees = not rules.visible or rules.sees_vehicle >= 1.0

@@ -211,7 +211,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         moved, check = move(*self._decide(acting, velocities))
         outcomes, gaps = outcomes_of_agents(before, moved, check)
         rewards = self._rewards(before, moved, outcomes, gaps)
-        self._enter(finish_step(moved, check, self.scenario.renewal))
+        self._enter(finish_step(moved, check, self.scenario.post_step_rule))
         return outcomes, gaps, rewards, self._observe()
 
     def _rewards(

@@ -143,5 +143,5 @@ def drive(view: View, before: World, actions: Float[np.ndarray, "world 2"]) -> S
     velocity = view.commands(before.position[:, 0], goals_on_way(before)[:, 0], actions)
     command = view.to_command(before, velocity)
     crowd, before = crowd_decisions(before, view.scenario.policies)
-    after, (outcome, gap, _) = step(before, command, crowd, view.scenario.renewal)
+    after, (outcome, gap, _) = step(before, command, crowd, view.scenario.post_step_rule)
     return Step(before, after, outcome, gap)

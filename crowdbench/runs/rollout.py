@@ -83,7 +83,7 @@ def rollout(
     """
     world = scenario.worlds(cases)
     driver.reset(world.case)
-    builder = _TraceBuilder(world, scenario.renewal is not None, bool(scenario.crowd.groups))
+    builder = _TraceBuilder(world, scenario.post_step_rule is not None, bool(scenario.crowd.groups))
     shares = None if progress is None else _Shares(len(world), progress)
     start, rows = world, np.arange(len(world))
     for t in range(scenario.rules.max_steps):
@@ -97,7 +97,7 @@ def rollout(
             steps = replanning.steps_to_plan(t)
             commands = driver.decide(obs)[:, None] if steps == 1 else driver.decide_ahead(obs, steps)
             builder.log(rows, t, obs.logs or {})
-        after, check = step(world, commands[:, ahead], crowd, scenario.renewal)
+        after, check = step(world, commands[:, ahead], crowd, scenario.post_step_rule)
         builder.add(rows, t, commands[:, ahead], after, check)
         running = check.outcome == Outcome.RUNNING
         if shares is not None:
@@ -132,7 +132,7 @@ def _walk_alone(scenario: Scenario, world: World, steps: int) -> _Alone:
         positions[:, t], persons[:, t] = world.position[:, 1:], world.person
         if t < steps:
             crowd, world = crowd_decisions(world, scenario.policies)
-            world = walk(world, crowd, scenario.renewal)
+            world = walk(world, crowd, scenario.post_step_rule)
     return positions, persons
 
 

@@ -11,11 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-from jaxtyping import Bool
 from pydantic import AfterValidator, Field
 
-from crowdbench.core.rng import SPLITS
 from crowdbench.scenario.cases import LAST, Cases
 from crowdbench.utils.toml import Location, Name, TomlTable, integer, number, parse_table, read_toml
 
@@ -72,22 +69,8 @@ class Certified(TomlTable):
 
     @classmethod
     def read(cls, path: Path) -> Certified | None:
-        """Read the file; None where there is none. Raises InputError where it is not as `text` writes it."""
+        """Read the file; None where there is none. Raises InputError where it is broken."""
         return parse_table(cls, read_toml(path, "file"), Location(str(path))) if path.is_file() else None
-
-    @property
-    def splits(self) -> dict[str, Examined]:
-        """What was examined, by split."""
-        each = {split: getattr(self, split) for split in SPLITS}
-        return {split: found for split, found in each.items() if found is not None}
-
-    def text(self) -> str:
-        """The file, in TOML."""
-        lines = [f'scenario = "{self.scenario}"', f"margin = {float(self.margin)!r}"]
-        for split, found in self.splits.items():
-            lines += ["", f"[{split}]", f"examined = {found.examined}"]
-            lines += [f"uncertified = {found.uncertified}", f"narrow = {found.narrow}"]
-        return "\n".join(lines) + "\n"
 
 
 @dataclass(frozen=True)
@@ -108,21 +91,14 @@ class CertificateStatus:
     file: Path
     certified: Certified
 
-    def certify(self, cases: Cases) -> Bool[np.ndarray, "case"] | None:
-        """Return which of some cases have a certificate; None where some were not examined."""
-        examined = self.certified.splits.get(cases.split)
-        if self.certified.scenario != self.digest or examined is None or examined.examined < cases.stop:
-            return None
-        return ~np.isin(cases.indices, examined.uncertified)
-
     def sentence(self, cases: Cases) -> str:
-        """The share of the cases that have a certificate, or what must be done to know it for those of a run."""
+        """Return the share of the cases that have a certificate, or what must be done to know it for those of a run."""
         split, by = cases.split, f"`python studies/certificates/run.py {self.spec}"
         if self.certified.scenario != self.digest:
             found = f"{self.file} is for the digest {self.certified.scenario}, but {self.name} has "
             return f"{found}{self.digest} now: {by}` makes it again"
-        examined = self.certified.splits.get(split)
-        number = 0 if examined is None else examined.examined
+        examined: Examined | None = getattr(self.certified, split)
+        number = examined.examined if examined else 0
         if examined is None or cases.stop > number:
             which = f"from {split}:{number} on" if number else f"of {split}"
             command = f"{by} --cases {split}:{cases.stop}`"

@@ -19,9 +19,9 @@ from crowdbench.scenario.layouts.crossings import NOISE, PLUS_CLEARANCE, draw_be
 from crowdbench.scenario.layouts.placer import Point
 from crowdbench.scenario.placement import Placement
 from crowdbench.scenario.population import Crowd, Traits
-from crowdbench.scenario.renewal import find_arrived, replace_person
+from crowdbench.scenario.post_step_rule import find_arrived, replace_person
 from crowdbench.scenario.starts import Case, LayoutStarts, Start, Vehicle, seed_legacy
-from crowdbench.sim.simulator import Renewal
+from crowdbench.sim.simulator import PostStepRule
 from crowdbench.utils.errors import InputError
 
 SEED = 1425
@@ -100,7 +100,7 @@ class CrowdNavPlusStarts(LayoutStarts):
 
     def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
         """See `LayoutStarts`."""
-        if not self.is_crowdnavs(case):
+        if not self.uses_crowdnav_seed(case):
             return super().start(case, crowd, vehicle, rules)
         stream = _Stream(case.number, crowd, self.layout.options["circle_radius"])
         ways, people, radius = [vehicle_way(stream.draw, self.layout.options["half_width"])], [], [vehicle.radius]
@@ -113,7 +113,7 @@ class CrowdNavPlusStarts(LayoutStarts):
         starts, goals = np.array(ways).swapaxes(0, 1)
         traits = stream.traits(people)
         distances = traits.parameters[stream.policy][NOTICED]
-        distances[:] = distances[-1:]  # see `_Renewal._renew`
+        distances[:] = distances[-1:]  # see `_CrowdNavPlusRule._renew`
         return Start(traits, Placement(start=starts, goal=goals), np.full(len(people), -1), stream.drawn)
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
@@ -122,30 +122,30 @@ class CrowdNavPlusStarts(LayoutStarts):
         own = {"case": np.array(numbers, np.int64), "drawn": np.array(drawn, np.int64)}
         return world.replace(memory={**world.memory, MEMORY: own})
 
-    def renewal(self, crowd: Crowd) -> Renewal | None:
+    def post_step_rule(self, crowd: Crowd) -> PostStepRule | None:
         """See `LayoutStarts`."""
-        others = super().renewal(crowd)
+        others = super().post_step_rule(crowd)
         if others is None or crowd.arrival != "respawn":
             return others
-        return _Renewal(crowd, self.layout.options["circle_radius"], others)
+        return _CrowdNavPlusRule(crowd, self.layout.options["circle_radius"], others)
 
 
 @dataclass(frozen=True)
-class _Renewal:
-    """What becomes of people: in the test cases of CrowdNav++ what its code does, in other cases what others do.
+class _CrowdNavPlusRule:
+    """Applied after each step: in the test cases of CrowdNav++ what its code does, in other cases another rule.
 
     Attributes:
         crowd: The pedestrians.
         circle_radius: Radius in metres of the circle that they cross.
-        others: What becomes of people in other cases.
+        others: The rule of other cases.
     """
 
     crowd: Crowd
     circle_radius: float
-    others: Renewal
+    others: PostStepRule
 
     def __call__(self, world: World, running: Bool[np.ndarray, "world"]) -> World:
-        """See `crowdbench.sim.simulator.Renewal`."""
+        """See `crowdbench.sim.simulator.PostStepRule`."""
         is_theirs, change = world.memory[MEMORY]["drawn"] >= 0, self.crowd.goal_change
         after = self.others(world, running & ~is_theirs)
         may_turn = change.is_due(world) if change else np.zeros(len(world), bool)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
 from crowdbench.core.types import Rules, Sensor
-from crowdbench.scenario.certified import CertificateStatus, Certified
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.layouts.crossings import crowdnav_plus
 from crowdbench.scenario.placement import Layout, LayoutCall
@@ -292,24 +291,6 @@ def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:
     if vehicle.length < wheelbase:
         raise length.wrong(f"{vehicle.length:g}", f"{wheelbase:g} or more, the wheelbase")
     return chain(vehicle.length, vehicle.radius, wheelbase / 2.0)
-
-
-def with_certificates(scenario: Scenario, spec: str, file: Path) -> Scenario:
-    """Return a scenario with what a file says of its certificates.
-
-    Args:
-        scenario: The scenario.
-        spec: Its name or its file, as a user gives it.
-        file: The file with the certified cases, for this digest or another one; there may be none.
-
-    Raises:
-        InputError: The file is not as `studies/certificates/run.py` writes it.
-    """
-    certified = Certified.read(file)
-    if certified is None:
-        return scenario
-    status = CertificateStatus(spec, scenario.name, scenario.digest, file, certified)
-    return dataclasses.replace(scenario, certificates=status)
 
 
 class _Policy(NamedTuple):

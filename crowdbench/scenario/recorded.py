@@ -22,7 +22,7 @@ from crowdbench.scenario.tracks.eth_ucy import Tracks
 from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, interpolate, people_of, split_windows
 from crowdbench.scenario.tracks.scenes import Scene
 from crowdbench.sim.presence import come_and_go
-from crowdbench.sim.simulator import Renewal
+from crowdbench.sim.simulator import PostStepRule
 from crowdbench.utils.errors import InputError
 
 SLOWEST = 1e-3
@@ -220,7 +220,7 @@ class TrackedCrowd:
             placement = self._place(window, rng.generator(case.key, "places"), radius, rules)
         return Start(traits, placement, np.full(len(window.radius), -1))
 
-    def renewal(self, crowd: Crowd) -> Renewal:
+    def post_step_rule(self, crowd: Crowd) -> PostStepRule:
         """People come and go as they were recorded."""
         return come_and_go
 

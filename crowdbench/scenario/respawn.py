@@ -76,8 +76,8 @@ class Room:
         solid = [shapely.Polygon(each) for each in polygons(self.obstacles) if len(each) > 2]
         return not any(shapely.contains_xy(each, *point) for each in solid)
 
-    def way(self, start: Position, goal: Position, radius: float) -> np.ndarray | None:
-        """The waypoints `[waypoint, 2]` in metres of a disc's shortest way, None where no way leads to the goal."""
+    def find_route(self, start: Position, goal: Position, radius: float) -> np.ndarray | None:
+        """Return the waypoints `[waypoint, 2]` in metres of a disc's shortest path, None where there is no path."""
         if not np.isfinite(self.obstacles).any():
             return np.empty((0, 2))
         placement = Placement(start[None], goal[None], obstacles=self.obstacles)

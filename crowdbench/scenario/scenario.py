@@ -21,7 +21,7 @@ from crowdbench.scenario.population import Crowd
 from crowdbench.scenario.starts import Case, LayoutStarts, Vehicle
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.sight import look
-from crowdbench.sim.simulator import Renewal, init_memories
+from crowdbench.sim.simulator import PostStepRule, init_memories
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.toml import Location
 
@@ -60,9 +60,9 @@ class Scenario:
     certificates: CertificateStatus | None = None
 
     @functools.cached_property
-    def renewal(self) -> Renewal | None:
-        """What becomes of people after a step; None where they only walk."""
-        return self.starts.renewal(self.crowd)
+    def post_step_rule(self) -> PostStepRule | None:
+        """Applied after each step: arrivals, respawn, goal changes; None where pedestrians only walk."""
+        return self.starts.post_step_rule(self.crowd)
 
     @property
     def tracks(self) -> TrackedCrowd | None:

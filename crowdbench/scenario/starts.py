@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +17,7 @@ from crowdbench.scenario.clear_space import ClearSpace, MovingVehicle, velocitie
 from crowdbench.scenario.groups import draw_groups, group_numbers, place_groups
 from crowdbench.scenario.placement import LayoutCall, PerAgent, Placement, check_shape, complete_placement
 from crowdbench.scenario.population import Crowd, Traits
-from crowdbench.scenario.renewal import Renewal
+from crowdbench.scenario.post_step_rule import LayoutPostStepRule
 from crowdbench.sim import simulator
 from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.toml import Location
@@ -81,7 +80,7 @@ class LayoutStarts:
     layout: LayoutCall
     crowdnav_cases: int = 0
 
-    def is_crowdnavs(self, case: Case) -> bool:
+    def uses_crowdnav_seed(self, case: Case) -> bool:
         """Whether a case has CrowdNav's random stream."""
         return case.split == "test" and case.number < self.crowdnav_cases
 
@@ -95,7 +94,7 @@ class LayoutStarts:
         radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
         speed = np.append(vehicle.speed, traits.preferred_speed)
         stands, stream = crowd.stands[traits.policy], rng.generator(case.key, "places")
-        if self.is_crowdnavs(case):
+        if self.uses_crowdnav_seed(case):
             stream = np.random.Generator(seed_legacy(CROWDNAV_TEST_SEED + case.number))
 
         def call_layout(radius: PerAgent, speed: PerAgent) -> object:
@@ -110,12 +109,15 @@ class LayoutStarts:
                     answer: object = place_groups(call_layout, leader, radius, speed, stands, standing)
                 else:
                     answer = call_layout(radius, speed)
-                with _of_groups(bool(crowd.groups)):
+                try:
                     placement = check_shape(answer, len(radius))
                     # Before ways around obstacles are found, which takes longest.
                     if crowd.clear_space and _is_entered(crowd.clear_space, placement, vehicle, rules, walkers):
                         continue
                     placement = complete_placement(placement, radius)
+                except InputError as error:
+                    moved = "the layout placed its group; members stand side by side around that place"
+                    raise InputError(f"{error} ({moved})" if crowd.groups else str(error)) from None
                 if crowd.clear_space is None or _is_clear(crowd.clear_space, placement, vehicle, rules, walkers):
                     return Start(traits, placement, group)
             raise InputError(
@@ -127,21 +129,11 @@ class LayoutStarts:
         """Worlds at their start, with what only these cases have."""
         return world
 
-    def renewal(self, crowd: Crowd) -> simulator.Renewal | None:
-        """What becomes of people after a step; None where they only walk."""
+    def post_step_rule(self, crowd: Crowd) -> simulator.PostStepRule | None:
+        """Return what is applied after each step; None where pedestrians only walk."""
         if crowd.arrival == "walk_on" and crowd.goal_change is None:
             return None
-        return Renewal(crowd, self.layout)
-
-
-@contextlib.contextmanager
-def _of_groups(are_there: bool) -> Iterator[None]:
-    """Says in the sentence of an InputError that it is of members of groups, whom no layout has placed."""
-    try:
-        yield
-    except InputError as error:
-        moved = " (the layout placed its group; members stand side by side around that place)" if are_there else ""
-        raise InputError(f"{error}{moved}") from None
+        return LayoutPostStepRule(crowd, self.layout)
 
 
 def _is_entered(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:

@@ -22,10 +22,10 @@ from crowdbench.sim.routes import next_waypoints
 from crowdbench.sim.sight import look
 from crowdbench.utils.compiled import njit
 
-Renewal = Callable[[World, Bool[np.ndarray, "world"]], World]
-"""What becomes of people after a step, as a function of the worlds and of whether each is still running.
+PostStepRule = Callable[[World, Bool[np.ndarray, "world"]], World]
+"""Applied after each step: arrivals, respawn, goal changes. A function of the worlds and of which are still running.
 
-See `crowdbench.scenario.renewal`.
+See `crowdbench.scenario.post_step_rule`.
 """
 
 
@@ -175,7 +175,7 @@ _before = operator.attrgetter(*Before._fields)
 
 
 def step(
-    world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities, renewal: Renewal | None = None
+    world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities, post_step_rule: PostStepRule | None = None
 ) -> tuple[World, StepCheck]:
     """One step of the simulation, for rollouts and for environments.
 
@@ -191,13 +191,13 @@ def step(
         world: The worlds before the step.
         command: The vehicle's command, see `core.dynamics`.
         crowd: The pedestrians' velocities in m/s.
-        renewal: What becomes of people in the worlds that are still running, if anything.
+        post_step_rule: Applied to the worlds that are still running, if given.
 
     Returns:
         The worlds one step later, and what the check of the step found.
     """
     after, check = move(world, command, crowd)
-    return finish_step(after, check, renewal), check
+    return finish_step(after, check, post_step_rule), check
 
 
 def move(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[World, StepCheck]:
@@ -210,30 +210,30 @@ def move(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities)
     return world.replace(**changes), check
 
 
-def finish_step(after: World, check: StepCheck, renewal: Renewal | None) -> World:
+def finish_step(after: World, check: StepCheck, post_step_rule: PostStepRule | None) -> World:
     """The second part of a step: what becomes of people, and the vehicle's look around.
 
     Args:
         after: The worlds after the first part.
         check: What its check has found.
-        renewal: What becomes of people in the worlds that are still running, if anything.
+        post_step_rule: Applied to the worlds that are still running, if given.
     """
-    return look(after if renewal is None else renewal(after, check.outcome == Outcome.RUNNING))
+    return look(after if post_step_rule is None else post_step_rule(after, check.outcome == Outcome.RUNNING))
 
 
-def walk(world: World, crowd: Velocities, renewal: Renewal | None) -> World:
+def walk(world: World, crowd: Velocities, post_step_rule: PostStepRule | None) -> World:
     """One step in which the vehicle stands and nothing is checked.
 
     Args:
         world: The worlds before the step.
         crowd: The pedestrians' velocities in m/s.
-        renewal: What becomes of people after it, if anything.
+        post_step_rule: Applied after it, if given.
 
     Returns:
         The worlds after it.
     """
     after, _ = move(world, np.zeros((len(world), 2)), crowd)
-    return after if renewal is None else renewal(after, np.ones(len(after), bool))
+    return after if post_step_rule is None else post_step_rule(after, np.ones(len(after), bool))
 
 
 def limit_velocities(world: World, crowd: Velocities) -> Velocities:

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.catalog import load_planner
+from crowdbench.core.rng import SPLITS
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.core.types.rules import PERFECT
 from crowdbench.metrics import METRICS
@@ -286,9 +287,13 @@ def _list_without(scenario: Scenario, split: str, margin: float, found: Sequence
         path: The file; one for another digest or another margin is replaced.
     """
     before = Certified.read(path)
-    splits = before.splits if before and (before.scenario, before.margin) == (scenario.digest, margin) else {}
+    is_same = before is not None and (before.scenario, before.margin) == (scenario.digest, margin)
+    splits = {name: getattr(before, name) for name in SPLITS if is_same and getattr(before, name)}
     uncertified = [each.case for each in found if not each.means]
     narrow = [each.case for each in found if each.margin < margin]
     splits[split] = Examined(examined=len(found), uncertified=uncertified, narrow=narrow)
     with files.whole(path) as partial:
-        partial.write_text(Certified(scenario=scenario.digest, margin=margin, **splits).text(), encoding="utf-8")
+        lines = [f'scenario = "{scenario.digest}"', f"margin = {float(margin)!r}"]
+        for name in filter(splits.get, SPLITS):
+            lines += ["", f"[{name}]", *(f"{key} = {value}" for key, value in splits[name])]
+        partial.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -79,7 +79,7 @@ class Reacting:
 
     def after(self, parent: Int[np.ndarray, "state"], command: Float[np.ndarray, "state 2"]) -> Reacting:
         """As `Known.after`."""
-        world, _ = step(self.world.take(parent), command, self.velocities[parent], self.scenario.renewal)
+        world, _ = step(self.world.take(parent), command, self.velocities[parent], self.scenario.post_step_rule)
         return Reacting(self.scenario, world)
 
 
@@ -99,5 +99,5 @@ def known_steps(scenario: Scenario, world: World) -> list[CrowdStep]:
         velocities, world = crowd_decisions(world, scenario.policies)
         moved, check = move(world, standing, velocities)
         steps.append(CrowdStep.of(world, moved))
-        world = finish_step(moved, check._replace(outcome=goes_on), scenario.renewal)
+        world = finish_step(moved, check._replace(outcome=goes_on), scenario.post_step_rule)
     return steps

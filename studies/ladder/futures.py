@@ -57,8 +57,8 @@ class Simulated(Predictor):
         for t in range(steps):
             crowd, world = crowd_decisions(world, scenario.policies, people)
             world, _ = move(world, plan[row, t], crowd)
-            if scenario.renewal is not None:
-                world = scenario.renewal(world, everywhere)
+            if scenario.post_step_rule is not None:
+                world = scenario.post_step_rule(world, everywhere)
             leaves = ~gone & (~world.present[:, 1:] | (world.person != person))
             gone |= leaves
             before = np.where(gone[..., None], before, world.position[:, 1:])

@@ -92,7 +92,7 @@ class Ladder:
             dataclasses.replace(base, planner=each.planner, options=each.options, cases=CHOICE)
             for each in spec.planners
         ]
-        certified = sensed.certificates.certify(spec.cases) if sensed.certificates else None
+        certified = find_certified(sensed, spec.cases)
         return cls(sensed, rungs, list(map(load_run, choices)), certified)
 
     @property
@@ -237,3 +237,12 @@ class FilledLaddersTable:
 
 def _say_points(gain: Estimate) -> str:
     return f"{100 * gain.mean:+.0f} ({100 * gain.low:+.0f} to {100 * gain.high:+.0f})"
+
+
+def find_certified(scenario: Scenario, cases: Cases) -> Bool[np.ndarray, "case"] | None:
+    """Return which of some cases have a certificate; None where some were not examined."""
+    status = scenario.certificates
+    examined = getattr(status.certified, cases.split) if status else None
+    if status is None or status.certified.scenario != scenario.digest or not examined or examined.examined < cases.stop:
+        return None
+    return ~np.isin(cases.indices, examined.uncertified)

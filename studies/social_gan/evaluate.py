@@ -114,11 +114,13 @@ def _on_scenario(
 def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
     from crowdbench.scenario.tracks import eth_ucy
     from studies.social_gan.prediction_errors import on_tracks
+    from studies.social_gan.recordings import read_folder
+    from studies.social_gan.recordings import scenes as scenes_of
 
-    recordings = eth_ucy.read_folder(data)
+    recordings = read_folder(data)
 
     def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
-        scenes = len(eth_ucy.scenes(recordings))
+        scenes = len(scenes_of(recordings))
         with progress(scenes, f"of {scenes} scenes") as tell:
             return on_tracks(name, predictor, recordings, ahead, tell)
 

@@ -25,11 +25,12 @@ from crowdbench.predict.base import validate_prediction
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.population import GOES_ON
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.scenario.tracks.eth_ucy import Tracks, scenes
+from crowdbench.scenario.tracks.eth_ucy import Tracks
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_decisions, limit_velocities, walk
 from crowdbench.utils.defaults import BATCH, HORIZON, MOST_AHEAD
 from crowdbench.utils.errors import InputError, is_integer, plugin_errors, require
+from studies.social_gan.recordings import scenes
 from studies.social_gan.windows import windows
 
 Counted = Bool[np.ndarray, "world pedestrian"]
@@ -213,7 +214,7 @@ def _walks(
         crowd, world = crowd_decisions(world, scenario.policies)
         obs = observe(world, future=limit_velocities(world, crowd) if predictor.privileged else None)
         predicted.append((_predict(name, predictor, obs, ahead), walking, world.person))
-        world = walk(world, crowd, scenario.renewal)
+        world = walk(world, crowd, scenario.post_step_rule)
         positions.append(world.position[:, 1:])
         if len(positions) == ahead:
             prediction, counted, persons = predicted.popleft()

@@ -18,9 +18,10 @@ from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.scenario.tracks.eth_ucy import Tracks, read_folder
+from crowdbench.scenario.tracks.eth_ucy import Tracks
 from crowdbench.utils.errors import InputError
 from studies.social_gan.config import SocialGANConfig
+from studies.social_gan.recordings import read_folder
 from studies.social_gan.windows import resample, training_split, windows
 
 HORIZON = 8

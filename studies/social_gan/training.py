@@ -25,10 +25,11 @@ from crowdbench.core.types import HISTORY
 from crowdbench.networks.social_gan import NOISE, Discriminator, Generator
 from crowdbench.predict import Prediction
 from crowdbench.predict.social_gan import scatter
-from crowdbench.scenario.tracks.eth_ucy import DT, read_folder, scenes
+from crowdbench.scenario.tracks.eth_ucy import DT
 from crowdbench.train.training import Training, describe_scenario
 from studies.social_gan.config import SocialGANConfig
 from studies.social_gan.prediction_errors import TOGETHER, displacement
+from studies.social_gan.recordings import read_folder, scenes
 from studies.social_gan.samples import HORIZON, Samples, load_samples
 
 BATCH = 64

@@ -11,8 +11,9 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.core import rng
 from crowdbench.core.types import Observation, Pedestrians, Vehicle
-from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, Tracks, scenes
+from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, Tracks
 from crowdbench.utils.errors import InputError
+from studies.social_gan.recordings import scenes
 
 FEWEST = 2
 """The smallest number of pedestrians in a window, as in the evaluation of Social GAN (Gupta et al. 2018)."""

@@ -209,7 +209,7 @@ def move(windows: Windows, policy: str, parameters: Mapping[str, Any], data: Pat
     world = scenario.worlds(Cases("test", 0, len(windows.excerpts)))
     before = world.position[windows.window, 1 + windows.person]
     for _ in range(scenario.rules.max_steps):
-        world = simulator.walk(world, simulator.crowd_velocities(world, scenario.policies), scenario.renewal)
+        world = simulator.walk(world, simulator.crowd_velocities(world, scenario.policies), scenario.post_step_rule)
     return windows.turn(world.position[windows.window, 1 + windows.person] - before)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,9 +35,6 @@ SCENES: Mapping[str, tuple[str, ...]] = {
     "zara2": ("crowds_zara02",),
 }
 """The five scenes of ETH/UCY (Pellegrini et al. 2009, Lerner et al. 2007), each with the files to test on."""
-
-TRAINING_ONLY = ("crowds_zara03", "uni_examples")
-"""Files of ETH/UCY that no scene is tested on."""
 
 FARTHEST = 1e7
 """The largest coordinate in metres: coordinates of maps are smaller."""
@@ -68,16 +65,6 @@ class Tracks:
     pedestrian: Int[np.ndarray, "row"]
     position: Float[np.ndarray, "row 2"]
     dt: float = DT
-
-
-def read_folder(folder: Path) -> list[Tracks]:
-    """The recordings in all `*.txt` files of a folder. Raises InputError where there are none, or one is wrong."""
-    if not folder.is_dir():
-        raise InputError(f"there is no folder {folder} with recorded tracks")
-    tracks = [read_tracks(path) for path in sorted(folder.glob("*.txt"))]
-    if not tracks:
-        raise InputError(f"{folder} has no files *.txt with recorded tracks")
-    return tracks
 
 
 def read_tracks(path: Path) -> Tracks:
@@ -165,10 +152,3 @@ def _read_line(where: str, fields: list[str]) -> list[float]:
             raise InputError(f"{where}: {column} is {number}, but must be {right}")
         numbers.append(number)
     return numbers
-
-
-def scenes(recordings: Iterable[Tracks]) -> dict[str, list[Tracks]]:
-    """The scenes to test on, by name: those of ETH/UCY whose files are all there, and every other recording."""
-    left = {tracks.name: tracks for tracks in recordings if tracks.name not in TRAINING_ONLY}
-    whole = {scene: [left.pop(name) for name in names] for scene, names in SCENES.items() if left.keys() >= set(names)}
-    return whole | {name: [tracks] for name, tracks in left.items()}

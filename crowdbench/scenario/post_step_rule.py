@@ -1,4 +1,4 @@
-"""What becomes of pedestrians who arrive, or who change their minds on the way."""
+"""The rule applied after each step: arrivals, respawn, goal changes."""
 
 from __future__ import annotations
 
@@ -19,11 +19,13 @@ from crowdbench.scenario.respawn import Room, draw_again
 
 
 @dataclass(frozen=True)
-class Renewal:
-    """Changes people after a step. What is drawn depends on the case, the step and the pedestrian alone.
+class LayoutPostStepRule:
+    """Applied after each step: arrivals, respawn, goal changes.
+
+    What is drawn depends on the case, the step and the pedestrian alone.
 
     Attributes:
-        crowd: The pedestrians; the number of somebody new in the place of a person is that person's plus their largest.
+        crowd: The pedestrians. A new person has the number of the one it replaces, plus the largest number of them.
         layout: Draws people and goals again.
     """
 
@@ -31,7 +33,7 @@ class Renewal:
     layout: LayoutCall
 
     def __call__(self, world: World, running: Bool[np.ndarray, "world"]) -> World:
-        """Worlds in which those who have arrived, or change their minds, do what they do then.
+        """Return worlds in which pedestrians who have arrived or change their goals have been dealt with.
 
         A pedestrian has arrived where its goal is nearer than its radius.
 
@@ -47,22 +49,22 @@ class Renewal:
         """
         walks = find_walking(world, running) & ~self.crowd.stands[world.policy]
         arrived = walks & find_arrived(world, running & (self.crowd.arrival != "walk_on"))
-        mind = np.where(world.group < 0, world.person, world.group)  # a group has one
+        ids = np.where(world.group < 0, world.person, world.group)
         change, turned = self.crowd.goal_change, np.zeros_like(walks)
         if change is not None and (is_due := running & change.is_due(world)).any():
-            draws = rng.uniforms(world.key, "goal_change", world.step, mind)
+            draws = rng.uniforms(world.key, "goal_change", world.step, ids)
             turned = is_due[:, None] & walks & (draws < change.chance)
         if not arrived.any() and not turned.any():
             return world
         after = world.take(np.arange(len(world)))  # a copy, which is changed in place
         if self.crowd.arrival == "back_and_forth":
-            arrived = walks & _add_groups(arrived, mind)
+            arrived = walks & _add_groups(arrived, ids)
         if self.crowd.arrival in _AT_ONCE:
             _AT_ONCE[self.crowd.arrival](after, arrived)
             turned, walks, arrived = turned & ~arrived, walks & ~arrived, np.zeros_like(arrived)
-        changed = walks & _add_groups(arrived | turned, mind)
+        changed = walks & _add_groups(arrived | turned, ids)
         for row, pedestrian in np.argwhere(changed).tolist():
-            members = np.flatnonzero(walks[row] & (mind[row] == mind[row, pedestrian]))
+            members = np.flatnonzero(walks[row] & (ids[row] == ids[row, pedestrian]))
             if pedestrian == members[0]:
                 is_new = self.crowd.arrival == "respawn" and bool(arrived[row, members].any())
                 after = self._replace(after, row, members, is_new)
@@ -83,23 +85,22 @@ class Renewal:
             traits = self.crowd.walking().draw(crowd, len(members)).alike(np.zeros_like(members))
             radius, speed = traits.radius, float(traits.preferred_speed[0])
         room, stream = Room.of(world, row, agents), rng.generator(world.key[row], "places again", *of_this)
-        found = draw_again(
-            self.layout, stream, room, group_reach(radius), speed, None if is_new else start.mean(axis=0)
-        )
-        if found is None:
+        middle = None if is_new else start.mean(axis=0)
+        trip = draw_again(self.layout, stream, room, group_reach(radius), speed, middle)
+        if trip is None:
             return world
-        offset = spread(found[1] - found[0], radius, stands=False)
-        start, goal = found[0] + offset if is_new else start, found[1] + offset
-        found_ways = [room.way(*place) for place in zip(start, goal, radius.tolist(), strict=True)]
-        ways = [way for way in found_ways if way is not None]
-        if len(ways) < len(agents) or (is_new and not self._is_clear(world, row, start, goal, ways, radius, speed)):
+        offset = spread(trip[1] - trip[0], radius, stands=False)
+        start, goal = trip[0] + offset if is_new else start, trip[1] + offset
+        found = [room.find_route(*member) for member in zip(start, goal, radius.tolist(), strict=True)]
+        routes = [route for route in found if route is not None]
+        if len(routes) < len(agents) or (is_new and not self._is_clear(world, row, start, goal, routes, radius, speed)):
             return world
         world.origin[row, agents], world.goal[row, agents] = start, goal
         if traits is not None:
-            for one, member in enumerate(members.tolist()):
-                replace_person(world, row, member, traits, one, start[one], self.crowd.number[1])
-        for agent, way in zip(agents.tolist(), ways, strict=True):
-            world = _with_route(world, row, agent, way)
+            for i, member in enumerate(members.tolist()):
+                replace_person(world, row, member, traits, i, start[i], self.crowd.number[1])
+        for agent, route in zip(agents.tolist(), routes, strict=True):
+            world = _with_route(world, row, agent, route)
         return world
 
     def _is_clear(
@@ -108,26 +109,27 @@ class Renewal:
         row: int,
         start: Float[np.ndarray, "member 2"],
         goal: Float[np.ndarray, "member 2"],
-        ways: Sequence[Float[np.ndarray, "waypoint 2"]],
+        routes: Sequence[Float[np.ndarray, "waypoint 2"]],
         radius: Float[np.ndarray, "member"],
         speed: float,
     ) -> bool:
         """Whether those who come in stay out of the vehicle's clear space; arguments as in `_replace`."""
         if self.crowd.clear_space is None:
             return True
-        toward = np.stack([way[0] if len(way) else end for way, end in zip(ways, goal, strict=True)])
+        toward = np.stack([route[0] if len(route) else end for route, end in zip(routes, goal, strict=True)])
         velocity = velocities_ahead(start, toward, None, np.full(len(start), speed))
-        own = world.position[row, 0], float(world.heading[row]), world.velocity[row, 0], float(world.radius[row, 0])
-        return self.crowd.clear_space.holds(MovingVehicle(*own, world.rules.body), start, velocity, radius)
+        motion = world.position[row, 0], float(world.heading[row]), world.velocity[row, 0]
+        vehicle = MovingVehicle(*motion, float(world.radius[row, 0]), world.rules.body)
+        return self.crowd.clear_space.holds(vehicle, start, velocity, radius)
 
 
 def _add_groups(
-    chosen: Bool[np.ndarray, "world pedestrian"], mind: Int[np.ndarray, "world pedestrian"]
+    chosen: Bool[np.ndarray, "world pedestrian"], group_or_person_id: Int[np.ndarray, "world pedestrian"]
 ) -> Bool[np.ndarray, "world pedestrian"]:
-    """Those who are chosen, and all others of their groups, who have the same mind."""
+    """Return those who are chosen, and all others of their groups."""
     together = chosen.copy()
-    for row, one in np.argwhere(chosen).tolist():
-        together[row] |= mind[row] == mind[row, one]
+    for row, pedestrian in np.argwhere(chosen).tolist():
+        together[row] |= group_or_person_id[row] == group_or_person_id[row, pedestrian]
     return together
 
 
@@ -143,7 +145,7 @@ def find_arrived(world: World, running: Bool[np.ndarray, "world"]) -> Bool[np.nd
 
 
 def replace_person(
-    world: World, row: int, pedestrian: int, traits: Traits, one: int, start: Position, numbers: int
+    world: World, row: int, pedestrian: int, traits: Traits, index: int, start: Position, numbers: int
 ) -> None:
     """Put somebody new in the place of a pedestrian, in the arrays of worlds.
 
@@ -152,32 +154,32 @@ def replace_person(
         row: The pedestrian's world.
         pedestrian: Its index.
         traits: What those who come are like.
-        one: Which of them this is.
+        index: Which of them this is.
         start: Where it comes in, in metres.
         numbers: What is added to the numbers of the person and of its group.
     """
     agent = pedestrian + 1
     world.position[row, agent], world.velocity[row, agent] = start, 0.0
     world.history[row, :, pedestrian] = start
-    world.radius[row, agent], world.preferred_speed[row, agent] = traits.radius[one], traits.preferred_speed[one]
+    world.radius[row, agent], world.preferred_speed[row, agent] = traits.radius[index], traits.preferred_speed[index]
     world.person[row, pedestrian] += numbers
     if world.group[row, pedestrian] >= 0:
         world.group[row, pedestrian] += numbers
     world.since[row, pedestrian] = world.step[row]
-    world.policy[row, pedestrian] = traits.policy[one]
+    world.policy[row, pedestrian] = traits.policy[index]
     for name, table in traits.parameters.items():
         for parameter, values in table.items():
-            world.parameters[name][parameter][row, agent] = values[one]
+            world.parameters[name][parameter][row, agent] = values[index]
 
 
-def _with_route(world: World, row: int, agent: int, way: Float[np.ndarray, "waypoint 2"]) -> World:
+def _with_route(world: World, row: int, agent: int, waypoints: Float[np.ndarray, "waypoint 2"]) -> World:
     """Worlds in which an agent has another route, with longer arrays of routes where they are too short."""
     route = world.route
-    if len(way) > route.shape[2]:
-        longer = [(0, 0), (0, 0), (0, len(way) - route.shape[2]), (0, 0)]
+    if len(waypoints) > route.shape[2]:
+        longer = [(0, 0), (0, 0), (0, len(waypoints) - route.shape[2]), (0, 0)]
         route = np.pad(route, longer, constant_values=np.nan)
     route[row, agent] = np.nan
-    route[row, agent, : len(way)] = way
+    route[row, agent, : len(waypoints)] = waypoints
     world.waypoint[row, agent] = 0
     return world.replace(route=route)
 
