@@ -55,8 +55,8 @@ def generator(key: np.uint64, purpose: str, step: int = 0, person: int = 0) -> n
         The generator, at its start.
     """
     # A generator counts in the counter's first half.
-    own = np.array([0, 0, person, step], np.uint64)
-    return np.random.Generator(np.random.Philox(key=np.array([key, purpose_bits(purpose)], np.uint64), counter=own))
+    counter = np.array([0, 0, person, step], np.uint64)
+    return np.random.Generator(np.random.Philox(key=np.array([key, purpose_bits(purpose)], np.uint64), counter=counter))
 
 
 def noise_keys(keys: UInt[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:

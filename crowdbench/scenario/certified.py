@@ -24,7 +24,7 @@ LARGEST = 100.0
 
 
 def _rising(numbers: list[int]) -> list[int]:
-    if any(one >= other for one, other in itertools.pairwise(numbers)):
+    if any(number >= following for number, following in itertools.pairwise(numbers)):
         raise ValueError
     return numbers
 

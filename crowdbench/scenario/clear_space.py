@@ -71,9 +71,9 @@ class ClearSpace(TomlTable):
         discs = vehicle.position + np.array(vehicle.body)[:, None] * ahead
         if self.is_entered(discs, position, radius, vehicle.radius):
             return False
-        way, reach = position[:, None] - discs, (radius + vehicle.radius)[:, None]
-        motion = np.broadcast_to((velocity - vehicle.velocity)[:, None], way.shape)
-        a, b, c = dot(motion, motion), dot(way, motion), dot(way, way) - reach**2
+        offset, reach = position[:, None] - discs, (radius + vehicle.radius)[:, None]
+        motion = np.broadcast_to((velocity - vehicle.velocity)[:, None], offset.shape)
+        a, b, c = dot(motion, motion), dot(offset, motion), dot(offset, offset) - reach**2
         touches = (b < 0.0) & (b**2 >= a * c)
         when = (-b - np.sqrt(np.maximum(b**2 - a * c, 0.0))) / np.where(a > 0.0, a, 1.0)
         return not (touches & (when <= self.time)).any()
@@ -93,5 +93,5 @@ def velocities_ahead(
     toward = goal
     if route is not None and route.shape[1]:
         toward = np.where(np.isfinite(route[:, 0]), route[:, 0], goal)
-    way = toward - start
-    return way * (speed / np.maximum(norm(way), 1e-9))[:, None]
+    offset = toward - start
+    return offset * (speed / np.maximum(norm(offset), 1e-9))[:, None]

@@ -65,9 +65,9 @@ class _Stream:
         """Draw how far in metres a pedestrian notices others, its speed in m/s, and its radius in metres."""
         noticed = self._crowd.parameters[self.policy][NOTICED]
         quantities = noticed, self._crowd.preferred_speed, self._crowd.radius
-        if any(each.low < each.high for each in quantities):
-            return [each.low + (each.high - each.low) * self.draw() for each in quantities]
-        return [each.mean for each in quantities]
+        if any(quantity.low < quantity.high for quantity in quantities):
+            return [quantity.low + (quantity.high - quantity.low) * self.draw() for quantity in quantities]
+        return [quantity.mean for quantity in quantities]
 
     def traits(self, people: Sequence[list[float]]) -> Traits:
         """What pedestrians are like that `draw_person` has drawn."""
@@ -103,14 +103,14 @@ class CrowdNavPlusStarts(LayoutStarts):
         if not self.uses_crowdnav_seed(case):
             return super().start(case, crowd, vehicle, rules)
         stream = _Stream(case.number, crowd, self.layout.options["circle_radius"])
-        ways, people, radius = [vehicle_way(stream.draw, self.layout.options["half_width"])], [], [vehicle.radius]
+        trips, people, radius = [vehicle_way(stream.draw, self.layout.options["half_width"])], [], [vehicle.radius]
         for _ in range(crowd.number[1]):
             people.append(stream.draw_person())
             reach = np.repeat(radius, 2) + people[-1][2] + PLUS_CLEARANCE
-            start = stream.draw_point(np.array(ways).reshape(-1, 2), reach)
-            ways.append((start, (-start[0], -start[1])))
+            start = stream.draw_point(np.array(trips).reshape(-1, 2), reach)
+            trips.append((start, (-start[0], -start[1])))
             radius.append(people[-1][2])
-        starts, goals = np.array(ways).swapaxes(0, 1)
+        starts, goals = np.array(trips).swapaxes(0, 1)
         traits = stream.traits(people)
         distances = traits.parameters[stream.policy][NOTICED]
         distances[:] = distances[-1:]  # see `_CrowdNavPlusRule._renew`
@@ -119,8 +119,8 @@ class CrowdNavPlusStarts(LayoutStarts):
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
         """See `LayoutStarts`."""
         numbers, drawn = [case.number for case in cases], [start.drawn for start in starts]
-        own = {"case": np.array(numbers, np.int64), "drawn": np.array(drawn, np.int64)}
-        return world.replace(memory={**world.memory, MEMORY: own})
+        memory = {"case": np.array(numbers, np.int64), "drawn": np.array(drawn, np.int64)}
+        return world.replace(memory={**world.memory, MEMORY: memory})
 
     def post_step_rule(self, crowd: Crowd) -> PostStepRule | None:
         """See `LayoutStarts`."""
@@ -169,8 +169,8 @@ class _CrowdNavPlusRule:
         for agent in (np.flatnonzero(arrived) + 1).tolist():
             person = stream.traits([stream.draw_person()])
             # Clear also of the one whose place it takes.
-            ways = np.concatenate([world.position[row], world.goal[row]])
-            start = stream.draw_point(ways, np.tile(world.radius[row], 2) + person.radius + PLUS_CLEARANCE)
+            others = np.concatenate([world.position[row], world.goal[row]])
+            start = stream.draw_point(others, np.tile(world.radius[row], 2) + person.radius + PLUS_CLEARANCE)
             world.origin[row, agent], world.goal[row, agent] = start, (-start[0], -start[1])
             replace_person(world, row, agent - 1, person, 0, np.array(start), self.crowd.number[1])
             came.append(agent)

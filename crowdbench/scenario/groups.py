@@ -59,11 +59,11 @@ def spread(ahead: Position, radius: Float[np.ndarray, "member"], stands: bool) -
         In metres.
     """
     n, spacing, heading = len(radius), _spacing(radius), math.atan2(ahead[1], ahead[0])
-    place = np.arange(n)
+    index = np.arange(n)
     if stands and n > 1:
-        angle = heading + 2 * np.pi * place / n
+        angle = heading + 2 * np.pi * index / n
         return spacing / (2 * math.sin(math.pi / n)) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    aside = spacing * (place - (n - 1) / 2)
+    aside = spacing * (index - (n - 1) / 2)
     return aside[:, None] * np.array([-math.sin(heading), math.cos(heading)])
 
 
@@ -104,17 +104,17 @@ def place_groups(
         if stands[members[0] - 1]:
             others = group != number
             room = Room(start[others], goal[others], radius[others], preferred_speed[others], obstacles)
-            way = placement.start[number], placement.goal[number]
-            middle = _draw_on_way(way, float(reach[number]), room, stream)
+            trip = placement.start[number], placement.goal[number]
+            middle = _draw_on_way(trip, float(reach[number]), room, stream)
             start[members] = goal[members] = middle + spread(ahead[number], radius[members], True)
             if route is not None:
                 route[members] = np.nan
     return Placement(start, goal, route, placement.obstacles)
 
 
-def _draw_on_way(way: Way, radius: float, room: Room, stream: np.random.Generator) -> Position:
+def _draw_on_way(trip: Way, radius: float, room: Room, stream: np.random.Generator) -> Position:
     """A clear point in metres between start and goal; the start where none is found."""
-    start, goal = way
+    start, goal = trip
     for share in stream.random(TRIES):
         point = start + share * (goal - start)
         if room.is_clear(point, radius):

@@ -220,11 +220,11 @@ def _tracks(
     from crowdbench.scenario.recorded import TrackedCrowd
     from crowdbench.scenario.tracks.scenes import load_scene
 
-    own: list[tuple[str, ...]] = [(key,) for key in ("layout", "crowdnav_cases") if table.get(key)]
-    own += [("pedestrians", key) for key in OF_TRACKS if key in table.get("pedestrians", {})]
-    if own:
+    given: list[tuple[str, ...]] = [(key,) for key in ("layout", "crowdnav_cases") if table.get(key)]
+    given += [("pedestrians", key) for key in OF_TRACKS if key in table.get("pedestrians", {})]
+    if given:
         right = "left out where there is a table [tracks], which says who starts where, how fast, and to where"
-        raise file.at(*own[0]).wrong("given", right)
+        raise file.at(*given[0]).wrong("given", right)
     with file.at("tracks").named():
         crowd = TrackedCrowd.of(load_scene(top.tracks.scene, data, top.tracks.files), top.tracks.distance, rules)
     if crowd.has_cars and "distance" in table["tracks"]:

@@ -184,7 +184,7 @@ def _add_marks(
     start: Float[np.ndarray, "agent 2"], goal: Float[np.ndarray, "agent 2"], route: Float[np.ndarray, "agent corner 2"]
 ) -> Float[np.ndarray, "agent waypoint 2"]:
     """Routes with waypoints at most `SPACING` apart, so that whoever has been pushed off its way sees one of them."""
-    ways = []
+    routes = []
     for agent, corners in enumerate(route):
         points = np.concatenate([start[agent, None], _points(corners), goal[agent, None]])
         legs = np.ceil(np.hypot(*np.diff(points, axis=0).T) / SPACING).astype(int)
@@ -192,8 +192,8 @@ def _add_marks(
             first + np.arange(1, n + 1)[:, None] / n * (last - first)
             for first, last, n in zip(points[:-1], points[1:], legs, strict=True)
         ]
-        ways.append(np.concatenate([np.empty((0, 2)), *parts])[:-1])
-    return pad_points(ways)
+        routes.append(np.concatenate([np.empty((0, 2)), *parts])[:-1])
+    return pad_points(routes)
 
 
 def check_routes(placement: Placement, radius: PerAgent) -> Placement:
@@ -202,10 +202,10 @@ def check_routes(placement: Placement, radius: PerAgent) -> Placement:
         return placement
     edges = shapely.MultiLineString(list(edges_of(placement.obstacles)))
     for agent, points in enumerate(placement.route):
-        way = shapely.LineString([placement.start[agent], *_points(points), placement.goal[agent]])
-        if way.distance(edges) < radius[agent] - _TOLERANCE:
+        path = shapely.LineString([placement.start[agent], *_points(points), placement.goal[agent]])
+        if path.distance(edges) < radius[agent] - _TOLERANCE:
             raise InputError(
-                f"the route of {who(agent)} leads {way.distance(edges):.3g} m past an obstacle, but its radius is "
+                f"the route of {who(agent)} leads {path.distance(edges):.3g} m past an obstacle, but its radius is "
                 f"{radius[agent]:.3g} m"
             )
     return placement
@@ -239,11 +239,11 @@ def _shape(i: int, corners: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:
 
 def _apart(shapes: Mapping[int, shapely.Geometry]) -> None:
     """Raises InputError where two obstacles cross or overlap. They may touch."""
-    number, each = list(shapes), list(shapes.values())
-    pairs = shapely.STRtree(each).query(np.array(each, object), predicate="intersects")
-    for one, other in pairs.T.tolist():
-        if one < other and shapely.relate_pattern(each[one], each[other], "T********"):
-            raise InputError(f"obstacles[{number[one]}] and obstacles[{number[other]}] cross or overlap")
+    number, geometries = list(shapes), list(shapes.values())
+    pairs = shapely.STRtree(geometries).query(np.array(geometries, object), predicate="intersects")
+    for first, second in pairs.T.tolist():
+        if first < second and shapely.relate_pattern(geometries[first], geometries[second], "T********"):
+            raise InputError(f"obstacles[{number[first]}] and obstacles[{number[second]}] cross or overlap")
 
 
 def _outside(placement: Placement, radius: PerAgent, shapes: Mapping[int, shapely.Geometry]) -> None:

@@ -91,8 +91,8 @@ class LayoutPostStepRule:
             return world
         offset = spread(trip[1] - trip[0], radius, stands=False)
         start, goal = trip[0] + offset if is_new else start, trip[1] + offset
-        found = [room.find_route(*member) for member in zip(start, goal, radius.tolist(), strict=True)]
-        routes = [route for route in found if route is not None]
+        found_routes = [room.find_route(*member) for member in zip(start, goal, radius.tolist(), strict=True)]
+        routes = [route for route in found_routes if route is not None]
         if len(routes) < len(agents) or (is_new and not self._is_clear(world, row, start, goal, routes, radius, speed)):
             return world
         world.origin[row, agents], world.goal[row, agents] = start, goal

@@ -104,13 +104,13 @@ class FreeSpace:
         return bool(self.free[x, y].all())
 
 
-def _dense(way: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
+def _dense(path: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
     """A way with points that are no farther apart than half a cell."""
-    if len(way) < 2:
-        return way
-    parts = np.maximum(np.ceil(norm(np.diff(way, axis=0)) / (CELL / 2.0)).astype(np.int64), 1)
+    if len(path) < 2:
+        return path
+    parts = np.maximum(np.ceil(norm(np.diff(path, axis=0)) / (CELL / 2.0)).astype(np.int64), 1)
     at = np.concatenate([i + np.arange(n) / n for i, n in enumerate(parts.tolist())])
-    return np.concatenate([interpolate(at, np.arange(len(way), dtype=np.float64), way), way[-1:]])
+    return np.concatenate([interpolate(at, np.arange(len(path), dtype=np.float64), path), path[-1:]])
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ class TrackedCrowd:
                 "episode may take: lower time_limit"
             )
         has_cars = any(recording.cars for recording in scene.recordings)
-        free = {each.tracks.name: FreeSpace(each.tracks) for each in scene.recordings if not has_cars}
+        free = {recording.tracks.name: FreeSpace(recording.tracks) for recording in scene.recordings if not has_cars}
         table = {"scene": scene.name, "files": dict(scene.files)} | ({} if has_cars else {"distance": distance})
         return cls(scene.name, distance, split_windows(windows), free, has_cars, table)
 
@@ -195,7 +195,7 @@ class TrackedCrowd:
         windows = self.windows[split]
         most = self.most_cases(split)
         if not windows or (most is not None and case >= most):
-            numbers = ", ".join(f"{name}:{len(each)}" for name, each in self.windows.items())
+            numbers = ", ".join(f"{name}:{len(excerpts)}" for name, excerpts in self.windows.items())
             raise InputError(
                 f"there is no case {split}/{case}: the scene {self.scene} has no more windows of time than {numbers}"
             )

@@ -67,14 +67,14 @@ class Room:
             clearance: Smallest distance in metres between rims.
             walls: Smallest distance in metres between the rim and a wall.
         """
-        ways = np.concatenate([self.position, self.goal]) - point
-        if (norm(ways) < np.tile(self.radius, 2) + (radius + clearance)).any():
+        offsets = np.concatenate([self.position, self.goal]) - point
+        if (norm(offsets) < np.tile(self.radius, 2) + (radius + clearance)).any():
             return False
         edges = edges_of(self.obstacles)
         if len(edges) and norm(nearest_on(edges, point[None])[0] - point).min() < radius + walls:
             return False
-        solid = [shapely.Polygon(each) for each in polygons(self.obstacles) if len(each) > 2]
-        return not any(shapely.contains_xy(each, *point) for each in solid)
+        solid = [shapely.Polygon(polygon) for polygon in polygons(self.obstacles) if len(polygon) > 2]
+        return not any(shapely.contains_xy(polygon, *point) for polygon in solid)
 
     def find_route(self, start: Position, goal: Position, radius: float) -> np.ndarray | None:
         """Return the waypoints `[waypoint, 2]` in metres of a disc's shortest path, None where there is no path."""

@@ -116,18 +116,20 @@ class Scenario:
         starts = [self.starts.start(case, self.crowd, self.vehicle, self.rules) for case in drawn]
         traits, placements = [start.traits for start in starts], [start.placement for start in starts]
         worlds, agents = len(cases), self.max_agents
-        position = _pad([each.start for each in placements], 0.0, agents)
-        goal = _pad([each.goal for each in placements], 0.0, agents)
-        present = _pad([np.ones(len(each.radius) + 1, bool) for each in traits], False, agents)
-        route = _pad([_NOTHING if each.route is None else each.route for each in placements], np.nan, agents)
-        obstacles = [_NOTHING if each.obstacles is None else each.obstacles for each in placements]
+        position = _pad([placement.start for placement in placements], 0.0, agents)
+        goal = _pad([placement.goal for placement in placements], 0.0, agents)
+        present = _pad([np.ones(len(people.radius) + 1, bool) for people in traits], False, agents)
+        route = _pad(
+            [_NOTHING if placement.route is None else placement.route for placement in placements], np.nan, agents
+        )
+        obstacles = [_NOTHING if placement.obstacles is None else placement.obstacles for placement in placements]
         ahead = goal[:, 0] - position[:, 0]
         if not isinstance(self.rules.dynamics, Holonomic) and route.shape[2]:
             # What turns slowly faces its first waypoint.
             ahead = np.where(np.isnan(route[:, 0, 0]), ahead, route[:, 0, 0] - position[:, 0])
 
-        def stack(vehicle: float, pedestrians: Sequence[Float[np.ndarray, "_"]], rest: float) -> np.ndarray:
-            return np.concatenate([np.full((worlds, 1), vehicle), _pad(pedestrians, rest, agents - 1)], axis=1)
+        def stack(vehicle: float, pedestrians: Sequence[Float[np.ndarray, "_"]], fill_value: float) -> np.ndarray:
+            return np.concatenate([np.full((worlds, 1), vehicle), _pad(pedestrians, fill_value, agents - 1)], axis=1)
 
         world = World(
             case=cases,
@@ -142,8 +144,8 @@ class Scenario:
             goal=goal,
             route=route,
             waypoint=np.zeros((worlds, agents), np.int64),
-            radius=stack(self.vehicle.radius, [each.radius for each in traits], 1.0),
-            preferred_speed=stack(self.vehicle.speed, [each.preferred_speed for each in traits], 1.0),
+            radius=stack(self.vehicle.radius, [people.radius for people in traits], 1.0),
+            preferred_speed=stack(self.vehicle.speed, [people.preferred_speed for people in traits], 1.0),
             present=present,
             person=np.where(present[:, 1:], np.arange(agents - 1), -1),
             since=np.zeros((worlds, agents - 1), np.int64),
@@ -151,10 +153,10 @@ class Scenario:
             group=_pad([start.group for start in starts], -1, agents - 1),
             history=np.repeat(position[:, None, 1:], HISTORY, axis=1),
             obstacles=_pad(obstacles, np.nan),
-            policy=_pad([each.policy for each in traits], 0, agents - 1),
+            policy=_pad([people.policy for people in traits], 0, agents - 1),
             parameters={
                 name: {
-                    parameter: stack(0.0, [each.parameters[name][parameter] for each in traits], 0.0)
+                    parameter: stack(0.0, [people.parameters[name][parameter] for people in traits], 0.0)
                     for parameter in table
                 }
                 for name, table in self.crowd.parameters.items()
@@ -175,10 +177,10 @@ _NOTHING = np.empty((0, 0, 2))
 """The routes and the obstacles of a case without any."""
 
 
-def _pad(arrays: Sequence[np.ndarray], rest: Any, rows: int | None = None) -> Shaped[np.ndarray, "world row ..."]:
-    """Arrays of different sizes in one, each with so many rows or with as many as the longest; filled with `rest`."""
-    shape = np.max([each.shape for each in arrays], axis=0)
-    padded = np.full((len(arrays), shape[0] if rows is None else rows, *shape[1:]), rest)
-    for own, each in zip(padded, arrays, strict=True):
-        own[tuple(map(slice, each.shape))] = each
+def _pad(arrays: Sequence[np.ndarray], fill_value: Any, rows: int | None = None) -> Shaped[np.ndarray, "world row ..."]:
+    """Arrays of different sizes in one, each with so many rows or with as many as the longest; filled with `fill_value`."""
+    shape = np.max([array.shape for array in arrays], axis=0)
+    padded = np.full((len(arrays), shape[0] if rows is None else rows, *shape[1:]), fill_value)
+    for row, array in zip(padded, arrays, strict=True):
+        row[tuple(map(slice, array.shape))] = array
     return padded

@@ -270,9 +270,9 @@ def _option(option: Option, is_length: bool) -> tuple[Any, Any]:
     for kind, (type_, right) in _OPTIONS.items():
         if isinstance(default, kind):
             return type_, Field(default=default, description=right)
-    found = "no default" if default is REQUIRED else f"the default {default!r}"
+    actual = "no default" if default is REQUIRED else f"the default {default!r}"
     raise InputError(
-        f"the option {option.name} has {found}, but must have one that is true or false, a number, a text, a list or "
+        f"the option {option.name} has {actual}, but must have one that is true or false, a number, a text, a list or "
         "a table"
     )
 

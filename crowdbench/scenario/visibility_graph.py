@@ -54,22 +54,22 @@ def find_routes(
     Raises:
         InputError: No way leads an agent to its goal.
     """
-    found: list[Float[np.ndarray, "waypoint 2"]] = [np.empty((0, 2))] * len(start)
+    routes: list[Float[np.ndarray, "waypoint 2"]] = [np.empty((0, 2))] * len(start)
     for size in np.unique(radius):
         roadmap = _roadmap(obstacles.astype(np.float64).tobytes(), obstacles.shape, float(size))
         agents = np.flatnonzero(radius == size)
         agents = agents[~roadmap.free(start[agents], goal[agents])]
         if len(agents):
-            for agent, way in zip(agents, _go_around(start[agents], goal[agents], roadmap), strict=True):
-                if way is None:
+            for agent, route in zip(agents, _go_around(start[agents], goal[agents], roadmap), strict=True):
+                if route is None:
                     who = "the vehicle" if agent == 0 else f"pedestrian {agent}"
                     ends = (f"({x:.3g}, {y:.3g})" for x, y in (start[agent], goal[agent]))
                     raise InputError(
                         f"no way leads {who} from {' to its goal at '.join(ends)}: "
                         f"it needs gaps of at least {2 * (size + LEAST_CLEARANCE):.3g} m"
                     )
-                found[agent] = way
-    return pad_points(found)
+                routes[agent] = route
+    return pad_points(routes)
 
 
 def edges_of(obstacles: Float[np.ndarray, "polygon corner 2"]) -> Float[np.ndarray, "edge 2 2"]:
@@ -116,14 +116,14 @@ class _Roadmap:
     angle: Float[np.ndarray, "corner"]
     least: float
 
-    def free(self, one: Float[np.ndarray, "line 2"], other: Float[np.ndarray, "line 2"]) -> Bool[np.ndarray, "line"]:
+    def free(self, start: Float[np.ndarray, "line 2"], end: Float[np.ndarray, "line 2"]) -> Bool[np.ndarray, "line"]:
         """Whether the agent can go straight from one point to another.
 
         An end that is nearer to a corner than agents keep from it must be reached all the same: then the way must not
         come any nearer.
         """
-        free = np.empty(len(one), bool)
-        _fill_free(one, other, self.point, self.keep - _TOLERANCE, self.edges, free)
+        free = np.empty(len(start), bool)
+        _fill_free(start, end, self.point, self.keep - _TOLERANCE, self.edges, free)
         return free
 
     @functools.cached_property
@@ -152,7 +152,7 @@ def _roadmap(obstacles: bytes, shape: tuple[int, ...], radius: float) -> _Roadma
         radius: The agent's, in metres.
     """
     polygon = np.ndarray(shape, np.float64, obstacles)
-    solid = [shapely.Polygon(each) for each in polygons(polygon) if len(each) > 2]
+    solid = [shapely.Polygon(corners) for corners in polygons(polygon) if len(corners) > 2]
     return _find_corners(edges_of(polygon), solid, radius)
 
 
@@ -203,23 +203,23 @@ def _trace_back(
     point: Float[np.ndarray, "point 2"], before: Int[np.ndarray, "point"], start: int, goal: int
 ) -> Float[np.ndarray, "waypoint 2"] | None:
     """The points between a start and a goal, found backwards from the goal; None where it was not reached."""
-    way = []
+    waypoints = []
     at = before[goal]
     while at != start:
         if at < 0:
             return None
-        way.append(point[at])
+        waypoints.append(point[at])
         at = before[at]
-    return np.array(way[::-1]).reshape(-1, 2)
+    return np.array(waypoints[::-1]).reshape(-1, 2)
 
 
 @no_type_check
 @njit(error_model="numpy")
-def _fill_free(one, other, corner, keep, edges, free):
+def _fill_free(start, end, corner, keep, edges, free):
     """Fill `free`, as `_Roadmap.free` says; `keep` has the distance to keep from each corner in metres."""
-    for line in range(len(one)):
-        ax, ay = one[line]
-        x, y = other[line, 0] - ax, other[line, 1] - ay
+    for line in range(len(start)):
+        ax, ay = start[line]
+        x, y = end[line, 0] - ax, end[line, 1] - ay
         length = x * x + y * y
         free[line] = True
         for k in range(len(corner)):

@@ -73,9 +73,9 @@ def outline(body: Body, position: Vectors, heading: Numbers, radius: float) -> F
     angle = np.linspace(-np.pi / 2.0, np.pi / 2.0, 25)
     front = np.stack([body[-1] + radius * np.cos(angle), radius * np.sin(angle)], axis=1)
     back = np.stack([body[0] - radius * np.cos(angle), -radius * np.sin(angle)], axis=1)
-    own = np.concatenate([front, back, front[:1]])
+    rim = np.concatenate([front, back, front[:1]])
     cos, sin = np.cos(heading)[..., None], np.sin(heading)[..., None]
-    turned = np.stack([cos * own[:, 0] - sin * own[:, 1], sin * own[:, 0] + cos * own[:, 1]], axis=-1)
+    turned = np.stack([cos * rim[:, 0] - sin * rim[:, 1], sin * rim[:, 0] + cos * rim[:, 1]], axis=-1)
     return position[..., None, :] + turned
 
 

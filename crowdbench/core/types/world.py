@@ -104,7 +104,7 @@ class World:
         """The worlds in the given rows (a mask or indices)."""
         # A mask is searched once and not for each array.
         indices = np.flatnonzero(rows) if rows.dtype == bool else rows
-        return self._map(lambda own: own.take(indices, axis=0))
+        return self._map(lambda array: array.take(indices, axis=0))
 
     def put(self, rows: Int[np.ndarray, "row"], others: World) -> World:
         """A copy in which some worlds are replaced.
@@ -114,10 +114,10 @@ class World:
             others: What they are replaced by, one world per row, of the same scenario.
         """
 
-        def replaced(own: np.ndarray, other: np.ndarray) -> np.ndarray:
+        def replaced(array: np.ndarray, other: np.ndarray) -> np.ndarray:
             # Routes and obstacles are as long as the longest of the batch.
-            both = _wider(own, other.shape).copy()
-            both[rows] = _wider(other, own.shape)
+            both = _wider(array, other.shape).copy()
+            both[rows] = _wider(other, array.shape)
             return both
 
         return self._map(replaced, others)

@@ -147,19 +147,19 @@ def crowdnav_plus(
         )
     first = vehicle_way(rng.random, half_width)
     for _ in range(ATTEMPTS):
-        ways = [first]
+        trips = [first]
         for agent in range(1, len(radius)):
             reach = np.repeat(radius[:agent] + (radius[agent] + PLUS_CLEARANCE), 2)
-            clear = functools.partial(is_clear, others=np.array(ways).reshape(-1, 2), reach=reach)
+            clear = functools.partial(is_clear, others=np.array(trips).reshape(-1, 2), reach=reach)
             start = draw_beside(rng.random, circle_radius, 0.0, NOISE, clear)
             if start is None:
                 break
-            ways.append((start, (-start[0], -start[1])))
+            trips.append((start, (-start[0], -start[1])))
         else:
-            starts, goals = np.array(ways).swapaxes(0, 1)
+            starts, goals = np.array(trips).swapaxes(0, 1)
             return Placement(start=starts, goal=goals)
     area = f"a circle of {circle_radius:g} m radius"
-    raise InputError(no_room(len(ways), len(radius), area, "layout.circle_radius"))
+    raise InputError(no_room(len(trips), len(radius), area, "layout.circle_radius"))
 
 
 def vehicle_way(draw: Draw, half_width: float) -> tuple[Point, Point]:

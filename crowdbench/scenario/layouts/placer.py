@@ -71,11 +71,11 @@ class Points:
 
     def is_clear(self, x: float, y: float) -> bool:
         """Whether the next agent, at a point in metres, keeps `CLEARANCE` from the disc around each of the points."""
-        own, (column, row) = self.radius[len(self.all)] + CLEARANCE, self._cell(x, y)
+        reach, (column, row) = self.radius[len(self.all)] + CLEARANCE, self._cell(x, y)
         for cell in itertools.product((column - 1, column, column + 1), (row - 1, row, row + 1)):
             for i in self._cells.get(cell, ()):
                 px, py = self.all[i]
-                if math.hypot(x - px, y - py) < own + self.radius[i]:
+                if math.hypot(x - px, y - py) < reach + self.radius[i]:
                     return False
         return True
 
@@ -127,18 +127,18 @@ class Placer:
         Returns:
             Whether there was room.
         """
-        own_start = self._draw_point(rng, start, self.start)
-        own_goal = self._draw_point(rng, goal, self.goal)
-        if own_start is None or own_goal is None:
+        start_point = self._draw_point(rng, start, self.start)
+        goal_point = self._draw_point(rng, goal, self.goal)
+        if start_point is None or goal_point is None:
             return False
-        self.add(own_start, own_goal)
+        self.add(start_point, goal_point)
         return True
 
     def fill_two_ways(
-        self, rng: np.random.Generator, one: Areas, other: Areas, area: str, share: float = 0.5
+        self, rng: np.random.Generator, first: Areas, second: Areas, area: str, share: float = 0.5
     ) -> Placement:
         """Place all agents that are left on one of two ways; a `share` of them on the first. See `fill`."""
-        return self.fill(lambda: self.draw(rng, *(one if rng.random() < share else other)), area, "layout.width")
+        return self.fill(lambda: self.draw(rng, *(first if rng.random() < share else second)), area, "layout.width")
 
     def fill(self, place_next: Callable[[], bool], area: str, key: str) -> Placement:
         """Place all agents that are left.
@@ -166,16 +166,16 @@ class Placer:
         raise InputError(no_room(missed, everybody, area, key))
 
     def _draw_point(self, rng: np.random.Generator, area: Area, others: Points) -> Point | None:
-        own = self.radius[len(self.start)] + WALL_CLEARANCE
+        distance = self.radius[len(self.start)] + WALL_CLEARANCE
         for _ in range(ALONE):
             x, y = rng.uniform(*area).tolist()
-            if others.is_clear(x, y) and not self._are_near_wall(np.array([[x, y]]), own)[0]:
+            if others.is_clear(x, y) and not self._are_near_wall(np.array([[x, y]]), distance)[0]:
                 return x, y
         for _ in range((TRIES - ALONE) // TOGETHER):
             before = rng.bit_generator.state
             points = rng.uniform(*area, (TOGETHER, 2))
             rows = np.flatnonzero(others.may_be_clear(points))
-            for row in rows[~self._are_near_wall(points[rows], own)].tolist():
+            for row in rows[~self._are_near_wall(points[rows], distance)].tolist():
                 x, y = points[row].tolist()
                 if others.is_clear(x, y):
                     rng.bit_generator.state = before

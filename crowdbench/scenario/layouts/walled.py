@@ -156,9 +156,9 @@ def intersection(
     placer = Placer(radius, [[(x * a, y * b) for a, b in block] for x, y in signs])
     placer.add((0.0, -distance), (0.0, distance))
     starts, goals = ([_arm(turn, side, near, end) for turn in range(4)] for near in (side, arrival))
-    ways = [(starts[arm], goals[(arm + 2) % 4]) for arm in range(4)]
+    trips = [(starts[arm], goals[(arm + 2) % 4]) for arm in range(4)]
     return placer.fill(
-        lambda: placer.draw(rng, *ways[int(rng.integers(4))]), f"a street of {width:g} m", "layout.width"
+        lambda: placer.draw(rng, *trips[int(rng.integers(4))]), f"a street of {width:g} m", "layout.width"
     )
 
 
@@ -197,24 +197,26 @@ def room(
 
 def _draw_blocks(rng: np.random.Generator, side: float, number: int, free: shapely.MultiPoint) -> list[list[Point]]:
     """Rectangles apart from each other, the walls of a room, and points in it; `side` is half its width in metres."""
-    found: list[shapely.Polygon] = []
+    placed: list[shapely.Polygon] = []
     for _ in range(TRIES):
-        if len(found) == number:
+        if len(placed) == number:
             break
         size = rng.uniform(*SIDES, 2) / 2
         reach = np.maximum(side - PASSAGE - size, 0.0)
         middle = rng.uniform(-reach, reach)
         block = shapely.box(*(middle - size), *(middle + size))
-        if block.distance(free) >= MARGIN and all(block.distance(other) >= PASSAGE for other in found):
-            found.append(block)
-    if len(found) < number:
-        raise InputError(f"block {len(found) + 1} of {number} finds no room: lower layout.blocks or raise layout.width")
-    return [list(block.exterior.coords)[:-1] for block in found]
+        if block.distance(free) >= MARGIN and all(block.distance(other) >= PASSAGE for other in placed):
+            placed.append(block)
+    if len(placed) < number:
+        raise InputError(
+            f"block {len(placed) + 1} of {number} finds no room: lower layout.blocks or raise layout.width"
+        )
+    return [list(block.exterior.coords)[:-1] for block in placed]
 
 
 def _walls(corners: list[Point]) -> list[list[Point]]:
     """The walls from corner to corner, all around."""
-    return [[one, other] for one, other in zip(corners, corners[1:] + corners[:1], strict=True)]
+    return [[corner, following] for corner, following in zip(corners, corners[1:] + corners[:1], strict=True)]
 
 
 def _band(side: float, low: float, high: float) -> Area:

@@ -61,13 +61,13 @@ def read_clip(folder: Path, clip: str) -> tuple[Tracks, list[Car]]:
 
 
 def _car(table: dict[str, np.ndarray], rows: np.ndarray, ratio: float) -> Car:
-    own = {name: values[rows] for name, values in table.items()}
-    corner = {name: _metres(own, f"x_{name}", f"y_{name}", ratio) for name in _CORNERS}
+    rows_of_car = {name: values[rows] for name, values in table.items()}
+    corner = {name: _metres(rows_of_car, f"x_{name}", f"y_{name}", ratio) for name in _CORNERS}
     front, rear = (corner["fl"] + corner["fr"]) / 2.0, (corner["rl"] + corner["rr"]) / 2.0
     ahead, across = front - rear, corner["fl"] - corner["fr"]
     return Car(
-        time=own["frame"] / FRAMES_PER_SECOND,
-        position=_metres(own, "x_est", "y_est", ratio),
+        time=rows_of_car["frame"] / FRAMES_PER_SECOND,
+        position=_metres(rows_of_car, "x_est", "y_est", ratio),
         heading=np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])),
         length=float(np.median(np.hypot(*ahead.T))),
         width=float(np.median(np.hypot(*across.T))),
@@ -98,8 +98,8 @@ def _columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
         raise InputError(
             f"{path} is not a table of DUT, with numbers as {', '.join(names)}: {describe_error(error)}"
         ) from None
-    found = {name: table.column(name).to_numpy() for name in names}
-    if not len(table) or not all(np.isfinite(values).all() for values in found.values()):
+    columns = {name: table.column(name).to_numpy() for name in names}
+    if not len(table) or not all(np.isfinite(values).all() for values in columns.values()):
         raise InputError(f"{path} must have a finite number in {', '.join(names)} of each row, and a row or more")
-    order = np.lexsort((found["frame"], found["id"]))
-    return {name: values[order] for name, values in found.items()}
+    order = np.lexsort((columns["frame"], columns["id"]))
+    return {name: values[order] for name, values in columns.items()}

@@ -92,10 +92,10 @@ def read_tracks(path: Path) -> Tracks:
     order = np.lexsort((frame, pedestrian))
     tracks = Tracks(path.stem, frame[order], pedestrian[order], table[order, 2:])
     is_again = (np.diff(tracks.frame) == 0) & (np.diff(tracks.pedestrian) == 0)
-    for one, other in zip(order[:-1][is_again], order[1:][is_again], strict=True):
+    for row, again in zip(order[:-1][is_again], order[1:][is_again], strict=True):
         raise InputError(
-            f"{path}, line {number[other]}: pedestrian {pedestrian[other]} is in frame {frame[other]} a second time, "
-            f"after line {number[one]}, but must be there once"
+            f"{path}, line {number[again]}: pedestrian {pedestrian[again]} is in frame {frame[again]} a second time, "
+            f"after line {number[row]}, but must be there once"
         )
     return split_reused_numbers(tracks)
 

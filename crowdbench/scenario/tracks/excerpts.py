@@ -126,38 +126,38 @@ def cut_windows(scene: Scene, steps: int, dt: float) -> list[Excerpt]:
     Returns:
         The excerpts in the order of the recordings and of time.
     """
-    found: list[Excerpt] = []
+    excerpts: list[Excerpt] = []
     for recording in scene.recordings:
         everybody = list(people_of(recording.tracks))
-        own: list[Excerpt] = []
-        first_block = found[-1].block + 1 if found else 0
+        of_recording: list[Excerpt] = []
+        first_block = excerpts[-1].block + 1 if excerpts else 0
         for first, car, driven in _windows(recording, steps, dt):
             times = first + dt * np.arange(-1, steps + 1)
-            people = [each for each in everybody if each.is_there(times[1:]).any()]
+            people = [disc for disc in everybody if disc.is_there(times[1:]).any()]
             others = [disc for other in recording.cars if other is not car for disc in car_discs(other)]
             others = [disc for disc in others if disc.is_there(times[1:]).any()]
             if people:
-                block = first_block + (len(own) if car is None else 0)
-                own.append(cut_excerpt(recording.tracks.name, block, times, [*people, *others], driven))
-        found += own
-    return found
+                block = first_block + (len(of_recording) if car is None else 0)
+                of_recording.append(cut_excerpt(recording.tracks.name, block, times, [*people, *others], driven))
+        excerpts += of_recording
+    return excerpts
 
 
-def split_windows(found: Sequence[Excerpt]) -> Mapping[str, list[Excerpt]]:
+def split_windows(excerpts: Sequence[Excerpt]) -> Mapping[str, list[Excerpt]]:
     """Split windows in time: the first blocks are for training, the next ones for validation, the last half for tests.
 
     Args:
-        found: The windows of a scene, as `cut_windows` gives them.
+        excerpts: The windows of a scene, as `cut_windows` gives them.
 
     Returns:
         The windows by split.
     """
-    blocks = found[-1].block + 1 if found else 0
+    blocks = excerpts[-1].block + 1 if excerpts else 0
     train, val = math.floor(TRAIN_SHARE * blocks), math.floor((TRAIN_SHARE + VAL_SHARE) * blocks)
     return {
-        "train": [each for each in found if each.block < train],
-        "val": [each for each in found if train <= each.block < val],
-        "test": [each for each in found if each.block >= val],
+        "train": [excerpt for excerpt in excerpts if excerpt.block < train],
+        "val": [excerpt for excerpt in excerpts if train <= excerpt.block < val],
+        "test": [excerpt for excerpt in excerpts if excerpt.block >= val],
     }
 
 
@@ -207,8 +207,8 @@ def _follow_car(car: Car, first: float, end: float) -> CarMotion:
     start, goal = middle.at(np.array([first, min(end, float(car.time[-1]))]))
     # Over a quarter of a second: the difference of two frames is mostly noise.
     soon = min(first + 0.25, float(car.time[-1]))
-    way = middle.at(np.array([soon]))[0] - start
-    speed = float(np.hypot(*way)) / (soon - first) if soon > first else 0.0
+    offset = middle.at(np.array([soon]))[0] - start
+    speed = float(np.hypot(*offset)) / (soon - first) if soon > first else 0.0
     return CarMotion(start, goal, float(np.interp(first, car.time, car.heading)), speed)
 
 
@@ -225,8 +225,8 @@ def cut_excerpt(
         driven: The car whose place the vehicle takes, if any.
     """
     dt = times[1] - times[0]
-    track = np.stack([each.at(times) for each in everybody], axis=1)
-    ways = [_way(each, at[1:], times[1:]) for each, at in zip(everybody, track.swapaxes(0, 1), strict=True)]
+    track = np.stack([disc.at(times) for disc in everybody], axis=1)
+    paths = [_path(disc, at[1:], times[1:]) for disc, at in zip(everybody, track.swapaxes(0, 1), strict=True)]
     moves = np.diff(track[1:], axis=0)
     # From the step before, or to the one after for who comes then.
     before, after = track[1] - track[0], track[2] - track[1]
@@ -238,27 +238,27 @@ def cut_excerpt(
         block=block,
         track=track[1:],
         velocity=velocity,
-        radius=np.array([each.radius for each in everybody]),
-        goal=np.stack([each.position[-1] for each in everybody]),
-        route=pad_points([way for way, _ in ways]),
-        mean_speed=np.array([speed for _, speed in ways]),
+        radius=np.array([disc.radius for disc in everybody]),
+        goal=np.stack([disc.position[-1] for disc in everybody]),
+        route=pad_points([waypoints for waypoints, _ in paths]),
+        mean_speed=np.array([speed for _, speed in paths]),
         top_speed=np.maximum(top, np.hypot(*velocity.T)),
         driven=driven,
     )
 
 
-def _way(
-    each: MovingDisc, track: Float[np.ndarray, "time 2"], times: Float[np.ndarray, "time"]
+def _path(
+    disc: MovingDisc, track: Float[np.ndarray, "time 2"], times: Float[np.ndarray, "time"]
 ) -> tuple[Float[np.ndarray, "waypoint 2"], float]:
     """Waypoints from the first step in which somebody is there to the end of the track, and the mean speed, in m/s.
 
     `track` has where they were in metres at the `times` of the steps in seconds.
     """
     first = int(np.isfinite(track[:, 0]).argmax())
-    later = each.time > times[first]
-    points = np.concatenate([track[first][None], each.position[later]])
+    later = disc.time > times[first]
+    points = np.concatenate([track[first][None], disc.position[later]])
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    duration = each.time[-1] - times[first]
+    duration = disc.time[-1] - times[first]
     marks = np.arange(SPACING, lengths[-1] - SPACING / 2.0, SPACING)
     return interpolate(marks, lengths, points), float(lengths[-1] / duration) if duration > _ROUNDING else 0.0
 

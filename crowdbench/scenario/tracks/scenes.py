@@ -58,8 +58,8 @@ def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Sce
     if not folder.is_dir():
         raise InputError(f"there is no folder {folder} with the recorded tracks of the scene {name}")
     known = known_files(name)
-    found = {file: _digest(folder / file, name) for file in known or [f"{name}.txt"]}
-    for file, digest in found.items():
+    digests = {file: _digest(folder / file, name) for file in known or [f"{name}.txt"]}
+    for file, digest in digests.items():
         wanted = pinned.get(file, known.get(file, digest))
         if digest != wanted:
             raise InputError(
@@ -70,8 +70,8 @@ def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Sce
         clips = [file.removesuffix(CARS) for file in known if file.endswith(CARS)]
         recordings = tuple(Recording(*read_clip(folder, clip)) for clip in clips)
     else:
-        recordings = tuple(Recording(read_tracks(folder / file)) for file in found)
-    return Scene(name, recordings, found)
+        recordings = tuple(Recording(read_tracks(folder / file)) for file in digests)
+    return Scene(name, recordings, digests)
 
 
 def known_files(scene: str) -> dict[str, str]:
