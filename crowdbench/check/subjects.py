@@ -28,8 +28,9 @@ from crowdbench.predict.base import validate_prediction
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.placement import Placement, check_routes, who
+from crowdbench.scenario.placement import Placement, check_routes
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.scenario.visibility_graph import who
 from crowdbench.sim.pedestrians.base import (
     Memory,
     Parameters,

@@ -87,14 +87,17 @@ def parse(
     tracks = _tracks(spec, table, rules, data, file)
     complete = spec.complete()
     complete["layout"] |= {"generator": generator} | ({"generator_file": layout_file} if layout_file else {})
-    complete["pedestrians"] |= _write_policies(policies)
+    shares = {policy: part.share for policy, part in policies.items()}
+    complete["pedestrians"]["policy"] = shares if len(shares) > 1 else next(iter(shares))
+    if files := {policy: part.digest for policy, part in policies.items() if part.digest}:
+        complete["pedestrians"]["policy_files"] = files
     if tracks:
         complete |= {"layout": {}, "tracks": tracks.table}
         for key in OF_TRACKS:
             del complete["pedestrians"][key]
     else:
         del complete["tracks"]
-    digest = _digest(complete, _known_defaults(model, layout, policies), policies)
+    digest = _digest(complete, _known_defaults(model, layout, policies), shares)
     if tracks and tracks.has_cars and RECORDED not in policies:
         policies[RECORDED] = _Policy(Recorded(), 0.0, None)  # which moves the other cars
     return Scenario(
@@ -103,7 +106,7 @@ def parse(
         rules=rules,
         seed=spec.seed,
         vehicle=Vehicle(spec.vehicle.radius, spec.vehicle.preferred_speed),
-        crowd=_crowd(spec.pedestrians, policies, tracks),
+        crowd=_crowd(spec.pedestrians, policies, shares, tracks),
         starts=tracks or _layout_starts(LayoutCall(layout, further_keys(spec.layout)), spec.crowdnav_cases),
         policies={policy: part.policy for policy, part in policies.items()},
         table=complete,
@@ -111,14 +114,16 @@ def parse(
     )
 
 
-def _crowd(spec: PedestriansSpec, policies: Mapping[str, _Policy], tracks: TrackedCrowd | None) -> Crowd:
+def _crowd(
+    spec: PedestriansSpec, policies: Mapping[str, _Policy], shares: Mapping[str, float], tracks: TrackedCrowd | None
+) -> Crowd:
     """Return the pedestrians of a scenario."""
     parameters = {policy: further_keys(table) for policy, table in further_keys(spec).items()}
     return Crowd(
         number=tracks.number if tracks else spec.number,
         radius=spec.radius,
         preferred_speed=Distribution.model_validate(tracks.top_speed) if tracks else spec.preferred_speed,
-        shares={policy: part.share for policy, part in policies.items() if part.share},
+        shares=shares,
         standing=[policy for policy, part in policies.items() if part.policy.stands],
         parameters={policy: parameters.get(policy, {}) for policy in policies},
         groups={int(size): share for size, share in (spec.groups or {}).items()},
@@ -145,14 +150,13 @@ def _known_defaults(model: type[ScenarioSpec], layout: Layout, policies: Mapping
     return defaults
 
 
-def _digest(complete: Mapping[str, Any], defaults: Mapping[str, Any], policies: Mapping[str, _Policy]) -> str:
+def _digest(complete: Mapping[str, Any], defaults: Mapping[str, Any], shares: Mapping[str, float]) -> str:
     """Return the digest of a scenario: twelve hexadecimal digits that two share if all their cases are the same.
 
     It is over the keys whose values differ from their defaults, and over the digests of the files of layouts and
     policies. A new key whose default means what was the case before changes no digest.
     """
     changed = _changed({key: value for key, value in complete.items() if key != "description"}, defaults)
-    shares = {name: part.share for name, part in policies.items() if part.share}
     if len(shares) > 1:
         changed["pedestrians"]["policy"] = {name: share / sum(shares.values()) for name, share in shares.items()}
     text = json.dumps({"version": VERSION, **changed}, sort_keys=True)
@@ -312,10 +316,3 @@ def _load_policies(shares: Mapping[str, float], load: LoadPolicy, location: Loca
             raise location.wrong(", ".join(shares), right)
         policies[name] = _Policy(policy, share, digest)
     return dict(sorted(policies.items()))
-
-
-def _write_policies(policies: Mapping[str, _Policy]) -> dict[str, Any]:
-    """What a result says of the policies: names, whatever the file calls them, and the digests of their files."""
-    shares = {name: policy.share for name, policy in policies.items() if policy.share}
-    files = {name: policy.digest for name, policy in policies.items() if policy.digest is not None}
-    return {"policy": shares if len(shares) > 1 else next(iter(shares))} | ({"policy_files": files} if files else {})

@@ -12,7 +12,7 @@ import shapely
 from jaxtyping import Float
 
 from crowdbench.core.geometry import pad_points
-from crowdbench.scenario.visibility_graph import edges_of, find_routes
+from crowdbench.scenario.visibility_graph import edges_of, find_routes, who
 from crowdbench.utils.errors import InputError
 
 EXTENT = 1e6
@@ -209,11 +209,6 @@ def check_routes(placement: Placement, radius: PerAgent) -> Placement:
                 f"{radius[agent]:.3g} m"
             )
     return placement
-
-
-def who(agent: int) -> str:
-    """What an agent is called in errors."""
-    return "the vehicle" if agent == 0 else f"pedestrian {agent}"
 
 
 def _shape(i: int, corners: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:

@@ -178,7 +178,7 @@ _NOTHING = np.empty((0, 0, 2))
 
 
 def _pad(arrays: Sequence[np.ndarray], fill_value: Any, rows: int | None = None) -> Shaped[np.ndarray, "world row ..."]:
-    """Arrays of different sizes in one, each with so many rows or with as many as the longest; filled with `fill_value`."""
+    """Return arrays of different sizes in one, each with as many rows as the longest or with `rows`, padded."""
     shape = np.max([array.shape for array in arrays], axis=0)
     padded = np.full((len(arrays), shape[0] if rows is None else rows, *shape[1:]), fill_value)
     for row, array in zip(padded, arrays, strict=True):

@@ -62,14 +62,18 @@ def find_routes(
         if len(agents):
             for agent, route in zip(agents, _go_around(start[agents], goal[agents], roadmap), strict=True):
                 if route is None:
-                    who = "the vehicle" if agent == 0 else f"pedestrian {agent}"
                     ends = (f"({x:.3g}, {y:.3g})" for x, y in (start[agent], goal[agent]))
                     raise InputError(
-                        f"no way leads {who} from {' to its goal at '.join(ends)}: "
+                        f"no way leads {who(agent)} from {' to its goal at '.join(ends)}: "
                         f"it needs gaps of at least {2 * (size + LEAST_CLEARANCE):.3g} m"
                     )
                 routes[agent] = route
     return pad_points(routes)
+
+
+def who(agent: int) -> str:
+    """Return what an agent is called in errors."""
+    return "the vehicle" if agent == 0 else f"pedestrian {agent}"
 
 
 def edges_of(obstacles: Float[np.ndarray, "polygon corner 2"]) -> Float[np.ndarray, "edge 2 2"]:
