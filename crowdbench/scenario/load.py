@@ -97,7 +97,7 @@ def parse(
             del complete["pedestrians"][key]
     else:
         del complete["tracks"]
-    digest = _digest(complete, _known_defaults(model, layout, policies), shares)
+    digest = _digest(complete, _known_defaults(spec, layout, policies), shares)
     if tracks and tracks.has_cars and RECORDED not in policies:
         policies[RECORDED] = _Policy(Recorded(), 0.0, None)  # which moves the other cars
     return Scenario(
@@ -133,13 +133,13 @@ def _crowd(
     )
 
 
-def _known_defaults(model: type[ScenarioSpec], layout: Layout, policies: Mapping[str, _Policy]) -> dict[str, Any]:
+def _known_defaults(spec: ScenarioSpec, layout: Layout, policies: Mapping[str, _Policy]) -> dict[str, Any]:
     """Return all keys of a scenario with their defaults.
 
     The options of a layout and the parameters of a policy from elsewhere are left out, because their defaults may
     change.
     """
-    defaults = model().complete()
+    defaults = type(spec)().complete()
     # Written as the name of one policy, where all pedestrians follow the same.
     (defaults["pedestrians"]["policy"],) = defaults["pedestrians"]["policy"]
     if layout not in LAYOUTS.values():
@@ -147,6 +147,12 @@ def _known_defaults(model: type[ScenarioSpec], layout: Layout, policies: Mapping
     for name, part in policies.items():
         if not type(part.policy).__module__.startswith("crowdbench."):
             defaults["pedestrians"].pop(name, None)
+    # Tables that may be left out as a whole have defaults where they are given.
+    for section, key in (("pedestrians", "goal_change"), ("pedestrians", "clear_space"), ("sensor", "lidar")):
+        optional = getattr(getattr(spec, section), key)
+        if optional is not None:
+            fields = type(optional).model_fields.items()
+            defaults[section][key] = {name: field.default for name, field in fields if not field.is_required()}
     return defaults
 
 
