@@ -56,18 +56,22 @@ class Room:
         position, goal, speed = (array[row, others] for array in (world.position, world.goal, world.preferred_speed))
         return cls(position, goal, radius[others], speed, world.obstacles[row])
 
-    def is_clear(self, point: Position, radius: float) -> bool:
+    def is_clear(
+        self, point: Position, radius: float, clearance: float = CLEARANCE, walls: float = WALL_CLEARANCE
+    ) -> bool:
         """Return whether a disc at a point keeps its distance from all positions and goals, and from walls.
 
         Args:
             point: In metres.
             radius: Of the disc, in metres.
+            clearance: Smallest distance in metres between rims.
+            walls: Smallest distance in metres between the rim and a wall.
         """
         offsets = np.concatenate([self.position, self.goal]) - point
-        if (norm(offsets) < np.tile(self.radius, 2) + (radius + CLEARANCE)).any():
+        if (norm(offsets) < np.tile(self.radius, 2) + (radius + clearance)).any():
             return False
         edges = edges_of(self.obstacles)
-        if len(edges) and norm(nearest_on(edges, point[None])[0] - point).min() < radius + WALL_CLEARANCE:
+        if len(edges) and norm(nearest_on(edges, point[None])[0] - point).min() < radius + walls:
             return False
         solid = [shapely.Polygon(polygon) for polygon in polygons(self.obstacles) if len(polygon) > 2]
         return not any(shapely.contains_xy(polygon, *point) for polygon in solid)
