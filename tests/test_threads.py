@@ -7,7 +7,7 @@ import torch
 
 from crowdbench import load_planner, load_scenario
 from crowdbench.sim.sensor import observe
-from crowdbench.utils.threads import in_chunks, one_torch_thread
+from crowdbench.networks.threads import in_chunks, one_torch_thread
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from crowdbench.planners.trials import propagate_vehicle, try_commands
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.base import validate_prediction
 from crowdbench.utils.errors import require_count
-from crowdbench.utils.threads import CHUNK, in_chunks
+from crowdbench.networks.threads import CHUNK, in_chunks
 
 Actions = Callable[[Float[np.ndarray, "world"]], Commands]
 Explore = Callable[[Scene, Velocities], Commands]

@@ -19,7 +19,7 @@ from crowdbench.planners.trials import SequenceResult, limit_commands, propagate
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.base import predict
 from crowdbench.utils.errors import is_number, require, require_count, require_not_negative, require_positive
-from crowdbench.utils.threads import CHUNK, in_chunks
+from crowdbench.networks.threads import CHUNK, in_chunks
 
 Costs = Float[np.ndarray, "world sequence"]
 Noise = Float[np.ndarray, "world round sample time 2"]

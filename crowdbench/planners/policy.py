@@ -28,7 +28,7 @@ from crowdbench.predict.base import predict
 from crowdbench.predict.load import load_predictor
 from crowdbench.sim.nearest_walls import nearest_walls
 from crowdbench.utils.errors import InputError, is_integer
-from crowdbench.utils.threads import in_chunks
+from crowdbench.networks.threads import in_chunks
 
 CHUNK = 4096
 """Worlds that go through the network at once."""

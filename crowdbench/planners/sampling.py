@@ -20,7 +20,7 @@ from crowdbench.planners.trials import limit_commands, try_sequences
 from crowdbench.predict import Prediction
 from crowdbench.sim.routes import next_waypoints
 from crowdbench.utils.errors import require, require_count, require_not_negative, require_positive
-from crowdbench.utils.threads import CHUNK, in_chunks
+from crowdbench.networks.threads import CHUNK, in_chunks
 
 Noise = Float[np.ndarray, "world round sample time 2"]
 

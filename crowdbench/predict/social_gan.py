@@ -14,10 +14,10 @@ from torch import Tensor
 
 from crowdbench.core.types import Observation, Pedestrians
 from crowdbench.networks.social_gan import NOISE, Generator
+from crowdbench.networks.threads import CHUNK, in_chunks
 from crowdbench.networks.weights import built_in, digest, load_into, read_card, weights_file
 from crowdbench.predict.base import Prediction, Predictor
 from crowdbench.utils.errors import InputError, is_number, require_count
-from crowdbench.utils.threads import CHUNK, in_chunks
 
 NAME = "sgan"
 """The name of the network on the cards of its weights."""

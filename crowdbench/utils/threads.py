@@ -1,96 +1,60 @@
-"""Threads that share the work of networks, in each of which torch computes alone."""
+"""A pool of threads that share work: NumPy, torch and compiled kernels release Python's lock while they compute."""
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, wait
+from typing import TypeVar
 
-import torch
-
-CHUNK = 4096
-"""Rows that a network is given at once: few enough for its layers to stay in a core's cache, and enough work to be
-worth a thread."""
-
-
-def in_chunks(work: Callable[[slice], None], rows: int, chunk: int) -> None:
-    """Work on all rows, in as many threads as torch uses; in the calling thread alone where there is one chunk.
-
-    Each chunk is worked on by a single thread, so its bits do not depend on the number of threads. The threads also
-    wait for each other only once, asleep. Torch's own threads wait after every operation of a network, and wait busily,
-    which takes many times as long where another program wants the cores.
-
-    Args:
-        work: Called with slices that together cover every row once.
-        rows: Number of rows.
-        chunk: Number of rows of a slice; the last may have fewer.
-    """
-    slices = [slice(start, start + chunk) for start in range(0, rows, chunk)]
-    with one_torch_thread() as threads:
-        if min(len(slices), threads) <= 1 or _here.is_worker:
-            for each in slices:
-                work(each)
-        else:
-            futures = [_workers(threads).submit(work, each) for each in slices]
-            wait(futures)  # all of them, so that none works on after an exception
-            for future in futures:
-                future.result()
+Part = TypeVar("Part")
 
 
 class _Here(threading.local):
     """What a thread knows of itself."""
 
     is_worker = False
-    is_alone = False
 
 
 _here = _Here()
 
 
-def _start_worker() -> None:
-    # Or else a new thread would get the number of torch's threads that was set last, by anybody.
-    torch.set_num_threads(1)
-    _here.is_worker = _here.is_alone = True
+def share(work: Callable[[Part], None], parts: Iterable[Part], threads: int, start: Callable[[], None] | None) -> None:
+    """Do parts of some work in threads; in the calling thread where there is one part, or where it is in the pool.
+
+    Each part is done by a single thread, so that its bits do not depend on the number of threads.
+
+    Args:
+        work: Called with each part once.
+        parts: The parts.
+        threads: The number of threads.
+        start: Called in each thread of the pool when it starts.
+    """
+    parts = list(parts)
+    if min(len(parts), threads) <= 1 or _here.is_worker:
+        for part in parts:
+            work(part)
+        return
+    futures = [_workers(threads, start).submit(work, part) for part in parts]
+    wait(futures)  # all of them, so that none works on after an exception
+    for future in futures:
+        future.result()
 
 
 @functools.cache
-def _workers(number: int) -> ThreadPoolExecutor:
-    """Threads that are kept: those that are made anew have no buffers for matrix products yet, which takes long."""
-    return ThreadPoolExecutor(number, initializer=_start_worker)
+def _workers(threads: int, start: Callable[[], None] | None) -> ThreadPoolExecutor:
+    """Return threads that are kept. New ones would start slowly, without buffers for matrix products."""
+
+    def begin() -> None:
+        _here.is_worker = True
+        if start is not None:
+            start()
+
+    return ThreadPoolExecutor(threads, initializer=begin)
 
 
 # A forked process has no threads but the one that forked.
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_workers.cache_clear)
-
-_lock = threading.Lock()
-_inside = 0
-_number = 1
-
-
-@contextlib.contextmanager
-def one_torch_thread() -> Iterator[int]:
-    """Let torch compute in the calling thread alone, and yield the number of threads that it has otherwise."""
-    global _inside, _number
-    if _here.is_alone:
-        yield _number
-        return
-    with _lock:
-        # Only the first one inside finds the number that the user set: torch gives new threads of Python what was set
-        # last.
-        if _inside == 0:
-            _number = torch.get_num_threads()
-        number = _number
-        _inside += 1
-        torch.set_num_threads(1)
-    _here.is_alone = True
-    try:
-        yield number
-    finally:
-        _here.is_alone = False
-        with _lock:
-            _inside -= 1
-            torch.set_num_threads(number)

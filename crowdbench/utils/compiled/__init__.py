@@ -24,7 +24,7 @@ except ValueError as error:
     threads = os.environ.get("NUMBA_NUM_THREADS")
     raise InputError(f"numba does not start with NUMBA_NUM_THREADS={threads}: {error}") from error
 
-from numba import config, prange, types
+from numba import config, types
 from numba.core import event
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
@@ -34,7 +34,7 @@ from numba.core.serialize import dumps
 from crowdbench.utils.compiled.digest import code_digest
 from crowdbench.utils.compiled.store import Entry, read, write
 
-__all__ = ["njit", "on_first_compilation", "prange"]
+__all__ = ["njit", "on_first_compilation", "threads"]
 
 _listeners: list[Callable[[], None]] = []
 
@@ -55,6 +55,11 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     if not config.DISABLE_JIT:
         kernel._cache = _Cache(kernel)
     return kernel
+
+
+def threads() -> int:
+    """Return the number of threads that kernels share their work among: `NUMBA_NUM_THREADS`, or one per core."""
+    return int(config.NUMBA_NUM_THREADS)
 
 
 def on_first_compilation(tell: Callable[[], None]) -> None:
