@@ -32,12 +32,11 @@ def found(everywhere, position, seen, cells, reach, limit, polygons):
     room = len(position[0])
     neighbor, distance = np.empty((room, room), np.int64), np.full((room, room), np.nan)
     number = np.empty(room, np.int64)
-    hides = polygons.shape[0] > 0
     for i in range(room):
         if everywhere:
-            number[i] = nearest_of_all(0, i, position, seen, reach, limit, hides, polygons, neighbor[i], distance[i])
+            number[i] = nearest_of_all(0, i, position, seen, reach, limit, polygons, neighbor[i], distance[i])
         else:
-            number[i] = nearest_in_cells(0, i, position, cells, reach, limit, hides, polygons, neighbor[i], distance[i])
+            number[i] = nearest_in_cells(0, i, position, cells, reach, limit, polygons, neighbor[i], distance[i])
         neighbor[i, number[i] :] = -1
         distance[i, number[i] :] = -1.0
     return neighbor, distance

@@ -110,7 +110,8 @@ def toward_goal(position: Vectors, goal: Vectors, preferred_speed: Numbers) -> V
         Velocities in m/s.
     """
     out = np.empty(position.shape)
-    fill_toward_goal(*map(np.ascontiguousarray, (position, goal, preferred_speed)), out)
+    position, goal = (np.ascontiguousarray(points).reshape(-1, 2) for points in (position, goal))
+    fill_toward_goal(position, goal, np.ascontiguousarray(preferred_speed).reshape(-1), out.reshape(-1, 2))
     return out
 
 
@@ -120,14 +121,11 @@ def fill_toward_goal(position, goal, preferred_speed, out):
     """See `toward_goal`. Compiled.
 
     Args:
-        position (array): `[..., 2]`, in metres.
-        goal (array): `[..., 2]`, in metres.
-        preferred_speed (array): `[...]`, in m/s.
-        out (array): `[..., 2]`, filled: velocities in m/s.
+        position (array): `[agent, 2]`, in metres.
+        goal (array): `[agent, 2]`, in metres.
+        preferred_speed (array): `[agent]`, in m/s.
+        out (array): `[agent, 2]`, filled: velocities in m/s.
     """
-    # Reshaped here and not in Python, where it would take most of the time.
-    position, goal, out = position.reshape(-1, 2), goal.reshape(-1, 2), out.reshape(-1, 2)
-    preferred_speed = preferred_speed.reshape(-1)
     for i in range(len(position)):
         x, y = goal[i, 0] - position[i, 0], goal[i, 1] - position[i, 1]
         scale = preferred_speed[i] / max(math.sqrt(x * x + y * y), preferred_speed[i])

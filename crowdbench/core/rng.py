@@ -39,7 +39,9 @@ def case_keys(seed: int, split: str, cases: Int[np.ndarray, "world"]) -> UInt[np
     Returns:
         64-bit keys.
     """
-    return _keys(np.uint64(seed), np.uint64(SPLITS.index(split)), cases.astype(np.uint64))
+    keys = np.empty(len(cases), np.uint64)
+    _fill_keys(np.uint64(seed), np.uint64(SPLITS.index(split)), cases.astype(np.uint64), keys)
+    return keys
 
 
 def generator(key: np.uint64, purpose: str, step: int = 0, person: int = 0) -> np.random.Generator:
@@ -86,7 +88,9 @@ def other_chance(keys: UInt[np.ndarray, "world"], step: int, number: int) -> UIn
     Returns:
         64-bit keys.
     """
-    return _keys(np.uint64(number), np.uint64(len(SPLITS) + step), keys)
+    others = np.empty(len(keys), np.uint64)
+    _fill_keys(np.uint64(number), np.uint64(len(SPLITS) + step), keys, others)
+    return others
 
 
 def normal(
@@ -185,13 +189,11 @@ def philox(c0, c1, c2, c3, k0, k1):
 
 @no_type_check
 @njit
-def _keys(seed, split, cases):
-    """The random numbers for key `seed` and counters (case, split)."""
+def _fill_keys(seed, split, cases, out):
+    """Fill `out [world]` with the random numbers for key `seed` and counters (case, split)."""
     zero = np.uint64(0)
-    out = np.empty(len(cases), np.uint64)
     for w in range(len(cases)):
         out[w] = philox(cases[w], split, zero, zero, seed, zero)[0]
-    return out
 
 
 @no_type_check

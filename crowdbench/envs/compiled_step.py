@@ -6,24 +6,54 @@ Python, so that results are the same to the last bit. In one world, to enter a k
 
 from __future__ import annotations
 
+import itertools
 import math
-from typing import Any, no_type_check
+from typing import Any, NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.dynamics import DISC, Holonomic
 from crowdbench.core.reward import fill_reward
-from crowdbench.core.types import RuleNumbers, World
+from crowdbench.core.types import World
 from crowdbench.envs.observations import AGENT_FEATURES, flatten_agents
 from crowdbench.envs.outcomes import check_pedestrians
 from crowdbench.envs.rewards import CheckedReward, crowdnav
 from crowdbench.envs.views import View
-from crowdbench.sim.episode import StepCheck, check_step
+from crowdbench.sim.episode import StepCheck, check_disc
+from crowdbench.sim.kernels import FlatKernel, per_agent
 from crowdbench.sim.neighbors import CELLS_FROM
-from crowdbench.sim.pedestrians.orca_crowd import ORCA, ORDER, orca_in_one
-from crowdbench.sim.simulator import After, Before, move_agents
-from crowdbench.utils.compiled import njit
+from crowdbench.sim.pedestrians.orca_crowd import ORCA, avoidance_of, orca_in_one
+from crowdbench.sim.simulator import STEP, After, Commands, move_agents, state_before
+
+
+class Margins(NamedTuple):
+    """What ORCA takes of the parameters of pedestrians; see `crowdbench.sim.pedestrians.orca.Avoidance`."""
+
+    safety_space: Float[np.ndarray, "_ _"]
+    neighbor_distance: Float[np.ndarray, "_ _"]
+    max_neighbors: Float[np.ndarray, "_ _"]
+    time_horizon: Float[np.ndarray, "_ _"]
+
+
+class Exchange(NamedTuple):
+    """What agents see and do, and what they are given for it.
+
+    Attributes:
+        visible: Whom pedestrians see.
+        action: Velocities in m/s, NaN of those who do not act.
+        observed: Filled: observations.
+        outcome: Filled: an `Outcome` for each observer.
+        gap: Filled: smallest distances in metres.
+        reward: Filled.
+    """
+
+    visible: Bool[np.ndarray, "1 agent"]
+    action: Float[np.ndarray, "agent 2"]
+    observed: Float[np.ndarray, "1 observer features"]
+    outcome: Int[np.ndarray, "observer"]
+    gap: Float[np.ndarray, "observer"]
+    reward: Float[np.ndarray, "observer"]
 
 
 class CompiledStep:
@@ -55,15 +85,13 @@ class CompiledStep:
         (parameters,) = before.parameters.values()
         visible = before.present.copy()
         visible[:, 0] &= before.rules.visible
-        return (
-            *before.rules.numbers,
-            *(np.ascontiguousarray(getattr(before, field)) for field in Before._fields),
-            *(np.empty((1, 2)), np.empty((1, before.radius.shape[1] - 1, 2))),
-            *(getattr(after, field) for field in After._fields),
-            *StepCheck(np.empty(1, np.int64), np.empty(1), np.empty(1)),
-            *map(np.ascontiguousarray, (parameters["safety_space"], *ORDER(parameters))),
-            *(visible, self._action, self._observed, self.outcome, self.gap, self.reward),
-        )
+        commands = Commands(np.empty((1, 2)), np.empty((1, before.radius.shape[1] - 1, 2)))
+        check = StepCheck(np.empty(1, np.int64), np.empty(1), np.empty(1))
+        margins = Margins(per_agent(parameters["safety_space"]), *avoidance_of(parameters)[:3])
+        exchange = Exchange(visible, self._action, self._observed, self.outcome, self.gap, self.reward)
+        state = map(np.ascontiguousarray, state_before(before))
+        fields = before.rules.numbers, state, commands, (getattr(after, name) for name in After._fields), check
+        return tuple(itertools.chain(*fields, margins, exchange))
 
     @staticmethod
     def fits(world: World, view: View, reward: CheckedReward) -> bool:
@@ -80,8 +108,9 @@ class CompiledStep:
         sees_all = rules.sensor.sees_all and not rules.sensor.nearest
         is_orca = [type(policy) for policy in scenario.policies.values()] == [ORCA]
         everybody_sees = not rules.visible or rules.sees_vehicle >= 1.0
-        is_small = world.radius.shape[1] < CELLS_FROM and not world.route.shape[2] and not world.track.shape[1]
-        return is_usual and is_alone and sees_all and is_orca and everybody_sees and is_small
+        is_small = world.radius.shape[1] < CELLS_FROM
+        is_open = not (world.route.shape[2] or world.track.shape[1] or world.obstacles.shape[1])
+        return is_usual and is_alone and sees_all and is_orca and everybody_sees and is_small and is_open
 
     def step(
         self, columns: int | list[int], actions: Float[np.ndarray, "*acting 2"]
@@ -97,7 +126,7 @@ class CompiledStep:
         """
         self._action.fill(np.nan)
         self._action[columns] = actions
-        _step_and_observe(*self._arguments[0])
+        _step_and_observe.compiled(*self._arguments[0])
         self._arguments.reverse()
         self.world, self._next = self._next, self.world
         return self._observed[0].copy()
@@ -109,34 +138,29 @@ def _copies(world: World) -> dict[str, np.ndarray]:
 
 
 @no_type_check
-@njit
-def _step_and_observe(*arrays):
-    """All of a step, in one kernel.
-
-    Takes what `crowdbench.sim.simulator` gives its step; the safety space and ORCA's other parameters; whom pedestrians
-    see `[1, agent]`; actions `[agent, 2]`, NaN of those who do not act; and what is filled, beside the state after the
-    step and its check: what is observed `[1, observer, features]`, outcomes, gaps and rewards.
-    """
-    rules, before = RuleNumbers(*arrays[:7]), Before(*arrays[7:18])
-    command, crowd = arrays[18:20]
-    after, check = After(*arrays[20:26]), StepCheck(*arrays[26:29])
-    margin, limits, visible = arrays[29], arrays[30:35], arrays[35]
-    action, observed, outcome, gap, rewards = arrays[36:]
-    goal, speed, radius = before.goal, before.preferred_speed, before.radius
+def _step_and_observe(rules, before, commands, after, check, margins, exchange):
+    """Simulate all of a step, in one kernel."""
+    goal, speed, radius, crowd = before.goal, before.preferred_speed, before.radius, commands.crowd
+    action, visible, outcome, gap = exchange.action, exchange.visible, exchange.outcome, exchange.gap
     is_asked = False
     for a in range(1, len(action)):
         is_asked = is_asked or (before.present[0, a] and math.isnan(action[a, 0]))
     if is_asked:
         state = before.position, before.velocity, radius, speed, visible
-        orca_in_one(goal, speed, margin, crowd, *state, rules.dt, before.obstacles, *limits)
+        limits = margins.neighbor_distance, margins.max_neighbors, margins.time_horizon
+        orca_in_one(goal, speed, margins.safety_space, *state, rules.dt, *limits, crowd)
     for a in range(1, len(action)):
         if not math.isnan(action[a, 0]):
             crowd[0, a - 1, 0], crowd[0, a - 1, 1] = action[a, 0], action[a, 1]
-    command[0, 0], command[0, 1] = action[0, 0], action[0, 1]
-    move_agents(rules, before, command, crowd, after)
-    check_step(rules, before, after, check)
+    commands.vehicle[0, 0], commands.vehicle[0, 1] = action[0, 0], action[0, 1]
+    move_agents(rules, before, commands, after)
+    check_disc(rules, before, after, check)
     outcome[0], gap[0] = check.outcome[0], check.gap[0]
     if len(outcome) > 1:
         check_pedestrians(before.position, after.position, goal, radius, visible, None, None, outcome, gap)
-    fill_reward(outcome, gap, rules.dt, rewards)
-    flatten_agents(after.position, after.velocity, radius, goal, speed, before.present, visible, observed)
+    fill_reward(outcome, gap, rules.dt, exchange.reward)
+    state = after.position, after.velocity, radius, goal, speed, before.present
+    flatten_agents(*state, visible, exchange.observed)
+
+
+_step_and_observe = FlatKernel(_step_and_observe, *STEP, Margins, Exchange)

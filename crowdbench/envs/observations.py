@@ -146,7 +146,7 @@ def flatten_agents(position, velocity, radius, goal, preferred_speed, present, s
 @njit
 def _flatten_nearest(position, velocity, radius, goal, preferred_speed, present, seen, cells, number, out):
     """As `flatten_agents`, for the nearest of so many others; `cells` are `Cells` of those seen, or None."""
-    neighbor, distance, no_walls = np.empty(number, np.int64), np.empty(number), np.empty((0, 0, 2))
+    neighbor, distance = np.empty(number, np.int64), np.empty(number)
     for w in range(out.shape[0]):
         for i in range(out.shape[1]):
             if not present[w, i]:
@@ -154,11 +154,11 @@ def _flatten_nearest(position, velocity, radius, goal, preferred_speed, present,
             row, here = out[w, i], position[w, i]
             _write(row, 0, here, goal[w, i], velocity[w, i], radius[w, i], preferred_speed[w, i])
             if cells is None:  # noqa: SIM114  # see `orca`
-                n = nearest_of_all(w, i, position, seen, np.inf, number, False, no_walls, neighbor, distance)
+                n = nearest_of_all(w, i, position, seen, np.inf, number, None, neighbor, distance)
             elif cells.size[w, 0] < 0:
-                n = nearest_of_all(w, i, position, seen, np.inf, number, False, no_walls, neighbor, distance)
+                n = nearest_of_all(w, i, position, seen, np.inf, number, None, neighbor, distance)
             else:
-                n = nearest_in_cells(w, i, position, cells, np.inf, number, False, no_walls, neighbor, distance)
+                n = nearest_in_cells(w, i, position, cells, np.inf, number, None, neighbor, distance)
             neighbor[:n].sort()
             for k in range(n):
                 j = neighbor[k]

@@ -39,14 +39,19 @@ def frozen_time(trace: Trace) -> Float[np.ndarray, "world"]:
     person, obstacles = np.ascontiguousarray(trace.person), np.ascontiguousarray(trace.obstacles)
     radius = trace.radius[row, t]
     frozen = np.zeros(stands.shape, bool)
-    frozen[row, t] = _find_open(row, t, way, stride, ahead, body, trace.position, radius, person, obstacles)
+    is_open = norm(way) > 0.0
+    if is_open.any():
+        _keep_clear_of_people(row, t, way, stride, ahead, body, trace.position, radius, person, is_open)
+    if obstacles.shape[1] and is_open.any():
+        _keep_clear_of_walls(row, way, ahead * stride, body, trace.position[row, t, 0], radius, obstacles, is_open)
+    frozen[row, t] = is_open
     return total(1.0 * frozen) * trace.rules.dt
 
 
 @no_type_check
 @njit
-def _find_open(row, t, way, stride, ahead, body, position, radius, person, obstacles):
-    """In which states the way was open.
+def _keep_clear_of_people(row, t, way, stride, ahead, body, position, radius, person, is_open):
+    """Keep those of the open states in which nobody comes near.
 
     Args:
         row: `[state]`, the world of each state.
@@ -58,27 +63,17 @@ def _find_open(row, t, way, stride, ahead, body, position, radius, person, obsta
         position: `[world, time, agent, 2]`, in metres.
         radius: `[state, agent]`, in metres.
         person: `[world, time, pedestrian]`.
-        obstacles: `[world, polygon, corner, 2]`, in metres.
-
-    Returns:
-        `[state]`.
+        is_open: `[state]`, changed.
     """
-    is_open = np.empty(len(row), np.bool_)
     agents = radius.shape[1]
     begin, motion, counts = np.empty((agents, 2)), np.empty((agents, 2)), np.zeros(agents, np.bool_)
     for s in range(len(row)):
-        w = row[s]
-        length = math.hypot(way[s, 0], way[s, 1])
-        is_open[s] = length > 0.0
         if not is_open[s]:
             continue
+        w = row[s]
+        length = math.hypot(way[s, 0], way[s, 1])
         ux, uy = way[s, 0] / length, way[s, 1] / length
-        reached = min(length, ahead * stride[s])
         x, y = position[w, t[s], 0, 0], position[w, t[s], 0, 1]
-        for centre in body:
-            bx, by = x + centre * ux, y + centre * uy
-            if touches_in_step(bx, by, reached * ux, reached * uy, radius[s, 0], obstacles[w]):
-                is_open[s] = False
         for k in range(ahead):
             first, last = k * stride[s], min((k + 1) * stride[s], length)
             if first >= length or not is_open[s]:
@@ -96,4 +91,28 @@ def _find_open(row, t, way, stride, ahead, body, position, radius, person, obsta
                 gap, _ = nearest_in_step(0, Discs(begin, motion, radius[s], counts))
                 if gap < DISCOMFORT_GAP:
                     is_open[s] = False
-    return is_open
+
+
+@no_type_check
+@njit
+def _keep_clear_of_walls(row, way, reach, body, position, radius, obstacles, is_open):
+    """Keep those of the open states in which no wall is in the way.
+
+    Args:
+        row: `[state]`, the world of each state.
+        way: `[state, 2]`, the straight way to the local goal in metres.
+        reach: `[state]`, how far the way must be open at most, in metres.
+        body: `[disc]`, see `crowdbench.core.dynamics.body`.
+        position: `[state, 2]`, of the vehicle in metres.
+        radius: `[state, agent]`, in metres.
+        obstacles: `[world, polygon, corner, 2]`, in metres.
+        is_open: `[state]`, changed.
+    """
+    for s in range(len(row)):
+        if is_open[s]:
+            length = math.hypot(way[s, 0], way[s, 1])
+            ux, uy, far = way[s, 0] / length, way[s, 1] / length, min(length, reach[s])
+            for centre in body:
+                x, y = position[s, 0] + centre * ux, position[s, 1] + centre * uy
+                if touches_in_step(x, y, far * ux, far * uy, radius[s, 0], obstacles[row[s]]):
+                    is_open[s] = False

@@ -15,6 +15,7 @@ from crowdbench.core.dynamics.base import speeds_and_headings
 from crowdbench.core.geometry import norm
 from crowdbench.core.reward import discount, reward
 from crowdbench.core.types import Observation, Outcome, Vehicle
+from crowdbench.networks.threads import CHUNK, in_chunks
 from crowdbench.networks.value import ValueNetwork, evaluate
 from crowdbench.networks.weights import digest
 from crowdbench.planners.base import Planner
@@ -24,7 +25,6 @@ from crowdbench.planners.trials import propagate_vehicle, try_commands
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.base import validate_prediction
 from crowdbench.utils.errors import require_count
-from crowdbench.networks.threads import CHUNK, in_chunks
 
 Actions = Callable[[Float[np.ndarray, "world"]], Commands]
 Explore = Callable[[Scene, Velocities], Commands]

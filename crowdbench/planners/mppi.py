@@ -10,6 +10,7 @@ from jaxtyping import Float
 from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation, Outcome
+from crowdbench.networks.threads import CHUNK, in_chunks
 from crowdbench.planners.base import Planner
 from crowdbench.planners.filtered import NO_INFLATION, RadiusInflation, radius_inflation
 from crowdbench.planners.hidden import hidden_scene
@@ -19,7 +20,6 @@ from crowdbench.planners.trials import SequenceResult, limit_commands, propagate
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.base import predict
 from crowdbench.utils.errors import is_number, require, require_count, require_not_negative, require_positive
-from crowdbench.networks.threads import CHUNK, in_chunks
 
 Costs = Float[np.ndarray, "world sequence"]
 Noise = Float[np.ndarray, "world round sample time 2"]

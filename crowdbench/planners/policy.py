@@ -18,6 +18,7 @@ from crowdbench.networks.encoders import POLICIES, make_policy
 from crowdbench.networks.features import Features, Vectors, features, in_disc, in_range, to_world
 from crowdbench.networks.features_ahead import REACH, STEPS, WALLS, features_ahead
 from crowdbench.networks.policy import Policy, Seen
+from crowdbench.networks.threads import in_chunks
 from crowdbench.networks.weights import digest, load_into, read_card, training_dt, weights_file
 from crowdbench.planners.base import Planner
 from crowdbench.planners.reactive import along_walls
@@ -28,7 +29,6 @@ from crowdbench.predict.base import predict
 from crowdbench.predict.load import load_predictor
 from crowdbench.sim.nearest_walls import nearest_walls
 from crowdbench.utils.errors import InputError, is_integer
-from crowdbench.networks.threads import in_chunks
 
 CHUNK = 4096
 """Worlds that go through the network at once."""

@@ -12,6 +12,7 @@ from crowdbench.core.geometry import local_goals
 from crowdbench.core.reward import discount
 from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.joint_state import joint_states
+from crowdbench.networks.threads import CHUNK, in_chunks
 from crowdbench.networks.value import evaluate
 from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead import ValuePlanner
@@ -20,7 +21,6 @@ from crowdbench.planners.trials import limit_commands, try_sequences
 from crowdbench.predict import Prediction
 from crowdbench.sim.routes import next_waypoints
 from crowdbench.utils.errors import require, require_count, require_not_negative, require_positive
-from crowdbench.networks.threads import CHUNK, in_chunks
 
 Noise = Float[np.ndarray, "world round sample time 2"]
 

@@ -71,14 +71,51 @@ def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[
     joint = np.empty((rows, modes, max(pedestrians, 1), SIZE), np.float32)
     result = StepResult(np.empty((rows, modes), np.int64), np.empty((rows, modes)), np.empty((rows, 2)), joint)
     world = np.ascontiguousarray(world)  # for another layout the kernel would be compiled once more
-    _try_commands(scene.arrays, scene.crowd, scene.obstacles, scene.dt, commands, world, result)
+    wall_gap, on_wheels = np.full(rows, np.inf), scene.arrays.code != HOLONOMIC
+    if on_wheels or scene.obstacles.shape[1]:
+        _fill_gaps(scene.arrays, scene.crowd, scene.obstacles, scene.dt, commands, world, wall_gap, result.gap)
+    _try_commands(scene.arrays, scene.crowd, scene.dt, commands, world, wall_gap, result)
     return result
 
 
 @no_type_check
 @njit(nogil=True)
-def _try_commands(vehicle, crowd, obstacles, dt, commands, world, result):
-    """See `try_commands`; fills the result."""
+def _try_commands(vehicle, crowd, dt, commands, world, wall_gap, result):
+    """Fill the result, see `try_commands`; gaps of vehicles on wheels and to walls are already filled in."""
+    code, limits, position = vehicle.code, vehicle.limits, crowd.position
+    agents = 1 + position.shape[3]
+    start, motion = np.empty((agents, 2)), np.empty((agents, 2))
+    radii, present = np.empty(agents), np.ones(agents, np.bool_)
+    discs = Discs(start, motion, radii, present)
+    for row in range(len(commands)):
+        w = world[row]
+        before, radius, speed = motion_of(vehicle.motion, w), vehicle.radius[w], vehicle.preferred_speed[w]
+        after = drive_without_heading(code, limits, before, (commands[row, 0], commands[row, 1]), speed, dt)
+        x, y, vx, vy = after.x, after.y, after.vx, after.vy
+        result.velocity[row, 0], result.velocity[row, 1] = vx, vy
+        tolerance, dx, dy = vehicle.goal_tolerance[w], vehicle.goal[w, 0] - x, vehicle.goal[w, 1] - y
+        own = VehicleState(x, y, vx, vy, radius, vehicle.local_goal[w], speed)
+        radii[0] = radius
+        for p in range(agents - 1):  # loops compile in a fraction of the time of slices
+            radii[1 + p], present[1 + p] = crowd.radius[w, p], crowd.present[w, p]
+        start[0, 0], start[0, 1], motion[0, 0], motion[0, 1] = before.x, before.y, vx * dt, vy * dt
+        for m in range(position.shape[1]):
+            fill_crowd(position, w, m, 0, start, motion)
+            if code == HOLONOMIC:
+                result.gap[row, m], _ = nearest_in_step(0, discs)
+            result.outcome[row, m] = step_outcome(result.gap[row, m], wall_gap[row], dx, dy, tolerance, False)
+            others = PedestrianStates(position[w, m, 1], crowd.velocity[w, m], crowd.radius[w], crowd.present[w])
+            write_joint_states(result.joint[row, m], own, others)
+
+
+@no_type_check
+@njit(nogil=True)
+def _fill_gaps(vehicle, crowd, obstacles, dt, commands, world, wall_gap, gap):
+    """Fill the gaps to walls `[command]`, and those of vehicles on wheels to pedestrians `[command, mode]`.
+
+    In a kernel of its own, which is compiled only where there are walls or wheels. A command after which the vehicle
+    could not stop in front of a wall has a negative gap to it.
+    """
     code, limits, body, position = vehicle.code, vehicle.limits, vehicle.body, crowd.position
     agents = 1 + position.shape[3]
     start, motion = np.empty((agents, 2)), np.empty((agents, 2))
@@ -89,28 +126,19 @@ def _try_commands(vehicle, crowd, obstacles, dt, commands, world, result):
         before, radius, speed = motion_of(vehicle.motion, w), vehicle.radius[w], vehicle.preferred_speed[w]
         after = drive_without_heading(code, limits, before, (commands[row, 0], commands[row, 1]), speed, dt)
         x, y, vx, vy, facing, turn_rate = after
-        result.velocity[row, 0], result.velocity[row, 1] = vx, vy
-        wall_gap = stopping = math.inf
-        if obstacles.shape[1] > 0:
-            wall_gap = wall_gap_in_step(before.x, before.y, vx * dt, vy * dt, radius, obstacles[w])
-            stopping = stopping_gap(body, limits[0], x, y, vx, vy, facing, radius, obstacles[w])
-        tolerance, dx, dy = vehicle.goal_tolerance[w], vehicle.goal[w, 0] - x, vehicle.goal[w, 1] - y
-        own = VehicleState(x, y, vx, vy, radius, vehicle.local_goal[w], speed)
-        radii[0] = radius
-        for p in range(agents - 1):  # loops compile in a fraction of the time of slices
-            radii[1 + p], present[1 + p] = crowd.radius[w, p], crowd.present[w, p]
-        start[0, 0], start[0, 1], motion[0, 0], motion[0, 1] = before.x, before.y, vx * dt, vy * dt
-        for m in range(position.shape[1]):
-            fill_crowd(position, w, m, 0, start, motion)
-            if code == HOLONOMIC:
-                gap, _ = nearest_in_step(0, discs)
-            else:
-                arc = before.heading, math.hypot(vx, vy), turn_rate, dt
-                gap, wall_gap = gaps_on_arc(body, *arc, discs, obstacles[w])
-            result.gap[row, m] = gap
-            result.outcome[row, m] = step_outcome(gap, min(wall_gap, stopping), dx, dy, tolerance, False)
-            others = PedestrianStates(position[w, m, 1], crowd.velocity[w, m], crowd.radius[w], crowd.present[w])
-            write_joint_states(result.joint[row, m], own, others)
+        stopping = stopping_gap(body, limits[0], x, y, vx, vy, facing, radius, obstacles[w])
+        if code == HOLONOMIC:
+            to_walls = wall_gap_in_step(before.x, before.y, vx * dt, vy * dt, radius, obstacles[w])
+        else:
+            to_walls, radii[0] = math.inf, radius
+            for p in range(agents - 1):
+                radii[1 + p], present[1 + p] = crowd.radius[w, p], crowd.present[w, p]
+            start[0, 0], start[0, 1] = before.x, before.y
+            arc = before.heading, math.hypot(vx, vy), turn_rate, dt
+            for m in range(position.shape[1]):
+                fill_crowd(position, w, m, 0, start, motion)
+                gap[row, m], to_walls = gaps_on_arc(body, *arc, discs, obstacles[w])
+        wall_gap[row] = min(to_walls, stopping)
 
 
 class SequenceResult(NamedTuple):

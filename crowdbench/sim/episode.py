@@ -60,8 +60,7 @@ def check_step(rules, before, after, check):
         check (StepCheck): Filled.
     """
     position, radius, obstacles = before.position, before.radius, before.obstacles
-    is_plus = rules.collision == _CROWDNAV_PLUS
-    motion, last = np.empty(position.shape[1:]), position if is_plus else after.position
+    motion = np.empty(position.shape[1:])
     for w in range(len(position)):
         fill_motion(position[w], after.position[w], before.velocity[w], rules.collision, rules.dt, motion)
         discs = Discs(position[w], motion, radius[w], before.present[w])
@@ -71,13 +70,36 @@ def check_step(rules, before, after, check):
             check.wall_gap[w] = wall_gap_in_step(x, y, dx, dy, radius[w, 0], obstacles[w])
         else:
             speed, turn_rate = math.hypot(after.velocity[w, 0, 0], after.velocity[w, 0, 1]), after.angular_speed[w]
-            if is_plus:
+            if rules.collision == _CROWDNAV_PLUS:
                 speed, turn_rate = 0.0, 0.0
             arc = before.heading[w], speed, turn_rate, rules.dt
             check.gap[w], check.wall_gap[w] = gaps_on_arc(rules.body, *arc, discs, obstacles[w])
-        dx, dy = before.goal[w, 0, 0] - last[w, 0, 0], before.goal[w, 0, 1] - last[w, 0, 1]
+    last = before.position if rules.collision == _CROWDNAV_PLUS else after.position
+    _fill_outcomes(rules, before.step, before.goal, before.radius, last, check)
+
+
+@no_type_check
+@njit(inline="always")
+def check_disc(rules, before, after, check):
+    """Do the same for a disc without walls; see `check_step`."""
+    position = before.position
+    motion = np.empty(position.shape[1:])
+    for w in range(len(position)):
+        fill_motion(position[w], after.position[w], before.velocity[w], rules.collision, rules.dt, motion)
+        check.gap[w], _ = nearest_in_step(0, Discs(position[w], motion, before.radius[w], before.present[w]))
+        check.wall_gap[w] = math.inf
+    last = before.position if rules.collision == _CROWDNAV_PLUS else after.position
+    _fill_outcomes(rules, before.step, before.goal, before.radius, last, check)
+
+
+@no_type_check
+@njit(inline="always")
+def _fill_outcomes(rules, step, goal, radius, last, check):
+    """Fill the outcomes from the gaps, and from the positions at which arrival counts; see `check_step`."""
+    for w in range(len(step)):
+        dx, dy = goal[w, 0, 0] - last[w, 0, 0], goal[w, 0, 1] - last[w, 0, 1]
         near = rules.goal_tolerance if rules.goal_tolerance > 0.0 else radius[w, 0]
-        is_last = before.step[w] + 1 >= rules.max_steps
+        is_last = step[w] + 1 >= rules.max_steps
         check.outcome[w] = step_outcome(check.gap[w], check.wall_gap[w], dx, dy, near, is_last)
 
 

@@ -1,77 +1,93 @@
-"""Tools for compiled kernels: loops for one thread and for all, and arguments that are a number or an array."""
+"""Tools for compiled kernels: blocks of work for threads, fields of tuples, arguments that are numbers or arrays."""
 
 from __future__ import annotations
 
 import functools
-import threading
-import types
-from collections.abc import Callable
+import itertools
+import math
+from collections.abc import Callable, Iterable
 from typing import Any, no_type_check
 
 import numpy as np
 from jaxtyping import Shaped
 
-from crowdbench.utils.compiled import njit
+from crowdbench.utils.compiled import njit, threads
+from crowdbench.utils.threads import share
 
-_ONE_AT_A_TIME = threading.Lock()
 
+def in_blocks(work: Callable[[int, int], None], items: int, least: int, most: int) -> None:
+    """Divide items into blocks, and do them in the threads of a pool where there are enough items.
 
-def serial_and_parallel(loop: types.FunctionType) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Compile a function twice.
+    Bits do not depend on the blocks where kernels compute each item by itself. Kernels release Python's lock.
 
     Args:
-        loop: A function with a loop over `prange`.
-
-    Returns:
-        The function compiled for one thread, and for all threads. Calls of the second one wait for each other.
+        work: Called with the first item of each block, and with the one after its last.
+        items: The number of items.
+        least: Smallest number of items that is worth a thread.
+        most: Largest number of items of a block.
     """
-    # The second one gets another name, because the cache removes what another version of a kernel has left.
-    twin = types.FunctionType(loop.__code__, loop.__globals__, f"{loop.__name__}_parallel", None, loop.__closure__)
-    twin.__module__, twin.__qualname__ = loop.__module__, twin.__name__
-    parallel = njit(error_model="numpy", parallel=True)(twin)
+    workers = threads()
+    blocks = max(min(workers, items // least), 1)
+    blocks *= math.ceil(items / (blocks * most)) or 1
+    bounds = [items * k // blocks for k in range(blocks + 1)]
+    share(lambda block: work(*block), itertools.pairwise(bounds), workers, None)
 
-    def in_turn(*arguments: Any) -> None:
-        # numba's threading layer workqueue ends the process when two threads enter it. The others lose nothing by
-        # waiting, because each call uses all cores.
-        with _ONE_AT_A_TIME:
-            parallel(*arguments)
 
-    return njit(error_model="numpy")(loop), in_turn
+class FlatKernel:
+    """A kernel of named tuples, which Python calls with their fields, one after the other.
+
+    numba takes about a microsecond to receive a named tuple of arrays. Given as such, the arguments of a step would
+    take a third of its time in one world.
+
+    Attributes:
+        compiled: The kernel that takes the fields.
+    """
+
+    def __init__(self, kernel: Callable[..., None], *kinds: type) -> None:
+        fields = [[f"{kind.__name__}_{field}" for field in kind._fields] for kind in kinds]  # type: ignore[attr-defined]
+        calls = [f"{kind.__name__}({', '.join(names)})" for kind, names in zip(kinds, fields, strict=True)]
+        scope = {kind.__name__: kind for kind in kinds}
+        scope |= {"__name__": kernel.__module__, "inner": njit(kernel, inline="always")}
+        name = kernel.__name__
+        exec(f"def {name}({', '.join(itertools.chain(*fields))}):\n    inner({', '.join(calls)})", scope)
+        self.compiled = njit(scope[name], nogil=True)
+
+    def __call__(self, *tuples: Iterable[Any]) -> None:
+        """Call the kernel with its named tuples."""
+        self.compiled(*itertools.chain(*tuples))
 
 
 def writable(array: np.ndarray) -> np.ndarray:
-    """The array, or a copy of it, that lies in order and can be written: for other kinds a kernel is compiled again."""
+    """Return the array, or a copy that is contiguous and writable: numba compiles a kernel again for other kinds."""
     return array if array.flags.carray else array.copy()
 
 
-def per_agent(value: float | np.ndarray, dtype: type = np.float64) -> Shaped[np.ndarray, "_ _"]:
-    """A number for all agents, or an array `[world]` or `[world, agent]`, in the form in which `at` reads it.
+def per_agent(value: float | np.ndarray) -> Shaped[np.ndarray, "_ _"]:
+    """Return a number for all agents, or an array `[world]` or `[world, agent]`, in the form in which `at` reads it.
 
     Args:
         value: The number or the array. An axis of length 1 holds one value for all.
-        dtype: What the result holds: a kernel is compiled for each kind of array that it is given.
     """
     if not isinstance(value, np.ndarray):
-        return _number(value, dtype)
-    array: np.ndarray = np.ascontiguousarray(value, dtype)
+        return _number(value)
+    array: np.ndarray = np.ascontiguousarray(value, np.float64)
     return array if array.ndim == 2 else array.reshape(-1, 1)
 
 
 @functools.cache
-def _number(value: float, dtype: type) -> Shaped[np.ndarray, "1 1"]:
+def _number(value: float) -> Shaped[np.ndarray, "1 1"]:
     # Cached, because making this array takes as long as a kernel does for one world.
-    return np.full((1, 1), value, dtype)
+    return np.full((1, 1), value, np.float64)
 
 
 @no_type_check
 @njit
 def at(array, w, i):
-    """One agent's value in an array that `per_agent` made.
+    """Return one agent's value in an array that `per_agent` made.
 
     Args:
         array (array): The array.
         w (int): Index of the world.
         i (int): Index of the agent.
     """
-    # The index of a prange is unsigned, and numba compares unsigned with signed integers as floats.
-    return array[min(np.int64(w), array.shape[0] - 1), min(i, array.shape[1] - 1)]
+    return array[min(w, array.shape[0] - 1), min(i, array.shape[1] - 1)]

@@ -14,9 +14,9 @@ from typing import NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.sim.kernels import at, serial_and_parallel
+from crowdbench.sim.kernels import at, in_blocks
 from crowdbench.sim.obstacles import touches_in_step
-from crowdbench.utils.compiled import njit, prange
+from crowdbench.utils.compiled import njit
 
 CELLS_FROM = 128
 """Worlds with at least this many agents get cells. In smaller ones it takes no longer to look at all."""
@@ -66,23 +66,25 @@ def cells_of(position: Float[np.ndarray, "world agent 2"], seen: Bool[np.ndarray
     Returns:
         The cells; None for worlds with less than `CELLS_FROM` agents.
     """
+    return make_cells(position, seen) if position.shape[1] >= CELLS_FROM else None
+
+
+def make_cells(position: Float[np.ndarray, "world agent 2"], seen: Bool[np.ndarray, "_ _"]) -> Cells:
+    """Put the agents of worlds of any size into cells, see `cells_of`."""
     worlds, agents = position.shape[:2]
-    if agents < CELLS_FROM:
-        return None
     corner, length, size = np.empty((worlds, 2)), np.empty(worlds), np.empty((worlds, 2), np.int64)
     first, member = np.empty((worlds, agents + 2), np.int64), np.empty((worlds, agents), np.int64)
     cells = Cells(corner, length, size, first, member, np.empty((worlds, agents, 2)))
-    fill = _fill_parallel if worlds > 1 else _fill_serial
-    fill(position, seen, *cells)
+    in_blocks(lambda begin, end: _fill_cells(begin, end, position, seen, *cells), worlds, 1, worlds)
     return cells
 
 
 @no_type_check
-def _fill(position, seen, *cells):
-    """Fill the arrays of `Cells`, see `cells_of`."""
-    corner, length, size, first, member, place = cells
-    worlds, agents = position.shape[:2]
-    for w in prange(worlds):
+@njit(error_model="numpy", nogil=True)
+def _fill_cells(begin, end, position, seen, corner, length, size, first, member, place):
+    """Fill the arrays of `Cells` for a block of worlds, see `cells_of`."""
+    agents = position.shape[1]
+    for w in range(begin, end):
         n, columns, rows = _lay(w, position, seen, corner, length)
         size[w, 0], size[w, 1] = columns, rows
         if columns == _NONE:
@@ -108,9 +110,6 @@ def _fill(position, seen, *cells):
         for cell in range(columns * rows):
             first[w, cell] = first[w, cell + 1]
         first[w, columns * rows] = n
-
-
-_fill_serial, _fill_parallel = serial_and_parallel(_fill)
 
 
 @no_type_check
@@ -160,7 +159,7 @@ def _lay(w, position, seen, corner, length):
 
 
 @no_type_check
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", forceinline=True)
 def _index(way, length, number):
     """Index of the column or the row at a distance from the grid's corner, the nearest one beyond the border.
 
@@ -173,7 +172,7 @@ def _index(way, length, number):
 
 
 @no_type_check
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", forceinline=True)
 def insert_sorted(j, squared, n, limit, neighbor, distance):
     """Insert somebody into a sorted list: by distance, and where distances are equal by index.
 
@@ -197,8 +196,46 @@ def insert_sorted(j, squared, n, limit, neighbor, distance):
 
 
 @no_type_check
+@njit(error_model="numpy", nogil=True)
+def find_neighbors(begin, end, position, seen, moves, cells, reach, limit, line_of_sight, obstacles, neighbor, number):
+    """Find the neighbours of a block of agents from cells; obstacles may hide some.
+
+    Args:
+        begin (int): The first agent, counted through all worlds.
+        end (int): The one after the last.
+        position (array): `[world, agent, 2]`, in metres.
+        seen (array): Whether each agent can be a neighbour, read by `at`, as are all that follow up to the line of
+            sight.
+        moves (array): Whether the agent has neighbours.
+        cells (Cells): The cells of the agents.
+        reach (array): Neighbours are nearer than this, in metres.
+        limit (array): Largest number of neighbours.
+        line_of_sight (array): Whether obstacles hide others.
+        obstacles (array): `[world, polygon, corner, 2]`, in metres; one world's may stand for all.
+        neighbor (array): `[agent * most]`, filled: indices of the neighbours of each agent, nearest first.
+        number (array): `[agent]`, filled: how many there are.
+    """
+    agents, most = position.shape[1], len(neighbor) // len(number)
+    distance = np.empty(most)
+    for k in range(begin, end):
+        w, i = k // agents, k % agents
+        number[k - begin] = 0
+        if not at(moves, w, i):
+            continue
+        found = neighbor[(k - begin) * most : (k - begin + 1) * most]
+        polygons = obstacles[min(w, len(obstacles) - 1)]
+        if at(line_of_sight, w, i) == 0.0:
+            polygons = polygons[:0]
+        far, room = at(reach, w, i), np.int64(at(limit, w, i))
+        if cells.size[w, 0] < 0:
+            number[k - begin] = nearest_of_all(w, i, position, seen, far, room, polygons, found, distance)
+        else:
+            number[k - begin] = nearest_in_cells(w, i, position, cells, far, room, polygons, found, distance)
+
+
+@no_type_check
 @njit(error_model="numpy")
-def nearest_in_cells(w, i, position, cells, reach, limit, hides, polygons, neighbor, distance):
+def nearest_in_cells(w, i, position, cells, reach, limit, polygons, neighbor, distance):
     """Find the neighbours of an agent from cells.
 
     Args:
@@ -208,15 +245,14 @@ def nearest_in_cells(w, i, position, cells, reach, limit, hides, polygons, neigh
         cells (tuple): The `Cells`.
         reach (float): Neighbours are nearer than this, in metres.
         limit (int): Largest number of neighbours.
-        hides (bool): Whether obstacles hide others.
-        polygons (array): `[polygon, corner, 2]`, the obstacles in metres.
+        polygons (array or None): `[polygon, corner, 2]`, obstacles that hide others, in metres.
         neighbor (array): `[agent]`, filled: indices of the neighbours, nearest first.
         distance (array): `[agent]`, filled: squared distances in square metres.
 
     Returns:
         n (int): The number of neighbours.
     """
-    n = 0
+    n = np.int64(0)  # a literal would have `insert_sorted` compiled twice
     if limit == 0:
         return n
     corner, length, size, first, member, place = cells
@@ -247,7 +283,7 @@ def nearest_in_cells(w, i, position, cells, reach, limit, hides, polygons, neigh
                     j = member[w, s]
                     if j == i or (squared == farthest and j > last):
                         continue
-                    if hides and touches_in_step(x, y, dx, dy, 0.0, polygons):
+                    if polygons is not None and touches_in_step(x, y, dx, dy, 0.0, polygons):
                         continue
                     n = insert_sorted(j, squared, n, limit, neighbor, distance)
                     if n == limit:
@@ -264,8 +300,8 @@ def nearest_in_cells(w, i, position, cells, reach, limit, hides, polygons, neigh
 
 
 @no_type_check
-@njit(error_model="numpy", inline="always")
-def nearest_of_all(w, i, position, seen, reach, limit, hides, polygons, neighbor, distance):
+@njit(error_model="numpy", forceinline=True)
+def nearest_of_all(w, i, position, seen, reach, limit, polygons, neighbor, distance):
     """Find the neighbours of an agent among all others.
 
     Args:
@@ -275,15 +311,14 @@ def nearest_of_all(w, i, position, seen, reach, limit, hides, polygons, neighbor
         seen (array): Whether each agent can be a neighbour, read by `at`.
         reach (float): Neighbours are nearer than this, in metres.
         limit (int): Largest number of neighbours.
-        hides (bool): Whether obstacles hide others.
-        polygons (array): `[polygon, corner, 2]`, the obstacles in metres.
+        polygons (array or None): `[polygon, corner, 2]`, obstacles that hide others, in metres.
         neighbor (array): `[agent]`, filled: indices of the neighbours, nearest first.
         distance (array): `[agent]`, filled: squared distances in square metres.
 
     Returns:
         n (int): The number of neighbours.
     """
-    n = 0
+    n = np.int64(0)  # see `nearest_in_cells`
     reach_squared = reach * reach
     for j in range(position.shape[1]):
         if j == i or not at(seen, w, j):
@@ -292,7 +327,7 @@ def nearest_of_all(w, i, position, seen, reach, limit, hides, polygons, neighbor
         squared = dx * dx + dy * dy
         if squared >= reach_squared or limit == 0:
             continue
-        if hides and touches_in_step(position[w, i, 0], position[w, i, 1], dx, dy, 0.0, polygons):
+        if polygons is not None and touches_in_step(position[w, i, 0], position[w, i, 1], dx, dy, 0.0, polygons):
             continue
         n = insert_sorted(j, squared, n, limit, neighbor, distance)
         if n == limit:

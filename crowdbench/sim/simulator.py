@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import operator
 from collections.abc import Callable, Mapping
 from typing import NamedTuple, no_type_check
@@ -11,10 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
 from crowdbench.core import rng
-from crowdbench.core.dynamics import DISC, SPEED_TOLERANCE, hull
-from crowdbench.core.dynamics.motion import Motion, drive
+from crowdbench.core.dynamics import DISC, hull
+from crowdbench.core.dynamics.motion import HOLONOMIC, Motion, drive, limit_speed
 from crowdbench.core.types import Outcome, RuleNumbers, Rules, World
-from crowdbench.sim.episode import StepCheck, check_step
+from crowdbench.sim.episode import StepCheck, check_disc, check_step
+from crowdbench.sim.kernels import FlatKernel
 from crowdbench.sim.obstacles import slide
 from crowdbench.sim.pedestrians import Memory, PedestrianPolicy, PolicyWithMemory
 from crowdbench.sim.pedestrians.base import Velocities, init_memory, query_policy
@@ -171,7 +171,23 @@ class After(NamedTuple):
     history: Float[np.ndarray, "world time pedestrian 2"]
 
 
-_before = operator.attrgetter(*Before._fields)
+class Commands(NamedTuple):
+    """What agents do in a step.
+
+    Attributes:
+        vehicle: The vehicle's command.
+        crowd: The pedestrians' velocities in m/s.
+    """
+
+    vehicle: Float[np.ndarray, "world 2"]
+    crowd: Velocities
+
+
+STEP = (RuleNumbers, Before, Commands, After, StepCheck)
+"""The arguments of the kernels of a step."""
+
+state_before = operator.attrgetter(*Before._fields)
+"""Return the fields of `Before` of a world."""
 
 
 def step(
@@ -249,29 +265,50 @@ def _motion(world: World, command: Float[np.ndarray, "world 2"], crowd: Velociti
     after = After(steps, position, velocity, heading, angular_speed, history)
     check = StepCheck(np.empty(worlds, np.int64), np.empty(worlds), np.empty(worlds))
     commands = np.ascontiguousarray(command), np.ascontiguousarray(crowd)
-    _step(*world.rules.numbers, *_before(world), *commands, *after, *check)
+    is_free = world.rules.dynamics.code == HOLONOMIC and not world.obstacles.shape[1]
+    kernel = _step_in_the_open if is_free else _step
+    kernel(world.rules.numbers, state_before(world), commands, after, check)
     return after, check
 
 
 @no_type_check
-@njit
-def _step(*arrays):
-    """The motion and the check of a step, in one kernel: to enter one takes as long as what it does in one world.
-
-    Takes the fields of `RuleNumbers` and `Before`, commands `[world, 2]`, velocities of the crowd `[world, pedestrian,
-    2]`, and the fields of `After` and `StepCheck`, which are filled. Given as NamedTuples they would take a third of
-    the time of a step in one world.
-    """
-    rules, before = RuleNumbers(*arrays[:7]), Before(*arrays[7:18])
-    command, crowd = arrays[18:20]
-    after, check = After(*arrays[20:26]), StepCheck(*arrays[26:])
-    move_agents(rules, before, command, crowd, after)
+def _step(rules, before, commands, after, check):
+    """Compute the motion and the check of a step: to enter a kernel takes as long as what it does in one world."""
+    move_agents(rules, before, commands, after)
+    _slide_pedestrians(rules.dt, before, after)
     check_step(rules, before, after, check)
 
 
 @no_type_check
+def _step_in_the_open(rules, before, commands, after, check):
+    """Compute the same for discs without walls, which most scenarios have: it is compiled in half the time."""
+    move_agents(rules, before, commands, after)
+    check_disc(rules, before, after, check)
+
+
+_step, _step_in_the_open = FlatKernel(_step, *STEP), FlatKernel(_step_in_the_open, *STEP)
+
+
+@no_type_check
 @njit
-def move_agents(rules, before, command, crowd, after):
+def _slide_pedestrians(dt, before, after):
+    """Let pedestrians whose rims touch walls go on along them."""
+    worlds, agents = before.radius.shape
+    last = before.history.shape[1] - 1
+    for w in range(worlds):
+        for a in range(1, agents):
+            x, y = before.position[w, a, 0], before.position[w, a, 1]
+            dx, dy = after.velocity[w, a, 0] * dt, after.velocity[w, a, 1] * dt
+            touched, end_x, end_y = slide(x, y, dx, dy, before.radius[w, a], before.obstacles[w])
+            if touched:
+                after.position[w, a, 0], after.position[w, a, 1] = end_x, end_y
+                after.velocity[w, a, 0], after.velocity[w, a, 1] = (end_x - x) / dt, (end_y - y) / dt
+                after.history[w, last, a - 1, 0], after.history[w, last, a - 1, 1] = end_x, end_y
+
+
+@no_type_check
+@njit(inline="always")
+def move_agents(rules, before, commands, after):
     """Move all agents, limit their speeds, and update heading and history."""
     worlds, agents = before.radius.shape
     dt, length = rules.dt, before.history.shape[1]
@@ -281,7 +318,7 @@ def move_agents(rules, before, command, crowd, after):
             for p in range(agents - 1):
                 after.history[w, t, p, 0] = before.history[w, t + 1, p, 0]
                 after.history[w, t, p, 1] = before.history[w, t + 1, p, 1]
-        first, second = command[w, 0], command[w, 1]
+        first, second = commands.vehicle[w, 0], commands.vehicle[w, 1]
         if not before.present[w, 0]:
             first, second = 0.0, 0.0
         x, y = before.position[w, 0, 0], before.position[w, 0, 1]
@@ -292,17 +329,11 @@ def move_agents(rules, before, command, crowd, after):
         after.position[w, 0, 0], after.position[w, 0, 1] = x, y
         after.velocity[w, 0, 0], after.velocity[w, 0, 1] = vx, vy
         for a in range(1, agents):
-            x, y, vx, vy = before.position[w, a, 0], before.position[w, a, 1], crowd[w, a - 1, 0], crowd[w, a - 1, 1]
+            vx, vy = commands.crowd[w, a - 1, 0], commands.crowd[w, a - 1, 1]
             if not before.present[w, a]:
                 vx, vy = 0.0, 0.0
-            speed, limit = math.sqrt(vx * vx + vy * vy), before.preferred_speed[w, a]
-            if speed > limit * (1.0 + SPEED_TOLERANCE):
-                vx, vy = vx * (limit / speed), vy * (limit / speed)
-            new_x, new_y = x + vx * dt, y + vy * dt
-            if before.obstacles.shape[1] > 0:
-                touched, there_x, there_y = slide(x, y, vx * dt, vy * dt, before.radius[w, a], before.obstacles[w])
-                if touched:
-                    new_x, new_y, vx, vy = there_x, there_y, (there_x - x) / dt, (there_y - y) / dt
-            after.position[w, a, 0], after.position[w, a, 1] = new_x, new_y
+            vx, vy = limit_speed(vx, vy, before.preferred_speed[w, a])
+            x, y = before.position[w, a, 0] + vx * dt, before.position[w, a, 1] + vy * dt
+            after.position[w, a, 0], after.position[w, a, 1] = x, y
             after.velocity[w, a, 0], after.velocity[w, a, 1] = vx, vy
-            after.history[w, length - 1, a - 1, 0], after.history[w, length - 1, a - 1, 1] = new_x, new_y
+            after.history[w, length - 1, a - 1, 0], after.history[w, length - 1, a - 1, 1] = x, y

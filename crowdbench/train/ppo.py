@@ -28,6 +28,7 @@ from crowdbench.metrics.motion import jerk
 from crowdbench.metrics.outcomes import navigation_time_or_limit, success_rate
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.policy import ActorCritic, Memory, Policy, Seen
+from crowdbench.networks.threads import in_chunks, one_torch_thread
 from crowdbench.planners.policy import PolicyInterface, PolicyPlanner
 from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function
@@ -38,7 +39,6 @@ from crowdbench.train.config import PPOConfig, split_names
 from crowdbench.train.training import DrivingTraining, describe_scenario
 from crowdbench.utils.errors import InputError, is_number, require, require_count, require_positive
 from crowdbench.utils.memory import keep_freed_memory
-from crowdbench.networks.threads import in_chunks, one_torch_thread
 
 CHUNK = 16
 """Worlds of a minibatch that a thread differentiates at once: few enough for the cache of a core."""

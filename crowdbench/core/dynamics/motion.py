@@ -93,15 +93,37 @@ def drive_without_heading(code, limits, before, command, max_speed, dt):
 @njit(nogil=True)
 def _move_freely(max_change, x, y, vx, vy, wanted_x, wanted_y, max_speed, dt):
     """Move a holonomic vehicle, whose velocity changes by at most `max_change` in m/s; returns x, y, vx and vy."""
-    speed = math.sqrt(wanted_x * wanted_x + wanted_y * wanted_y)
-    if speed > max_speed * (1.0 + SPEED_TOLERANCE):
-        wanted_x, wanted_y = wanted_x * (max_speed / speed), wanted_y * (max_speed / speed)
+    wanted_x, wanted_y = limit_speed(wanted_x, wanted_y, max_speed)
     if max_change < math.inf:
         dx, dy = wanted_x - vx, wanted_y - vy
         change = math.sqrt(dx * dx + dy * dy)
         if change > max_change:
             wanted_x, wanted_y = vx + dx * (max_change / change), vy + dy * (max_change / change)
     return x + wanted_x * dt, y + wanted_y * dt, wanted_x, wanted_y
+
+
+@no_type_check
+@njit(nogil=True)
+def limit_speed(vx, vy, limit):
+    """Slow a velocity down to a limit where it is faster. Compiled.
+
+    Args:
+        vx (float): x of the velocity in m/s.
+        vy (float): Its y.
+        limit (float): The largest speed in m/s.
+
+    Returns:
+        velocity (tuple): x and y.
+    """
+    speed = math.sqrt(vx * vx + vy * vy)
+    if speed == math.inf and math.isfinite(vx) and math.isfinite(vy):  # the squares are too large for a float
+        largest = max(abs(vx), abs(vy))
+        vx, vy = vx / largest, vy / largest
+        speed = math.sqrt(vx * vx + vy * vy)
+        return vx * (limit / speed), vy * (limit / speed)
+    if speed > limit * (1.0 + SPEED_TOLERANCE):
+        return vx * (limit / speed), vy * (limit / speed)
+    return vx, vy
 
 
 @no_type_check

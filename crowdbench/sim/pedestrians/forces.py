@@ -15,15 +15,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.types import World
-from crowdbench.sim.kernels import serial_and_parallel, writable
+from crowdbench.sim.kernels import in_blocks, writable
 from crowdbench.sim.routes import goals_on_way
-from crowdbench.utils.compiled import njit, prange
+from crowdbench.utils.compiled import njit
 
 SUB_STEP = 0.05
 """Longest step of the integration, in seconds."""
 
-PARALLEL_PAIRS = 1000
-"""Batches with at least this many pairs of agents run on several threads, whose start takes 110 microseconds."""
+BLOCK_PAIRS = 500
+"""Pairs of agents that are worth a thread, which takes about 50 microseconds to hand them over."""
 
 TINY = 1e-9
 """Takes the place of 0 where a formula divides by a parameter."""
@@ -95,8 +95,8 @@ def fill_traits(
     return traits
 
 
-def compile_model(force: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Compile a model for one thread and for all.
+def compile_model(force: Any) -> Callable[..., None]:
+    """Compile a model.
 
     Args:
         force: A kernel that returns x and y of an acceleration in m/s^2, and the share of it that acts. It takes the
@@ -105,17 +105,31 @@ def compile_model(force: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
             traits; the obstacles; the index of the world, and the noise and the groups of all worlds.
 
     Returns:
-        The two kernels, which `integrate` calls.
+        The kernel, which `integrate` calls.
     """
 
     @no_type_check
-    def loop(*arrays):
+    def loop(
+        begin,
+        end,
+        positions,
+        velocities,
+        goals,
+        radii,
+        speeds,
+        seen,
+        moves,
+        obstacles,
+        traits,
+        noise,
+        group,
+        time_step,
+        sub_steps,
+        out,
+    ):
         # The fields of `Walkers` one by one, because numba takes a microsecond to receive a NamedTuple.
-        positions, velocities, goals, radii, speeds, seen, moves, obstacles = arrays[:8]
-        traits, noise, group, time_step, sub_steps, out = arrays[8:]
-        worlds, agents = radii.shape
-        h = time_step / sub_steps
-        for w in prange(worlds):
+        agents, h = radii.shape[1], time_step / sub_steps
+        for w in range(begin, end):
             x, v, new = positions[w].copy(), velocities[w].copy(), velocities[w].copy()
             goal, radius, counts, own, walls = goals[w], radii[w], seen[w], traits[w], obstacles[w]
             for _ in range(sub_steps):
@@ -124,8 +138,7 @@ def compile_model(force: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
                         continue
                     limit, tau = speeds[w, i], max(own[i, 0], TINY)
                     desired = desired_velocity(x[i], goal[i], limit)
-                    # The index of a prange is unsigned, and would have the model compiled a second time.
-                    fx, fy, share = force(i, x, v, desired, radius, counts, own[i], walls, np.int64(w), noise, group)
+                    fx, fy, share = force(i, x, v, desired, radius, counts, own[i], walls, w, noise, group)
                     # The exact solution for constant forces. Explicit Euler steps of 0.05 s would act like a
                     # relaxation time 5 % shorter.
                     gain = 1.0 - math.exp(-h / tau)
@@ -142,11 +155,11 @@ def compile_model(force: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
 
     loop.__module__, loop.__name__ = force.py_func.__module__, f"{force.py_func.__name__}_loop"
     loop.__qualname__ = loop.__name__
-    return serial_and_parallel(loop)
+    return njit(loop, error_model="numpy", nogil=True)  # type: ignore[no-any-return]
 
 
 def integrate(
-    model: tuple[Callable[..., Any], Callable[..., Any]],
+    model: Callable[..., None],
     walkers: Walkers,
     traits: Float[np.ndarray, "world agent parameter"],
     time_step: float,
@@ -171,8 +184,8 @@ def integrate(
     """
     worlds, agents = walkers.radius.shape
     out, sub_steps = np.zeros((worlds, agents, 2)), max(1, math.ceil(time_step / SUB_STEP - 1e-9))
-    compute = model[worlds * agents * agents >= PARALLEL_PAIRS]
-    compute(*walkers, traits, noise, group, time_step, sub_steps, out)
+    rest = *walkers, traits, noise, group, time_step, sub_steps, out
+    in_blocks(lambda begin, end: model(begin, end, *rest), worlds, BLOCK_PAIRS // (agents * agents) + 1, worlds)
     return out
 
 

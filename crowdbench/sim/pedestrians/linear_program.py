@@ -9,14 +9,19 @@ from __future__ import annotations
 import math
 from typing import no_type_check
 
+import numpy as np
+
 from crowdbench.utils.compiled import njit
+
+AS_VELOCITY, AS_DIRECTION = np.bool_(False), np.bool_(True)
+"""What is wanted of a linear program. For literals, numba would compile it twice."""
 
 _PARALLEL = 1e-5
 """Lines are parallel if the cross product of their directions is not larger than this, as in the library RVO2."""
 
 
 @no_type_check
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", forceinline=True)
 def unit(x, y):
     """The unit vector along (x, y), and its length.
 
@@ -36,7 +41,7 @@ def unit(x, y):
 
 
 @no_type_check
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", forceinline=True)
 def _nearest_on_line(lines, k, speed, x, y, as_direction):
     """The best velocity on line k that the lines before it and the speed limit permit.
 
@@ -79,7 +84,7 @@ def _nearest_on_line(lines, k, speed, x, y, as_direction):
 
 
 @no_type_check
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", forceinline=True)
 def nearest_permitted(lines, n, speed, x, y, as_direction):
     """The permitted velocity nearest to (x, y), or farthest in its direction (section 5.1).
 
@@ -150,7 +155,7 @@ def least_violation(lines, n, hard, failed, speed, x, y, scratch):
                 scratch[m, 0], scratch[m, 1] = px + t * dx, py + t * dy
             scratch[m, 2], scratch[m, 3], _ = unit(lines[j, 2] - dx, lines[j, 3] - dy)
             m += 1
-        missed, new_x, new_y = nearest_permitted(scratch, m, speed, -dy, dx, True)
+        missed, new_x, new_y = nearest_permitted(scratch, m, speed, -dy, dx, AS_DIRECTION)
         # A solution always exists. Only rounding can miss it, and then the last one is kept.
         if missed == m:
             x, y = new_x, new_y

@@ -13,32 +13,67 @@ The half-planes and the linear programs are in `linear_program`.
 from __future__ import annotations
 
 import math
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from crowdbench.sim import neighbors
-from crowdbench.sim.kernels import at, per_agent, serial_and_parallel, writable
-from crowdbench.sim.neighbors import nearest_in_cells, nearest_of_all
-from crowdbench.sim.pedestrians.linear_program import least_violation, nearest_permitted, unit
-from crowdbench.sim.pedestrians.orca_obstacles import EDGE, edge_half_planes, fill_edges, nearest_edges
-from crowdbench.utils.compiled import njit, prange
+from crowdbench.sim.kernels import at, in_blocks, per_agent, writable
+from crowdbench.sim.neighbors import cells_of, find_neighbors, make_cells, nearest_of_all
+from crowdbench.sim.pedestrians.linear_program import AS_VELOCITY, least_violation, nearest_permitted, unit
+from crowdbench.sim.pedestrians.orca_obstacles import wall_lines
+from crowdbench.utils.compiled import njit
 
-PARALLEL_AGENTS = 400
-"""Batches with at least this many agents run on several threads, whose start takes 110 microseconds."""
-
-_BLOCKS = 64
-"""Agents are divided among threads in at most this many blocks. Each block allocates its working memory once."""
-
-_BLOCK_AGENTS = 32
-"""A world is divided only into blocks of at least this many agents."""
+BLOCK_AGENTS = 200, 1024
+"""Fewest and most agents of a block, which a thread computes at once: to hand it over takes about 50 microseconds."""
 
 _EVERYBODY = np.ones((1, 1), np.bool_)
 _NO_OBSTACLES = np.empty((1, 0, 0, 2))
+_NO_LINES, _NOBODY = np.empty((0, 4)), np.empty(0, np.int64)
 
 _TINY = 1e-9
 """Smallest time horizon in seconds, in place of 0, with which only overlapping agents avoid each other."""
+
+
+class Avoidance(NamedTuple):
+    """The parameters of ORCA, which `at` reads. They are floats, so that kernels are compiled for one type.
+
+    Attributes:
+        neighbor_distance: In metres.
+        max_neighbors: A whole number.
+        time_horizon: In seconds.
+        time_horizon_obst: In seconds.
+        line_of_sight: 0 or 1.
+    """
+
+    neighbor_distance: Float[np.ndarray, "_ _"]
+    max_neighbors: Float[np.ndarray, "_ _"]
+    time_horizon: Float[np.ndarray, "_ _"]
+    time_horizon_obst: Float[np.ndarray, "_ _"]
+    line_of_sight: Float[np.ndarray, "_ _"]
+
+
+class Agents(NamedTuple):
+    """The agents of worlds as ORCA takes them.
+
+    Attributes:
+        position: Centres in metres.
+        velocity: In m/s.
+        preferred: Velocities in m/s that they would take if they were alone.
+        radius: Radii for avoidance in metres.
+        max_speed: In m/s.
+        seen: Whether the others avoid the agent, read by `at`.
+        moves: Whether its velocity is computed, read by `at`.
+    """
+
+    position: Float[np.ndarray, "world agent 2"]
+    velocity: Float[np.ndarray, "world agent 2"]
+    preferred: Float[np.ndarray, "world agent 2"]
+    radius: Float[np.ndarray, "world agent"]
+    max_speed: Float[np.ndarray, "world agent"]
+    seen: Bool[np.ndarray, "_ _"]
+    moves: Bool[np.ndarray, "_ _"]
 
 
 def orca_velocities(
@@ -58,7 +93,7 @@ def orca_velocities(
     seen: Bool[np.ndarray, "world agent"] | None = None,
     moves: Bool[np.ndarray, "world agent"] | None = None,
 ) -> Float[np.ndarray, "world agent 2"]:
-    """The velocity that each agent takes next.
+    """Compute the velocity that each agent takes next.
 
     Args:
         position: Centres in metres.
@@ -80,86 +115,148 @@ def orca_velocities(
     Returns:
         Velocities in m/s; 0 for agents that do not move.
     """
-    agents = tuple(map(writable, (position, velocity, preferred_velocity, radius, max_speed)))
-    visible, mobile = (_EVERYBODY if each is None else writable(each) for each in (seen, moves))
+    visible, mobile = (_EVERYBODY if array is None else writable(array) for array in (seen, moves))
+    arrays = map(writable, (position, velocity, preferred_velocity, radius, max_speed))
+    avoidance = neighbor_distance, max_neighbors, time_horizon, time_horizon_obst, line_of_sight
     walls = _NO_OBSTACLES if obstacles is None else writable(obstacles)
-    # The whole numbers as those of scenarios are, so that the same compiled kernels serve both.
-    neighbors_avoided, only_visible = (per_agent(each, np.int64) for each in (max_neighbors, line_of_sight))
-    distance, horizon, horizon_obst = map(per_agent, (neighbor_distance, time_horizon, time_horizon_obst))
+    crowd = Agents(*arrays, visible, mobile)
+    return avoid(0, crowd, time_step, walls, Avoidance(*map(per_agent, avoidance)))
+
+
+def avoid(
+    first: int,
+    crowd: Agents,
+    time_step: float,
+    obstacles: Float[np.ndarray, "_ polygon corner 2"],
+    avoidance: Avoidance,
+) -> Float[np.ndarray, "world moving 2"]:
+    """Compute the velocities of agents in blocks, see `orca_velocities`.
+
+    What only some scenarios need is in kernels of its own, which are compiled when they are first called: lines of
+    walls, and neighbours from cells or by line of sight.
+
+    Args:
+        first: Index of the first agent whose velocity is computed.
+        crowd: The agents.
+        time_step: Length of a step in seconds.
+        obstacles: Polygons in metres.
+        avoidance: The parameters.
+
+    Returns:
+        Velocities in m/s of the agents from the first one on.
+    """
+    position, _, _, radius, _, seen, moves = crowd
+    reach, limit, horizon, horizon_walls, line_of_sight = avoidance
+    worlds, agents = radius.shape
+    out, edges = np.empty((worlds, agents - first, 2)), obstacles.shape[1] * obstacles.shape[2]
     # Asked here too, because the call alone takes 4 % of a step of 6 agents.
-    cells = None if radius.shape[1] < neighbors.CELLS_FROM else neighbors.cells_of(agents[0], visible)
-    out = np.empty((*radius.shape, 2))
-    compute = orca_parallel if radius.size >= PARALLEL_AGENTS else orca_serial
-    limits = distance, neighbors_avoided, horizon, horizon_obst, only_visible
-    compute(cells, out, *agents, visible, mobile, time_step, walls, *limits)
+    cells = cells_of(position, seen) if agents >= neighbors.CELLS_FROM else None
+    if cells is None and edges > 0 and line_of_sight.any():
+        cells = make_cells(position, seen)
+    room = 0 if cells is None else min(int(limit.max(initial=0.0)), agents)
+
+    def compute(begin: int, end: int) -> None:
+        lines, line_number, neighbor, neighbor_number = _NO_LINES, _NOBODY, _NOBODY, _NOBODY
+        if edges > 0:
+            lines, line_number = np.empty(((end - begin) * edges, 4)), np.empty(end - begin, np.int64)
+            wall_lines(begin, end, *crowd, horizon_walls, obstacles, lines, line_number)
+        if cells is not None:
+            neighbor, neighbor_number = np.empty((end - begin) * room, np.int64), np.empty(end - begin, np.int64)
+            scene = position, seen, moves, cells, reach, limit, line_of_sight, obstacles
+            find_neighbors(begin, end, *scene, neighbor, neighbor_number)
+        others = lines, line_number, neighbor, neighbor_number
+        avoid_block(begin, end, first, *crowd, time_step, reach, limit, horizon, *others, out)
+
+    in_blocks(compute, worlds * agents, *BLOCK_AGENTS)
     return out
 
 
 @no_type_check
-def _orca(cells, out, *arrays):
-    """The loop over worlds, compiled twice: for one thread and for all.
+@njit(error_model="numpy", nogil=True)
+def avoid_block(
+    begin,
+    end,
+    first,
+    position,
+    velocity,
+    preferred,
+    radius,
+    max_speed,
+    seen,
+    moves,
+    time_step,
+    reach,
+    limit,
+    horizon,
+    hard_lines,
+    hard_number,
+    found,
+    found_number,
+    out,
+):
+    """Compute the velocities of a block of agents.
+
+    It takes the fields of `Agents` and not the tuple, whose reading would make ORCA a sixth slower.
 
     Args:
-        cells: `Cells`, or None: then each agent looks at all others.
-        out: `[world, agent, 2]`, filled: velocities in m/s.
-        *arrays: The arguments of `orca_velocities` in SI units. All after the obstacles, and who is seen and who moves,
-            are read by `at`; one world's obstacles may stand for all.
+        begin (int): The first agent, counted through all worlds.
+        end (int): The one after the last.
+        first (int): Agents of a world before this one have no velocity.
+        position (array): `Agents.position`.
+        velocity (array): `Agents.velocity`.
+        preferred (array): `Agents.preferred`.
+        radius (array): `Agents.radius`.
+        max_speed (array): `Agents.max_speed`.
+        seen (array): `Agents.seen`.
+        moves (array): `Agents.moves`.
+        time_step (float): In seconds.
+        reach (array): `Avoidance.neighbor_distance`.
+        limit (array): `Avoidance.max_neighbors`.
+        horizon (array): `Avoidance.time_horizon`.
+        hard_lines (array): `[agent * most, 4]`, the lines of walls for each agent of the block; empty without walls.
+        hard_number (array): `[agent]`, how many there are; empty without walls.
+        found (array): `[agent * most]`, the neighbours of each agent of the block; empty if they are still to be found.
+        found_number (array): `[agent]`, how many there are; likewise.
+        out (array): `[world, agent from first on, 2]`, filled: velocities in m/s.
     """
-    # Not a NamedTuple: reading its fields would make ORCA a sixth slower.
-    position, velocity, preferred, radius, max_speed, seen, moves = arrays[:7]
-    time_step, obstacles, neighbor_distance, max_neighbors, time_horizon, time_horizon_obst, line_of_sight = arrays[7:]
-    worlds, number = radius.shape
-    # A world's edges are made once in each block, so that worlds are only divided where a block has many agents.
-    blocks = min(max(worlds, worlds * number // _BLOCK_AGENTS), _BLOCKS)
+    agents = radius.shape[1]
     room = 0
-    for most_neighbors in max_neighbors.flat:
-        room = max(room, min(np.int64(most_neighbors), number))
-    for block in prange(blocks):
-        neighbor, distance = np.empty(room, np.int64), np.empty(room)
-        most = obstacles.shape[1] * obstacles.shape[2]
-        lines, scratch = np.empty((room + most, 4)), np.empty((room + most, 4))
-        edges, order, apart = np.empty((most, EDGE)), np.empty(most, np.int64), np.empty(most)
-        # The index of a prange is unsigned, which would turn the bounds into floats.
-        begin = np.int64(block) * (worlds * number) // blocks
-        end = (np.int64(block) + 1) * (worlds * number) // blocks
-        for w in range(begin // number, (end + number - 1) // number):
-            polygons = obstacles[min(w, len(obstacles) - 1)]
-            edge_count = fill_edges(polygons, edges) if most > 0 else 0
-            for i in range(max(begin - w * number, 0), min(end - w * number, number)):
-                x, y = 0.0, 0.0
-                if at(moves, w, i):
-                    hard, speed = 0, max_speed[w, i]
-                    if edge_count > 0:
-                        horizon = at(time_horizon_obst, w, i)
-                        px, py, size = position[w, i, 0], position[w, i, 1], radius[w, i]
-                        near = nearest_edges(edges, edge_count, px, py, horizon * speed + size, order, apart)
-                        vx, vy, rate = velocity[w, i, 0], velocity[w, i, 1], 1.0 / max(horizon, _TINY)
-                        hard = edge_half_planes(edges, order, near, px, py, vx, vy, size, rate, lines)
-                    reach, limit = at(neighbor_distance, w, i), np.int64(at(max_neighbors, w, i))
-                    hides = edge_count > 0 and at(line_of_sight, w, i) != 0.0
-                    # Not one condition: numba only leaves out a branch whose condition is None alone.
-                    if cells is None:  # noqa: SIM114
-                        n = nearest_of_all(w, i, position, seen, reach, limit, hides, polygons, neighbor, distance)
-                    elif cells.size[w, 0] < 0:
-                        n = nearest_of_all(w, i, position, seen, reach, limit, hides, polygons, neighbor, distance)
-                    else:
-                        n = nearest_in_cells(w, i, position, cells, reach, limit, hides, polygons, neighbor, distance)
-                    horizon = at(time_horizon, w, i)
-                    for k in range(n):
-                        _half_plane(position, velocity, radius, w, i, neighbor[k], horizon, time_step, lines, hard + k)
-                    n += hard
-                    x, y = preferred[w, i, 0], preferred[w, i, 1]
-                    failed, x, y = nearest_permitted(lines, n, speed, x, y, False)
-                    if failed < n:
-                        x, y = least_violation(lines, n, hard, failed, speed, x, y, scratch)
-                out[w, i, 0], out[w, i, 1] = x, y
-
-
-orca_serial, orca_parallel = serial_and_parallel(_orca)
+    for most in limit.flat:
+        room = max(room, min(np.int64(most), agents))
+    most_hard, most_found = len(hard_lines) // max(len(hard_number), 1), len(found) // max(len(found_number), 1)
+    neighbor, distance = np.empty(room, np.int64), np.empty(room)
+    lines, scratch = np.empty((room + most_hard, 4)), np.empty((room + most_hard, 4))
+    for index in range(begin, end):
+        w, i, k = index // agents, index % agents, index - begin
+        if i < first:
+            continue
+        out[w, i - first, 0], out[w, i - first, 1] = 0.0, 0.0
+        if not at(moves, w, i):
+            continue
+        hard = hard_number[k] if len(hard_number) > 0 else 0
+        for line in range(hard):
+            for part in range(4):
+                lines[line, part] = hard_lines[k * most_hard + line, part]
+        if len(found_number) > 0:
+            n = found_number[k]
+            for m in range(n):
+                neighbor[m] = found[k * most_found + m]
+        else:
+            far, at_most = at(reach, w, i), np.int64(at(limit, w, i))
+            n = nearest_of_all(w, i, position, seen, far, at_most, None, neighbor, distance)
+        for m in range(n):
+            tau = at(horizon, w, i)
+            _half_plane(position, velocity, radius, w, i, neighbor[m], tau, time_step, lines, hard + m)
+        n += hard
+        speed, x, y = max_speed[w, i], preferred[w, i, 0], preferred[w, i, 1]
+        failed, x, y = nearest_permitted(lines, n, speed, x, y, AS_VELOCITY)
+        if failed < n:
+            x, y = least_violation(lines, n, hard, failed, speed, x, y, scratch)
+        out[w, i - first, 0], out[w, i - first, 1] = x, y
 
 
 @no_type_check
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", forceinline=True)
 def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, lines, k):
     """Write line k: the velocities that agent i of world w may take because of its neighbour j (equation 6, figure 2).
 
@@ -189,6 +286,8 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
     dot = wx * dx + wy * dy
     if overlapping or (dot < 0.0 and dot * dot > reach * reach * (wx * wx + wy * wy)):
         nx, ny, length = unit(wx, wy)
+        if length == 0.0 and j < i:  # two agents in one place part in opposite directions
+            nx = -nx
         cx, cy = ny, -nx
         depth = reach * rate - length
         sx, sy = depth * nx, depth * ny
@@ -205,7 +304,7 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
 
 
 @no_type_check
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", forceinline=True)
 def _passes_left(px, py, vx, vy, qx, qy, ux, uy, rate):
     """Whether the nearer leg of the cone is the left one.
 

@@ -11,10 +11,10 @@ from jaxtyping import Float
 
 from crowdbench.core.geometry import fill_toward_goal
 from crowdbench.core.types import World
-from crowdbench.sim.kernels import at
-from crowdbench.sim.neighbors import CELLS_FROM, cells_of
+from crowdbench.sim.kernels import at, per_agent
+from crowdbench.sim.neighbors import CELLS_FROM
 from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
-from crowdbench.sim.pedestrians.orca import PARALLEL_AGENTS, orca_parallel, orca_serial
+from crowdbench.sim.pedestrians.orca import BLOCK_AGENTS, Agents, Avoidance, avoid, avoid_block
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit
 
@@ -27,8 +27,12 @@ walls that they go past goals beside them: in a room with blocks the planner `or
 then, and 9.1 s with 1 s."""
 
 
-ORDER = operator.itemgetter("neighbor_distance", "max_neighbors", "time_horizon", "time_horizon_obst", "line_of_sight")
-"""What ORCA's kernels take of the parameters, in their order."""
+_avoidance_fields = operator.itemgetter(*Avoidance._fields)
+
+
+def avoidance_of(parameters: Parameters) -> Avoidance:
+    """Return the parameters of pedestrians that ORCA's kernels take."""
+    return Avoidance(*map(per_agent, _avoidance_fields(parameters)))
 
 
 class ORCA(PedestrianPolicy):
@@ -70,27 +74,27 @@ def orca_pedestrians(world: World, parameters: Parameters, pace: Float[np.ndarra
         parameters: `safety_space`, and those of `crowdbench.sim.pedestrians.orca.orca_velocities`.
         pace: Speeds in m/s of the velocities towards the goals. No velocity is faster than the preferred speed.
     """
-    radius, place, velocity = world.radius, world.position, world.velocity
-    speed, present, dt, obstacles = world.preferred_speed, world.present, world.rules.dt, world.obstacles
-    goal, margin, limits = goals_on_way(world), parameters["safety_space"], ORDER(parameters)
-    worlds, agents = radius.shape
-    is_small = worlds * agents < PARALLEL_AGENTS
-    if is_small and agents < CELLS_FROM:
+    margin = parameters["safety_space"]
+    avoidance = avoidance_of(parameters)
+    goal, dt = goals_on_way(world), world.rules.dt
+    worlds, agents = world.radius.shape
+    state = world.position, world.velocity, world.radius, world.preferred_speed, world.present
+    is_small = worlds * agents < 2 * BLOCK_AGENTS[0] and agents < CELLS_FROM
+    if is_small and not world.obstacles.shape[1]:
         out = np.empty((worlds, agents - 1, 2))
-        orca_in_one(goal, pace, margin, out, place, velocity, radius, speed, present, dt, obstacles, *limits)
+        orca_in_one(goal, pace, margin, *state, dt, *avoidance[:3], out)
         return out
-    preferred, everybody = np.empty(place.shape), np.empty(place.shape)
-    size, moves = np.empty(radius.shape), np.empty(radius.shape, bool)
-    _prepare(goal, pace, margin, place, radius, present, preferred, size, moves)
-    cells, compute = cells_of(place, present), orca_serial if is_small else orca_parallel
-    compute(cells, everybody, place, velocity, preferred, size, speed, present, moves, dt, obstacles, *limits)
-    return everybody[:, 1:]
+    preferred, size = np.empty(world.position.shape), np.empty(world.radius.shape)
+    _prepare(goal, pace, margin, world.position, world.radius, preferred, size)
+    moves = world.present
+    crowd = Agents(world.position, world.velocity, preferred, size, world.preferred_speed, world.present, moves)
+    return avoid(1, crowd, dt, world.obstacles, avoidance)
 
 
 @no_type_check
 @njit
-def _prepare(goal, pace, safety_space, position, radius, present, preferred, size, moves):
-    """What ORCA is given.
+def _prepare(goal, pace, safety_space, position, radius, preferred, size):
+    """Fill what ORCA takes.
 
     Args:
         goal: `[world, agent, 2]`, in metres.
@@ -98,39 +102,38 @@ def _prepare(goal, pace, safety_space, position, radius, present, preferred, siz
         safety_space: `[world, agent]`, in metres.
         position: `[world, agent, 2]`, in metres.
         radius: `[world, agent]`, in metres.
-        present: `[world, agent]`.
         preferred: `[world, agent, 2]`, filled: preferred velocities in m/s.
         size: `[world, agent]`, filled: radii for avoidance in metres.
-        moves: `[world, agent]`, filled: whether it is a pedestrian that is present.
     """
-    fill_toward_goal(position, goal, pace, preferred)
     for w in range(len(radius)):
+        fill_toward_goal(position[w], goal[w], pace[w], preferred[w])
         for i in range(radius.shape[1]):
             size[w, i] = radius[w, i] + (ORCA_MARGIN + at(safety_space, w, i))
-            moves[w, i] = i > 0 and present[w, i]
 
 
 @no_type_check
 @njit
-def orca_in_one(goal, pace, safety_space, out, position, velocity, radius, speed, present, *avoidance):
-    """What pedestrians do by ORCA, in few and small worlds.
+def orca_in_one(goal, pace, safety_space, position, velocity, radius, speed, present, dt, reach, limit, horizon, out):
+    """Compute what pedestrians do by ORCA, in few and small worlds without walls.
 
     Args:
         goal (ndarray): `[world, agent, 2]`, in metres.
         pace (ndarray): `[world, agent]`, speeds of the velocities towards the goals in m/s.
         safety_space (ndarray): `[world, agent]`, in metres.
-        out (ndarray): `[world, pedestrian, 2]`, filled: velocities in m/s.
         position (ndarray): `[world, agent, 2]`, in metres.
         velocity (ndarray): `[world, agent, 2]`, in m/s.
         radius (ndarray): `[world, agent]`, in metres.
         speed (ndarray): `[world, agent]`, preferred speeds in m/s.
         present (ndarray): `[world, agent]`, who moves or is avoided.
-        avoidance (tuple): The last arguments of `orca_serial`, from `dt` on.
+        dt (float): Length of a step in seconds.
+        reach (ndarray): `Avoidance.neighbor_distance`.
+        limit (ndarray): `Avoidance.max_neighbors`.
+        horizon (ndarray): `Avoidance.time_horizon`.
+        out (ndarray): `[world, pedestrian, 2]`, filled: velocities in m/s.
     """
-    preferred, everybody = np.empty(position.shape), np.empty(position.shape)
-    size, moves = np.empty(radius.shape), np.empty(radius.shape, np.bool_)
-    _prepare(goal, pace, safety_space, position, radius, present, preferred, size, moves)
-    orca_serial(None, everybody, position, velocity, preferred, size, speed, present, moves, *avoidance)
-    for w in range(len(out)):
-        for p in range(out.shape[1]):
-            out[w, p, 0], out[w, p, 1] = everybody[w, p + 1, 0], everybody[w, p + 1, 1]
+    preferred, size = np.empty(position.shape), np.empty(radius.shape)
+    _prepare(goal, pace, safety_space, position, radius, preferred, size)
+    no_lines, nobody = np.empty((0, 4)), np.empty(0, np.int64)
+    crowd = position, velocity, preferred, size, speed, present, present
+    others = no_lines, nobody, nobody, nobody
+    avoid_block(0, radius.size, 1, *crowd, dt, reach, limit, horizon, *others, out)

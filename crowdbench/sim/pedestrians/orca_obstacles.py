@@ -14,6 +14,9 @@ from __future__ import annotations
 import math
 from typing import no_type_check
 
+import numpy as np
+
+from crowdbench.sim.kernels import at
 from crowdbench.sim.neighbors import insert_sorted
 from crowdbench.sim.obstacles import number_of_corners
 from crowdbench.sim.pedestrians.linear_program import unit
@@ -27,9 +30,57 @@ _COVERED = 1e-5
 """An edge is left out where it lies behind a half-plane by this much in m/s, as in RVO2."""
 
 
+_TINY = 1e-9
+"""Smallest time horizon in seconds, in place of 0."""
+
+
+@no_type_check
+@njit(error_model="numpy", nogil=True)
+def wall_lines(
+    begin, end, position, velocity, preferred, radius, max_speed, seen, moves, horizon, obstacles, lines, line_number
+):
+    """Write the lines of the walls in the way of each agent of a block.
+
+    Args:
+        begin (int): The first agent, counted through all worlds.
+        end (int): The one after the last.
+        position (array): The first field of `Agents`, see `crowdbench.sim.pedestrians.orca`; all others follow.
+        velocity (array): Likewise.
+        preferred (array): Likewise.
+        radius (array): Likewise.
+        max_speed (array): Likewise.
+        seen (array): Likewise.
+        moves (array): Likewise.
+        horizon (array): `Avoidance.time_horizon_obst`.
+        obstacles (array): `[world, polygon, corner, 2]`, in metres; one world's may stand for all.
+        lines (array): `[agent * most, 4]`, filled: the lines of each agent.
+        line_number (array): `[agent]`, filled: how many there are.
+    """
+    agents, most = radius.shape[1], obstacles.shape[1] * obstacles.shape[2]
+    edges, order, distance = np.empty((most, EDGE)), np.empty(most, np.int64), np.empty(most)
+    world, edge_number = -1, 0
+    for index in range(begin, end):
+        w, i, k = index // agents, index % agents, index - begin
+        if w != world:
+            world, edge_number = w, _fill_edges(obstacles[min(w, len(obstacles) - 1)], edges)
+        line_number[k] = 0
+        if edge_number == 0 or not at(moves, w, i):
+            continue
+        x, y, vx, vy, tau = (
+            position[w, i, 0],
+            position[w, i, 1],
+            velocity[w, i, 0],
+            velocity[w, i, 1],
+            at(horizon, w, i),
+        )
+        near = _nearest_edges(edges, edge_number, x, y, tau * max_speed[w, i] + radius[w, i], order, distance)
+        rate, row = 1.0 / max(tau, _TINY), lines[k * most : (k + 1) * most]
+        line_number[k] = _edge_half_planes(edges, order, near, x, y, vx, vy, radius[w, i], rate, row)
+
+
 @no_type_check
 @njit(error_model="numpy")
-def fill_edges(polygons, edges):
+def _fill_edges(polygons, edges):
     """Fill the table of edges of one world.
 
     Args:
@@ -58,7 +109,7 @@ def fill_edges(polygons, edges):
 
 
 @no_type_check
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", forceinline=True)
 def _left_of(a, b, c):
     """How far c lies to the left of the line from a to b, times the distance of these."""
     return (a[0] - c[0]) * (b[1] - a[1]) - (a[1] - c[1]) * (b[0] - a[0])
@@ -66,7 +117,7 @@ def _left_of(a, b, c):
 
 @no_type_check
 @njit(error_model="numpy")
-def nearest_edges(edges, number, x, y, reach, order, distance):
+def _nearest_edges(edges, number, x, y, reach, order, distance):
     """Find the edges that an agent sees from their right side, nearest first.
 
     Args:
@@ -99,7 +150,7 @@ def nearest_edges(edges, number, x, y, reach, order, distance):
 
 @no_type_check
 @njit(error_model="numpy")
-def edge_half_planes(edges, order, found, x, y, vx, vy, radius, rate, lines):
+def _edge_half_planes(edges, order, found, x, y, vx, vy, radius, rate, lines):
     """Write a line for each edge that is in an agent's way.
 
     Args:
@@ -130,7 +181,7 @@ def edge_half_planes(edges, order, found, x, y, vx, vy, radius, rate, lines):
 
 
 @no_type_check
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", forceinline=True)
 def _is_covered(lines, n, ax, ay, bx, by, margin):
     """Whether both ends of an edge, in the velocity space, lie behind one of the lines by a margin."""
     for k in range(n):
@@ -143,7 +194,7 @@ def _is_covered(lines, n, ax, ay, bx, by, margin):
 
 
 @no_type_check
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", forceinline=True)
 def _legs(px, py, squared, radius):
     """The directions of the two tangents from the agent to a disc around a corner: left x, y and right x, y."""
     leg, scale = math.sqrt(squared - radius * radius), 1.0 / squared
@@ -220,7 +271,7 @@ def _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate):
 
 
 @no_type_check
-@njit(error_model="numpy", inline="always")
+@njit(error_model="numpy", forceinline=True)
 def _tangent(
     vx, vy, ax, ay, bx, by, one, ux, uy, left_x, left_y, right_x, right_y, foreign_left, foreign_right, radius, rate
 ):

@@ -88,7 +88,7 @@ def power_law_velocities(
 
 # Inlined: handing over its arrays takes 10 % of a step.
 @no_type_check
-@njit(inline="always")
+@njit(forceinline=True)
 def _power_law(i, position, velocity, desired, radius, seen, traits, obstacles, w, noise, group):
     """All forces on agent i, see `compile_model`; the bound makes their share smaller."""
     k, tau0, bound = traits[1], max(traits[2], TINY), traits[3]
