@@ -48,15 +48,15 @@ def reward(outcome: Int[np.ndarray, "*batch"], gap: Numbers, dt: float) -> Numbe
         The reward.
     """
     rewards = np.empty(outcome.shape)
-    fill_reward(np.ascontiguousarray(outcome), np.ascontiguousarray(gap), dt, rewards)
+    outcome, gap = np.ascontiguousarray(outcome).reshape(-1), np.ascontiguousarray(gap).reshape(-1)
+    fill_reward(outcome, gap, dt, rewards.reshape(-1))
     return rewards
 
 
 @no_type_check
 @njit
 def fill_reward(outcome, gap, dt, rewards):
-    """Fill `rewards [...]`, see `reward`. Compiled, because NumPy takes as long for one world as a step does."""
-    outcome, gap, rewards = outcome.reshape(-1), gap.reshape(-1), rewards.reshape(-1)
+    """Fill `rewards [step]`, see `reward`. Compiled, because NumPy takes as long for one world as a step does."""
     for i in range(len(rewards)):
         if outcome[i] == _RUNNING:
             rewards[i] = min(gap[i] - DISCOMFORT_GAP, 0.0) * DISCOMFORT * dt

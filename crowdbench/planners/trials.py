@@ -38,6 +38,10 @@ def propagate_vehicle(vehicle: Vehicle, command: Float[np.ndarray, "world 2"], o
     return dataclasses.replace(vehicle, **after._asdict(), waypoint=waypoint)
 
 
+_NOT_LAST = np.bool_(False)
+"""No time limit is foreseen. For the literal, numba would compile `step_outcome` twice."""
+
+
 class StepResult(NamedTuple):
     """How a step would go under some commands. A row is one command in one world.
 
@@ -103,7 +107,7 @@ def _try_commands(vehicle, crowd, dt, commands, world, wall_gap, result):
             fill_crowd(position, w, m, 0, start, motion)
             if code == HOLONOMIC:
                 result.gap[row, m], _ = nearest_in_step(0, discs)
-            result.outcome[row, m] = step_outcome(result.gap[row, m], wall_gap[row], dx, dy, tolerance, False)
+            result.outcome[row, m] = step_outcome(result.gap[row, m], wall_gap[row], dx, dy, tolerance, _NOT_LAST)
             others = PedestrianStates(position[w, m, 1], crowd.velocity[w, m], crowd.radius[w], crowd.present[w])
             write_joint_states(result.joint[row, m], own, others)
 
@@ -239,7 +243,7 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, people_radius, resul
                         start[0, 0], start[0, 1], motion[0, 0], motion[0, 1] = x, y, dx, dy
                         gap = min(gap, nearest_in_step(0, discs)[0])
                     dx, dy = vehicle.goal[w, 0] - way[t + 1, 0], vehicle.goal[w, 1] - way[t + 1, 1]
-                    ended = step_outcome(gap, to_walls[t], dx, dy, vehicle.goal_tolerance[w], False)
+                    ended = step_outcome(gap, to_walls[t], dx, dy, vehicle.goal_tolerance[w], _NOT_LAST)
                     result.gap[w, s, m, t] = gap
                     t += 1
                 result.outcome[w, s, m], result.steps[w, s, m] = ended, t

@@ -51,7 +51,8 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """
     if function is None:
         return functools.partial(njit, **options)
-    kernel: Any = numba.njit(**options)(function)
+    # The wrapper for C would take a twelfth of the time to compile, and nothing calls it.
+    kernel: Any = numba.njit(**{"no_cfunc_wrapper": True, **options})(function)
     if not config.DISABLE_JIT:
         kernel._cache = _Cache(kernel)
     return kernel
