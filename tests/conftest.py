@@ -14,7 +14,7 @@ import crowdbench
 
 # Tests run in several processes, whose networks' threads would get in each other's way. Of numba's own threads
 # torch knows nothing; OpenMP's they would share, and numba would give torch as many as itself.
-os.environ |= {"OMP_NUM_THREADS": "1", "NUMBA_THREADING_LAYER": "workqueue"}
+os.environ |= {"OMP_NUM_THREADS": "1"}
 
 SHARED = "CROWDBENCH_SHARED"
 COMMANDS = "crowdbench.cli"

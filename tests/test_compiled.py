@@ -5,16 +5,14 @@ import os
 import shutil
 import subprocess
 import sys
-import threading
+import time
 from collections import namedtuple
 from pathlib import Path
 
 import numba
-import numpy as np
 import pytest
 
 import crowdbench
-from crowdbench.sim.pedestrians import orca
 from crowdbench.utils.compiled import named_tuples, njit, store
 from crowdbench.utils.compiled.digest import code_digest
 
@@ -62,7 +60,6 @@ def folder(tmp_path, monkeypatch):
 def no_folder(monkeypatch):
     """A user who can write neither in the package nor at home, with nothing chosen so far."""
     monkeypatch.setattr(store.config, "CACHE_DIR", "")
-    monkeypatch.setattr(store, "PACKAGE", Path("/dev/null"))
     monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null/cache")
     store._places.cache_clear()
     yield
@@ -77,24 +74,34 @@ def hits(expected=2.0):
 
 
 def run(code, folder):
-    """The words that a Python process prints in a folder that holds the package."""
+    """The words that a Python process prints in a folder that holds the package, beside which there is a cache."""
     variables = {name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "PYTHONPATH")}
+    variables["XDG_CACHE_HOME"] = str(folder.parent / "cache")
     command = [sys.executable, "-c", code]
     return subprocess.check_output(command, env=variables, cwd=folder, text=True).split()
 
 
+def clone(folder):
+    """A copy of the package, as in a second installation."""
+    return shutil.copytree(PACKAGE, folder / "crowdbench", ignore=shutil.ignore_patterns("__pycache__"))
+
+
 @pytest.mark.slow
 def test_an_edit_acts_at_once_in_functions_of_other_files(tmp_path):
-    package = shutil.copytree(PACKAGE, tmp_path / "crowdbench", ignore=shutil.ignore_patterns("__pycache__"))
-    assert run(GAP_OF_A_STEP, tmp_path) == ["RUNNING", "48.0"]
+    first, second = tmp_path / "first", tmp_path / "second"
+    package = clone(first)
+    assert run(GAP_OF_A_STEP, first) == ["RUNNING", "48.0"]
+    kept = set((tmp_path / "cache").rglob("*-*"))
+    assert any(path.name.startswith("check_step-") for path in kept)
+    clone(second)
+    assert run(GAP_OF_A_STEP, second) == ["RUNNING", "48.0"]
+    assert set((tmp_path / "cache").rglob("*-*")) == kept, "a second clone compiles nothing"
     geometry = package / "core" / "geometry.py"
     edited = geometry.read_text().replace("return least, nearest", "return least - 100.0, nearest")
     assert edited != geometry.read_text()
     geometry.write_text(edited)
-    assert run(GAP_OF_A_STEP, tmp_path) == ["COLLISION", "-52.0"]
-    kernels = [path.name.partition("-")[0] for path in (package / "__pycache__" / "kernels").iterdir()]
-    assert {"crowdbench.core.geometry.nearest_in_step", "crowdbench.sim.episode.check_step"} < set(kernels)
-    assert len(kernels) == len(set(kernels)), "one file each is left, since those that are out of date are removed"
+    assert run(GAP_OF_A_STEP, first) == ["COLLISION", "-52.0"]
+    assert set((tmp_path / "cache").rglob("*-*")) > kept, "two clones with different sources keep what each needs"
 
 
 @pytest.mark.parametrize(("name", "value"), [("LIMIT", 2.5), ("LIMIT", 2), ("half", njit(limited))])
@@ -114,17 +121,46 @@ def test_a_global_whose_changes_would_pass_unnoticed_is_refused(folder):
         njit(length)(1.0)
 
 
-def test_only_files_of_the_same_function_that_are_out_of_date_are_removed(folder, monkeypatch):
-    assert hits() == 0
-    assert njit(limited)(np.float32(2.0)) == 1.0
-    (folder / f".{next(folder.glob('*limited*')).name.replace('limited-', 'limited-0')}.killed").touch()
-    (folder / "test_compiled.limited_too-0-0.cpython-311").touch()
-    before = set(folder.iterdir())
-    monkeypatch.setitem(globals(), "LIMIT", 2.5)
-    assert hits(2.5) == 0
-    removed = before - set(folder.iterdir())
-    assert len(removed) == 3
-    assert all("limited-" in path.name for path in removed)
+def test_equal_kernels_of_two_modules_share_a_file(folder):
+    source = "def doubled(x):\n    return half(x) * 4.0\n"
+    for module in ("crowdbench", "test_compiled"):
+        scope = {"half": half, "__name__": module}
+        exec(source, scope)
+        kernel = njit(scope["doubled"])
+        assert kernel(2.0) == 4.0
+    assert sum(kernel.stats.cache_hits.values()) == 1
+    assert len(list(folder.glob("doubled-*"))) == 1
+
+
+def test_the_digest_tells_which_of_two_kernels_is_called_where():
+    def kernel(**called):
+        scope = {"__name__": __name__, **called}
+        exec("def twice(x):\n    return f(x) + g(x) + h(x)\n", scope)
+        return code_digest(njit(scope["twice"]))
+
+    one, other = njit(lambda x: x + 1.0), njit(lambda x: x + 2.0)
+    calls = [(a, b, c) for a in (one, other) for b in (one, other) for c in (one, other)]
+    assert len({kernel(f=a, g=b, h=c) for a, b, c in calls}) == len(calls)
+
+
+def test_files_that_are_old_or_too_many_go(folder, monkeypatch):
+    def make(name, age, size):
+        (folder / name).write_bytes(bytes(size))
+        os.utime(folder / name, times=(time.time() - age * store.DAY,) * 2)
+
+    monkeypatch.setattr(store, "LARGEST_FOLDER", 1e6)
+    for name, age, size in (("a", 91, 1), (".b.killed", 200, 1), ("c", 50, 600_000), ("d", 40, 500_000), ("e", 1, 9)):
+        make(name, age, size)
+    store._remove_unused.cache_clear()
+    store.write("f", b"new")
+    assert {path.name for path in folder.iterdir()} == {"d", "e", "f"}
+
+
+def test_a_file_that_is_used_is_not_old(folder):
+    store.write("a", b"new")
+    os.utime(folder / "a", times=(0.0, 0.0))
+    assert store.read("a") == b"new"
+    assert time.time() - (folder / "a").stat().st_mtime < store.DAY
 
 
 @pytest.mark.parametrize("damage", ["empty", "cut", "zeroed", "flipped"])
@@ -177,26 +213,6 @@ def test_a_run_works_where_nothing_can_be_kept(no_folder, monkeypatch):
 def test_kernels_use_this_cache_only():
     others = [path for path in PACKAGE.rglob("*.py") if path.parent.name != "compiled"]
     assert [path.name for path in others if "from numba import" in path.read_text()] == []
-
-
-def test_several_threads_may_run_the_simulator(monkeypatch):
-    # The tests use numba's layer workqueue, which ends the process when two threads enter it.
-    monkeypatch.setattr(orca, "PARALLEL_AGENTS", 0)
-    position = np.random.default_rng(0).normal(size=(40, 6, 2)) * 9.0
-    size, speed = np.full((40, 6), 0.3), np.ones((40, 6))
-    results = []
-
-    def compute():
-        for _ in range(30):
-            results.append(orca.orca_velocities(position, position * 0.0, -position, size, speed))
-
-    threads = [threading.Thread(target=compute) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(results) == 120
-    assert all(np.array_equal(one, results[0]) for one in results)
 
 
 def test_a_number_of_threads_that_numba_refuses_gets_one_sentence(tmp_path):

@@ -82,8 +82,8 @@ def test_nobody_is_seen_or_a_position_is_not_finite():
     assert cells_of(position, np.ones((1, 1), bool)).size[0, 0] < 0
 
 
-@pytest.mark.parametrize("parallel", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_orca_is_the_same_from_cells_in_any_batch(parallel, monkeypatch):
+@pytest.mark.parametrize("block", [(10**9, 10**9), (1, 50)])
+def test_orca_is_the_same_from_cells_in_any_batch(block, monkeypatch):
     worlds = [CROWDS[name][:140] for name in ("even", "ties", "two crowds", "a line")]
     position = np.stack(worlds)
     position[2, 3] = np.nan  # of somebody that nobody sees
@@ -93,7 +93,7 @@ def test_orca_is_the_same_from_cells_in_any_batch(parallel, monkeypatch):
     size, speed = np.full((2, *position.shape[:2]), [[[0.3]], [[1.0]]])
     moves = np.isfinite(position[:, :, 0])
     inputs = position, velocity, preferred, size, speed
-    monkeypatch.setattr(orca, "PARALLEL_AGENTS", 0 if parallel else 10**9)
+    monkeypatch.setattr(orca, "BLOCK_AGENTS", block)
     got = orca.orca_velocities(*inputs, seen=seen, moves=moves)
     alone = [
         orca.orca_velocities(*(a[w : w + 1] for a in (*inputs,)), seen=seen[w : w + 1], moves=moves[w : w + 1])

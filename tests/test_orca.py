@@ -57,11 +57,24 @@ def test_nobody_walks_through_a_wall():
     assert 0.6 < position[0, 0, 1] <= 0.7 + 1e-6
 
 
+def test_two_agents_in_one_place_part_in_opposite_directions():
+    position, velocity = np.zeros((1, 2, 2)), np.zeros((1, 2, 2))
+    preferred = np.array([[[0.0, 1.0], [0.0, -1.0]]])
+    radius, speed = np.full((1, 2), 0.3), np.ones((1, 2))
+    velocity = orca_velocities(position, velocity, preferred, radius, speed)
+    assert velocity[0, 0, 0] * velocity[0, 1, 0] < 0.0
+    assert velocity[0, 0, 0] == -velocity[0, 1, 0]
+    for _ in range(8):
+        position = position + 0.25 * velocity
+        velocity = orca_velocities(position, velocity, preferred, radius, speed)
+    assert np.linalg.norm(position[0, 0] - position[0, 1]) > 0.6
+
+
 def test_one_thread_and_many_give_the_same_bits(monkeypatch):
     inputs = scenes(200, 8)
-    monkeypatch.setattr(orca, "PARALLEL_AGENTS", 10**9)
+    monkeypatch.setattr(orca, "BLOCK_AGENTS", (10**9, 10**9))
     serial = orca_velocities(*inputs)
-    monkeypatch.setattr(orca, "PARALLEL_AGENTS", 0)
+    monkeypatch.setattr(orca, "BLOCK_AGENTS", (1, 10))
     assert np.array_equal(serial, orca_velocities(*inputs))
 
 
@@ -121,7 +134,7 @@ def test_nobody_is_faster_than_its_maximum():
 def test_read_only_arrays_and_a_limit_have_no_kernel_of_their_own():
     position, velocity, preferred, radius, speed = scenes(2, 5)
     orca_velocities(position, velocity, preferred, radius, speed)
-    compiled = len(orca.orca_serial.signatures)
+    compiled = len(orca.avoid_block.signatures)
     speed.flags.writeable = False
     orca_velocities(position, velocity, preferred, radius, speed, max_neighbors=3, line_of_sight=True)
-    assert len(orca.orca_serial.signatures) == compiled
+    assert len(orca.avoid_block.signatures) == compiled

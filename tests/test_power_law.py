@@ -153,7 +153,7 @@ def test_threads_do_not_change_it(monkeypatch):
     state = rng.uniform(-4, 4, (3, 7, 6, 2))
     radius, speed = np.full((7, 6), 0.3), np.full((7, 6), 1.0)
     serial = power_law_velocities(*state, radius, speed)
-    monkeypatch.setattr(forces, "PARALLEL_PAIRS", 0)
+    monkeypatch.setattr(forces, "BLOCK_PAIRS", 1)
     assert np.array_equal(power_law_velocities(*state, radius, speed), serial)
 
 

@@ -252,9 +252,9 @@ def test_the_fluctuation_has_its_size_at_any_time_step(time_step):
 
 def test_one_thread_and_many_give_the_same_bits(monkeypatch):
     inputs = scenes(200, 6)
-    monkeypatch.setattr(forces, "PARALLEL_PAIRS", 10**9)
+    monkeypatch.setattr(forces, "BLOCK_PAIRS", 10**9)
     serial = social_force_velocities(*inputs)
-    monkeypatch.setattr(forces, "PARALLEL_PAIRS", 0)
+    monkeypatch.setattr(forces, "BLOCK_PAIRS", 1)
     assert np.array_equal(serial, social_force_velocities(*inputs))
 
 

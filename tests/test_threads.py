@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from crowdbench import load_planner, load_scenario
-from crowdbench.sim.sensor import observe
 from crowdbench.networks.threads import in_chunks, one_torch_thread
+from crowdbench.sim.sensor import observe
 
 
 @pytest.fixture

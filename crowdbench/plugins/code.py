@@ -39,7 +39,7 @@ def code_digest(modules: Iterable[str], further: Iterable[Path] = ()) -> str:
     before = len(_cached())
     trees = sorted(_read(path)[0] for path in reached_files(modules, further))
     if len(_cached()) > before:
-        store.write(_entry(), json.dumps(_cached()).encode())
+        store.write(_file_name(), json.dumps(_cached()).encode())
     return hashlib.sha256(json.dumps(trees).encode()).hexdigest()
 
 
@@ -84,15 +84,15 @@ def _read(path: Path) -> tuple[str, list[str]]:
 @functools.cache
 def _cached() -> dict[str, Any]:
     """Return what `_read` has returned, by the digest of the source. It is cached on disk, beside compiled kernels."""
-    content = store.read(_entry())
+    content = store.read(_file_name())
     return json.loads(content) if content else {}
 
 
 @functools.cache
-def _entry() -> store.Entry:
+def _file_name() -> str:
     """Return the name of the file on disk, which changes with the way in which digests are made."""
     own = hashlib.sha256(Path(__file__).read_bytes() + Path(files.__file__).read_bytes()).hexdigest()
-    return store.Entry("syntax_trees", own[:16], "all")
+    return f"syntax_trees-{own[:32]}"
 
 
 def _tree_digest(tree: ast.AST) -> str:

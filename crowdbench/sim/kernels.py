@@ -11,7 +11,7 @@ from typing import Any, no_type_check
 import numpy as np
 from jaxtyping import Shaped
 
-from crowdbench.utils.compiled import njit, threads
+from crowdbench.utils.compiled import njit, number_of_threads
 from crowdbench.utils.threads import share
 
 
@@ -26,7 +26,7 @@ def in_blocks(work: Callable[[int, int], None], items: int, least: int, most: in
         least: Smallest number of items that is worth a thread.
         most: Largest number of items of a block.
     """
-    workers = threads()
+    workers = number_of_threads()
     blocks = max(min(workers, items // least), 1)
     blocks *= math.ceil(items / (blocks * most)) or 1
     bounds = [items * k // blocks for k in range(blocks + 1)]
@@ -46,7 +46,7 @@ class FlatKernel:
     def __init__(self, kernel: Callable[..., None], *kinds: type) -> None:
         fields = [[f"{kind.__name__}_{field}" for field in kind._fields] for kind in kinds]  # type: ignore[attr-defined]
         calls = [f"{kind.__name__}({', '.join(names)})" for kind, names in zip(kinds, fields, strict=True)]
-        scope = {kind.__name__: kind for kind in kinds}
+        scope: dict[str, Any] = {kind.__name__: kind for kind in kinds}
         scope |= {"__name__": kernel.__module__, "inner": njit(kernel, inline="always")}
         name = kernel.__name__
         exec(f"def {name}({', '.join(itertools.chain(*fields))}):\n    inner({', '.join(calls)})", scope)

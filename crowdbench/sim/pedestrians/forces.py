@@ -155,7 +155,7 @@ def compile_model(force: Any) -> Callable[..., None]:
 
     loop.__module__, loop.__name__ = force.py_func.__module__, f"{force.py_func.__name__}_loop"
     loop.__qualname__ = loop.__name__
-    return njit(loop, error_model="numpy", nogil=True)  # type: ignore[no-any-return]
+    return njit(loop, error_model="numpy", nogil=True)
 
 
 def integrate(

@@ -3,11 +3,13 @@
 numba's own cache does not notice when a function that a kernel calls has changed in another file, mixes up what two
 processes write at the same time, and fails where no directory can be written. This one keeps a file for each kernel
 and signature. The file's name holds a digest of everything that the machine code follows from (`digest.py`), and the
-file holds its own checksum (`store.py`). So stale code is not found, and damaged code is not used.
+file holds its own checksum (`store.py`). So stale code is not found, damaged code is not used, and all installations
+on a machine share what is the same in them.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import gc
 import hashlib
@@ -32,9 +34,9 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
 from crowdbench.utils.compiled.digest import code_digest
-from crowdbench.utils.compiled.store import Entry, read, write
+from crowdbench.utils.compiled.store import read, write
 
-__all__ = ["njit", "on_first_compilation", "threads"]
+__all__ = ["njit", "number_of_threads", "on_first_compilation"]
 
 _listeners: list[Callable[[], None]] = []
 
@@ -58,7 +60,7 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     return kernel
 
 
-def threads() -> int:
+def number_of_threads() -> int:
     """Return the number of threads that kernels share their work among: `NUMBA_NUM_THREADS`, or one per core."""
     return int(config.NUMBA_NUM_THREADS)
 
@@ -100,12 +102,14 @@ class _Cache(NullCache):  # type: ignore[misc]
     def load_overload(self, signature: Any, target: Any) -> CompileResult | None:
         """The kernel compiled for a signature, or None if it has to be compiled."""
         target.refresh()
-        payload = read(self._entry(signature, target.codegen()))
-        if payload is not None:
+        payload = read(self._file_name(signature, target.codegen()))
+        # An equal kernel may have been compiled in a module that cannot be imported here.
+        with contextlib.suppress(ImportError, AttributeError):
             # What the store hands out was written by this class, and is machine code in any case.
-            kept_signature, reduced = pickle.loads(payload)
-            if kept_signature == signature:
-                return CompileResult._rebuild(target, *reduced)
+            if payload is not None:
+                stored_signature, reduced = pickle.loads(payload)
+                if stored_signature == signature:
+                    return CompileResult._rebuild(target, *reduced)
         while _listeners:
             _listeners.pop()()
         return None
@@ -113,24 +117,19 @@ class _Cache(NullCache):  # type: ignore[misc]
     def save_overload(self, signature: Any, compiled: CompileResult) -> None:
         """Keep a compiled kernel, where that is possible."""
         if all(loop.can_cache for loop in compiled.lifted) and not compiled.library.has_dynamic_globals:
-            write(self._entry(signature, compiled.codegen), dumps((signature, compiled._reduce())))
+            write(self._file_name(signature, compiled.codegen), dumps((signature, compiled._reduce())))
 
-    def _entry(self, signature: Any, codegen: Any) -> Entry:
-        function = self._kernel.py_func
-        processor = codegen.magic_tuple()
-        return Entry(
-            f"{function.__module__}.{function.__qualname__}",
-            code_digest(self._kernel),
-            hashlib.sha256(f"{signature!r} {named_tuples(signature)} {processor}".encode()).hexdigest()[:16],
-        )
+    def _file_name(self, signature: Any, codegen: Any) -> str:
+        parts = code_digest(self._kernel), repr(signature), *named_tuples(signature), *codegen.magic_tuple()
+        return f"{self._kernel.py_func.__name__}-{hashlib.sha256(repr(parts).encode()).hexdigest()[:32]}"
 
 
 def named_tuples(signature: Any) -> list[str]:
-    """The named tuples in a signature with their fields, of which its `repr` shows neither names nor module."""
-    found = []
-    for each in signature:
-        if isinstance(each, types.NamedTuple | types.NamedUniTuple):
-            kind = each.instance_class
-            inner = each.types if isinstance(each, types.NamedTuple) else [each.dtype]
-            found += [f"{kind.__module__}.{kind.__qualname__} {kind._fields}", *named_tuples(inner)]
-    return found
+    """Return the named tuples in a signature with their fields: its `repr` shows neither names nor module."""
+    texts = []
+    for argument in signature:
+        if isinstance(argument, types.NamedTuple | types.NamedUniTuple):
+            kind = argument.instance_class
+            inner = argument.types if isinstance(argument, types.NamedTuple) else [argument.dtype]
+            texts += [f"{kind.__module__}.{kind.__qualname__} {kind._fields}", *named_tuples(inner)]
+    return texts

@@ -32,41 +32,41 @@ _KNOWN_BY_VERSION = {"builtins", "math", "numba", "numpy"}
 
 
 def code_digest(kernel: Dispatcher) -> str:
-    """The digest of what is in memory, not of the files: these may have been edited since they were imported.
+    """Return the digest of what is in memory, not of the files: these may have been edited since they were imported.
+
+    Modules do not count, so that equal kernels have the same digest wherever they are.
 
     Args:
         kernel: A function that `numba.njit` made.
 
     Returns:
-        16 hexadecimal digits.
+        32 hexadecimal digits.
 
     Raises:
         TypeError: A kernel uses a global of which no digest can be made.
     """
-    texts = [repr(_COMPILER)]
-    reached = [kernel]
-    for one in reached:  # grows meanwhile
-        text, called = _own(one)
-        texts.append(text)
-        reached += [other for other in called if not any(other is known for known in reached)]
-    return hashlib.sha256("\n".join(texts).encode()).hexdigest()[:16]
+    kernels = [kernel]
+    texts = [repr(_COMPILER), *(_text(called, kernels) for called in kernels)]  # the list grows meanwhile
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()[:32]
 
 
-def _own(kernel: Dispatcher) -> tuple[str, list[Dispatcher]]:
-    """What the machine code follows from, apart from the kernels that are called; and these."""
+def _text(kernel: Dispatcher, kernels: list[Dispatcher]) -> str:
+    """Return what the machine code follows from, in which a called kernel is its index in `kernels`, grown by it."""
     function = kernel.py_func
     values = {name: function.__globals__[name] for name in _globals(function.__code__) if name in function.__globals__}
     if function.__closure__:
         cells = zip(function.__code__.co_freevars, function.__closure__, strict=True)
         values |= {name: cell.cell_contents for name, cell in cells}
+    called = {name: value for name, value in values.items() if isinstance(value, Dispatcher)}
+    kernels += [value for value in dict.fromkeys(called.values()) if not any(value is known for known in kernels)]
     try:
-        described = [f"{name}={_describe(value)}" for name, value in values.items()]
+        constants = [f"{name}={_describe(value)}" for name, value in values.items() if name not in called]
         defaults = _describe(function.__defaults__)
     except TypeError as error:
         raise TypeError(f"kernel {_name(function)}: {error}") from None
+    indices = [(name, next(i for i, known in enumerate(kernels) if known is value)) for name, value in called.items()]
     options = sorted(kernel.targetoptions.items())
-    text = f"{_name(function)} {options} {_code(function.__code__)} {described} {defaults}"
-    return text, [value for value in values.values() if isinstance(value, Dispatcher)]
+    return f"{function.__name__} {options} {_code(function.__code__)} {constants} {indices} {defaults}"
 
 
 @functools.cache
@@ -104,8 +104,6 @@ def _describe(value: Any) -> str:
         return f"{_name(value)} {[(name, _describe(value[name].value)) for name in value.__members__]}"
     if isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
         return f"{_name(value)} {value._fields}"
-    if isinstance(value, Dispatcher):
-        return _name(value.py_func)
     if isinstance(value, types.ModuleType | type | types.BuiltinFunctionType | types.FunctionType):
         name = value.__name__ if isinstance(value, types.ModuleType) else _name(value)
         if name.partition(".")[0] in _KNOWN_BY_VERSION:

@@ -1,4 +1,9 @@
-"""Where compiled kernels are kept: in files with a checksum, in the first folder that can be written."""
+"""Where compiled kernels are kept: in files with a checksum, in the first folder that can be written.
+
+The folder is `crowdbench/kernels` in the cache of the user (`XDG_CACHE_HOME`, or else `~/.cache`), or in
+`NUMBA_CACHE_DIR` where that is set, or else in the folder for temporary files. All installations of a user share it,
+because files are named by their content. What has not been used for long is removed.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +12,8 @@ import functools
 import hashlib
 import os
 import stat
-import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -18,22 +23,10 @@ from numba.misc.appdirs import AppDirs
 
 from crowdbench.utils.files import whole
 
-PACKAGE = Path(__file__).parent.parent.parent
-
-
-class Entry(NamedTuple):
-    """What a file is named after."""
-
-    kernel: str
-    code: str
-    """The digest of the kernel's code. A file of the same kernel with another digest is out of date."""
-    variant: str
-    """The digest of the signature and the processor."""
-
-    @property
-    def file_name(self) -> str:
-        """The file's name. Versions of Python do not remove each other's files."""
-        return f"{self.kernel}-{self.code}-{self.variant}.{sys.implementation.cache_tag}"
+DAY = 86400.0
+LONGEST_UNUSED = 90 * DAY
+LARGEST_FOLDER = 256e6
+"""Bytes. All kernels take about 15 MB."""
 
 
 class _Place(NamedTuple):
@@ -42,44 +35,62 @@ class _Place(NamedTuple):
     """Whether others could have prepared the folder: one that does not belong to this user alone is not used."""
 
 
-def read(entry: Entry) -> bytes | None:
-    """What was written, or None if it is not there or damaged."""
+def read(name: str) -> bytes | None:
+    """Return what was written under a name, or None if it is not there or damaged."""
     for place in _places():
-        with contextlib.suppress(OSError), (place.folder / entry.file_name).open("rb") as file:
-            if place.private and os.fstat(file.fileno()).st_uid != _user():
+        path = place.folder / name
+        with contextlib.suppress(OSError), path.open("rb") as file:
+            status = os.fstat(file.fileno())
+            if place.private and status.st_uid != _user():
                 continue
             checksum, payload = file.read(hashlib.sha256().digest_size), file.read()
             if hashlib.sha256(payload).digest() == checksum:
+                if time.time() - status.st_mtime > DAY:
+                    with contextlib.suppress(OSError):  # the time of its last use, for `_remove_unused`
+                        os.utime(path)
                 return payload
     return None
 
 
-def write(entry: Entry, payload: bytes) -> None:
-    """Write to the last place, unless that fails: a full disk must not stop a run. Out-of-date files are removed.
+def write(name: str, payload: bytes) -> None:
+    """Write to the last place, unless there is none or that fails: a full disk must not stop a run.
 
     Args:
-        entry: What the file is named after.
+        name: The file's name.
         payload: What is written after the checksum.
     """
+    if not _places():
+        return
     folder = _places()[-1].folder
     with contextlib.suppress(OSError):
-        with whole(folder / entry.file_name) as partial:
+        with whole(folder / name) as partial:
             partial.write_bytes(hashlib.sha256(payload).digest() + payload)
-        for path in folder.glob(f"*{entry.kernel}-*.{sys.implementation.cache_tag}*"):
-            # A process that was killed leaves a partial file, whose name begins with a dot.
-            name = path.name.removeprefix(".")
-            if name.startswith(f"{entry.kernel}-") and not name.startswith(f"{entry.kernel}-{entry.code}-"):
-                path.unlink(missing_ok=True)
+        _remove_unused(folder)
+
+
+@functools.cache
+def _remove_unused(folder: Path) -> None:
+    """Remove what was not used for long, and what was used longest ago where there is too much; once per process."""
+    files: list[tuple[float, int, Path]] = []
+    for path in folder.iterdir():
+        with contextlib.suppress(OSError):  # another process has removed it
+            status = path.stat()
+            files.append((status.st_mtime, status.st_size, path))
+    total = sum(size for _, size, _ in files)
+    for used, size, path in sorted(files):
+        if time.time() - used > LONGEST_UNUSED or total > LARGEST_FOLDER:
+            path.unlink(missing_ok=True)
+            total -= size
 
 
 def folders() -> list[Path]:
-    """The folders that compiled kernels are read from."""
+    """Return the folders that compiled kernels are read from."""
     return [place.folder for place in _places()]
 
 
 @functools.cache
 def _places() -> tuple[_Place, ...]:
-    """The places to read from, of which the last one can be written if any can."""
+    """Return the places to read from, of which the last one can be written if any can."""
     places = []
     for place in _candidates():
         if not place.private or _make_private(place.folder):
@@ -90,15 +101,13 @@ def _places() -> tuple[_Place, ...]:
 
 
 def _candidates() -> Iterator[_Place]:
-    installation = hashlib.sha256(os.fsencode(PACKAGE)).hexdigest()[:16]
     if config.CACHE_DIR:
-        yield _Place(Path(config.CACHE_DIR).absolute() / f"crowdbench-{installation}", private=False)
-    yield _Place(PACKAGE / "__pycache__" / "kernels", private=False)
+        yield _Place(Path(config.CACHE_DIR).absolute() / "crowdbench" / "kernels", private=False)
     user_cache = Path(AppDirs("crowdbench", appauthor=False).user_cache_dir)
     if user_cache.is_absolute():  # it is not, for a user without a home
-        yield _Place(user_cache / installation, private=True)
+        yield _Place(user_cache / "kernels", private=True)
     with contextlib.suppress(OSError):
-        yield _Place(Path(tempfile.gettempdir()) / f"crowdbench-{_user()}-{installation}", private=True)
+        yield _Place(Path(tempfile.gettempdir()) / f"crowdbench-{_user()}", private=True)
 
 
 def _is_writable(folder: Path) -> bool:
@@ -114,13 +123,13 @@ def _is_writable(folder: Path) -> bool:
 def _make_private(folder: Path) -> bool:
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = folder.lstat()
+        status = folder.lstat()
     except OSError:
         return False
-    only_mine = os.name == "nt" or not stat.S_IMODE(found.st_mode) & 0o077
-    return stat.S_ISDIR(found.st_mode) and found.st_uid == _user() and only_mine
+    only_mine = os.name == "nt" or not stat.S_IMODE(status.st_mode) & 0o077
+    return stat.S_ISDIR(status.st_mode) and status.st_uid == _user() and only_mine
 
 
 def _user() -> int:
-    """The number of the user, 0 on Windows, where it is also the owner of every file."""
+    """Return the number of the user, 0 on Windows, where it is also the owner of every file."""
     return os.geteuid() if hasattr(os, "geteuid") else 0
