@@ -83,7 +83,7 @@ def test_several_threads_may_run_the_simulator_at_once(monkeypatch):
 
 
 def margins(_=None):
-    return crowdbench.run("orca_margin", "circle_crossing_5", cases="test:0:100").outcome.tolist()
+    return crowdbench.run("orca_margin", "circle_crossing_5", cases="test:0:100").episodes.outcome.tolist()
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes cannot be forked here")

@@ -116,10 +116,10 @@ def orca_velocities(
         Velocities in m/s; 0 for agents that do not move.
     """
     visible, mobile = (_EVERYBODY if array is None else writable(array) for array in (seen, moves))
-    state = (writable(array) for array in (position, velocity, preferred_velocity, radius, max_speed))
+    state = map(writable, (position, velocity, preferred_velocity, radius, max_speed))
     avoidance = neighbor_distance, max_neighbors, time_horizon, time_horizon_obst, line_of_sight
     walls = _NO_OBSTACLES if obstacles is None else writable(obstacles)
-    crowd = Agents(*state, *(visible, mobile))
+    crowd = Agents(*[*state, visible, mobile])
     return avoid(0, crowd, time_step, walls, Avoidance(*map(per_agent, avoidance)))
 
 
