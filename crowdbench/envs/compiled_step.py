@@ -87,7 +87,7 @@ class CompiledStep:
         visible[:, 0] &= before.rules.visible
         commands = Commands(np.empty((1, 2)), np.empty((1, before.radius.shape[1] - 1, 2)))
         check = StepCheck(np.empty(1, np.int64), np.empty(1), np.empty(1))
-        margins = Margins(per_agent(parameters["safety_space"]), *avoidance_of(parameters)[:3])
+        margins = Margins(*map(per_agent, (parameters["safety_space"], *avoidance_of(parameters)[:3])))
         exchange = Exchange(visible, self._action, self._observed, self.outcome, self.gap, self.reward)
         state = map(np.ascontiguousarray, state_before(before))
         fields = before.rules.numbers, state, commands, (getattr(after, name) for name in After._fields), check

@@ -216,21 +216,25 @@ def find_neighbors(begin, end, position, seen, moves, cells, reach, limit, line_
         number (array): `[agent]`, filled: how many there are.
     """
     agents, most = position.shape[1], len(neighbor) // len(number)
-    distance = np.empty(most)
+    distance, found, world = np.empty(most), np.empty(most, np.int64), -1
+    polygons = obstacles[0, :0].copy()
     for k in range(begin, end):
         w, i = k // agents, k % agents
+        if w != world:
+            # A copy: threads would wait for each other to count the references to slices of the same array.
+            world, polygons = w, obstacles[min(w, len(obstacles) - 1)].copy()
         number[k - begin] = 0
         if not at(moves, w, i):
             continue
-        found = neighbor[(k - begin) * most : (k - begin + 1) * most]
-        polygons = obstacles[min(w, len(obstacles) - 1)]
-        if at(line_of_sight, w, i) == 0.0:
-            polygons = polygons[:0]
+        hiding = polygons if at(line_of_sight, w, i) != 0.0 else polygons[:0]
         far, room = at(reach, w, i), np.int64(at(limit, w, i))
         if cells.size[w, 0] < 0:
-            number[k - begin] = nearest_of_all(w, i, position, seen, far, room, polygons, found, distance)
+            n = nearest_of_all(w, i, position, seen, far, room, hiding, found, distance)
         else:
-            number[k - begin] = nearest_in_cells(w, i, position, cells, far, room, polygons, found, distance)
+            n = nearest_in_cells(w, i, position, cells, far, room, hiding, found, distance)
+        for m in range(n):
+            neighbor[(k - begin) * most + m] = found[m]
+        number[k - begin] = n
 
 
 @no_type_check
@@ -283,7 +287,7 @@ def nearest_in_cells(w, i, position, cells, reach, limit, polygons, neighbor, di
                     j = member[w, s]
                     if j == i or (squared == farthest and j > last):
                         continue
-                    if polygons is not None and touches_in_step(x, y, dx, dy, 0.0, polygons):
+                    if polygons is not None and len(polygons) > 0 and touches_in_step(x, y, dx, dy, 0.0, polygons):
                         continue
                     n = insert_sorted(j, squared, n, limit, neighbor, distance)
                     if n == limit:
@@ -327,7 +331,11 @@ def nearest_of_all(w, i, position, seen, reach, limit, polygons, neighbor, dista
         squared = dx * dx + dy * dy
         if squared >= reach_squared or limit == 0:
             continue
-        if polygons is not None and touches_in_step(position[w, i, 0], position[w, i, 1], dx, dy, 0.0, polygons):
+        if (
+            polygons is not None
+            and len(polygons) > 0
+            and touches_in_step(position[w, i, 0], position[w, i, 1], dx, dy, 0.0, polygons)
+        ):
             continue
         n = insert_sorted(j, squared, n, limit, neighbor, distance)
         if n == limit:

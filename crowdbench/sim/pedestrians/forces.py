@@ -131,7 +131,9 @@ def compile_model(force: Any) -> Callable[..., None]:
         agents, h = radii.shape[1], time_step / sub_steps
         for w in range(begin, end):
             x, v, new = positions[w].copy(), velocities[w].copy(), velocities[w].copy()
-            goal, radius, counts, own, walls = goals[w], radii[w], seen[w], traits[w], obstacles[w]
+            # Copies: threads would wait for each other to count the references to slices of the same array.
+            goal, radius, counts = goals[w].copy(), radii[w].copy(), seen[w].copy()
+            own, walls = traits[w].copy(), obstacles[w].copy()
             for _ in range(sub_steps):
                 for i in range(agents):
                     if not moves[w, i]:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from crowdbench.core.geometry import fill_toward_goal
 from crowdbench.core.types import World
-from crowdbench.sim.kernels import at, per_agent
+from crowdbench.sim.kernels import at
 from crowdbench.sim.neighbors import CELLS_FROM
 from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
 from crowdbench.sim.pedestrians.orca import BLOCK_AGENTS, Agents, Avoidance, avoid, avoid_block
@@ -32,7 +32,7 @@ _avoidance_fields = operator.itemgetter(*Avoidance._fields)
 
 def avoidance_of(parameters: Parameters) -> Avoidance:
     """Return the parameters of pedestrians that ORCA's kernels take."""
-    return Avoidance(*map(per_agent, _avoidance_fields(parameters)))
+    return Avoidance(*_avoidance_fields(parameters))
 
 
 class ORCA(PedestrianPolicy):

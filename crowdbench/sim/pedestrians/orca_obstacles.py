@@ -62,7 +62,8 @@ def wall_lines(
     for index in range(begin, end):
         w, i, k = index // agents, index % agents, index - begin
         if w != world:
-            world, edge_number = w, _fill_edges(obstacles[min(w, len(obstacles) - 1)], edges)
+            # Of a copy: threads would wait for each other to count the references to slices of the same array.
+            world, edge_number = w, _fill_edges(obstacles[min(w, len(obstacles) - 1)].copy(), edges)
         line_number[k] = 0
         if edge_number == 0 or not at(moves, w, i):
             continue
