@@ -26,9 +26,12 @@ def in_blocks(work: Callable[[int, int], None], items: int, least: int, most: in
         least: Smallest number of items that is worth a thread.
         most: Largest number of items of a block.
     """
+    if items < 2 * least and items <= most:
+        work(0, items)
+        return
     workers = number_of_threads()
     blocks = max(min(workers, items // least), 1)
-    blocks *= math.ceil(items / (blocks * most)) or 1
+    blocks *= math.ceil(items / (blocks * most))
     bounds = [items * k // blocks for k in range(blocks + 1)]
     share(lambda block: work(*block), itertools.pairwise(bounds), workers, None)
 

@@ -197,44 +197,41 @@ def insert_sorted(j, squared, n, limit, neighbor, distance):
 
 @no_type_check
 @njit(error_model="numpy", nogil=True)
-def find_neighbors(begin, end, position, seen, moves, cells, reach, limit, line_of_sight, obstacles, neighbor, number):
+def find_neighbors(begin, end, position, seen, moves, cells, avoidance, obstacles, neighbor, number):
     """Find the neighbours of a block of agents from cells; obstacles may hide some.
 
     Args:
         begin (int): The first agent, counted through all worlds.
         end (int): The one after the last.
         position (array): `[world, agent, 2]`, in metres.
-        seen (array): Whether each agent can be a neighbour, read by `at`, as are all that follow up to the line of
-            sight.
-        moves (array): Whether the agent has neighbours.
+        seen (array): Whether each agent can be a neighbour, read by `at`.
+        moves (array): Whether the agent has neighbours, read by `at`.
         cells (Cells): The cells of the agents.
-        reach (array): Neighbours are nearer than this, in metres.
-        limit (array): Largest number of neighbours.
-        line_of_sight (array): Whether obstacles hide others.
+        avoidance (tuple): The fields of `crowdbench.sim.pedestrians.orca.Avoidance`.
         obstacles (array): `[world, polygon, corner, 2]`, in metres; one world's may stand for all.
         neighbor (array): `[agent * most]`, filled: indices of the neighbours of each agent, nearest first.
         number (array): `[agent]`, filled: how many there are.
     """
+    reach, limit, _, _, line_of_sight = avoidance
     agents, most = position.shape[1], len(neighbor) // len(number)
-    distance, found, world = np.empty(most), np.empty(most, np.int64), -1
-    polygons = obstacles[0, :0].copy()
-    for k in range(begin, end):
-        w, i = k // agents, k % agents
-        if w != world:
-            # A copy: threads would wait for each other to count the references to slices of the same array.
-            world, polygons = w, obstacles[min(w, len(obstacles) - 1)].copy()
-        number[k - begin] = 0
-        if not at(moves, w, i):
-            continue
-        hiding = polygons if at(line_of_sight, w, i) != 0.0 else polygons[:0]
-        far, room = at(reach, w, i), np.int64(at(limit, w, i))
-        if cells.size[w, 0] < 0:
-            n = nearest_of_all(w, i, position, seen, far, room, hiding, found, distance)
-        else:
-            n = nearest_in_cells(w, i, position, cells, far, room, hiding, found, distance)
-        for m in range(n):
-            neighbor[(k - begin) * most + m] = found[m]
-        number[k - begin] = n
+    distance, found = np.empty(most), np.empty(most, np.int64)
+    for w in range(begin // agents, (end + agents - 1) // agents):
+        # A copy: threads would wait for each other to count the references to slices of the same array.
+        polygons = obstacles[min(w, len(obstacles) - 1)].copy()
+        for i in range(max(begin - w * agents, 0), min(end - w * agents, agents)):
+            k = w * agents + i - begin
+            number[k] = 0
+            if not at(moves, w, i):
+                continue
+            hiding = polygons if at(line_of_sight, w, i) != 0.0 else polygons[:0]
+            far, room = at(reach, w, i), np.int64(at(limit, w, i))
+            if cells.size[w, 0] < 0:
+                n = nearest_of_all(w, i, position, seen, far, room, hiding, found, distance)
+            else:
+                n = nearest_in_cells(w, i, position, cells, far, room, hiding, found, distance)
+            for m in range(n):
+                neighbor[k * most + m] = found[m]
+            number[k] = n
 
 
 @no_type_check

@@ -101,46 +101,29 @@ def compile_model(force: Any) -> Callable[..., None]:
     Args:
         force: A kernel that returns x and y of an acceleration in m/s^2, and the share of it that acts. It takes the
             index of an agent; positions in metres and velocities in m/s of the agents of its world; its desired
-            velocity, x and y, and the ratio of its length to the preferred speed; radii in metres; who is seen; its
-            traits; the obstacles; the index of the world, and the noise and the groups of all worlds.
+            velocity, x and y, and the ratio of its length to the preferred speed; radii in metres; who is seen; the
+            traits of all; the obstacles; the index of the world, and the noise and the groups of all worlds.
 
     Returns:
         The kernel, which `integrate` calls.
     """
 
     @no_type_check
-    def loop(
-        begin,
-        end,
-        positions,
-        velocities,
-        goals,
-        radii,
-        speeds,
-        seen,
-        moves,
-        obstacles,
-        traits,
-        noise,
-        group,
-        time_step,
-        sub_steps,
-        out,
-    ):
-        # The fields of `Walkers` one by one, because numba takes a microsecond to receive a NamedTuple.
+    def loop(begin, end, walkers, traits, noise, group, time_step, sub_steps, out):
+        positions, velocities, goals, radii, speeds, seen, moves, obstacles = walkers
         agents, h = radii.shape[1], time_step / sub_steps
         for w in range(begin, end):
             x, v, new = positions[w].copy(), velocities[w].copy(), velocities[w].copy()
-            # Copies: threads would wait for each other to count the references to slices of the same array.
-            goal, radius, counts = goals[w].copy(), radii[w].copy(), seen[w].copy()
-            own, walls = traits[w].copy(), obstacles[w].copy()
+            goal, radius, counts, own = goals[w], radii[w], seen[w], traits[w]
+            # A copy: threads would wait for each other to count the references to slices of the same array.
+            walls = obstacles[w].copy()
             for _ in range(sub_steps):
                 for i in range(agents):
                     if not moves[w, i]:
                         continue
                     limit, tau = speeds[w, i], max(own[i, 0], TINY)
-                    desired = desired_velocity(x[i], goal[i], limit)
-                    fx, fy, share = force(i, x, v, desired, radius, counts, own[i], walls, w, noise, group)
+                    desired = desired_velocity(x[i, 0], x[i, 1], goal[i, 0], goal[i, 1], limit)
+                    fx, fy, share = force(i, x, v, desired, radius, counts, own, walls, w, noise, group)
                     # The exact solution for constant forces. Explicit Euler steps of 0.05 s would act like a
                     # relaxation time 5 % shorter.
                     gain = 1.0 - math.exp(-h / tau)
@@ -186,20 +169,20 @@ def integrate(
     """
     worlds, agents = walkers.radius.shape
     out, sub_steps = np.zeros((worlds, agents, 2)), max(1, math.ceil(time_step / SUB_STEP - 1e-9))
-    rest = *walkers, traits, noise, group, time_step, sub_steps, out
+    rest = walkers, traits, noise, group, time_step, sub_steps, out
     in_blocks(lambda begin, end: model(begin, end, *rest), worlds, BLOCK_PAIRS // (agents * agents) + 1, worlds)
     return out
 
 
 @no_type_check
 @njit
-def desired_velocity(position, goal, preferred_speed):
-    """The desired velocity, as `geometry.toward_goal` computes it. Compiled.
+def desired_velocity(x, y, goal_x, goal_y, preferred_speed):
+    """Compute the desired velocity, as `geometry.toward_goal` does. Compiled.
 
-    `position` and `goal` are `[2]` in metres, the preferred speed is in m/s. Returns x and y of the velocity in m/s,
-    and the ratio of its length to the preferred speed.
+    Positions are in metres, the preferred speed is in m/s. Returns x and y of the velocity in m/s, and the ratio of its
+    length to the preferred speed.
     """
-    x, y = goal[0] - position[0], goal[1] - position[1]
+    x, y = goal_x - x, goal_y - y
     distance = math.sqrt(x * x + y * y)
     scale = preferred_speed / max(distance, preferred_speed)
     return scale * x, scale * y, scale * distance / preferred_speed

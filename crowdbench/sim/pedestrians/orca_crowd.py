@@ -133,7 +133,6 @@ def orca_in_one(goal, pace, safety_space, position, velocity, radius, speed, pre
     """
     preferred, size = np.empty(position.shape), np.empty(radius.shape)
     _prepare(goal, pace, safety_space, position, radius, preferred, size)
-    no_lines, nobody = np.empty((0, 4)), np.empty(0, np.int64)
-    crowd = position, velocity, preferred, size, speed, present, present
-    others = no_lines, nobody, nobody, nobody
-    avoid_block(0, radius.size, 1, *crowd, dt, reach, limit, horizon, *others, out)
+    crowd, limits = Agents(position, velocity, preferred, size, speed, present, present), (reach, limit, horizon)
+    nobody, none, one = np.empty(0, np.int64), np.int64(0), np.int64(1)  # for literals it would be compiled twice
+    avoid_block(none, radius.size, one, crowd, dt, limits, (np.empty((0, 4)), nobody), (nobody, nobody), out)

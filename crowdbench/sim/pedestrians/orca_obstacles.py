@@ -36,47 +36,39 @@ _TINY = 1e-9
 
 @no_type_check
 @njit(error_model="numpy", nogil=True)
-def wall_lines(
-    begin, end, position, velocity, preferred, radius, max_speed, seen, moves, horizon, obstacles, lines, line_number
-):
+def wall_lines(begin, end, crowd, horizon, obstacles, lines, line_number):
     """Write the lines of the walls in the way of each agent of a block.
 
     Args:
         begin (int): The first agent, counted through all worlds.
         end (int): The one after the last.
-        position (array): The first field of `Agents`, see `crowdbench.sim.pedestrians.orca`; all others follow.
-        velocity (array): Likewise.
-        preferred (array): Likewise.
-        radius (array): Likewise.
-        max_speed (array): Likewise.
-        seen (array): Likewise.
-        moves (array): Likewise.
+        crowd (tuple): The fields of `crowdbench.sim.pedestrians.orca.Agents`.
         horizon (array): `Avoidance.time_horizon_obst`.
         obstacles (array): `[world, polygon, corner, 2]`, in metres; one world's may stand for all.
         lines (array): `[agent * most, 4]`, filled: the lines of each agent.
         line_number (array): `[agent]`, filled: how many there are.
     """
+    position, velocity, _, radius, max_speed, _, moves = crowd
     agents, most = radius.shape[1], obstacles.shape[1] * obstacles.shape[2]
     edges, order, distance = np.empty((most, EDGE)), np.empty(most, np.int64), np.empty(most)
-    world, edge_number = -1, 0
-    for index in range(begin, end):
-        w, i, k = index // agents, index % agents, index - begin
-        if w != world:
-            # Of a copy: threads would wait for each other to count the references to slices of the same array.
-            world, edge_number = w, _fill_edges(obstacles[min(w, len(obstacles) - 1)].copy(), edges)
-        line_number[k] = 0
-        if edge_number == 0 or not at(moves, w, i):
-            continue
-        x, y, vx, vy, tau = (
-            position[w, i, 0],
-            position[w, i, 1],
-            velocity[w, i, 0],
-            velocity[w, i, 1],
-            at(horizon, w, i),
-        )
-        near = _nearest_edges(edges, edge_number, x, y, tau * max_speed[w, i] + radius[w, i], order, distance)
-        rate, row = 1.0 / max(tau, _TINY), lines[k * most : (k + 1) * most]
-        line_number[k] = _edge_half_planes(edges, order, near, x, y, vx, vy, radius[w, i], rate, row)
+    for w in range(begin // agents, (end + agents - 1) // agents):
+        # Of a copy: threads would wait for each other to count the references to slices of the same array.
+        edge_number = _fill_edges(obstacles[min(w, len(obstacles) - 1)].copy(), edges)
+        for i in range(max(begin - w * agents, 0), min(end - w * agents, agents)):
+            k = w * agents + i - begin
+            line_number[k] = 0
+            if edge_number == 0 or not at(moves, w, i):
+                continue
+            x, y, vx, vy, tau = (
+                position[w, i, 0],
+                position[w, i, 1],
+                velocity[w, i, 0],
+                velocity[w, i, 1],
+                at(horizon, w, i),
+            )
+            near = _nearest_edges(edges, edge_number, x, y, tau * max_speed[w, i] + radius[w, i], order, distance)
+            rate, row = 1.0 / max(tau, _TINY), lines[k * most : (k + 1) * most]
+            line_number[k] = _edge_half_planes(edges, order, near, x, y, vx, vy, radius[w, i], rate, row)
 
 
 @no_type_check

@@ -91,7 +91,7 @@ def power_law_velocities(
 @njit(forceinline=True)
 def _power_law(i, position, velocity, desired, radius, seen, traits, obstacles, w, noise, group):
     """All forces on agent i, see `compile_model`; the bound makes their share smaller."""
-    k, tau0, bound = traits[1], max(traits[2], TINY), traits[3]
+    k, tau0, bound = traits[i, 1], max(traits[i, 2], TINY), traits[i, 3]
     fx, fy, x, y, vx, vy = 0.0, 0.0, position[i, 0], position[i, 1], velocity[i, 0], velocity[i, 1]
     for j in range(len(position)):
         if j == i or not seen[j]:

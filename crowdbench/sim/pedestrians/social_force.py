@@ -148,18 +148,18 @@ def _acceleration(relaxation: float | np.ndarray, time_step: float) -> float | n
 
 
 @no_type_check
-@njit
+@njit(forceinline=True)
 def _social_force(i, position, velocity, desired, radius, seen, traits, obstacles, w, noise, group):
     """All forces on agent i of world w, see `compile_model`."""
     gx, gy, eagerness = desired
     fx, fy = _repulsion(i, position, velocity, gx, gy, radius, seen, traits)
     if obstacles.shape[0] > 0:
-        bx, by = _border_repulsion(position[i, 0], position[i, 1], obstacles, traits[7], max(traits[8], TINY))
+        bx, by = _border_repulsion(position[i, 0], position[i, 1], obstacles, traits[i, 7], max(traits[i, 8], TINY))
         fx, fy = fx + bx, fy + by
     if group is not None:  # for None, another kernel is compiled
-        bx, by = group_force(i, position, velocity, radius, seen, group[w], traits[9], traits[10], traits[11])
+        bx, by = group_force(i, position, velocity, radius, seen, group[w], traits[i, 9], traits[i, 10], traits[i, 11])
         fx, fy = fx + bx, fy + by
-    push = traits[6]
+    push = traits[i, 6]
     return fx + eagerness * push * noise[w, i, 0], fy + eagerness * push * noise[w, i, 1], 1.0
 
 
@@ -167,7 +167,7 @@ _MODEL = compile_model(_social_force)
 
 
 @no_type_check
-@njit
+@njit(forceinline=True)
 def _repulsion(i, position, velocity, gx, gy, radius, seen, traits):
     """The sum of the repulsion of all others on agent i, weighted by whether it sees them (equations 7 and 8).
 
@@ -178,13 +178,13 @@ def _repulsion(i, position, velocity, gx, gy, radius, seen, traits):
         gx, gy: The agent's desired velocity in m/s.
         radius: `[agent]`, in metres.
         seen: `[agent]`, whether the agent repels others.
-        traits: The parameters of agent i, in the order of `PARAMETERS`; the sight angle is the cosine of its half.
+        traits: The parameters of all agents, in the order of `PARAMETERS`; the sight angle is the cosine of its half.
 
     Returns:
         x and y of an acceleration in m/s^2.
     """
-    strength, reach, look_ahead = traits[1], max(traits[2], TINY), traits[3]
-    sight, behind = traits[4], traits[5]
+    strength, reach, look_ahead = traits[i, 1], max(traits[i, 2], TINY), traits[i, 3]
+    sight, behind = traits[i, 4], traits[i, 5]
     ax, ay = 0.0, 0.0
     desired = math.sqrt(gx * gx + gy * gy)
     for j in range(len(position)):
@@ -199,7 +199,7 @@ def _repulsion(i, position, velocity, gx, gy, radius, seen, traits):
 
 
 @no_type_check
-@njit
+@njit(forceinline=True)
 def _rim_vector(x, y, radii):
     """The vector between two centres, shortened by the radii: the paper's r for pedestrians that are discs.
 
@@ -222,7 +222,7 @@ def _rim_vector(x, y, radii):
 
 
 @no_type_check
-@njit
+@njit(forceinline=True)
 def _force(x, y, sx, sy, strength, reach):
     """The repulsion at (x, y) by a pedestrian at the origin.
 
@@ -250,7 +250,7 @@ def _force(x, y, sx, sy, strength, reach):
 
 
 @no_type_check
-@njit
+@njit(forceinline=True)
 def _border_repulsion(x, y, polygons, strength, reach):
     """The sum of the repulsion of all borders (equation 5), each from its point nearest to the centre.
 
