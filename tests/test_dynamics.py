@@ -7,7 +7,7 @@ from helpers import advance, world
 
 from crowdbench.core.dynamics import Bicycle, Holonomic, State, Unicycle
 from crowdbench.core.dynamics.base import speeds_and_headings
-from crowdbench.core.dynamics.motion import CHORD_ERROR, along_arc, chords
+from crowdbench.core.dynamics.motion import CHORD_ERROR, along_arc, chords, limit_speed
 from crowdbench.utils.errors import InputError
 
 DT = 0.25
@@ -205,3 +205,11 @@ def test_a_command_beyond_a_limit_gets_a_sentence_that_names_it(dynamics, comman
 def test_impossible_limits_are_refused(made, expected):
     with pytest.raises(InputError, match=expected):
         made()
+
+
+@pytest.mark.parametrize("size", [1e3, 1e150, 1e154, 1e300, 1.7e308])
+def test_a_velocity_of_any_size_is_slowed_down_to_the_limit(size):
+    for x, y in ((size, size), (-size, 0.5 * size), (0.0, -size)):
+        vx, vy = limit_speed(x, y, 1.3)
+        assert math.hypot(vx, vy) == pytest.approx(1.3)
+        assert math.atan2(vy, vx) == pytest.approx(math.atan2(y, x))

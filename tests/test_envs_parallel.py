@@ -233,6 +233,18 @@ def test_whoever_is_given_no_velocity_follows_its_policy():
     assert np.array_equal(env._world.velocity[0], np.concatenate([[STILL], policy]))
 
 
+@pytest.mark.parametrize("size", [1e154, 1e300])
+def test_an_action_whose_square_is_infinite_is_slowed_down_as_any_other(size):
+    found = []
+    for length in (1e150, size):
+        env = parallel_env()
+        env.reset(seed=0)
+        env.step({"vehicle": np.full(2, length), "pedestrian_1": np.array([-length, 0.0])})
+        found.append(env._world.velocity[0])
+    assert np.allclose(*found)
+    assert np.linalg.norm(found[1][0]) == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize(
     ("actions", "said"),
     [
