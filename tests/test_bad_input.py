@@ -314,3 +314,19 @@ def test_a_forked_process_does_not_go_on_with_the_run(context, ends, status, tol
     assert done.stdout == f"{status}\n"
     assert told in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs names of files that are any bytes")
+def test_a_folder_whose_name_is_not_utf_8_works_or_is_named(crowdbench, tmp_path, monkeypatch):
+    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    Path("mine.py").write_text("from crowdbench.planners.reactive import Straight as planner\n")
+    arguments = ["run", "--cases", "2", "--planner", "./mine.py"]
+    assert crowdbench(*arguments, "--record", "none", "--out", "a")[0] == 0
+    status, _, sentences = crowdbench(*arguments, "--out", "b")
+    assert status == 1
+    assert "run.rrd could not be written: its path is not UTF-8" in sentences[-1]
+    assert not Path("b").exists()
+    error = UnicodeEncodeError("utf-8", str(folder), 1, 2, "surrogates not allowed")
+    assert "caf\\udce9' is not UTF-8, as this command needs it" in console.failure(error).sentence

@@ -53,7 +53,7 @@ def table(
     if columns == METRIC:
         runs = RunTable.read(directories)
         grid = runs.grid(metric or MAIN)
-        note = PRIVILEGED if any(run.result.get("privileged") for run in runs.runs) else ""
+        note = PRIVILEGED if any(run.result["stated"]["privileged"] for run in runs.runs) else ""
     elif len(metric or []) > 1:
         raise InputError(f"a table with --columns {columns} shows one metric: give --metric once")
     else:

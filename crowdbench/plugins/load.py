@@ -212,7 +212,7 @@ def load_module(path: Path) -> ModuleType:
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(f"there is no file {path}: {getattr(error, 'strerror', None) or error}") from None
     # Known to the interpreter under a name of its own: dataclasses and pickle look it up.
-    name = f"crowdbench_plugin_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    name = f"crowdbench_plugin_{path.stem}_{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise InputError(f"{path} is not a Python file: its name must end in .py")

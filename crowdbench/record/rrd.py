@@ -51,6 +51,8 @@ def writing(what: str, advice: str = "") -> Iterator[None]:
         yield
     except ERRORS as error:
         reason = error.strerror if isinstance(error, OSError) else None
+        if isinstance(error, UnicodeEncodeError):
+            reason = "its path is not UTF-8, which Rerun needs"
         raise InputError(f"{what} could not be written: {reason or error}{advice}") from error
 
 
