@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import json
 import re
 import shutil
 import socket
@@ -13,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+import safetensors.numpy
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.dynamics import Bicycle, Holonomic, chain
@@ -431,14 +433,30 @@ def test_no_case_number_seed_or_result_is_on_its_way_to_the_planner(mine):
 ISOLATION = (Path(__file__).parent.parent / "docs" / "isolation.md").read_text()
 
 
-def test_the_page_names_the_arrays_that_are_sent():
-    names = {"float64": "<f8", "int64": "<i8", "uint64": "<u8", "uint8": "|u1"}
-    rows = re.findall(r"^\| `([\w.]+)` \| (\w+) \| (?:`\[(.*)\]`|one number) \|$", ISOLATION, re.MULTILINE)
-    described = [(name, names[dtype], shape) for name, dtype, shape in rows]
-    assert described == [(name, dtype, ", ".join(map(str, shape))) for name, (dtype, shape) in protocol.ARRAYS.items()]
+def test_the_page_names_the_arrays_and_the_metadata_that_are_sent():
+    world = load_scenario(SCENARIO).worlds(Cases("val", 0, 2))
+    world = world.replace(rules=Rules(sensor=Sensor(missed=0.1, lidar=Lidar(7, 3.0))))
+    obs = observe(look(world), future=np.zeros((2, 5, 2)))
+    content = b"".join(protocol.observation_parts(obs, 1))
+    header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
+    metadata = header.pop("__metadata__")
+    names = {"float64": "F64", "int64": "I64", "uint64": "U64", "bool": "BOOL"}
+    rows = re.findall(r"^\| `([\w.]+)` \| (\w+) \| `\[(.*)\]`", ISOLATION, re.MULTILINE)
+    assert {(name, names[dtype], len(shape.split(", "))) for name, dtype, shape in rows} == {
+        (name, entry["dtype"], len(entry["shape"])) for name, entry in header.items()
+    }
+    table = ISOLATION[ISOLATION.index("| metadata |") :]
+    assert re.findall(r"^\| `(\w+)`", table, re.MULTILINE) == list(metadata)
     assert re.findall(r"^\| (\d+) \| (\w+) ", ISOLATION, re.MULTILINE) == [
         (str(kind.value), kind.name.lower()) for kind in protocol.Kind
     ]
+
+
+def test_safetensors_reads_an_observation():
+    obs = observe(load_scenario(SCENARIO).worlds(Cases("val", 0, 2)))
+    arrays = safetensors.numpy.load(b"".join(protocol.observation_parts(obs, 1)))
+    np.testing.assert_array_equal(arrays["pedestrians.history"], obs.pedestrians.history)
+    np.testing.assert_array_equal(arrays["pedestrians.seen"], obs.pedestrians.seen)
 
 
 STRAIGHT = """

@@ -18,7 +18,6 @@ from crowdbench.isolation.protocol import (
     Broken,
     How,
     Kind,
-    array_bytes,
     from_json,
     read_observation,
     receive,
@@ -68,7 +67,7 @@ class PlannerServer:
     name: str
     planner: Planner
 
-    def answer(self, kind: Kind, content: bytearray) -> tuple[Kind, bytes | memoryview]:
+    def answer(self, kind: Kind, content: bytearray) -> tuple[Kind, bytes]:
         """The answer to a message: its kind and its content."""
         answer = {Kind.START: self._start, Kind.RESET: self._reset, Kind.OBSERVATION: self._decide}[kind]
         try:
@@ -102,7 +101,7 @@ class PlannerServer:
             self.planner.reset(np.arange(worlds))
         return Kind.READY, b""
 
-    def _decide(self, content: bytearray) -> tuple[Kind, bytes | memoryview]:
+    def _decide(self, content: bytearray) -> tuple[Kind, bytes]:
         obs, steps = read_observation(content)
         max_speed = obs.vehicle.preferred_speed.copy()
         answer: object = self.planner.plan(obs) if steps == 1 else self.planner.plan_ahead(obs, steps)
@@ -110,7 +109,7 @@ class PlannerServer:
         commands = validate_array(answer, len(max_speed), *([steps] if steps > 1 else []))
         if isinstance(commands, Fault):
             return _failed(How.FAULTY, commands.what, commands.row)
-        return Kind.COMMANDS, array_bytes(commands)
+        return Kind.COMMANDS, np.ascontiguousarray(commands, "<f8").tobytes()
 
 
 def _failed(how: How, what: str, row: int | None = None) -> tuple[Kind, bytes]:

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.types import Observation
 from crowdbench.isolation import sandbox
-from crowdbench.isolation.process import Process, TooLarge, TooSlow
+from crowdbench.isolation.process import Process, TooSlow
 from crowdbench.isolation.protocol import (
     VERSION,
     Broken,
@@ -176,9 +176,6 @@ class IsolatedPlanner(Planner):
             if not where:
                 raise TimeLimit from None
             raise self._fault(f"took longer than {limit:g} s", where) from None
-        except TooLarge:
-            taken = f"took {self.process.memory / 1e9:.1f} GB of memory, more than {self.limits.memory / 1e9:g} GB,"
-            raise self._fault(taken, where) from None
         except Broken as error:
             raise self._fault(str(error), where) from None
         finally:

@@ -27,10 +27,6 @@ class TooSlow(Exception):
     """The process took longer than it may, and was ended."""
 
 
-class TooLarge(Exception):
-    """The process took more memory than it may, and was ended."""
-
-
 class Process:
     """A process that speaks the messages of `crowdbench.isolation.protocol`.
 
@@ -85,8 +81,7 @@ class Process:
 
         Raises:
             TooSlow: It took longer.
-            TooLarge: It took more memory than it may.
-            Broken: It has ended, or answered in another format.
+            Broken: It has ended, took more memory than it may, or answered in another format.
         """
         start = time.monotonic()
         self._limit = FairLimit(limit, lambda: (process.pid for process in self._everybody()))
@@ -128,7 +123,8 @@ class Process:
             memory = sum(map(_memory, processes)) + sum(_size(processes[-1], folder) for folder in self.temporary)
             self.memory = max(self.memory, memory)
             if memory > self.most_memory:
-                raise TooLarge
+                taken = f"took {self.memory / 1e9:.1f} GB of memory, more than {self.most_memory / 1e9:g} GB,"
+                raise Broken(taken)
 
     def _everybody(self) -> Iterator[psutil.Process]:
         """The process and those that it has started."""

@@ -1,27 +1,26 @@
 """The messages between crowdbench and a planner in a process of its own.
 
-A message is a header, `kind` (uint32) and `size` (uint64), and `size` bytes. All numbers are little-endian, all arrays
-are in C order without padding between them. The process reads messages from its standard input and writes an answer to
-each to its standard output. `docs/isolation.md` has a client in C++.
+A message is a header, `kind` (uint32) and `size` (uint64), and `size` bytes. All numbers are little-endian. The process
+reads messages from its standard input and writes an answer to each to its standard output. `docs/isolation.md` has a
+client in C++.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 import json
 import math
 import struct
 from collections.abc import Callable, Iterator, Mapping
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import ArrayLike
 
-from crowdbench.core.dynamics import DISC, DYNAMICS, FREE
-from crowdbench.core.types import HISTORY, SHEET, Observation, Pedestrians, Sensor, Vehicle
+from crowdbench.core.dynamics import DYNAMICS, Dynamics
+from crowdbench.core.types import Observation, Pedestrians, Sensor, Vehicle
 
 VERSION = 1
 """Version of the format, which `START` and its answer name."""
@@ -38,7 +37,11 @@ class Kind(enum.IntEnum):
     RESET = 2
     """int64: the number of worlds of the batch that starts. Its answer is `READY`, without content."""
     OBSERVATION = 3
-    """An observation and for how many steps to decide: see `DIMENSIONS` and `ARRAYS`. Its answer is `COMMANDS`."""
+    """A file in the format of safetensors. Its answer is `COMMANDS`.
+
+    The arrays have their names in `Observation`, such as `vehicle.position`. The metadata, each a text in JSON, are
+    `steps` (for how many steps to decide), `dt`, the vehicle's `dynamics`, `goal_tolerance` and `body`, and `sensor`.
+    """
     READY = 11
     """After `START`, JSON: `version`, `privileged`, perhaps `native` (see `Planner`) and `facts` (texts by name)."""
     COMMANDS = 12
@@ -58,68 +61,14 @@ class How(enum.StrEnum):
     """It decides one step at a time and was asked for several."""
 
 
+DTYPES = {"<f8": "F64", "<i8": "I64", "<u8": "U64", "|b1": "BOOL"}
+"""The types of the arrays in an observation, as safetensors names them."""
+
+Layout = tuple[tuple[str, str, tuple[int, ...]], ...]
+"""Name, type and shape of each array."""
+
 _HEADER = struct.Struct("<IQ")
-
-DIMENSIONS = (
-    "steps",
-    "world",
-    "pedestrian",
-    "waypoint",
-    "polygon",
-    "corner",
-    "future",
-    "dynamics",
-    "limit",
-    "tolerance",
-    "disc",
-    "filled",
-    "beam",
-)
-"""An observation begins with these int64 numbers.
-
-`steps` is for how many steps to decide. `future` is 1 where that array follows, which it does for privileged planners
-only. `dynamics` is the index of the vehicle's dynamics in `DYNAMICS`. `filled` is the length of the history, or 0 where
-none of it is ever filled in.
-"""
-
-_SIZES = struct.Struct(f"<{len(DIMENSIONS)}q")
-
-ARRAYS: Mapping[str, tuple[str, tuple[str | int, ...]]] = {
-    "dt": ("<f8", ()),
-    "row": ("<i8", ("world",)),
-    "noise_key": ("<u8", ("world",)),
-    "step": ("<i8", ("world",)),
-    "vehicle.position": ("<f8", ("world", 2)),
-    "vehicle.velocity": ("<f8", ("world", 2)),
-    "vehicle.heading": ("<f8", ("world",)),
-    "vehicle.angular_speed": ("<f8", ("world",)),
-    "vehicle.goal": ("<f8", ("world", 2)),
-    "vehicle.route": ("<f8", ("world", "waypoint", 2)),
-    "vehicle.waypoint": ("<i8", ("world",)),
-    "vehicle.radius": ("<f8", ("world",)),
-    "vehicle.preferred_speed": ("<f8", ("world",)),
-    "pedestrians.position": ("<f8", ("world", "pedestrian", 2)),
-    "pedestrians.velocity": ("<f8", ("world", "pedestrian", 2)),
-    "pedestrians.radius": ("<f8", ("world", "pedestrian")),
-    "pedestrians.history": ("<f8", ("world", HISTORY, "pedestrian", 2)),
-    "pedestrians.age": ("<f8", ("world", "pedestrian")),
-    "pedestrians.observed": ("<i8", ("world", "pedestrian")),
-    "obstacles": ("<f8", ("world", "polygon", "corner", 2)),
-    "future": ("<f8", ("world", "pedestrian", 2)),
-    "vehicle.dynamics": ("<f8", ("limit",)),
-    "vehicle.goal_tolerance": ("<f8", ("tolerance",)),
-    "vehicle.body": ("<f8", ("disc",)),
-    "lidar": ("<f8", ("world", "beam")),
-    "sensor": ("<f8", (SHEET,)),
-    "pedestrians.seen": ("|u1", ("world", "pedestrian")),
-    "pedestrians.filled": ("|u1", ("world", "filled", "pedestrian")),
-}
-"""Then follow these arrays, by their names in `Observation`, with their type and their shape.
-
-`vehicle.dynamics` has the limits in the order of the fields of the class. It, `vehicle.goal_tolerance` and
-`vehicle.body` are empty where they are those of a holonomic disc. `sensor` is `Sensor.numbers()`. `lidar` and
-`pedestrians.filled` are empty where an observation has none.
-"""
+_LENGTH = struct.Struct("<Q")
 
 
 Write = Callable[[memoryview], int | None]
@@ -199,39 +148,59 @@ def from_json(content: bytearray) -> dict[str, Any]:
 
 
 def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryview]:
-    """The content of an `OBSERVATION` in pieces.
+    """Yield the content of an `OBSERVATION` in pieces.
 
     Args:
         obs: The observation. What is logged in it is not sent.
         steps: For how many steps the planner is to decide.
     """
-    values = {name: attrgetter(name)(obs) for name in ARRAYS} | _constants(obs)
-    values = {name: value for name, value in values.items() if value is not None}
-    sizes = dict.fromkeys(DIMENSIONS, 0)
-    for name, value in values.items():
-        lengths = zip(ARRAYS[name][1], np.shape(value), strict=True)
-        sizes |= {axis: length for axis, length in lengths if isinstance(axis, str)}
-    index = list(DYNAMICS).index(obs.vehicle.dynamics.name)
-    sizes |= {"steps": steps, "future": int(obs.future is not None), "dynamics": index}
-    yield _SIZES.pack(*(sizes[name] for name in DIMENSIONS))
-    for name, value in values.items():
-        yield array_bytes(value, ARRAYS[name][0])
-
-
-def _constants(obs: Observation) -> dict[str, tuple[float, ...]]:
-    """What is the same in each world, by names as in `ARRAYS`."""
+    parts: dict[str, Any] = {"": obs, "vehicle.": obs.vehicle, "pedestrians.": obs.pedestrians}
+    fields = [
+        (prefix + field.name, getattr(part, field.name))
+        for prefix, part in parts.items()
+        for field in dataclasses.fields(part)
+    ]
+    arrays = [(name, np.ascontiguousarray(value)) for name, value in fields if isinstance(value, np.ndarray)]
+    arrays.sort(key=lambda pair: -pair[1].itemsize)  # so that all numbers are aligned
     vehicle = obs.vehicle
-    dynamics, tolerance = vehicle.dynamics, vehicle.goal_tolerance
-    return {
-        "vehicle.dynamics": () if dynamics == FREE else dataclasses.astuple(dynamics),  # type: ignore[call-overload]
-        "vehicle.goal_tolerance": () if tolerance is None else (tolerance,),
-        "vehicle.body": () if vehicle.body == DISC else vehicle.body,
-        "sensor": obs.sensor.numbers(),
+    constants = steps, obs.dt, vehicle.dynamics, vehicle.goal_tolerance, vehicle.body, obs.sensor
+    yield _observation_header(tuple((name, array.dtype.str, array.shape) for name, array in arrays), *constants)
+    for _, array in arrays:
+        yield array.reshape(-1).view(np.uint8).data
+
+
+@functools.lru_cache(maxsize=256)
+def _observation_header(
+    layout: Layout,
+    steps: int,
+    dt: float,
+    dynamics: Dynamics,
+    goal_tolerance: float | None,
+    body: tuple[float, ...],
+    sensor: Sensor,
+) -> bytes:
+    """Return the header of the safetensors file, which seldom changes: to write it takes longer than the arrays."""
+    limits = {name: limit for name, limit in dataclasses.asdict(dynamics).items() if math.isfinite(limit)}  # type: ignore[call-overload]
+    constants = {
+        "steps": steps,
+        "dt": dt,
+        "dynamics": {"name": dynamics.name, **limits},
+        "goal_tolerance": goal_tolerance,
+        "body": body,
+        "sensor": dataclasses.asdict(sensor),
     }
+    header: dict[str, Any] = {"__metadata__": {name: json.dumps(value) for name, value in constants.items()}}
+    end = 0
+    for name, dtype, shape in layout:
+        start, end = end, end + np.dtype(dtype).itemsize * math.prod(shape)
+        header[name] = {"dtype": DTYPES[dtype], "shape": shape, "data_offsets": [start, end]}
+    text = to_json(header)
+    text += b" " * (-len(text) % 8)
+    return _LENGTH.pack(len(text)) + text
 
 
 def read_observation(content: bytearray) -> tuple[Observation, int]:
-    """What an `OBSERVATION` says.
+    """Read an `OBSERVATION`.
 
     Args:
         content: The content of the message.
@@ -239,32 +208,34 @@ def read_observation(content: bytearray) -> tuple[Observation, int]:
     Returns:
         The observation, and for how many steps to decide.
     """
-    sizes = dict(zip(DIMENSIONS, _SIZES.unpack_from(content), strict=True))
-    offset = _SIZES.size
+    (length,) = _LENGTH.unpack_from(content)
+    start = _LENGTH.size + length
+    layout, steps, top, vehicle = _read_observation_header(bytes(content[_LENGTH.size : start]))
     parts: dict[str, dict[str, Any]] = {"": {}, "vehicle": {}, "pedestrians": {}}
-    for name, (dtype, shape) in ARRAYS.items():
-        if name == "future" and not sizes["future"]:
-            continue
-        lengths = [sizes[axis] if isinstance(axis, str) else axis for axis in shape]
-        array = np.frombuffer(content, dtype, math.prod(lengths), offset).reshape(lengths)
-        offset += array.nbytes
+    for name, dtype, shape in layout:
         part, _, field = name.rpartition(".")
+        array = np.frombuffer(content, dtype, math.prod(shape), start).reshape(shape)
+        start += array.nbytes
         parts[part][field] = array
-    top, vehicle, pedestrians = parts.values()
-    top["dt"] = float(top["dt"])
-    top["sensor"] = Sensor.of_numbers(top["sensor"].tolist())
-    top["lidar"] = top["lidar"] if sizes["beam"] else None
-    vehicle["dynamics"] = list(DYNAMICS.values())[sizes["dynamics"]](*vehicle["dynamics"].tolist())
-    vehicle["goal_tolerance"] = next(iter(vehicle["goal_tolerance"].tolist()), None)
-    vehicle["body"] = tuple(vehicle["body"].tolist()) or DISC
-    pedestrians["seen"] = pedestrians["seen"].view(bool)
-    pedestrians["filled"] = pedestrians["filled"].view(bool) if sizes["filled"] else None
-    return Observation(Vehicle(**vehicle), Pedestrians(**pedestrians), **top), sizes["steps"]
+    pedestrians = Pedestrians(**parts["pedestrians"])
+    return Observation(Vehicle(**parts["vehicle"], **vehicle), pedestrians, **parts[""], **top), steps
 
 
-def array_bytes(values: ArrayLike, dtype: str = "<f8") -> memoryview:
-    """Numbers as messages hold them; the content of `COMMANDS` is that of the commands."""
-    return np.ascontiguousarray(values, dtype).reshape(-1).view(np.uint8).data
+@functools.lru_cache(maxsize=256)
+def _read_observation_header(text: bytes) -> tuple[Layout, int, dict[str, Any], dict[str, Any]]:
+    """Return the arrays in their order, the number of steps, and the constants of an observation and of its vehicle."""
+    header = json.loads(text)
+    constants = {name: json.loads(value) for name, value in header.pop("__metadata__").items()}
+    dtypes = {name: dtype for dtype, name in DTYPES.items()}
+    layout = tuple((name, dtypes[entry["dtype"]], tuple(entry["shape"])) for name, entry in header.items())
+    limits = constants["dynamics"]
+    vehicle = {
+        "dynamics": DYNAMICS[limits.pop("name")](**limits),
+        "goal_tolerance": constants["goal_tolerance"],
+        "body": tuple(constants["body"]),
+    }
+    top = {"dt": constants["dt"], "sensor": Sensor.of_table(constants["sensor"])}
+    return layout, constants["steps"], top, vehicle
 
 
 def read_commands(content: bytearray, worlds: int, steps: int) -> Float[np.ndarray, "world time 2"]:

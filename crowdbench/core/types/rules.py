@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -91,37 +91,6 @@ class Sensor:
         made = {**table, "noise": Noise(**table.get("noise", {})), "lidar": None if lidar is None else Lidar(**lidar)}
         return cls(**made)
 
-    def numbers(self) -> tuple[float, ...]:
-        """Its data sheet in `SHEET` numbers.
-
-        These are `range` (infinite for any distance), `field_of_view`, `occlusion` (0 or 1), the noise of
-        positions and of velocities, `missed`, `delay`, `remember`, the lidar's `beams` (0 without one) and its `range`,
-        and `nearest` (0 for all).
-        """
-        lidar = self.lidar or Lidar(0, 0.0)
-        reach = math.inf if self.range is None else self.range
-        sight = reach, self.field_of_view, float(self.occlusion), self.noise.position, self.noise.velocity, self.missed
-        return *sight, self.delay, self.remember, float(lidar.beams), lidar.range, float(self.nearest or 0)
-
-    @classmethod
-    def of_numbers(cls, numbers: Sequence[float]) -> Sensor:
-        """The sensor of a data sheet, see `numbers`."""
-        reach, view, occlusion, position, velocity, missed, delay, remember, beams, length, nearest = numbers
-        return cls(
-            range=None if reach == math.inf else reach,
-            field_of_view=view,
-            occlusion=bool(occlusion),
-            noise=Noise(position, velocity),
-            missed=missed,
-            delay=delay,
-            remember=remember,
-            lidar=Lidar(int(beams), length) if beams else None,
-            nearest=int(nearest) or None,
-        )
-
-
-SHEET = 11
-"""How many numbers the data sheet of a sensor has."""
 
 PERFECT = Sensor()
 """Sees everybody exactly and at once, and has no lidar."""
