@@ -20,7 +20,6 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.dynamics import hull
 from crowdbench.core.types import PERFECT, Observation, World
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells, nearest_of_all
 from crowdbench.sim.routes import goals_on_way
@@ -35,13 +34,12 @@ _OF_AGENTS = ("position", "velocity", "origin", "goal", "route", "waypoint", "ra
 
 
 def flatten(obs: Observation) -> Float[np.ndarray, "world features"]:
-    """What a planner sees, as the vector that the environments return for the vehicle."""
-    vehicle, crowd = obs.vehicle, obs.pedestrians
-    centre, radius = hull(vehicle.body, vehicle.position, vehicle.heading, vehicle.radius)
-    own = centre, vehicle.velocity, radius, vehicle.local_goal, vehicle.preferred_speed
-    out = np.zeros((len(obs), AGENT_FEATURES * (1 + crowd.radius.shape[1])))
-    _flatten_vehicle(*own, crowd.position, crowd.velocity, crowd.radius, crowd.seen, out)
-    return out
+    """Return what a planner sees, as the vector that the environments return for the vehicle."""
+    position, velocity, radius, seen = obs.everybody()
+    goal, speed = obs.vehicle.local_goal[:, None], obs.vehicle.preferred_speed[:, None]
+    out = np.zeros((len(obs), 1, AGENT_FEATURES * radius.shape[1]))
+    flatten_agents(position, velocity, radius, goal, speed, seen, seen, out)
+    return out[:, 0]
 
 
 def flatten_vehicle(world: World) -> Float[np.ndarray, "world features"]:
@@ -105,18 +103,6 @@ def ego_views(world: World) -> World:
 
 @no_type_check
 @njit
-def _flatten_vehicle(position, velocity, radius, goal, preferred_speed, positions, velocities, radii, seen, out):
-    """Write the observations of vehicles `[world, features]`: their own arrays first, then those of pedestrians."""
-    for w in range(len(out)):
-        row, here = out[w], position[w]
-        _write(row, 0, here, goal[w], velocity[w], radius[w], preferred_speed[w])
-        for p in range(radii.shape[1]):
-            if seen[w, p]:
-                _write(row, 1 + p, here, positions[w, p], velocities[w, p], radii[w, p], 1.0)
-
-
-@no_type_check
-@njit
 def flatten_agents(position, velocity, radius, goal, preferred_speed, present, seen, out):
     """Write the observations `[world, agent, features]`, which are zeros before.
 
@@ -124,8 +110,8 @@ def flatten_agents(position, velocity, radius, goal, preferred_speed, present, s
         position (ndarray): `[world, agent, 2]`, in metres.
         velocity (ndarray): `[world, agent, 2]`, in m/s.
         radius (ndarray): `[world, agent]`, in metres.
-        goal (ndarray): `[world, agent, 2]`, in metres.
-        preferred_speed (ndarray): `[world, agent]`, in m/s.
+        goal (ndarray): `[world, observer, 2]`, in metres; the first agents are the observers.
+        preferred_speed (ndarray): `[world, observer]`, in m/s.
         present (ndarray): `[world, agent]`, who observes.
         seen (ndarray): `[world, agent]`, whom pedestrians see.
         out (ndarray): Filled.

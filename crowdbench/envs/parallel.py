@@ -15,7 +15,6 @@ from pettingzoo import ParallelEnv
 from crowdbench.core.reward import reward
 from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
-from crowdbench.envs.compiled_step import CompiledStep
 from crowdbench.envs.observations import ego_views, flatten_everybody
 from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.render import RENDER_MODES
@@ -58,8 +57,8 @@ def parallel_env(
     Raises:
         InputError: Scenario, render mode, reward, observation or action do not exist.
     """
-    loaded = stepping.as_scenario(scenario)
-    return CrowdParallelEnv(loaded, render_mode, reward, View(loaded, observation, action, nearest))
+    view = View(stepping.as_scenario(scenario), observation, action, nearest)
+    return CrowdParallelEnv(view, render_mode, reward)
 
 
 class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignore[misc]  # pettingzoo is untyped
@@ -83,10 +82,9 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
       `gap`, the smallest distance in metres between the rims of the agent and another one during the step.
 
     Args:
-        scenario: The scenario.
+        view: The scenario, what agents see, and what their actions mean.
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
-        view: What agents see, and what their actions mean.
 
     Raises:
         InputError: There is no such reward; the view is `dict`: worlds keep no history of the vehicle; or agents see
@@ -100,11 +98,18 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         "is_parallelizable": True,
     }
 
-    def __init__(self, scenario: Scenario, render_mode: str | None, reward: str | Reward, view: View) -> None:
+    def __init__(self, view: View, render_mode: str | None, reward: str | Reward) -> None:
         if view.observation == "dict":
             raise InputError("observation is 'dict', but agents of this environment see flat or goal_frame")
-        super().__init__(scenario, render_mode, reward, view)
-        self._refuse_thousands()
+        super().__init__(view, render_mode, reward)
+        scenario = view.scenario
+        most, nearest = scenario.max_agents - 1, scenario.rules.sensor.nearest
+        is_default = view.observation == "flat" and self.reward.reward is crowdnav
+        if nearest is not None and nearest < most and not is_default:  # each agent would need a world: too much memory
+            raise InputError(
+                f"observation is {view.observation!r} and reward {self.reward.name!r}, but in a scenario with up "
+                f"to {most} pedestrians, of which {nearest} are shown, they must be 'flat' and 'crowdnav'"
+            )
         # Recorded people come and go at their own times, and are no agents.
         pedestrians = 0 if scenario.tracks else scenario.max_agents - 1
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
@@ -116,17 +121,6 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         self._generator: np.random.Generator | None = None
         self._bodies = 0
         self._ego: tuple[World, World] | None = None
-        self._compiled: CompiledStep | None = None
-
-    def _refuse_thousands(self) -> None:
-        """Raises InputError where every agent would need a world of its own, and these would not fit the memory."""
-        most, nearest = self.scenario.max_agents - 1, self.scenario.rules.sensor.nearest
-        is_default = self.view.observation == "flat" and self.reward.reward is crowdnav
-        if nearest is not None and nearest < most and not is_default:
-            raise InputError(
-                f"observation is {self.view.observation!r} and reward {self.reward.name!r}, but in a scenario with up "
-                f"to {most} pedestrians, of which {nearest} are shown, they must be 'flat' and 'crowdnav'"
-            )
 
     def observation_space(self, agent: str) -> Space[Any]:
         """The observation space of an agent, the same object at each call."""
@@ -154,10 +148,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         case = stepping.check_options(given, "case").get("case")
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
-        self._start(case, self._generator)
+        self._start(case, self._generator, everybody=True)
         self.agents = [agent for agent in self.possible_agents if self._world.present[0, self._column[agent]]]
-        fits = CompiledStep.fits(self._world, self.view, self.reward)
-        self._compiled = CompiledStep(self._world, everybody=True) if fits else None
         self._bodies = int(self._world.present[0].sum()) if self.scenario.tracks is None else self.scenario.max_agents
         return self._by_agent(self._observe()), {agent: {"case": self._case} for agent in self.agents}
 
@@ -207,20 +199,20 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
             views = compiled.step(acting, velocities)
             self._enter(compiled.world)
             return compiled.outcome, compiled.gap, compiled.reward.tolist(), views
-        before = self._world
-        moved, check = move(*self._decide(acting, velocities))
+        before, world = self._world, self._world
+        chosen = np.zeros(world.velocity.shape)
+        # A policy with a memory sees every step, also those in which nobody follows it.
+        if len(acting) < self._bodies or any(world.memory.values()):
+            chosen[:, 1:], world = crowd_decisions(world, self.scenario.policies)
+        chosen[0, acting] = velocities
+        moved, check = move(world, self.view.to_command(world, chosen[:, 0]), chosen[:, 1:])
         outcomes, gaps = outcomes_of_agents(before, moved, check)
-        rewards = self._rewards(before, moved, outcomes, gaps)
-        self._enter(finish_step(moved, check, self.scenario.post_step_rule))
-        return outcomes, gaps, rewards, self._observe()
-
-    def _rewards(
-        self, before: World, after: World, outcomes: Int[np.ndarray, "agent"], gaps: Float[np.ndarray, "agent"]
-    ) -> list[float]:
         if self.reward.reward is crowdnav:  # which needs no worlds of the agents' own
-            return list(reward(outcomes, gaps, before.rules.dt).tolist())
-        step = Step(self._ego_views(before), self._ego_views(after), outcomes, gaps)
-        return list(self.reward(step).tolist())
+            rewards = reward(outcomes, gaps, before.rules.dt)
+        else:
+            rewards = self.reward(Step(self._ego_views(before), self._ego_views(moved), outcomes, gaps))
+        self._enter(finish_step(moved, check, self.scenario.post_step_rule))
+        return outcomes, gaps, rewards.tolist(), self._observe()
 
     def _ego_views(self, world: World) -> World:
         """As `ego_views`, made once for each world."""
@@ -254,24 +246,3 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         if self.view.action == "goal_frame":
             chosen = self.view.commands(world.position[0, columns], goals_on_way(world)[0, columns], chosen)
         return columns, chosen
-
-    def _decide(
-        self, columns: list[int], chosen: Float[np.ndarray, "n 2"]
-    ) -> tuple[World, Float[np.ndarray, "1 2"], Float[np.ndarray, "1 pedestrian 2"]]:
-        """What is done in a step.
-
-        Args:
-            columns: Who acts.
-            chosen: Their velocities in m/s.
-
-        Returns:
-            The world with the policies' memories after their decision, the vehicle's command, and the pedestrians'
-            velocities in m/s: their actions, or else their policies'.
-        """
-        world = self._world
-        velocity = np.zeros(world.velocity.shape)
-        # A policy with a memory sees every step, also those in which nobody follows it.
-        if len(columns) < self._bodies or any(world.memory.values()):
-            velocity[:, 1:], world = crowd_decisions(world, self.scenario.policies)
-        velocity[0, columns] = chosen
-        return world, self.view.to_command(world, velocity[:, 0]), velocity[:, 1:]

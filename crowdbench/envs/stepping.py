@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types import Outcome, World
+from crowdbench.envs.compiled_step import CompiledStep
 from crowdbench.envs.render import Renderer
 from crowdbench.envs.rewards import Reward, Step, load_reward
 from crowdbench.envs.views import View
@@ -77,10 +78,9 @@ class OneWorld:
     """What the environments of one world share: its scenario, its case, its state and its picture.
 
     Args:
-        scenario: The scenario.
+        view: The scenario, what a policy sees, and what its actions mean.
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
-        view: What a policy sees, and what its actions mean.
 
     Raises:
         InputError: Render mode or reward do not exist.
@@ -88,18 +88,21 @@ class OneWorld:
 
     metadata: ClassVar[dict[str, Any]]
 
-    def __init__(self, scenario: Scenario, render_mode: str | None, reward: str | Reward, view: View) -> None:
-        self.scenario, self.view, self.reward = scenario, view, load_reward(reward)
+    def __init__(self, view: View, render_mode: str | None, reward: str | Reward) -> None:
+        self.scenario, self.view, self.reward = view.scenario, view, load_reward(reward)
         self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": round(1 / scenario.rules.dt)}  # type: ignore[misc]
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.scenario.rules.dt)}  # type: ignore[misc]
         self._renderer = Renderer(render_mode)
         self._case = ""
         self._world: World
+        self._compiled: CompiledStep | None = None
 
-    def _start(self, case: object, generator: np.random.Generator) -> None:
-        """Start a case, or else a drawn one."""
+    def _start(self, case: object, generator: np.random.Generator, *, everybody: bool) -> None:
+        """Start a case, or else a drawn one. `everybody` is whether pedestrians observe too."""
         self._case = choose_case(case, generator)
         self._enter(start(self.scenario, [self._case]))
+        fits = CompiledStep.fits(self._world, self.view, self.reward)
+        self._compiled = CompiledStep(self._world, everybody) if fits else None
 
     def _enter(self, world: World) -> None:
         """Go on with a world, and draw it where there is a window."""

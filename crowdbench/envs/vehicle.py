@@ -10,7 +10,6 @@ import numpy as np
 
 from crowdbench.core.types import Outcome
 from crowdbench.envs import stepping
-from crowdbench.envs.compiled_step import CompiledStep
 from crowdbench.envs.render import RENDER_MODES
 from crowdbench.envs.rewards import Reward
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
@@ -53,8 +52,7 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         nearest: int = NEAREST,
     ) -> None:
         loaded = stepping.as_scenario(scenario)
-        super().__init__(loaded, render_mode, reward, View(loaded, observation, action, nearest))
-        self._compiled: CompiledStep | None = None
+        super().__init__(View(loaded, observation, action, nearest), render_mode, reward)
         self.observation_space, self.action_space = self.view.observation_space, self.view.action_space
 
     def reset(
@@ -74,9 +72,7 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         """
         case = stepping.check_options(options, "case").get("case")
         super().reset(seed=seed)
-        self._start(case, self.np_random)
-        fits = CompiledStep.fits(self._world, self.view, self.reward)
-        self._compiled = CompiledStep(self._world, everybody=False) if fits else None
+        self._start(case, self.np_random, everybody=False)
         return self._observation(), {"case": self._case}
 
     def step(self, action: np.ndarray) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
