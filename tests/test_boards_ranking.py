@@ -13,7 +13,7 @@ from ranking import (
     scores,
 )
 
-from crowdbench.metrics.score import DELTA, Scale
+from crowdbench.metrics.summary import DELTA, Scale
 from crowdbench.utils.errors import InputError
 
 CASES = 500

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field
 from crowdbench.catalog import load_scenario, scenario_path
 from crowdbench.core.types.rules import COLLISION_RULES
 from crowdbench.metrics import METRICS, Metric
-from crowdbench.metrics.score import Scale
+from crowdbench.metrics.summary import Scale
 from crowdbench.plugins.load import ROOT as PACKAGE_ROOT
 from crowdbench.runs.identity import code, digest, source_of
 from crowdbench.runs.spec import LOOK_FIRST, Replanning

@@ -14,7 +14,7 @@ from crowdbench.boards.entry import Entry
 from crowdbench.boards.verdict import Method
 from crowdbench.metrics import UNDISTURBED, info_of
 from crowdbench.metrics.networks import mean_over_networks
-from crowdbench.metrics.summary import NOTHING, Estimate, wilson
+from crowdbench.metrics.summary import UNDEFINED, Estimate, wilson
 from crowdbench.runs.results import to_json
 from crowdbench.scenario.cases import Cases
 
@@ -66,7 +66,7 @@ def weighted_mean(weights: Float[np.ndarray, "scenario"], estimates: Sequence[Es
     defined = [estimate or Estimate(0.0, 0.0, 0.0, 0, 0.0) for estimate in estimates]
     mean = float(weights @ [estimate.mean for estimate in defined])
     if np.isnan(mean):
-        return NOTHING
+        return UNDEFINED
     below, above = np.array([(estimate.mean - estimate.low, estimate.high - estimate.mean) for estimate in defined]).T
     low, high = (mean + sign * float(np.sqrt(np.sum((weights * x) ** 2))) for sign, x in ((-1, below), (1, above)))
     return Estimate(mean, low, high, sum(x.n for x in defined), max(x.max for x in defined))

@@ -39,7 +39,6 @@ from crowdbench.metrics.distances import (
     social_zone,
     time_to_collision,
 )
-from crowdbench.metrics.freezing import frozen_time
 from crowdbench.metrics.info import UNDISTURBED as UNDISTURBED
 from crowdbench.metrics.info import Metric as Metric
 from crowdbench.metrics.info import MetricInfo as MetricInfo
@@ -47,6 +46,7 @@ from crowdbench.metrics.info import describe as describe
 from crowdbench.metrics.info import read_unit
 from crowdbench.metrics.motion import (
     cumulative_heading_change,
+    frozen_time,
     jerk,
     max_acceleration,
     max_turn,

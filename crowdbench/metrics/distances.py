@@ -7,8 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.geometry import dot, norm
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
-from crowdbench.metrics.info import describe
-from crowdbench.metrics.sums import total
+from crowdbench.metrics.info import describe, total
 
 Pairs = Int[np.ndarray, "pair"]
 

@@ -1,4 +1,7 @@
-"""The description of a metric: its title, unit and direction, and what it needs. Tables and runs ask nothing else."""
+"""What metrics are written with: their description, and a sum that does not depend on the batch.
+
+The description has the title, unit and direction of a metric, and what it needs. Tables and runs ask nothing else.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ M = TypeVar("M", bound=Callable[..., Any])
 UNDISTURBED = "undisturbed"
 """What a metric needs that reads `Trace.undisturbed`: the crowd is simulated a second time, without the vehicle."""
 
-NOTHING = "-"
+UNDEFINED = "-"
 """Shown where a value is undefined."""
 
 
@@ -92,11 +95,11 @@ class MetricInfo:
 
     def number(self, value: float) -> str:
         """A value without its unit, such as `99.7`."""
-        return f"{self.factor * value:.{self.places}f}" if math.isfinite(value) else NOTHING
+        return f"{self.factor * value:.{self.places}f}" if math.isfinite(value) else UNDEFINED
 
     def amount(self, value: float) -> str:
         """A value with its unit, such as `99.7 %`."""
-        return f"{self.number(value)} {self.shown_unit}".strip() if math.isfinite(value) else NOTHING
+        return f"{self.number(value)} {self.shown_unit}".strip() if math.isfinite(value) else UNDEFINED
 
     def interval(self, low: float, high: float) -> str:
         """The bounds of an interval, such as `99.3 to 99.9`."""
@@ -105,7 +108,7 @@ class MetricInfo:
     def estimate(self, estimate: Interval, with_unit: bool = False) -> str:
         """A mean with its interval, if it has one, such as `99.7 (99.3 to 99.9)` or `99.7 % (99.3 to 99.9)`."""
         mean = (self.amount if with_unit else self.number)(estimate.mean)
-        has_interval = mean != NOTHING and math.isfinite(estimate.high - estimate.low)
+        has_interval = mean != UNDEFINED and math.isfinite(estimate.high - estimate.low)
         return f"{mean} ({self.interval(estimate.low, estimate.high)})" if has_interval else mean
 
 
@@ -130,3 +133,11 @@ def read_unit(metric: object) -> str:
     first = str(metric.__doc__ or "").partition("\n")[0]
     unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
     return "" if unit == "1" else unit
+
+
+def total(values: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch"]:
+    """Return the sum over the last axis, one term after the other; NaN counts as 0."""
+    # np.sum groups its terms by the shape of the array, which depends on the batch.
+    if values.shape[-1] == 0:
+        return np.zeros(values.shape[:-1])
+    return np.cumsum(np.where(np.isnan(values), 0.0, values), axis=-1)[..., -1]

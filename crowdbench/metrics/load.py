@@ -57,67 +57,19 @@ def measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case
         Booleans, or float64; NaN where the metric is undefined.
 
     Raises:
-        InputError: The metric raises, or does not return one value per episode.
-    """
-    values = check_shape(query_metric(name, metric, trace), name, trace)
-    return check_bounds(values, name, trace)
-
-
-def query_metric(name: str, metric: Metric, trace: Trace) -> object:
-    """What a metric returns, whatever it is.
-
-    Args:
-        name: What the metric is called in errors.
-        metric: The metric.
-        trace: What it measures.
-
-    Raises:
-        InputError: The metric raises.
+        InputError: The metric raises, does not return one value per episode, or returns an infinite or huge one.
     """
     with plugin_errors(f"metric {name} raised"):
-        values = metric(trace)
+        returned = metric(trace)
         # A subclass may answer otherwise than its numbers.
-        return np.asarray(values) if isinstance(values, np.ndarray) else values
-
-
-def check_shape(values: object, name: str, trace: Trace) -> Shaped[np.ndarray, "case"]:
-    """Check type and shape of what a metric returned.
-
-    Args:
-        values: What it returned.
-        name: What it is called in errors.
-        trace: What it measured.
-
-    Returns:
-        A copy: booleans, or float64.
-
-    Raises:
-        InputError: There is not one number or boolean per episode.
-    """
-    array = values if isinstance(values, np.ndarray) else None
+        array = np.asarray(returned) if isinstance(returned, np.ndarray) else None
     if array is None or array.shape != (len(trace),) or array.dtype.kind not in "bfiu":
-        kind = type(values).__name__ if array is None else f"shape {list(array.shape)} of {array.dtype}"
+        kind = type(returned).__name__ if array is None else f"shape {list(array.shape)} of {array.dtype}"
         raise InputError(
             f"metric {name} returned {kind}, but must return one number or boolean per episode, [{len(trace)}]"
         )
     with np.errstate(over="ignore"):  # where float64 holds less than the metric's type
-        return np.array(array, bool if array.dtype == bool else np.float64)
-
-
-def check_bounds(values: Shaped[np.ndarray, "case"], name: str, trace: Trace) -> Shaped[np.ndarray, "case"]:
-    """Check that no value is beyond `LARGEST`.
-
-    Args:
-        values: Booleans, or float64.
-        name: What the metric is called in errors.
-        trace: What it measured.
-
-    Returns:
-        The values.
-
-    Raises:
-        InputError: A value is infinite or huge.
-    """
+        values = np.array(array, bool if array.dtype == bool else np.float64)
     large = np.abs(values) > LARGEST
     if large.any():
         row = int(large.argmax())

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import t as student
 
-from crowdbench.metrics.summary import CONFIDENCE, NOTHING, Estimate
+from crowdbench.metrics.summary import CONFIDENCE, UNDEFINED, Estimate
 
 Values = Float[np.ndarray, "network case"]
 
@@ -39,7 +39,7 @@ def mean_over_networks(values: Values) -> Estimate:
         there are too few cases to tell. `n` counts the values that are not NaN.
     """
     defined = values[~np.isnan(values)]
-    return network_estimate(mean_of_means(values), [values], defined) if len(defined) else NOTHING
+    return network_estimate(mean_of_means(values), [values], defined) if len(defined) else UNDEFINED
 
 
 def network_estimate(

@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float
 from crowdbench.core.geometry import norm
 from crowdbench.core.reward import discount, episode_rewards
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.metrics.info import describe
-from crowdbench.metrics.sums import total
+from crowdbench.metrics.info import describe, total
 from crowdbench.sim.routes import goals_in_trace
 
 PROGRESS_DISTANCE = 0.5

@@ -9,8 +9,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.geometry import norm, wrap_angle
 from crowdbench.core.types import Trace
-from crowdbench.metrics.info import UNDISTURBED, describe
-from crowdbench.metrics.sums import total
+from crowdbench.metrics.info import UNDISTURBED, describe, total
 
 Vectors = Float[np.ndarray, "*batch 2"]
 Ways = Float[np.ndarray, "way"]

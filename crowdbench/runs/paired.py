@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.metrics import info_of, is_rate
 from crowdbench.metrics.summary import (
     CONFIDENCE,
-    NOTHING,
     RESAMPLES,
+    UNDEFINED,
     Estimate,
     around,
     bootstrap_distribution,
@@ -87,7 +87,7 @@ def compare_metric(name: str, strata: Sequence[Paired]) -> MetricDifference:
         if chosen.any():
             parts.append(_Part.of(name, each, chosen))
     if not parts:
-        return MetricDifference(math.nan, math.nan, NOTHING, p, None)
+        return MetricDifference(math.nan, math.nan, UNDEFINED, p, None)
     a, b = (float(np.mean([getattr(part, end) for part in parts])) for end in ("a", "b"))
     low, high = around(b - a, *interval(_mean_of([part.resampled for part in parts])))
     if p is not None and p >= 1.0 - CONFIDENCE:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from crowdbench.metrics import MAIN, METRICS, Metric, MetricInfo, info_of, no_metric
-from crowdbench.metrics.summary import NOTHING, Estimate
+from crowdbench.metrics.summary import UNDEFINED, Estimate
 from crowdbench.runs.compare import check_comparable, compare_results
 from crowdbench.runs.paired import holm
 from crowdbench.runs.store import RunResult
@@ -163,7 +163,7 @@ def estimate_grid(
         return infos[name].number(found.mean) if name in brief else infos[name].estimate(found)
 
     rows = [
-        [*(str(record[label]) for label in labels), *(cell(name, record.get(name, NOTHING)) for name in infos)]
+        [*(str(record[label]) for label in labels), *(cell(name, record.get(name, UNDEFINED)) for name in infos)]
         for record in records
     ]
     header = [*labels, *(info.heading for info in infos.values())]
@@ -231,5 +231,5 @@ def _mark(runs: Runs, found: Mapping[str, Estimate], metric: str, info: MetricIn
 
 
 def _cell(estimate: Estimate | None, mark: str, info: MetricInfo) -> str:
-    mean, *interval = info.estimate(estimate or NOTHING).split(" ", 1)
+    mean, *interval = info.estimate(estimate or UNDEFINED).split(" ", 1)
     return " ".join([f"**{mean}**" if mark == "best" else mean + mark, *interval])

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from paired_bootstrap import Differences, studentise
 
-from crowdbench.metrics.score import Scale
+from crowdbench.metrics.summary import Scale
 from crowdbench.utils.errors import InputError
 
 SUCCESS, SCT = "success_rate", "sct"

@@ -26,7 +26,7 @@ from crowdbench.boards.verdict import (
     verification_folder,
 )
 from crowdbench.core.types import Outcome
-from crowdbench.metrics.summary import NOTHING, Estimate
+from crowdbench.metrics.summary import UNDEFINED, Estimate
 from crowdbench.runs.results import Episodes
 from crowdbench.utils.errors import InputError
 
@@ -256,7 +256,7 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
         {SUCCESS: (outcomes == Outcome.SUCCESS).astype(float), SCT: sct},
         {name: run.block for name, run in runs.items() if run.block is not None},
         scenarios,
-        dict.fromkeys(board.metrics, NOTHING) if pending else board_figures(board, scenarios),
+        dict.fromkeys(board.metrics, UNDEFINED) if pending else board_figures(board, scenarios),
         {} if pending else success_by_family(board, scenarios),
         pending,
         reason,

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from crowdbench.metrics.info import MetricInfo
 from crowdbench.metrics.networks import Values, mean_of_means, mean_over_networks, network_estimate
-from crowdbench.metrics.summary import NOTHING, Estimate
+from crowdbench.metrics.summary import UNDEFINED, Estimate
 from crowdbench.runs.paired import LEAST_SHARED
 from crowdbench.runs.results import Episodes
 from crowdbench.utils.tables import markdown
@@ -209,7 +209,7 @@ def difference_over_networks(ours: Values, theirs: Float[np.ndarray, "their_netw
     if paired:
         return mean_over_networks(ours - theirs)
     if np.isnan(ours).all() or np.isnan(theirs).all():
-        return NOTHING
+        return UNDEFINED
     return network_estimate(
         mean_of_means(ours) - mean_of_means(theirs), [ours, -theirs], _case_means(ours) - _case_means(theirs)
     )
@@ -227,7 +227,7 @@ def reduction_over_networks(ours: Values, theirs: Float[np.ndarray, "their_netwo
         The share with its interval, by linearisation (the delta method); NaN where the mean of `theirs` is 0.
     """
     if np.isnan(ours).all() or np.isnan(theirs).all() or (base := mean_of_means(theirs)) == 0.0:
-        return NOTHING
+        return UNDEFINED
     ratio = mean_of_means(ours) / base
     parts = [ours / base, -ratio * theirs / base]
     shares = 1.0 - _case_means(ours) / np.where(_case_means(theirs) == 0.0, np.nan, _case_means(theirs))

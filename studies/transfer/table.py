@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
-from crowdbench.metrics.score import Scale
-from crowdbench.metrics.summary import Estimate, interval
+from crowdbench.metrics.summary import Estimate, Scale, interval
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases as CaseRange
