@@ -32,7 +32,7 @@ from crowdbench.drawing import (
 from crowdbench.figures.style import canvas, check_file, write
 from crowdbench.figures.time_marks import mark_times
 from crowdbench.record.cases import read_case
-from crowdbench.record.ways import Ways, read_ways
+from crowdbench.record.decisions import PlannedPaths, read_paths
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
@@ -56,13 +56,13 @@ class Episode:
         trace: The trace.
         row: The row of the episode.
         zoom: How many metres around the vehicle are shown, whom pictures of a moment follow; None for all that matters.
-        ways: What the planner predicted and considered, by the number of the state.
+        paths: What the planner predicted and considered, by the number of the state.
     """
 
     trace: Trace
     row: int
     zoom: float | None = None
-    ways: Mapping[int, Ways] = field(default_factory=dict)
+    paths: Mapping[int, PlannedPaths] = field(default_factory=dict)
 
     @property
     def end(self) -> int:
@@ -74,9 +74,9 @@ class Episode:
         trace, row, states = self.trace, self.row, slice(self.end + 1)
         if self.zoom is None:  # the pedestrians' goals may be outside
             return extent(trace.position[row, states], trace.goal[row, states, 0], trace.obstacles[row], 0.7)
-        way = trace.position[row, states if state is None else slice(state, state + 1), 0]
+        path = trace.position[row, states if state is None else slice(state, state + 1), 0]
         half = self.zoom / 2
-        return np.stack([way.min(axis=0) - half, way.max(axis=0) + half])
+        return np.stack([path.min(axis=0) - half, path.max(axis=0) + half])
 
     def size(self, state: int | None = None) -> tuple[float, float]:
         """Width and height in inches of a picture."""
@@ -88,7 +88,7 @@ class Episode:
 
 
 def trajectories(episode: Episode, out: Path) -> None:
-    """Draw a whole episode: all ways, discs at the end, and where the vehicle was when.
+    """Draw a whole episode: all paths, discs at the end, and where the vehicle was when.
 
     Args:
         episode: The episode.
@@ -110,14 +110,14 @@ def draw_case(recording: Path, case: int, out: Path, moments: int | None = None,
         recording: The recording.
         case: The number of the case.
         out: A file of `FILMS`, or a figure.
-        moments: How many moments a figure shows side by side; None for the whole way in one.
+        moments: How many moments a figure shows side by side; None for the whole path in one.
         zoom: See `Episode`.
 
     Raises:
         InputError: The case is not recorded.
     """
-    found = read_case(recording, case)
-    episode = Episode(found.trace, 0, zoom, read_ways(found.chunks, found.trace.rules.dt))
+    recorded = read_case(recording, case)
+    episode = Episode(recorded.trace, 0, zoom, read_paths(recorded.chunks, recorded.trace.rules.dt))
     if out.suffix in FILMS:
         film(episode, out)
     elif moments is not None:
@@ -139,22 +139,22 @@ def draw_start(scenario: Scenario, split: str, number: int, out: Path) -> None:
         InputError: The case cannot be started, or the file cannot be written.
     """
     world = scenario.draw(split, np.array([number]))
-    there = np.flatnonzero(world.present[0])
-    ways = [_way(world, agent) for agent in there[:CROWD]]
-    low, high = extent(np.concatenate(ways), world.goal[0, :1], world.obstacles[0], 0.7)
-    colors = [LIGHT.vehicle if agent == 0 else LIGHT.walked for agent in there]
-    lines = [Line(way, color, 0.8) for way, color in zip(ways, colors, strict=False)]
-    goals = [Disc(way[-1], 0.08, LIGHT.walked, None, 0.0) for way in ways[1:]]
+    present = np.flatnonzero(world.present[0])
+    routes = [_route(world, agent) for agent in present[:CROWD]]
+    low, high = extent(np.concatenate(routes), world.goal[0, :1], world.obstacles[0], 0.7)
+    colors = [LIGHT.vehicle if agent == 0 else LIGHT.walked for agent in present]
+    lines = [Line(route, color, 0.8) for route, color in zip(routes, colors, strict=False)]
+    goals = [Disc(route[-1], 0.08, LIGHT.walked, None, 0.0) for route in routes[1:]]
     with canvas(out, *_fit(low, high)) as figure:
         shapes = draw_moment(Moment.of_worlds([world]), low)
         draw(_plane(figure.add_subplot(), low, high), [*lines, *goals, *shapes])
 
 
-def _way(world: World, agent: int) -> Float[np.ndarray, "point 2"]:
-    """From the start of an agent over the waypoints to its goal."""
-    route = world.route[0, agent]
-    inside = route[np.isfinite(route[:, 0])]
-    return np.concatenate([world.position[0, agent, None], inside, world.goal[0, agent, None]])
+def _route(world: World, agent: int) -> Float[np.ndarray, "point 2"]:
+    """Return the route of an agent: from its start over the waypoints to its goal."""
+    waypoints = world.route[0, agent]
+    waypoints = waypoints[np.isfinite(waypoints[:, 0])]
+    return np.concatenate([world.position[0, agent, None], waypoints, world.goal[0, agent, None]])
 
 
 def strip(episode: Episode, moments: int, out: Path) -> None:
@@ -172,8 +172,8 @@ def strip(episode: Episode, moments: int, out: Path) -> None:
     width, height = episode.size(0)
     scale = 7.0 / (width * moments)  # as wide as both columns of a paper
     with canvas(out, 7.0, height * scale + 0.2) as figure:
-        for place, state in enumerate(states.tolist()):
-            axes = figure.add_subplot(1, moments, place + 1)
+        for column, state in enumerate(states.tolist(), 1):
+            axes = figure.add_subplot(1, moments, column)
             _draw_moment(axes, episode, state)
             axes.set_title(f"{episode.time(state):g} s", fontsize=7, pad=2)
 
@@ -238,9 +238,9 @@ def _draw_state(
     axes: Axes, episode: Episode, state: int, corner: Float[np.ndarray, "2"], marks: Iterable[Shape] = ()
 ) -> None:
     """Draw a state of an episode with a scale in a corner, and marks over it."""
-    ways = episode.ways.get(state, Ways([], []))
-    lines = [Line(way, FORESEEN, 0.4) for way in ways.predicted]
-    lines += [Line(way, CONSIDERED, 0.4) for way in ways.considered]
+    planned = episode.paths.get(state, PlannedPaths([], []))
+    lines = [Line(path, FORESEEN, 0.4) for path in planned.predicted]
+    lines += [Line(path, CONSIDERED, 0.4) for path in planned.considered]
     shapes = draw_moment(Moment.of_trace(episode.trace, episode.row, state), corner)
     draw(axes, [*lines, *shapes, *marks])
 

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from crowdbench.core.types import Outcome
-from crowdbench.figures.series import trainings
 from crowdbench.figures.style import COLOURS, DASHES, MARKERS, axes
 from crowdbench.metrics import info_of, no_metric
 from crowdbench.metrics.summary import bootstrap, rate
 from crowdbench.runs.store import RunResult
 from crowdbench.runs.table import RunTable
+from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
+
+CURVE, CARD = "curve.csv", "weights.json"
+"""The files of a training that figures are drawn of."""
 
 MOST = len(COLOURS)
 """The most series of a figure that can be told apart."""
@@ -138,7 +142,7 @@ def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "suc
         InputError: One of them is not a training or has no such quantity, they are too many, or the file cannot be
             written.
     """
-    groups = trainings(directories, quantity)
+    groups = _read_trainings(directories, quantity)
     _check_few(len(groups))
     with axes(out) as ax:
         from matplotlib.ticker import EngFormatter
@@ -159,6 +163,45 @@ def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "suc
         if quantity == "success":
             ax.set(ylabel="success on validation cases, %", ylim=(0, 102))
         ax.legend(loc="best")
+
+
+def _read_trainings(
+    directories: Sequence[Path], quantity: str
+) -> dict[str, list[Mapping[str, Float[np.ndarray, "validation"]]]]:
+    """Read the curves of trainings, those of the same network in the same scenario together.
+
+    Args:
+        directories: Their directories.
+        quantity: A column that all of them must have.
+
+    Returns:
+        The columns of each curve by name, by network and scenario.
+
+    Raises:
+        InputError: One of them is not a training, has no validation yet, or has no such column.
+    """
+    groups: dict[str, list[Mapping[str, np.ndarray]]] = {}
+    for directory in directories:
+        try:
+            head, *rows = (line.split(",") for line in files.read_text(directory / CURVE).splitlines())
+            table = np.array(rows, float).reshape(len(rows), len(head))
+        except (OSError, ValueError):
+            raise InputError(f"{directory} is no directory of a training: it has no {CURVE} that can be read") from None
+        if not rows:
+            raise InputError(f"{directory / CURVE} has no validation yet")
+        if quantity not in head:
+            raise InputError(f"the training in {directory} has no {quantity}; it has {', '.join(head)}")
+        groups.setdefault(_training_label(directory), []).append(dict(zip(head, table.T, strict=True)))
+    return groups
+
+
+def _training_label(directory: Path) -> str:
+    """Return the network and the scenario of a finished training, or else the name of the directory."""
+    try:
+        card = files.read_json(directory / CARD)
+        return f"{card['network']}, {card['training']['scenario']['name']}"
+    except (OSError, ValueError, KeyError, TypeError):
+        return directory.name
 
 
 def _line(number: int) -> dict[str, Any]:

@@ -12,8 +12,8 @@ from crowdbench.core.types import Trace
 from crowdbench.metrics.info import UNDISTURBED, describe, total
 
 Vectors = Float[np.ndarray, "*batch 2"]
-Ways = Float[np.ndarray, "way"]
-Starts = Int[np.ndarray, "way"]
+Trips = Float[np.ndarray, "trip"]
+Starts = Int[np.ndarray, "trip"]
 
 STRENGTH = 2.1
 """Strength of the social force in m/s^2, and the next four, are those of HuNavSim."""
@@ -90,7 +90,7 @@ def social_work(trace: Trace) -> Float[np.ndarray, "world"]:
     return total(np.hypot(x, y) + obstacle + on_pedestrians) * trace.rules.dt
 
 
-def _imposed(trace: Trace, cost: Callable[..., Ways]) -> Float[np.ndarray, "world"]:
+def _imposed(trace: Trace, cost: Callable[..., Trips]) -> Float[np.ndarray, "world"]:
     """What the ways of pedestrians cost more than they would without the vehicle, summed over those of each world.
 
     Compared are the ways, from a start to a goal, that begin alike with and without the vehicle. A way ends where its
@@ -128,7 +128,7 @@ def _imposed(trace: Trace, cost: Callable[..., Ways]) -> Float[np.ndarray, "worl
 
 def _end(
     position: Float[np.ndarray, "state 2"], remaining: Float[np.ndarray, "state"], start: Starts, times: int
-) -> tuple[Starts, Ways, Ways]:
+) -> tuple[Starts, Trips, Trips]:
     """Where ways end: at the goal, or where the pedestrian was last.
 
     The states of a pedestrian, `times` of them, lie one after the other; NaN where nobody is. A way goes on from its

@@ -1,12 +1,17 @@
-"""What a recording shows of a planner's decisions in the plane: commands with their values, futures, attention."""
+"""What a recording shows of a planner's decisions in the plane: commands with their values, futures, attention.
+
+The predicted and considered paths can be read back from a recording, for figures.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
 from jaxtyping import Float, Int, UInt8
 from rerun.chunk import Chunk
@@ -20,6 +25,15 @@ ATTENTION_LOG = "attention"
 
 _FADES = (255, 130, 60)
 """Opacity of the first, second and last third of a future."""
+
+
+PATHS = re.compile(r"/world/planner/\w+/\d")
+"""Entities of the lines over time, see `_draw_lines`."""
+
+BEST = 12
+"""How many of the paths that a planner considers are read, the best ones."""
+
+STRIPS, COLORS = "LineStrips2D:strips", "LineStrips2D:colors"
 
 
 class _Log(NamedTuple):
@@ -69,7 +83,7 @@ def draw_decisions(trace: Trace, row: int) -> Iterator[Chunk]:
 def _of_the_known(
     trace: Trace, row: int, steps: Int[np.ndarray, "decision"], values: Float[np.ndarray, "decision *shape"]
 ) -> Float[np.ndarray, "decision *shape"]:
-    """Ways of pedestrians without those whom the vehicle neither sees nor remembers: they are NaN."""
+    """Return paths of pedestrians without those whom the vehicle neither sees nor remembers: they are NaN."""
     where = trace.position[row, steps, 1:] if trace.perceived is None else trace.perceived[row, steps]
     if values.ndim < 4 or values.shape[-2:] != where.shape[-2:]:
         return values
@@ -188,3 +202,40 @@ def _draw_attention(log: _Log) -> Iterator[Chunk]:
     lines = rr.LineStrips2D.columns(strips=strips, radii=width((6.0 * log.values[seen]).tolist()))
     yield still(log.entity, rr.LineStrips2D.from_fields(colors=[ATTENTION], draw_order=12))
     yield moving(log.entity, moments(log.steps, log.dt), seen.sum(axis=1), lines)
+
+
+class PlannedPaths(NamedTuple):
+    """Paths in metres that a planner predicted and considered in one state.
+
+    Attributes:
+        predicted: Those of pedestrians.
+        considered: The best of those that the vehicle could drive.
+    """
+
+    predicted: list[Float[np.ndarray, "point 2"]]
+    considered: list[Float[np.ndarray, "point 2"]]
+
+
+def read_paths(chunks: Sequence[Chunk], dt: float) -> dict[int, PlannedPaths]:
+    """Read the paths that a planner predicted and considered, by the number of the state.
+
+    Args:
+        chunks: All chunks of an episode.
+        dt: Length of a step in seconds.
+    """
+    paths: dict[int, PlannedPaths] = {}
+    for chunk in chunks:
+        if not PATHS.fullmatch(chunk.entity_path) or chunk.is_static:
+            continue
+        batch = chunk.to_record_batch()
+        states = np.round(batch["time"].cast(pa.int64()).to_numpy() / (1e9 * dt)).astype(int)
+        is_valued = COLORS in batch.schema.names
+        for row, state in enumerate(states.tolist()):
+            planned = paths.setdefault(state, PlannedPaths([], []))
+            strips = [np.array(strip, float) for strip in batch[STRIPS][row].as_py() or []]
+            if is_valued:  # dark to light by their value
+                colors = np.array(batch[COLORS][row].as_py() or [], np.uint32).view(np.uint8).reshape(-1, 4)
+                best = np.argsort(-colors.sum(axis=1, dtype=int), kind="stable")[:BEST]
+                strips = [strips[number] for number in best]
+            (planned.considered if is_valued else planned.predicted).extend(strips)
+    return paths

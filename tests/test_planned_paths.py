@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from helpers import drive
 
-from crowdbench.record.decisions import draw_decisions
-from crowdbench.record.ways import BEST, read_ways
+from crowdbench.record.decisions import BEST, draw_decisions, read_paths
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +21,7 @@ def said():
 
 
 def test_all_that_is_known_is_predicted_and_the_best_ways_are_considered(said):
-    ways = read_ways(list(draw_decisions(said, 0)), said.rules.dt)
+    ways = read_paths(list(draw_decisions(said, 0)), said.rules.dt)
     assert sorted(ways) == list(range(int(said.steps[0])))
     for state in ways.values():
         whom = np.array([way[0, 0] for way in state.predicted])
@@ -32,4 +31,4 @@ def test_all_that_is_known_is_predicted_and_the_best_ways_are_considered(said):
 
 
 def test_a_planner_that_logs_nothing_has_no_ways(said):
-    assert read_ways(list(draw_decisions(dataclasses.replace(said, logs={}), 0)), said.rules.dt) == {}
+    assert read_paths(list(draw_decisions(dataclasses.replace(said, logs={}), 0)), said.rules.dt) == {}
