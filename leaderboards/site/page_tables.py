@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from ranking import Pair
 from standings import Standing, Standings
-from texts import UNDEFINED, number
+from texts import NOTHING, number
 
 from crowdbench.core.types import Outcome
 from crowdbench.metrics.summary import Estimate
@@ -17,7 +17,7 @@ MOST_CASES = 80
 """The most cases that are shown: those in which most entries fail."""
 
 LETTERS = {
-    Outcome.RUNNING: UNDEFINED,
+    Outcome.RUNNING: NOTHING,
     Outcome.SUCCESS: "",
     Outcome.COLLISION: "C",
     Outcome.TIMEOUT: "T",
