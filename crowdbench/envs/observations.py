@@ -78,8 +78,8 @@ def states_of(world: World) -> tuple[np.ndarray, ...]:
     if not world.rules.visible:
         seen = seen.copy()
         seen[:, 0] = False
-    own = goals_on_way(world), world.preferred_speed
-    return bounded.position, world.velocity, bounded.radius, *own, world.present, seen
+    goals_and_speed = goals_on_way(world), world.preferred_speed
+    return bounded.position, world.velocity, bounded.radius, *goals_and_speed, world.present, seen
 
 
 def ego_views(world: World) -> World:

@@ -85,8 +85,8 @@ def _gap_in_cells(i, position, agents, cells, widest, fastest):
     neighbor, distance = np.empty(_MOST, np.int64), np.empty(_MOST)
     n = nearest_in_cells(0, i, position, cells, np.inf, 1, None, neighbor, distance)
     gap, _ = nearest_in_step(0, _chosen(i, neighbor[:n], agents))
-    own = agents.radius[i] + math.hypot(agents.motion[i, 0], agents.motion[i, 1])
-    reach = gap + own + widest + fastest + _SLACK
+    size = agents.radius[i] + math.hypot(agents.motion[i, 0], agents.motion[i, 1])
+    reach = gap + size + widest + fastest + _SLACK
     n = nearest_in_cells(0, i, position, cells, reach, _MOST, None, neighbor, distance)
     gap, _ = nearest_in_step(i, agents) if n == _MOST else nearest_in_step(0, _chosen(i, neighbor[:n], agents))
     return gap

@@ -109,8 +109,8 @@ class Renderer:
         world = self._states[-1]
         agents = np.flatnonzero(world.present[0])
         pedestrians = agents[1:].tolist() if len(agents) <= CROWD else []
-        goals = [Disc(world.goal[0, one], float(world.radius[0, one]), None, LIGHT.hidden) for one in pedestrians]
-        numbers = [Text(world.position[0, one], str(one - 1), LIGHT.background, 5.0) for one in pedestrians]
+        goals = [Disc(world.goal[0, agent], float(world.radius[0, agent]), None, LIGHT.hidden) for agent in pedestrians]
+        numbers = [Text(world.position[0, agent], str(agent - 1), LIGHT.background, 5.0) for agent in pedestrians]
         shapes = [*goals, *draw_moment(Moment.of_worlds(self._states), self._corner), *numbers]
         title = f"{case}   {float(world.step[0]) * world.rules.dt:.2f} s"
         at = self._corner + self._width * np.array([0.02, 0.97])

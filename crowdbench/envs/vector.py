@@ -103,9 +103,9 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             seed = [int(seed) + row for row in range(self.num_envs)]
         case = given.get("case")
         cases = self._one_each("case", [case] * self.num_envs if isinstance(case, str) else case)
-        for row, own in enumerate(self._one_each("seed", seed)):
-            if mask[row] and own is not None:
-                self._generators[row], _ = seeding.np_random(own)
+        for row, world_seed in enumerate(self._one_each("seed", seed)):
+            if mask[row] and world_seed is not None:
+                self._generators[row], _ = seeding.np_random(world_seed)
         self._worlds = self._restart(self._worlds, mask, cases)
         self._over[mask] = False
         infos: dict[str, Any] = {}

@@ -119,15 +119,15 @@ class View:
         """What a policy is shown of what a planner sees."""
         if self.observation == "flat":
             return flatten(obs)
-        found = features(obs, self.nearest)
-        mask = found.seen.astype(np.float64)
+        numbers = features(obs, self.nearest)
+        mask = numbers.seen.astype(np.float64)
         if self.observation == "goal_frame":
-            each = np.concatenate([found.pedestrians, mask[..., None]], axis=2)
-            return np.concatenate([found.vehicle, each.reshape(len(obs), -1)], axis=1)
-        parts = {"vehicle": found.vehicle, "pedestrians": found.pedestrians, "mask": mask}
+            pedestrians = np.concatenate([numbers.pedestrians, mask[..., None]], axis=2)
+            return np.concatenate([numbers.vehicle, pedestrians.reshape(len(obs), -1)], axis=1)
+        parts = {"vehicle": numbers.vehicle, "pedestrians": numbers.pedestrians, "mask": mask}
         if obs.lidar is not None:
             parts["lidar"] = obs.lidar
-        return {**parts, "history": histories(obs, found)}
+        return {**parts, "history": histories(obs, numbers)}
 
     def commands(
         self,

@@ -40,16 +40,16 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
     Raises:
         InputError: One of them is not a run, they are too many, or the file cannot be written.
     """
-    found = RunTable.read(directories).labelled
-    _check_few(len(found))
+    runs = RunTable.read(directories).labelled
+    _check_few(len(runs))
     with axes(out) as ax:
-        for number, (label, run) in enumerate(found.items()):
+        for number, (label, run) in enumerate(runs.items()):
             dt, limit = (float(run.result["scenario"][key]) for key in ("dt", "time_limit"))
             episodes, line = run.episodes, _line(number)
             solved = np.where(episodes.outcome == Outcome.SUCCESS, episodes.steps * dt, np.inf)
             moments = np.linspace(0.0, limit, MOMENTS + 1)
-            each = [rate(solved <= moment, episodes.block) for moment in moments]
-            low, high = ([100 * getattr(one, end) for one in each] for end in ("low", "high"))
+            rates = [rate(solved <= moment, episodes.block) for moment in moments]
+            low, high = 100 * np.array([(estimate.low, estimate.high) for estimate in rates]).T
             times = np.unique(np.append(solved[np.isfinite(solved)], (0.0, limit)))
             share = [100 * float((solved <= time).mean()) for time in times]
             ax.fill_between(moments, low, high, color=line["color"], alpha=0.15, linewidth=0)
@@ -69,15 +69,15 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
     Raises:
         InputError: One of them is not a run, or has no such metric, or the file cannot be written.
     """
-    found = RunTable.read(directories).labelled
-    info = info_of(metric, all(metric in run.episodes.rates for run in found.values()))
-    values = [info.factor * _values(label, run, metric) for label, run in found.items()]
-    with axes(out, height=0.7 + 0.35 * len(found)) as ax:
-        places = list(range(len(found), 0, -1))
+    runs = RunTable.read(directories).labelled
+    info = info_of(metric, all(metric in run.episodes.rates for run in runs.values()))
+    values = [info.factor * _values(label, run, metric) for label, run in runs.items()]
+    with axes(out, height=0.7 + 0.35 * len(runs)) as ax:
+        rows = list(range(len(runs), 0, -1))
         box = {"color": COLOURS[0]}
         ax.boxplot(
-            [each[np.isfinite(each)] for each in values],
-            positions=places,
+            [column[np.isfinite(column)] for column in values],
+            positions=rows,
             orientation="horizontal",
             whis=(5.0, 95.0),
             showfliers=False,
@@ -87,11 +87,11 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
             capprops=box,
             medianprops={"color": "#000000"},
         )
-        for place, each, run in zip(places, values, found.values(), strict=True):
-            mean = bootstrap(each, np.ones(len(each)), run.episodes.block)
+        for row, column, run in zip(rows, values, runs.values(), strict=True):
+            mean = bootstrap(column, np.ones(len(column)), run.episodes.block)
             ends = [[mean.mean - mean.low], [mean.high - mean.mean]]
-            ax.errorbar([mean.mean], [place], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
-        ax.set_yticks(places, [*found])
+            ax.errorbar([mean.mean], [row], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
+        ax.set_yticks(rows, [*runs])
         ax.set(xlabel=info.heading.translate(_POWERS))
         ax.grid(visible=False, axis="y")
 
@@ -113,15 +113,16 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
     with axes(out) as ax:
         from matplotlib.ticker import MaxNLocator
 
-        for number, (label, each) in enumerate(groups.items()):
-            counts = [np.mean(run.result["scenario"]["pedestrians"].get("number", np.nan)) for run in each]
+        for number, (label, runs) in enumerate(groups.items()):
+            counts = [np.mean(run.result["scenario"]["pedestrians"].get("number", np.nan)) for run in runs]
             if np.isnan(counts).any():
                 raise InputError("runs among recorded people have no number of pedestrians: leave them out")
             if len(set(counts)) < len(counts):
                 raise InputError(f"two runs of {label} have as many pedestrians: give runs that differ in their number")
             order = np.argsort(counts, kind="stable")
-            found = [rate(each[i].episodes.outcome == Outcome.SUCCESS, each[i].episodes.block) for i in order]
-            low, mean, high = (np.array([getattr(one, end) for one in found]) for end in ("low", "mean", "high"))
+            ordered = [runs[index].episodes for index in order]
+            rates = [rate(episodes.outcome == Outcome.SUCCESS, episodes.block) for episodes in ordered]
+            low, mean, high = np.array([(estimate.low, estimate.mean, estimate.high) for estimate in rates]).T
             look = {"ms": 3.5, "capsize": 2, "marker": MARKERS[number], **_line(number)}
             ends = 100 * np.stack([mean - low, high - mean])
             ax.errorbar(np.array(counts)[order], 100 * mean, yerr=ends, label=label, **look)

@@ -19,6 +19,9 @@ LETTER = np.array([0.055, 0.1])
 DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)], float)
 """Where a time can stand beside its mark, the first choice first."""
 
+AWAY = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+"""The same, as unit vectors."""
+
 
 def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: float) -> list[Shape]:
     """Discs where the vehicle was every `SECONDS`, each with the time; where it waits one with the first and the last.
@@ -32,17 +35,17 @@ def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: f
     end, radius = int(trace.steps[row]), float(trace.radius[row, 0, 0])
     step = max(round(SECONDS / trace.rules.dt), 1)
     waits = list(_group(trace.position[row, :end:step, 0], radius))
-    places = np.array([trace.position[row, first * step, 0] for first, _ in waits])
-    discs: list[Shape] = [Disc(place, radius, None, LIGHT.vehicle) for place in places]
+    positions = np.array([trace.position[row, first * step, 0] for first, _ in waits])
+    discs: list[Shape] = [Disc(mark, radius, None, LIGHT.vehicle) for mark in positions]
     apart, walls = inch * LETTER[1] / 2, trace.obstacles[row].swapaxes(0, 1)
-    around = (places[:, None] + radius * DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)).reshape(-1, 2)
-    ways = [_spread(points, apart) for points in (trace.position[row, : end + 1], np.concatenate([walls, walls[:1]]))]
-    taken = np.concatenate([*ways, around])
+    around = (positions[:, None] + radius * AWAY).reshape(-1, 2)
+    lines = [_spread(points, apart) for points in (trace.position[row, : end + 1], np.concatenate([walls, walls[:1]]))]
+    taken = np.concatenate([*lines, around])
     texts: list[Shape] = []
-    for place, (first, last) in zip(places, waits, strict=True):
+    for mark, (first, last) in zip(positions, waits, strict=True):
         text = f"{first * SECONDS:g} s" if first == last else f"{first * SECONDS:g} to {last * SECONDS:g} s"
         half = inch * LETTER * [len(text), 1.0] / 2
-        at = _free_place(place, radius, half, taken, bounds)
+        at = _free_place(mark, radius, half, taken, bounds)
         texts.append(Text(at, text, LIGHT.vehicle))
         taken = np.concatenate([taken, at + half * [[-1, 0], [-0.5, 0], [0, 0], [0.5, 0], [1, 0]]])
     return [*discs, *texts]
@@ -74,10 +77,8 @@ def _free_place(
     bounds: Float[np.ndarray, "2 2"],
 ) -> Float[np.ndarray, "2"]:
     """Where a text is centred that is `half` as wide and high, and covers the fewest points that are taken."""
-    away = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
-    places = (
-        mark + 1.2 * radius * away + half * np.sign(DIRECTIONS) * np.where(DIRECTIONS.all(axis=1), 0.8, 1.0)[:, None]
-    )
-    covered = (np.abs(places[:, None] - taken) < half).all(axis=-1).sum(axis=1)
-    is_inside = ((places - half >= bounds[0]) & (places + half <= bounds[1])).all(axis=1)
-    return np.asarray(places[np.argmin(np.where(is_inside, covered, np.inf))])
+    shares = np.where(DIRECTIONS.all(axis=1), 0.8, 1.0)[:, None]
+    positions = mark + 1.2 * radius * AWAY + half * np.sign(DIRECTIONS) * shares
+    covered = (np.abs(positions[:, None] - taken) < half).all(axis=-1).sum(axis=1)
+    is_inside = ((positions - half >= bounds[0]) & (positions + half <= bounds[1])).all(axis=1)
+    return np.asarray(positions[np.argmin(np.where(is_inside, covered, np.inf))])

@@ -96,7 +96,7 @@ class IsolatedPlanner(Planner):
         self.name = plugin_name(spec)
         self.limits = limits
         self.usage: dict[str, Any] = {"level": sandbox.level()}
-        readable = [*_own_files(spec), *_own_files(options)] if readable is None else readable
+        readable = [*_files_named_in(spec), *_files_named_in(options)] if readable is None else readable
         command = sandbox.command(program(spec), readable, folder)
         self.process = Process(command, limits.memory, folder, sandbox.temporary())
         try:
@@ -187,7 +187,7 @@ class IsolatedPlanner(Planner):
     def _failure(self, where: str, failure: Mapping[str, Any]) -> Exception:
         """What a planner that says that it failed raises here. It may say anything, and so it is read with care."""
         how, what, row = failure.get("how"), str(failure.get("what", "")), failure.get("row")
-        sentence = " ".join("".join(each if each.isprintable() else " " for each in what).split())[:LONGEST]
+        sentence = " ".join("".join(item if item.isprintable() else " " for item in what).split())[:LONGEST]
         if how == How.REFUSED:
             return InputError(sentence)
         if how == How.ONE_STEP:
@@ -195,11 +195,11 @@ class IsolatedPlanner(Planner):
         return self._fault(sentence, where, row if isinstance(row, int) else None)
 
 
-def _own_files(value: Any) -> Iterator[Path]:
+def _files_named_in(value: Any) -> Iterator[Path]:
     """What a planner or the value of an option names: a folder, or a file with what it imports or has beside it."""
     if isinstance(value, Mapping | list):
-        for each in value.values() if isinstance(value, Mapping) else value:
-            yield from _own_files(each)
+        for item in value.values() if isinstance(value, Mapping) else value:
+            yield from _files_named_in(item)
     elif isinstance(value, str):
         path = file_and_function(value)[0] or Path(value)
         if "\0" not in value and path.is_file():

@@ -211,8 +211,8 @@ def _size(process: psutil.Process, folder: str) -> int:
         inside = os.open(f"/proc/{process.pid}/root{folder}", os.O_RDONLY | os.O_DIRECTORY)
         try:
             if os.fstat(inside).st_dev != os.stat(folder).st_dev:
-                found = os.fstatvfs(inside)
-                return (found.f_blocks - found.f_bfree) * found.f_frsize
+                space = os.fstatvfs(inside)
+                return (space.f_blocks - space.f_bfree) * space.f_frsize
         finally:
             os.close(inside)
     return 0

@@ -62,8 +62,8 @@ def command(program: Path | None, readable: Iterable[Path] = (), folder: Path | 
     plain = CLIENT if program is None else (str(program.resolve()),)
     if level() == PROCESS:
         return plain
-    own = [] if program is None else [program.resolve()]
-    return (*_bubblewrap(level(), [*readable, *own], folder or Path.cwd()), *plain)
+    executable = [] if program is None else [program.resolve()]
+    return (*_bubblewrap(level(), [*readable, *executable], folder or Path.cwd()), *plain)
 
 
 def temporary() -> tuple[str, ...]:
@@ -85,11 +85,11 @@ def level() -> str:
 
 def _bubblewrap(level: str, readable: Iterable[Path], folder: Path) -> tuple[str, ...]:
     options = [*_ALONE, *_USER[level]]
-    for place in map(Path, _SYSTEM):
-        if place.is_symlink():
-            options += ["--symlink", os.readlink(place), str(place)]
-        elif place.is_dir():
-            options += ["--ro-bind", str(place), str(place)]
+    for system in map(Path, _SYSTEM):
+        if system.is_symlink():
+            options += ["--symlink", os.readlink(system), str(system)]
+        elif system.is_dir():
+            options += ["--ro-bind", str(system), str(system)]
     for temporary in TEMPORARY:
         options += ["--size", str(LARGEST_TEMPORARY), "--tmpfs", temporary]
     for path in [*_python(), *readable]:
@@ -106,8 +106,8 @@ def _bubblewrap(level: str, readable: Iterable[Path], folder: Path) -> tuple[str
 def _python() -> Iterator[Path]:
     """Where Python lies with its packages, and crowdbench."""
     packages = [Path(path) for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
-    places = [Path(sys.base_prefix), Path(sys.prefix), *packages, *crowdbench_places()]
-    yield from filter(Path.exists, dict.fromkeys(places))
+    folders = [Path(sys.base_prefix), Path(sys.prefix), *packages, *crowdbench_places()]
+    yield from filter(Path.exists, dict.fromkeys(folders))
 
 
 def crowdbench_places() -> list[Path]:

@@ -121,8 +121,8 @@ def group_intrusion(trace: Trace) -> Float[np.ndarray, "world"]:
     first = trace.group[:, 0]
     # People who come in the places of a group are a group again.
     mates = ((first[:, :, None] == first[:, None]) & (first >= 0)[:, :, None]).any(axis=0)
-    one, two = np.nonzero(mates & ~np.eye(len(mates), dtype=bool))
-    within = _find_within(trace, trace.group[:, 1:], one, two) if len(one) else np.zeros(trace.gap.shape, bool)
+    member, mate = np.nonzero(mates & ~np.eye(len(mates), dtype=bool))
+    within = _find_within(trace, trace.group[:, 1:], member, mate) if len(member) else np.zeros(trace.gap.shape, bool)
     return np.where((first >= 0).any(axis=1), total(1.0 * within) / trace.steps, np.nan)
 
 

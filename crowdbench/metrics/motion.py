@@ -143,16 +143,16 @@ def frozen_time(trace: Trace) -> Float[np.ndarray, "world"]:
     ahead = math.ceil(OPEN_TIME / trace.rules.dt - 1e-9)
     stands = norm(trace.velocity[:, 1:, 0]) < STANDSTILL
     row, t = np.nonzero(stands & (np.arange(stands.shape[1]) + ahead <= trace.steps[:, None]))
-    way = goals_in_trace(trace)[row, t] - trace.position[row, t, 0]
+    to_goal = goals_in_trace(trace)[row, t] - trace.position[row, t, 0]
     stride, body = trace.preferred_speed[row, 0] * trace.rules.dt, np.array(trace.rules.body)
     person, obstacles = np.ascontiguousarray(trace.person), np.ascontiguousarray(trace.obstacles)
     radius = trace.radius[row, t]
     frozen = np.zeros(stands.shape, bool)
-    is_open = norm(way) > 0.0
+    is_open = norm(to_goal) > 0.0
     if is_open.any():
-        _keep_clear_of_people(row, t, way, stride, ahead, body, trace.position, radius, person, is_open)
+        _keep_clear_of_people(row, t, to_goal, stride, ahead, body, trace.position, radius, person, is_open)
     if obstacles.shape[1] and is_open.any():
-        _keep_clear_of_walls(row, way, ahead * stride, body, trace.position[row, t, 0], radius, obstacles, is_open)
+        _keep_clear_of_walls(row, to_goal, ahead * stride, body, trace.position[row, t, 0], radius, obstacles, is_open)
     frozen[row, t] = is_open
     return total(1.0 * frozen) * trace.rules.dt
 
@@ -171,13 +171,13 @@ def _shortest_way(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @no_type_check
 @njit
-def _keep_clear_of_people(row, t, way, stride, ahead, body, position, radius, person, is_open):
+def _keep_clear_of_people(row, t, to_goal, stride, ahead, body, position, radius, person, is_open):
     """Keep those of the open states in which nobody comes near.
 
     Args:
         row: `[state]`, the world of each state.
         t: `[state]`, its time.
-        way: `[state, 2]`, the straight way to the local goal in metres.
+        to_goal: `[state, 2]`, the straight way to the local goal in metres.
         stride: `[state]`, the way of a step at the preferred speed in metres.
         ahead: The number of steps for which the way must be open.
         body: `[disc]`, see `crowdbench.core.dynamics.body`.
@@ -192,8 +192,8 @@ def _keep_clear_of_people(row, t, way, stride, ahead, body, position, radius, pe
         if not is_open[s]:
             continue
         w = row[s]
-        length = math.hypot(way[s, 0], way[s, 1])
-        ux, uy = way[s, 0] / length, way[s, 1] / length
+        length = math.hypot(to_goal[s, 0], to_goal[s, 1])
+        ux, uy = to_goal[s, 0] / length, to_goal[s, 1] / length
         x, y = position[w, t[s], 0, 0], position[w, t[s], 0, 1]
         for k in range(ahead):
             first, last = k * stride[s], min((k + 1) * stride[s], length)
@@ -216,12 +216,12 @@ def _keep_clear_of_people(row, t, way, stride, ahead, body, position, radius, pe
 
 @no_type_check
 @njit
-def _keep_clear_of_walls(row, way, reach, body, position, radius, obstacles, is_open):
+def _keep_clear_of_walls(row, to_goal, reach, body, position, radius, obstacles, is_open):
     """Keep those of the open states in which no wall is in the way.
 
     Args:
         row: `[state]`, the world of each state.
-        way: `[state, 2]`, the straight way to the local goal in metres.
+        to_goal: `[state, 2]`, the straight way to the local goal in metres.
         reach: `[state]`, how far the way must be open at most, in metres.
         body: `[disc]`, see `crowdbench.core.dynamics.body`.
         position: `[state, 2]`, of the vehicle in metres.
@@ -231,8 +231,8 @@ def _keep_clear_of_walls(row, way, reach, body, position, radius, obstacles, is_
     """
     for s in range(len(row)):
         if is_open[s]:
-            length = math.hypot(way[s, 0], way[s, 1])
-            ux, uy, far = way[s, 0] / length, way[s, 1] / length, min(length, reach[s])
+            length = math.hypot(to_goal[s, 0], to_goal[s, 1])
+            ux, uy, far = to_goal[s, 0] / length, to_goal[s, 1] / length, min(length, reach[s])
             for centre in body:
                 x, y = position[s, 0] + centre * ux, position[s, 1] + centre * uy
                 if touches_in_step(x, y, far * ux, far * uy, radius[s, 0], obstacles[row[s]]):

@@ -23,10 +23,10 @@ def recorded_cases(path: Path) -> list[int]:
 
 def find_case(path: Path, case: str) -> int:
     """Return the number of a case, which is given by its name or its number. Raises InputError for another split."""
-    own = _entries(path)[1]
-    split, number = parse_case(case, own)
-    if split != own:
-        raise InputError(f"case {case} is not recorded in {path}, which has {own} cases")
+    recorded = _entries(path)[1]
+    split, number = parse_case(case, recorded)
+    if split != recorded:
+        raise InputError(f"case {case} is not recorded in {path}, which has {recorded} cases")
     return number
 
 

@@ -210,7 +210,8 @@ def _to_episode(chunks: Sequence[Chunk]) -> Episode:
             moving.setdefault(name, []).append(values)
     states = len(moving["position"][0]) // 2 if moving else 0
     together = {
-        name: np.stack([values.reshape(states, -1) for values in each], axis=1).ravel() for name, each in moving.items()
+        name: np.stack([values.reshape(states, -1) for values in by_agent], axis=1).ravel()
+        for name, by_agent in moving.items()
     }
     return {name: values for entity in (*entities.values(), together) for name, values in entity.items()}
 
@@ -242,8 +243,8 @@ def _to_trace(path: Path, episodes: Sequence[Episode]) -> tuple[Trace, dict[str,
         if name not in episodes[0]:
             continue
         times = rules.max_steps if quantity.is_of_steps else rules.max_steps + 1
-        each = [_in_time(episode, name, times) for episode in episodes]
-        padded = _pad(each, quantity.padding, (times, len(range(agents)[quantity.of]), *quantity.shape))
+        in_time = [_in_time(episode, name, times) for episode in episodes]
+        padded = _pad(in_time, quantity.padding, (times, len(range(agents)[quantity.of]), *quantity.shape))
         arrays[name] = padded[:, :, 0] if quantity.of == VEHICLE else padded
     arrays["preferred_speed"] = _pad([episode["preferred_speed"] for episode in episodes], 1.0)
     arrays["route"] = _pad([episode.get("route", np.empty(0)).reshape(-1, 2) for episode in episodes], np.nan)
@@ -271,11 +272,11 @@ def _obstacles(episode: Episode) -> Float[np.ndarray, "polygon corner 2"]:
 
 
 def _pad(
-    each: Sequence[np.ndarray], padding: float, shape: tuple[int, ...] | None = None
+    arrays: Sequence[np.ndarray], padding: float, shape: tuple[int, ...] | None = None
 ) -> Shaped[np.ndarray, "row *shape"]:
     """Arrays in the corners of larger ones, in rows; these are of the given shape, or just large enough."""
-    padded = np.full((len(each), *(shape or np.max([one.shape for one in each], axis=0))), padding)
-    for row, values in enumerate(each):
+    padded = np.full((len(arrays), *(shape or np.max([array.shape for array in arrays], axis=0))), padding)
+    for row, values in enumerate(arrays):
         corner: tuple[int | slice, ...] = (row, *(slice(n) for n in values.shape))
         padded[corner] = values
     return padded

@@ -133,19 +133,19 @@ def _draw_fan(log: _Log) -> Iterator[Chunk]:
 
     What cannot be chosen has no finite value.
     """
-    known = [each[np.isfinite(each[:, 2])] for each in log.values]
+    known = [commands[np.isfinite(commands[:, 2])] for commands in log.values]
     yield still(log.entity, rr.Arrows2D.from_fields(radii=width(0.75), draw_order=20))
-    yield _draw_arrows(log, known, [shades(_to_shares(each[:, 2])) for each in known])
+    yield _draw_arrows(log, known, [shades(_to_shares(commands[:, 2])) for commands in known])
     best = log._replace(entity=f"{log.entity}/best")
     yield still(best.entity, rr.Arrows2D.from_fields(radii=width(2.0), draw_order=45))
-    ranked = [each[np.argsort(each[:, 2], kind="stable")[-2:]] for each in known]
+    ranked = [commands[np.argsort(commands[:, 2], kind="stable")[-2:]] for commands in known]
     two = np.array([REMEMBERED, DARK.vehicle], np.uint8)
-    yield _draw_arrows(best, ranked, [two[2 - len(each) :] for each in ranked])
+    yield _draw_arrows(best, ranked, [two[2 - len(commands) :] for commands in ranked])
 
 
 def _draw_arrows(log: _Log, commands: list[np.ndarray], colors: list[np.ndarray]) -> Chunk:
     """Arrows from the vehicle in each decision: commands `[command, 3]` and their colours."""
-    counts = [len(each) for each in commands]
+    counts = [len(arrows) for arrows in commands]
     arrows = rr.Arrows2D.columns(vectors=np.concatenate(commands)[:, :2], colors=np.concatenate(colors))
     columns = [column.partition(counts) for column in arrows]
     # One origin stands for all arrows of a step.
@@ -168,9 +168,9 @@ def _draw_lines(log: _Log) -> Iterator[Chunk]:
         for i, k in shown:
             part = log.values[i][..., max(low, k) : high + 1, :, :2]
             strips.append(part.swapaxes(-3, -2).reshape(lines, part.shape[-3], 2))
-        drawn = [np.isfinite(each).all(axis=(1, 2)) & (each.shape[1] > 1) for each in strips]
-        counts = [int(each.sum()) for each in drawn]
-        flat = [line for each, kept in zip(strips, drawn, strict=True) for line in each[kept]]
+        drawn = [np.isfinite(values).all(axis=(1, 2)) & (values.shape[1] > 1) for values in strips]
+        counts = [int(values.sum()) for values in drawn]
+        flat = [line for values, shown_lines in zip(strips, drawn, strict=True) for line in values[shown_lines]]
         if not flat:
             continue
         path = f"{log.entity}/{third}"
@@ -178,7 +178,7 @@ def _draw_lines(log: _Log) -> Iterator[Chunk]:
         always: dict[str, Any] = {}
         if log.values.shape[-1] == 3:
             weights = [log.values[i][..., 0, :, 2].ravel() for i, _ in shown]
-            shares = [_to_shares(each)[kept] for each, kept in zip(weights, drawn, strict=True)]
+            shares = [_to_shares(values)[shown_lines] for values, shown_lines in zip(weights, drawn, strict=True)]
             changing["colors"] = shades(np.concatenate(shares))
         else:
             always["colors"] = [(*MUTED, _FADES[third])]

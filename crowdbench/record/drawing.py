@@ -56,7 +56,7 @@ class _Agents:
         self.trace, self.row = trace, row
         self.number = np.flatnonzero(trace.present[row, states].any(axis=0))
         arrays = (trace.position, trace.velocity, trace.goal, trace.radius)
-        self.position, self.velocity, self.goal, self.radius = (each[row, states][:, self.number] for each in arrays)
+        self.position, self.velocity, self.goal, self.radius = (array[row, states][:, self.number] for array in arrays)
         self.stayed = drawing.same_agents(trace.person[row, states])[:, self.number]
         self.timeline = moments(np.arange(states.stop), trace.rules.dt)
         self.low, self.high = extent(trace, row)
@@ -122,7 +122,7 @@ def _draw_ground(agents: _Agents) -> Chunk:
     grid = [_back_and_forth(low, high), _back_and_forth(low[::-1], high[::-1])[:, ::-1]]
     route = trace.route[row][~np.isnan(trace.route[row][:, 0])]
     paths = [np.concatenate([position[:1, 0], route, goal[None]])]
-    paths += [path for agent, own in enumerate(agents.stayed.T) for path in drawing.paths(position[:, agent], own)]
+    paths += [path for agent, same in enumerate(agents.stayed.T) for path in drawing.paths(position[:, agent], same)]
     near = trace.rules.goal_tolerance
     lines = [*grid, *paths, goal + float(agents.radius[0, 0] if near is None else near) * CIRCLE]
     colors = [GRID] * len(grid) + [DARK.faint] * len(paths) + [DARK.vehicle]
@@ -197,7 +197,7 @@ def _draw_discs(agents: _Agents) -> Iterator[Chunk]:
         always["colors"] = agents.colors(DARK.vehicle, DARK.pedestrian)
     else:
         seen = trace.seen[agents.row, : len(radius)][:, agents.number[1:] - 1]
-        crowds = ([DARK.pedestrian if each else DARK.hidden for each in state] for state in seen.tolist())
+        crowds = ([DARK.pedestrian if is_seen else DARK.hidden for is_seen in state] for state in seen.tolist())
         changing["colors"] = [color for crowd in crowds for color in (DARK.vehicle, *crowd)]
     if (radius == radius[:1]).all():
         always["radii"] = radius[0]
@@ -243,8 +243,8 @@ def _name_colors(agents: _Agents) -> list[Color]:
     trace = agents.trace
     pedestrians = trace.position.shape[2] - 1
     has_curves = any(is_curve(logged) and logged[0, 0].size == pedestrians > 1 for logged in trace.logs.values())
-    each = [CURVES[(agent - 1) % len(CURVES)] if has_curves else DARK.pedestrian for agent in agents.number[1:]]
-    return [DARK.vehicle, *each, DARK.vehicle]
+    colors = [CURVES[(agent - 1) % len(CURVES)] if has_curves else DARK.pedestrian for agent in agents.number[1:]]
+    return [DARK.vehicle, *colors, DARK.vehicle]
 
 
 _HOW = {
@@ -280,7 +280,7 @@ def _draw_ending(agents: _Agents, contacts: Contacts) -> tuple[str, Chunk]:
         above[1] = name[1] + 1.5 * label  # as both could not be read
     text = rr.Points2D.columns(positions=[above], labels=[sentence], colors=[color], radii=[width(0)])
     columns = [*rims.partition([len(sizes)]), *text.partition([1])]
-    told = f"{sentence} after {steps * dt:g} s"
+    sentence = f"{sentence} after {steps * dt:g} s"
     if trace.sees_vehicle is not None and contacts.agent[row]:
-        told += "; the pedestrian saw it" if contacts.saw[row] else "; the pedestrian did not see it"
-    return told, Chunk.from_columns("world/ending", moments(np.array([steps]), dt), columns)
+        sentence += "; the pedestrian saw it" if contacts.saw[row] else "; the pedestrian did not see it"
+    return sentence, Chunk.from_columns("world/ending", moments(np.array([steps]), dt), columns)

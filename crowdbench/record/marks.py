@@ -65,7 +65,7 @@ def _draw_perceived(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -
     assert trace.age is not None
     states = int(trace.steps[row]) + 1
     known, radius = np.isfinite(trace.age[row, :states]), trace.radius[row, :states, 1:]
-    colors = [DARK.vehicle if each else REMEMBERED for each in trace.seen[row, :states][known].tolist()]
+    colors = [DARK.vehicle if is_seen else REMEMBERED for is_seen in trace.seen[row, :states][known].tolist()]
     sizes = np.repeat(radius[known][:, None], 2, axis=1)
     rings = rr.Ellipses2D.columns(centers=trace.perceived[row, :states][known], half_sizes=sizes, colors=colors)
     yield still("world/sight", rr.Ellipses2D.from_fields(line_radii=width(1.5), draw_order=45))
@@ -94,13 +94,13 @@ def _draw_beams(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> It
     assert lidar is not None
     distance = np.empty((states, lidar.beams))
     heading, position = trace.heading[row, :states], np.ascontiguousarray(trace.position[row, :states])
-    radius, present = (np.ascontiguousarray(each[row, :states]) for each in (trace.radius, trace.present))
+    radius, present = (np.ascontiguousarray(array[row, :states]) for array in (trace.radius, trace.present))
     obstacles = np.repeat(trace.obstacles[row][None], states, axis=0)
     measure_all_beams(heading, position, radius, present, obstacles, lidar.range, distance)
     number = np.arange(0, lidar.beams, math.ceil(lidar.beams / MOST_BEAMS))
     angle = heading[:, None] + 2.0 * np.pi * number / lidar.beams
-    way = distance[:, number, None] * np.stack([np.cos(angle), np.sin(angle)], axis=2)
-    beams = (position[:, :1, None] + np.stack([np.zeros_like(way), way], axis=2)).reshape(-1, 2, 2)
+    beam = distance[:, number, None] * np.stack([np.cos(angle), np.sin(angle)], axis=2)
+    beams = (position[:, :1, None] + np.stack([np.zeros_like(beam), beam], axis=2)).reshape(-1, 2, 2)
     yield still("world/lidar", rr.LineStrips2D.from_fields(colors=[DARK.faint], radii=width(0.75), draw_order=4))
     yield moving("world/lidar", timeline, [len(number)] * states, rr.LineStrips2D.columns(strips=beams))
 
@@ -132,7 +132,7 @@ def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
     if position.shape[1] == 1:
         return
     when = time_to_closest(position[:, 1:] - position[:, :1], velocity[:, 1:] - velocity[:, :1])
-    vehicle, pedestrian = (position[:, own] + velocity[:, own] * when[..., None] for own in (slice(1), slice(1, None)))
+    vehicle, pedestrian = (position[:, who] + velocity[:, who] * when[..., None] for who in (slice(1), slice(1, None)))
     gap = norm(pedestrian - vehicle) - trace.radius[row, :states, 1:] - trace.radius[row, :states, :1]
     gap = np.where(np.isfinite(gap) & (when > 0.0), gap, np.inf)
     state, who = np.arange(states), gap.argmin(axis=1)
@@ -144,7 +144,7 @@ def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
     nearest = state[is_shown], who[is_shown]
     lines = np.stack([vehicle[nearest], pedestrian[nearest]], axis=1)
     labels = [f"{max(g, 0.0):.2f} m in {t:.1f} s" for g, t in zip(gap[nearest], when[nearest], strict=True)]
-    colors = [DARK.failure if each < 0.0 else MUTED for each in gap[nearest]]
+    colors = [DARK.failure if distance < 0.0 else MUTED for distance in gap[nearest]]
     # The text stands over the pedestrian, away from the vehicle's name.
     above = lines[:, 1] + [0.0, trace.radius[row, 0, 0] + label]
     style = rr.LineStrips2D.from_fields(radii=width(1.5), draw_order=46)
@@ -167,14 +167,14 @@ def draw_shares(trace: Trace, row: int, contacts: Contacts, label: float) -> Ite
     if agent == 0 or math.isnan(share):
         return
     first = max(0, steps - math.ceil(WINDOW / trace.rules.dt))
-    ways = [trace.position[row, first : steps + 1, who] for who in (0, agent)]
-    ways = [way[np.isfinite(way).all(axis=1)] for way in ways]
+    paths = [trace.position[row, first : steps + 1, who] for who in (0, agent)]
+    paths = [path[np.isfinite(path).all(axis=1)] for path in paths]
     # Beside the start of each way, on the side that is away from the other one.
-    apart = ways[0][0] - ways[1][0]
+    apart = paths[0][0] - paths[1][0]
     apart *= 1.5 * label / max(math.hypot(*apart), label)
     labels = [f"vehicle {100 * share:.0f} %", f"pedestrian {100 * (1.0 - share):.0f} %"]
     style = rr.LineStrips2D.from_fields(colors=[DARK.failure], radii=width(3), draw_order=47)
     yield still("world/shares", style, rr.Points2D.from_fields(radii=width(0), colors=[DARK.failure]))
-    lines = rr.LineStrips2D.columns(strips=ways)
-    texts = rr.Points2D.columns(positions=[ways[0][0] + apart, ways[1][0] - apart], labels=labels)
+    lines = rr.LineStrips2D.columns(strips=paths)
+    texts = rr.Points2D.columns(positions=[paths[0][0] + apart, paths[1][0] - apart], labels=labels)
     yield moving("world/shares", moments(np.array([steps]), trace.rules.dt), [2], lines, texts)

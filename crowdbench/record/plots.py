@@ -52,12 +52,12 @@ def _draw_curves(entity: str, timeline: Sequence[rr.TimeColumn], values: Float[n
 
 def logged_curves(chunks: Iterable[Chunk]) -> dict[str, int]:
     """The curves of `draw_logs` in the chunks of a recording: how many there are by each name, in order."""
-    found = {}
+    curves = {}
     for chunk in chunks:
         name = chunk.entity_path.removeprefix(f"/{PLANNER_PLOTS}/")
         if name != chunk.entity_path and not chunk.is_static and chunk.num_rows:
-            found[name] = len(chunk.to_record_batch().column("Scalars:scalars")[0])
-    return dict(sorted(found.items()))
+            curves[name] = len(chunk.to_record_batch().column("Scalars:scalars")[0])
+    return dict(sorted(curves.items()))
 
 
 def is_curve(logged: np.ndarray) -> bool:

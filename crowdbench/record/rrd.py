@@ -104,7 +104,7 @@ def moving(
         counts: How many there are at each time, of each of the columns.
         *columns: What it shows.
     """
-    return Chunk.from_columns(entity, timeline, [each for column in columns for each in column.partition(counts)])
+    return Chunk.from_columns(entity, timeline, [part for column in columns for part in column.partition(counts)])
 
 
 def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Blueprint) -> Path:

@@ -105,21 +105,22 @@ def _write_case(paths: Sequence[Path], case: int, folder: Path, *, has_menu: boo
 def _write_beside(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> tuple[Path, float]:
     """As `_write_case`, with the same case of several recordings. Raises InputError where it does not start alike."""
     episodes = [read_case(path, case) for path in paths]
-    first, *others = (one.trace for one in episodes)
+    first, *others = (episode.trace for episode in episodes)
     for path, other in zip(paths[1:], others, strict=True):
         same_start = np.array_equal(other.position[:, 0], first.position[:, 0], equal_nan=True)
         if not same_start or (other.split, other.rules.dt) != (first.split, first.rules.dt):
             raise InputError(f"case {case} starts otherwise in {path} than in {paths[0]}: give runs of one scenario")
     chunks = [
         chunk.with_entity_path(f"/{n}{chunk.entity_path}")
-        for n, one in enumerate(episodes)
-        for chunk in one.chunks
+        for n, episode in enumerate(episodes)
+        for chunk in episode.chunks
         if chunk.entity_path.startswith(("/world", "/plots"))
     ]
-    names = [f"{one.planner}: {Outcome(int(one.trace.outcome[0])).label}" for one in episodes]
-    fastest = max(float(one.trace.preferred_speed[0, 0]) for one in episodes)
-    longest = first.rules.dt * max(int(one.trace.steps[0]) for one in episodes)
-    layout = side_by_side(names, [extent(one.trace, 0) for one in episodes], fastest, longest, has_menu=has_menu)
+    names = [f"{episode.planner}: {Outcome(int(episode.trace.outcome[0])).label}" for episode in episodes]
+    fastest = max(float(episode.trace.preferred_speed[0, 0]) for episode in episodes)
+    longest = first.rules.dt * max(int(episode.trace.steps[0]) for episode in episodes)
+    extents = [extent(episode.trace, 0) for episode in episodes]
+    layout = side_by_side(names, extents, fastest, longest, has_menu=has_menu)
     title = f"case {case} of {len(paths)} planners"
     return _write(chunks, folder, title, f"{first.split}-{case:04d}", layout), longest
 

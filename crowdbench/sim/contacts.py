@@ -100,7 +100,7 @@ def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Co
         trace: The episodes.
         row: The rows of the trace that are looked at; all if None. Of others it says that there was no contact.
     """
-    found = Contacts(
+    contacts = Contacts(
         fault=np.full(len(trace), Fault.NONE),
         share=np.full(len(trace), np.nan),
         agent=np.zeros(len(trace), np.int64),
@@ -109,19 +109,19 @@ def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Co
     )
     row = np.arange(len(trace)) if row is None else row
     wall = row[trace.outcome[row] == Outcome.WALL_COLLISION]
-    found.fault[wall], found.share[wall] = Fault.ALONE, 1.0
+    contacts.fault[wall], contacts.share[wall] = Fault.ALONE, 1.0
     if not len(row := row[trace.outcome[row] == Outcome.COLLISION]):
-        return found
+        return contacts
     touches = _first_touches(trace, row)
     share, fault, speed = _attribute(trace, touches)
     # The last of several in a world counts.
     order = np.argsort(np.nan_to_num(share, nan=-1.0), kind="stable")
     row, agent = touches.row[order], touches.agent[order]
-    found.fault[row], found.share[row], found.speed[row] = fault[order], share[order], speed[order]
-    found.agent[row] = agent
+    contacts.fault[row], contacts.share[row], contacts.speed[row] = fault[order], share[order], speed[order]
+    contacts.agent[row] = agent
     last = trace.steps[row] - 1
-    found.saw[row] = trace.rules.visible if trace.sees_vehicle is None else trace.sees_vehicle[row, last, agent - 1]
-    return found
+    contacts.saw[row] = trace.rules.visible if trace.sees_vehicle is None else trace.sees_vehicle[row, last, agent - 1]
+    return contacts
 
 
 def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> _Touches:
@@ -133,11 +133,11 @@ def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> _Touches:
     position, person = trace.position[row[:, None], ends], trace.person[row[:, None], ends]
     discs = _discs(trace, row[:, None], ends)
     # Axes: contact, pedestrian, disc.
-    way = position[:, :, 1:, None] - discs[:, :, None]
-    between, motion = way[:, 0], way[:, 1] - way[:, 0]
+    offset = position[:, :, 1:, None] - discs[:, :, None]
+    between, motion = offset[:, 0], offset[:, 1] - offset[:, 0]
     radius = trace.radius[row, ends[:, 0]]
     reach = (radius[:, :1] + radius[:, 1:])[..., None]
-    here = np.isfinite(way).all(axis=(1, 3, 4)) & (person[:, 0] == person[:, 1])
+    here = np.isfinite(offset).all(axis=(1, 3, 4)) & (person[:, 0] == person[:, 1])
     a, b, c = dot(motion, motion), dot(between, motion), dot(between, between) - reach**2
     safe = np.where(a > 0.0, a, 1.0)
     nearest = np.clip(-b / safe, 0.0, 1.0)
@@ -167,17 +167,17 @@ def _attribute(
     rows, part = row[:, None], (at - step)[..., None]
     before, after = (trace.position[rows, step + late, agent[:, None]] for late in (0, 1))
     discs, discs_after = (_discs(trace, rows, step + late) for late in (0, 1))
-    way = (before + part * (after - before))[:, :, None] - (discs + part[..., None] * (discs_after - discs))
-    disc = norm(way).argmin(axis=2)[..., None, None]
-    normal, moved = (np.take_along_axis(each, disc, axis=2)[:, :, 0] for each in (way, discs_after - discs))
+    offset = (before + part * (after - before))[:, :, None] - (discs + part[..., None] * (discs_after - discs))
+    disc = norm(offset).argmin(axis=2)[..., None, None]
+    normal, moved = (np.take_along_axis(vectors, disc, axis=2)[:, :, 0] for vectors in (offset, discs_after - discs))
     normal = normal / np.maximum(norm(normal), np.finfo(float).tiny)[..., None]
     dt = trace.rules.dt
     pedestrian, vehicle = (after - before) / dt, moved / dt
     seconds = length * dt / SAMPLES
-    own = _integrate(np.maximum(dot(vehicle, normal), 0.0), seconds)
-    other = _integrate(np.maximum(-dot(pedestrian, normal), 0.0), seconds)
-    both = own + other
-    share = np.where(both >= UNDETERMINED, own / np.where(both > 0.0, both, 1.0), np.nan)
+    by_vehicle = _integrate(np.maximum(dot(vehicle, normal), 0.0), seconds)
+    by_pedestrian = _integrate(np.maximum(-dot(pedestrian, normal), 0.0), seconds)
+    both = by_vehicle + by_pedestrian
+    share = np.where(both >= UNDETERMINED, by_vehicle / np.where(both > 0.0, both, 1.0), np.nan)
     centre = trace.position[rows, step + 1, 0] - trace.position[rows, step, 0]
     path = _integrate(norm(centre) / dt, seconds)
     heading = trace.heading[row, trace.steps[row]]

@@ -20,9 +20,9 @@ def track_at(world: World, step: Int[np.ndarray, "world"]) -> Float[np.ndarray, 
         Positions in metres; NaN for those who were not there, and after the last step.
     """
     last = world.track.shape[1] - 1
-    found = world.track[np.arange(len(world)), np.minimum(step, last)]
-    found[step > last] = np.nan
-    return found
+    position = world.track[np.arange(len(world)), np.minimum(step, last)]
+    position[step > last] = np.nan
+    return position
 
 
 def come_and_go(world: World, running: Bool[np.ndarray, "world"]) -> World:
@@ -57,9 +57,11 @@ def come_and_go(world: World, running: Bool[np.ndarray, "world"]) -> World:
     return world.replace(present=present, position=position, velocity=velocity, history=history, since=since)
 
 
-def _on_vehicle(world: World, place: Float[np.ndarray, "world pedestrian 2"]) -> Bool[np.ndarray, "world pedestrian"]:
+def _on_vehicle(
+    world: World, position: Float[np.ndarray, "world pedestrian 2"]
+) -> Bool[np.ndarray, "world pedestrian"]:
     """Whether pedestrians at these places in metres would overlap the vehicle."""
     direction = np.stack([np.cos(world.heading), np.sin(world.heading)], axis=1)
     discs = world.position[:, :1] + np.array(world.rules.body)[:, None] * direction[:, None]
-    distance = norm(place[:, :, None] - discs[:, None]).min(axis=2)
+    distance = norm(position[:, :, None] - discs[:, None]).min(axis=2)
     return np.asarray(distance < world.radius[:, :1] + world.radius[:, 1:])
