@@ -323,7 +323,7 @@ def test_a_folder_whose_name_is_not_utf_8_works_or_is_named(crowdbench, tmp_path
     monkeypatch.chdir(folder)
     Path("mine.py").write_text("from crowdbench.planners.reactive import Straight as planner\n")
     arguments = ["run", "--cases", "2", "--planner", "./mine.py"]
-    assert crowdbench(*arguments, "--record", "none", "--out", "a")[0] == 0
+    assert not crowdbench(*arguments, "--record", "none", "--out", "a")[0]
     status, _, sentences = crowdbench(*arguments, "--out", "b")
     assert status == 1
     assert "run.rrd could not be written: its path is not UTF-8" in sentences[-1]
