@@ -10,7 +10,6 @@ import pytest
 from crowdbench.cli import app, build_script
 from crowdbench.core.types import Outcome
 from crowdbench.runs.results import Episodes
-from crowdbench.runs.store import write_run
 from crowdbench.study.folder import run_directory
 from crowdbench.study.study import read_study
 from crowdbench.utils.errors import InputError
@@ -143,7 +142,7 @@ def leave(run, out, table):
     table = dataclasses.replace(table, columns=others | table.columns)
     directory = run_directory(run, out)
     directory.mkdir(parents=True)
-    write_run(directory, table, run._result(run.spec.cases, table, 0, 0.0))
+    run._write(directory, run.spec.cases, table, 0, 0.0)
 
 
 def fill(asked, out, **rows):

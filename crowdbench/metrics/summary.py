@@ -60,11 +60,15 @@ def summarize(columns: Mapping[str, Column], steps: Column, block: Column | None
         steps: The number of steps of each episode, the weight of pooled metrics.
         block: The block of each episode, where those of the same block are not independent.
     """
-    summary = {}
-    for name, values in columns.items():
-        weights = steps.astype(float) if info_of(name).pooled else np.ones(len(steps))
-        summary[name] = rate(values, block) if is_rate(values) else bootstrap(values.astype(float), weights, block)
-    return summary
+    return {
+        name: rate(values, block) if is_rate(values) else bootstrap(values.astype(float), weigh(name, steps), block)
+        for name, values in columns.items()
+    }
+
+
+def weigh(metric: str, steps: Column) -> Values:
+    """The weight of each episode in the mean of a metric, from the number of steps of each."""
+    return steps.astype(float) if info_of(metric).pooled else np.ones(len(steps))
 
 
 def rate(values: Bool[np.ndarray, "case"], block: Column | None) -> Estimate:

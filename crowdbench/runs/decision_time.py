@@ -43,7 +43,7 @@ class Decisions(NamedTuple):
 
 
 class _Timed(Planner):
-    """Asks a planner, and keeps how long each answer took and whether it is as recorded.
+    """Asks a planner, and keeps how long each decision took and whether it is as recorded.
 
     Args:
         driver: Asks the planner.
@@ -54,37 +54,26 @@ class _Timed(Planner):
     native = True  # the driver has made commands of velocities
 
     def __init__(self, driver: Driver, recorded: Float[np.ndarray, "step 2"] | None) -> None:
-        self.driver = driver
-        self.recorded = recorded
-        self.privileged = driver.privileged
-        self.seconds: list[float] = []
-        self.is_same: list[bool] = []
+        self.driver, self.recorded, self.privileged = driver, recorded, driver.privileged
+        self.decisions: list[tuple[float, bool]] = []
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         self.driver.reset(rows)
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        return self._decide(obs, lambda: self.driver.decide(obs)[:, None])[:, 0]
+        return self.plan_ahead(obs, 1)[:, 0]
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
-        return self._decide(obs, lambda: self.driver.decide_ahead(obs, steps))
-
-    def _decide(
-        self, obs: Observation, decide: Callable[[], Float[np.ndarray, "world time 2"]]
-    ) -> Float[np.ndarray, "world time 2"]:
         start = time.perf_counter()
-        commands = decide()
-        self.seconds.append(time.perf_counter() - start)
-        if self.recorded is None:
-            self.is_same.append(True)
-            return commands
-        step, steps = int(obs.step[0]), commands.shape[1]
-        recorded = np.zeros((1, steps, 2))  # an episode may end before all commands of its last decision are executed
-        executed = self.recorded[step : step + steps]
-        recorded[0, : len(executed)] = executed
-        difference = np.abs(commands[0, : len(executed)] - executed)
-        self.is_same.append(bool((difference <= SAME).all()))
-        return recorded
+        commands = self.driver.decide(obs)[:, None] if steps == 1 else self.driver.decide_ahead(obs, steps)
+        seconds, is_same = time.perf_counter() - start, True
+        if self.recorded is not None:
+            executed = self.recorded[obs.step[0] : obs.step[0] + steps]
+            is_same = bool((np.abs(commands[0, : len(executed)] - executed) <= SAME).all())
+            # An episode may end before all commands of its last decision are executed.
+            commands = np.pad(executed, ((0, steps - len(executed)), (0, 0)))[None]
+        self.decisions.append((seconds, is_same))
+        return commands
 
 
 def decide_alone(
@@ -114,23 +103,19 @@ def decide_alone(
         InputError: The planner breaks its contract, or takes longer than `HARD_LIMIT` time steps for a decision.
     """
     first, *others = cases.batches(1)
+
+    def drive(driver: Driver, case: Cases) -> list[tuple[float, bool]]:
+        timed = _Timed(driver, None if recorded is None else recorded.of(case.start))
+        rollout(Driver(timed, name), scenario, case, replanning=replanning, undisturbed=False)
+        return timed.decisions
+
     # It may load and compile what it needs, for which it has the time of a decision of a whole batch.
-    _drive(Driver(planner, name), scenario, replanning, first, recorded)
+    drive(Driver(planner, name), first)
     driver = Driver(planner, name, HARD_LIMIT * scenario.rules.dt)
-    seconds: list[float] = []
-    is_same: list[bool] = []
+    decisions: list[tuple[float, bool]] = []
     for case in others:
-        timed = _drive(driver, scenario, replanning, case, recorded)
-        seconds += timed.seconds
-        is_same += timed.is_same
+        decisions += drive(driver, case)
         if progress is not None:
             progress(1)
-    return Decisions(np.array(seconds), np.array(is_same, bool))
-
-
-def _drive(
-    driver: Driver, scenario: Scenario, replanning: Replanning, case: Cases, recorded: Commands | None
-) -> _Timed:
-    timed = _Timed(driver, None if recorded is None else recorded.of(case.start))
-    rollout(Driver(timed, driver.name), scenario, case, replanning=replanning, undisturbed=False)
-    return timed
+    seconds, is_same = np.array(decisions).reshape(-1, 2).T
+    return Decisions(seconds, is_same.astype(bool))

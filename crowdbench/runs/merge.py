@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from crowdbench.runs.identity import code, digest
+from crowdbench.runs.identity import code
 from crowdbench.runs.recording import COMMANDS, join_commands, most_failures
-from crowdbench.runs.results import RECORDING, Episodes, to_json
+from crowdbench.runs.results import RECORDING, Episodes
 from crowdbench.runs.store import RunResult, write_run
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
@@ -46,20 +46,15 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
     with new_directory(out, overwrite) as directory:
         if (parts[0].directory / COMMANDS).exists():
             join_commands([part.directory / COMMANDS for part in parts], directory / COMMANDS)
-        run = parts[0].result["run"] | {"cases": str(cases)}
-        result = parts[0].result | {
-            "id": digest(run),
-            "run": run,
-            "interrupted": interrupted,
-            "recorded": _join_recordings(parts, cases, directory / RECORDING),
-            "outcomes": episodes.counts(),
-            "metrics": to_json(episodes.summary()),
-            **episodes.blocks,
-            "rates": episodes.rates,
-            "stated": {**stated[0], "timing": _timing(parts), **joined},
-        }
-        write_run(directory, episodes, result)
-    return result
+        return write_run(
+            directory,
+            episodes,
+            run=parts[0].result["run"] | {"cases": str(cases)},
+            scenario=parts[0].result["scenario"],
+            recorded=_join_recordings(parts, cases, directory / RECORDING),
+            stated={**stated[0], "timing": _timing(parts), **joined},
+            interrupted=interrupted,
+        )
 
 
 def _check_fitting(parts: Sequence[RunResult]) -> None:

@@ -39,18 +39,22 @@ _STATED = {"privileged": bool, "overrides": dict, "record": str, "timing": dict,
 """What its section `stated` holds at least: what nobody can recompute from the other files."""
 
 
-def write_result(folder: Path, result: Mapping[str, Any]) -> None:
+def write_result(folder: Path, result: Mapping[str, Any]) -> dict[str, Any]:
     """Write `result.json`, after all other files of the run.
 
     Args:
         folder: The folder of the run.
         result: The contents, without the digests of the files.
+
+    Returns:
+        The contents with the digests.
     """
     contents = {"format": FORMAT, **{key: value for key, value in result.items() if key not in ("format", "files")}}
     digests = {path.name: files.sha256(path) for path in sorted(folder.iterdir()) if path.name != RESULT}
     sealed = {**contents, "files": {**digests, RESULT: _own_digest(contents)}}
     with files.whole(folder / RESULT) as partial:
         partial.write_text(json.dumps(sealed, indent=2) + "\n", encoding="utf-8")
+    return sealed
 
 
 def read_result(directory: Path) -> dict[str, Any]:

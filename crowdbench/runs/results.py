@@ -17,7 +17,7 @@ from jaxtyping import Int, Shaped
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics import Metric, MetricInfo, info_of, is_rate
 from crowdbench.metrics.load import LARGEST, measure
-from crowdbench.metrics.summary import Estimate, summarize, weighted_mean
+from crowdbench.metrics.summary import Estimate, summarize, weigh, weighted_mean
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, describe_error
 
@@ -105,10 +105,9 @@ class Episodes:
     def mean(self, name: str) -> tuple[int, float]:
         """Return the number of episodes in which a metric is defined, and its mean, NaN where there is none."""
         values = self.columns[name].astype(float)
-        is_defined = ~np.isnan(values)
-        weights = self.steps[is_defined] * 1.0 if info_of(name).pooled else np.ones(is_defined.sum())
-        n = int(is_defined.sum())
-        return n, float(weighted_mean(values[is_defined], weights)) if n else math.nan
+        defined = ~np.isnan(values)
+        n = int(defined.sum())
+        return n, float(weighted_mean(values[defined], weigh(name, self.steps[defined]))) if n else math.nan
 
     def summary(self, names: Iterable[str] | None = None) -> dict[str, Estimate]:
         """Each metric's mean and interval; of all metrics where none are named."""

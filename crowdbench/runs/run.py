@@ -8,7 +8,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from crowdbench.metrics import UNDISTURBED, Metric, info_of
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.identity import PlannerId, RunId, code, source_of
 from crowdbench.runs.recording import open_recorder, units_of
-from crowdbench.runs.results import Episodes, planner_label, to_json
+from crowdbench.runs.results import Episodes, planner_label
 from crowdbench.runs.rollout import LogsTooLarge, Progress, rollout
 from crowdbench.runs.spec import RunSpec
 from crowdbench.runs.store import write_run
@@ -83,9 +83,7 @@ class Run:
                     measured.append(Episodes.of(trace, self.metrics))
                     recorder.add(trace, measured[-1])
                     del trace  # two traces at a time would take twice the memory
-            episodes = Episodes.join(measured)
-            result = self._result(part, episodes, recorder.number, time.perf_counter() - start)
-            write_run(folder, episodes, result)
+            self._write(folder, part, Episodes.join(measured), recorder.number, time.perf_counter() - start)
         if interrupts.pending and part != self.spec.cases:
             raise Interrupted
 
@@ -150,9 +148,8 @@ class Run:
             code=code(),
         )
 
-    def _result(self, cases: Cases, episodes: Episodes, recorded: int, seconds: float) -> dict[str, Any]:
-        """The contents of `result.json`."""
-        own = replace(self.id, cases=str(cases))
+    def _write(self, folder: Path, part: Cases, episodes: Episodes, recorded: int, seconds: float) -> None:
+        """Write the files of a run of some of the cases."""
         decision_ms = 1e3 * self.driver.seconds / int(episodes.steps.sum())
         torch = {"torch": importlib.metadata.version("torch")} if "torch" in sys.modules else {}
         stated = {
@@ -164,18 +161,8 @@ class Run:
         }
         if self.isolation is not None:
             stated["isolation"] = dict(self.isolation)
-        return {
-            "id": own.digest,
-            "run": own.parts,
-            "scenario": {"name": self.scenario.name, **self.scenario.table},
-            "interrupted": False,
-            "recorded": recorded,
-            "outcomes": episodes.counts(),
-            "metrics": to_json(episodes.summary()),
-            **episodes.blocks,
-            "rates": episodes.rates,
-            "stated": stated,
-        }
+        run, scenario = self.id.parts | {"cases": str(part)}, {"name": self.scenario.name, **self.scenario.table}
+        write_run(folder, episodes, run=run, scenario=scenario, recorded=recorded, stated=stated)
 
 
 def read_versions() -> dict[str, str]:

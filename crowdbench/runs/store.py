@@ -12,9 +12,10 @@ import numpy as np
 
 from crowdbench.core.types import Rules
 from crowdbench.metrics.outcomes import COUNTED
+from crowdbench.runs.identity import digest
 from crowdbench.runs.recording import COMMANDS, Commands, read_commands
 from crowdbench.runs.result_file import RESULT, check_result, read_result, write_result
-from crowdbench.runs.results import EPISODES, RECORDING, Episodes, read_estimate, result_label
+from crowdbench.runs.results import EPISODES, RECORDING, Episodes, read_estimate, result_label, to_json
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
@@ -22,16 +23,44 @@ if TYPE_CHECKING:
     from crowdbench.record.contents import Recording
 
 
-def write_run(folder: Path, episodes: Episodes, result: Mapping[str, Any]) -> None:
+def write_run(
+    folder: Path,
+    episodes: Episodes,
+    *,
+    run: Mapping[str, Any],
+    scenario: Mapping[str, Any],
+    recorded: int,
+    stated: Mapping[str, Any],
+    interrupted: bool = False,
+) -> dict[str, Any]:
     """Write the files of a run beside its commands and its recording.
 
     Args:
         folder: The folder, which becomes the run's directory.
         episodes: What was measured.
-        result: The contents of `result.json`, without the digests of the files.
+        run: What the run is, see `RunId.parts`.
+        scenario: The contents of the scenario.
+        recorded: The number of recorded episodes.
+        stated: What cannot be recomputed from the other files.
+        interrupted: Whether cases are missing that were asked for.
+
+    Returns:
+        The contents of `result.json`.
     """
     episodes.write(folder / EPISODES)
-    write_result(folder, result)
+    result = {
+        "id": digest(run),
+        "run": run,
+        "scenario": scenario,
+        "interrupted": interrupted,
+        "recorded": recorded,
+        "outcomes": episodes.counts(),
+        "metrics": to_json(episodes.summary()),
+        **episodes.blocks,
+        "rates": episodes.rates,
+        "stated": stated,
+    }
+    return write_result(folder, result)
 
 
 @dataclass(frozen=True)
