@@ -215,7 +215,7 @@ def test_an_interval_holds_0_where_the_test_finds_no_difference():
             case = np.arange(40)
             one, two = (case < only_a) | (case >= 25), ((case >= 12) & (case < 12 + only_b)) | (case >= 25)
             columns = {"success_rate": one}, {"success_rate": two}
-            paired = Paired(*(Episodes(case, case, case, each) for each in columns), one & two)
+            paired = Paired(*(Episodes(case, case, case, each) for each in columns))
             row = compare_metric("success_rate", [paired])
             assert (row.p < 0.05) == (row.difference.high < 0.0)
 

@@ -48,11 +48,11 @@ class Comparison:
     def list_changed_cases(self) -> list[str]:
         """Return a line with the cases for each pair of different outcomes; none for several scenarios."""
         groups: dict[tuple[int, int], list[int]] = {}
-        for case, *ends in self.changed or []:
-            groups.setdefault((ends[0], ends[1]), []).append(case)
+        for case, a, b in self.changed or []:
+            groups.setdefault((a, b), []).append(case)
         lines = []
         for outcomes, cases in sorted(groups.items()):
-            labels = (f"{name} {Outcome(end).label}" for name, end in zip(self.names, outcomes, strict=True))
+            labels = (f"{name} {Outcome(code).label}" for name, code in zip(self.names, outcomes, strict=True))
             lines.append(f"{', '.join(labels)} ({len(cases)}): {', '.join(map(str, cases))}")
         return lines or ([] if self.changed is None else [f"no case ends differently in {self.names[1]}"])
 
@@ -94,103 +94,102 @@ def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
         InputError: As `compare` raises it; or, where there are several scenarios, a planner has no run in one of them,
             or two.
     """
-    first, *rest = [RunResult.read(directory) for directory in (reference, *others)]
-    if len(rest) == 1 or len({_scenario(run) for run in (first, *rest)}) == 1:
-        return _correct([compare_results(first, run) for run in rest])
-    by_scenario = _group(first, rest)
-    pairs = [(runs[0], run) for runs in by_scenario for run in runs[1:]]
-    found = [compare_results(*pair) for pair in pairs]
+    first, *rest = runs = [RunResult.read(directory) for directory in (reference, *others)]
+    if len(rest) == 1 or len(set(map(_scenario, runs))) == 1:
+        return correct([compare_results(first, run) for run in rest])
+    by_scenario = _group(runs)
+    single = [compare_results(runs[0], run) for runs in by_scenario for run in runs[1:]]
     pooled = []
-    for label in dict.fromkeys(run.label for _, run in pairs):
-        strata = [_shared(*pair) for pair in pairs if pair[1].label == label]
-        pooled.append(_summarize(POOLED_SCENARIOS.format(len(strata)), (first.label, label), strata, []))
-    return [*_correct(found), *_correct(pooled)]
+    for number in range(1, len(by_scenario[0])):
+        strata = [_pair(runs[0], runs[number]) for runs in by_scenario]
+        names = first.label, by_scenario[0][number].label
+        pooled.append(_summarize(POOLED_SCENARIOS.format(len(strata)), names, strata, []))
+    return [*correct(single), *correct(pooled)]
 
 
-def comparison_grid(found: Sequence[Comparison], metrics: Sequence[str] = ()) -> Grid:
+def comparison_grid(comparisons: Sequence[Comparison], metrics: Sequence[str] = ()) -> Grid:
     """Return runs beside the one that each was compared with: a row for each metric, scenario and run.
 
     Args:
-        found: What `compare_to` returns.
+        comparisons: What `compare_to` returns.
         metrics: Names of metrics; none for all that two runs have, and for those in `MAIN` of more runs.
 
     Raises:
         InputError: A run has no such metric.
     """
-    first, single = found[0], len(found) == 1
-    shared = [name for name in first.rows if all(name in one.rows for one in found)]
+    first, single = comparisons[0], len(comparisons) == 1
+    shared = [name for name in first.rows if all(name in comparison.rows for comparison in comparisons)]
     if lacking := [name for name in metrics if name not in shared]:
         raise InputError(f"not all runs have a metric {lacking[0]}; they have {', '.join(shared)}")
     main = [name for name in MAIN if name in shared]
     chosen = [name for name in shared if first.rows[name].difference.n] if single else main
-    rows, records = [], []
-    for name, one in itertools.product(metrics or chosen, found):
-        row, info = one.rows[name], info_of(name, first.rows[name].p is not None)
-        tests = ["" if p is None else f"{p:.2g}" for p in (row.p, row.corrected)]
-        values = [info.number(row.a), info.number(row.b), info.estimate(row.difference), *tests]
-        rows.append([info.heading, one.scenario, one.names[1], *values])
-        about = {"metric": name, "scenario": one.scenario, "reference": one.names[0], "run": one.names[1]}
-        records.append({**about, "cases": one.cases, **vars(row)})
-    several = len({one.scenario for one in found}) > 1
-    b = first.names[1] if single else "the run"
-    header = ["metric", "scenario", "run", first.names[0], b, "difference (95 % interval)", "p", "p corrected"]
-    hidden = {1: not several, 2: single, 7: single}
-    shown = [number for number in range(len(header)) if not hidden.get(number)]
+    a, b = first.names if single else (first.names[0], "the run")
     if single:
-        title = f"{first.names[0]} and {b}: {first.cases} shared cases, {first.both_solved} solved by both"
+        labels = []
+        title = f"{a} and {b}: {first.cases} shared cases, {first.both_solved} solved by both"
     else:
-        cases = ", ".join(dict.fromkeys(str(one.cases) for one in found))
-        title = f"Compared with {first.names[0]}: {cases} shared cases"
-    align = "".join("l" if number < 3 else "r" for number in shown)
-    return Grid(title, [header[n] for n in shown], [[row[n] for n in shown] for row in rows], records, align)
+        labels = ["scenario", "run"] if len({comparison.scenario for comparison in comparisons}) > 1 else ["run"]
+        cases = ", ".join(dict.fromkeys(str(comparison.cases) for comparison in comparisons))
+        title = f"Compared with {a}: {cases} shared cases"
+    rows, records = [], []
+    for name, comparison in itertools.product(metrics or chosen, comparisons):
+        row, info = comparison.rows[name], info_of(name, first.rows[name].p is not None)
+        record = {"metric": name, "scenario": comparison.scenario, "reference": a, "run": comparison.names[1]}
+        tests = ["" if p is None else f"{p:.2g}" for p in ([row.p] if single else [row.p, row.corrected])]
+        values = [info.number(row.a), info.number(row.b), info.estimate(row.difference), *tests]
+        rows.append([info.heading, *(record[label] for label in labels), *values])
+        records.append({**record, "cases": comparison.cases, **vars(row)})
+    header = ["metric", *labels, a, b, "difference (95 % interval)", "p", *([] if single else ["p corrected"])]
+    align = ("l" * (1 + len(labels))).ljust(len(header), "r")
+    return Grid(title, header, rows, records, align)
 
 
 def _scenario(run: RunResult) -> str:
     return str(run.result["run"]["scenario"])
 
 
-def _group(first: RunResult, rest: Sequence[RunResult]) -> list[list[RunResult]]:
-    """The runs of each scenario, that of the planner of `first` first. Raises InputError, see `compare_to`."""
-    labels = list(dict.fromkeys(run.label for run in (first, *rest)))
-    found: dict[str, dict[str, RunResult]] = {}
-    for run in (first, *rest):
-        of_scenario = found.setdefault(_scenario(run), {})
+def _group(runs: Sequence[RunResult]) -> list[list[RunResult]]:
+    """The runs of each scenario, that of the first planner first. Raises InputError, see `compare_to`."""
+    labels = list(dict.fromkeys(run.label for run in runs))
+    groups: dict[str, dict[str, RunResult]] = {}
+    for run in runs:
+        of_scenario = groups.setdefault(_scenario(run), {})
         if run.label in of_scenario:
             both = f"{of_scenario[run.label].directory} and {run.directory}"
             raise InputError(f"{both} are both of {run.label} in {run.result['scenario']['name']}: give one of them")
         of_scenario[run.label] = run
-    for runs in found.values():
-        if missing := [label for label in labels if label not in runs]:
-            name = next(iter(runs.values())).result["scenario"]["name"]
+    for of_scenario in groups.values():
+        if missing := [label for label in labels if label not in of_scenario]:
+            name = next(iter(of_scenario.values())).result["scenario"]["name"]
             raise InputError(
                 f"there is no run of {missing[0]} in {name}: give a run of each planner in each of the scenarios"
             )
-    return [[runs[label] for label in labels] for runs in found.values()]
+    return [[of_scenario[label] for label in labels] for of_scenario in groups.values()]
 
 
-def _correct(found: Sequence[Comparison]) -> list[Comparison]:
-    """What was found, with the p-values of each metric corrected for their number."""
-    for name in dict.fromkeys(name for one in found for name in one.rows):
-        tested = [one.rows for one in found if name in one.rows and one.rows[name].p is not None]
+def correct(comparisons: list[Comparison]) -> list[Comparison]:
+    """Correct the p-values of each metric for their number, and return the comparisons."""
+    for name in dict.fromkeys(name for comparison in comparisons for name in comparison.rows):
+        tables = [comparison.rows for comparison in comparisons if name in comparison.rows]
+        tested = [rows for rows in tables if rows[name].p is not None]
         corrected = holm(np.array([rows[name].p for rows in tested], float))
         for rows, p in zip(tested, corrected.tolist(), strict=True):
             rows[name] = dataclasses.replace(rows[name], corrected=p)
-    return list(found)
+    return comparisons
 
 
-def _shared(a: RunResult, b: RunResult) -> Paired:
+def _pair(a: RunResult, b: RunResult) -> Paired:
     check_comparable(a, b)
     _, *rows = np.intersect1d(a.episodes.case, b.episodes.case, return_indices=True)
     if len(rows[0]) == 0:
         raise InputError(f"{a.directory} ({a.cases}) and {b.directory} ({b.cases}) share no case to compare")
-    one, two = a.episodes.take(rows[0]), b.episodes.take(rows[1])
-    return Paired(one, two, one.columns["success_rate"] & two.columns["success_rate"])
+    return Paired(a.episodes.take(rows[0]), b.episodes.take(rows[1]))
 
 
 def compare_results(a: RunResult, b: RunResult, metrics: Sequence[str] | None = None) -> Comparison:
     """Compare two runs in metrics, all where none are named. Raises InputError as `compare` does."""
     names = (a.label, b.label) if a.label != b.label else (str(a.directory), str(b.directory))
-    return _summarize(a.result["scenario"]["name"], names, [_shared(a, b)], _warnings((a, b)), metrics)
+    return _summarize(a.result["scenario"]["name"], names, [_pair(a, b)], _warnings((a, b)), metrics)
 
 
 def _summarize(
@@ -201,20 +200,17 @@ def _summarize(
     chosen: Sequence[str] | None = None,
 ) -> Comparison:
     """Compare two planners in scenarios, the strata, by the chosen metrics or by all."""
-    wanted = strata[0].one.columns if chosen is None else chosen
-    metrics = [
-        name for name in wanted if all(name in table.columns for pair in strata for table in (pair.one, pair.two))
-    ]
+    first, tables = strata[0], [table.columns for pair in strata for table in (pair.a, pair.b)]
+    metrics = [name for name in chosen or first.a.columns if all(name in columns for columns in tables)]
     changed = None
     if len(strata) == 1:
-        one, two = strata[0].one, strata[0].two
-        differ = one.outcome != two.outcome
-        changed = list(zip(*(table[differ].tolist() for table in (one.case, one.outcome, two.outcome)), strict=True))
+        outcomes = zip(first.a.case.tolist(), first.a.outcome.tolist(), first.b.outcome.tolist(), strict=True)
+        changed = [(case, a, b) for case, a, b in outcomes if a != b]
     return Comparison(
         scenario=scenario,
         names=names,
-        cases=sum(len(each.one) for each in strata),
-        both_solved=sum(int(each.solved.sum()) for each in strata),
+        cases=sum(len(pair.a) for pair in strata),
+        both_solved=sum(int(pair.solved.sum()) for pair in strata),
         rows={name: compare_metric(name, strata) for name in metrics},
         changed=changed,
         warnings=warnings,
@@ -233,20 +229,20 @@ def _warnings(runs: Sequence[RunResult]) -> list[str]:
     return warnings
 
 
-def check_comparable(one: RunResult, two: RunResult) -> None:
+def check_comparable(a: RunResult, b: RunResult) -> None:
     """Raise InputError where two runs are not of the same scenario and split, or do not say what was solved."""
-    a, b = one.directory, two.directory
-    scenarios = one.result["scenario"], two.result["scenario"]
-    if _scenario(one) != _scenario(two):
-        tables = [{key: repr(value) for key, value in flatten(scenario).items()} for scenario in scenarios]
-        keys = sorted(tables[0].items() ^ tables[1].items())
-        differ = ", ".join(dict.fromkeys(key for key, _ in keys if key != "description"))
-        raise InputError(f"{a} and {b} are runs of different scenarios, in {differ}: run both planners on the same one")
-    splits = one.cases.split, two.cases.split
-    if splits[0] != splits[1]:
+    if _scenario(a) != _scenario(b):
+        tables = [{key: repr(value) for key, value in flatten(run.result["scenario"]).items()} for run in (a, b)]
+        keys = dict.fromkeys(key for key, _ in sorted(tables[0].items() ^ tables[1].items()) if key != "description")
         raise InputError(
-            f"{a} has {splits[0]} cases and {b} has {splits[1]} cases: run both planners on the same cases"
+            f"{a.directory} and {b.directory} are runs of different scenarios, in {', '.join(keys)}: "
+            "run both planners on the same one"
         )
-    for run in (one, two):
+    if a.cases.split != b.cases.split:
+        raise InputError(
+            f"{a.directory} has {a.cases.split} cases and {b.directory} has {b.cases.split} cases: "
+            "run both planners on the same cases"
+        )
+    for run in (a, b):
         if "success_rate" not in run.episodes.columns:
             raise InputError(f"{run.directory / EPISODES} has no column success_rate, so that it cannot be compared")

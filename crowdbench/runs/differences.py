@@ -67,65 +67,64 @@ class Differences(list[Difference]):
         self.cases = cases
         self.exact = exact
 
-    def note(self, what: str, found: Iterable[str], of: int) -> None:
-        """Add a difference, unless nothing was found: what was found, a text for each, and of how many."""
-        texts = list(found)
+    def note(self, what: str, texts: Iterable[str], of: int) -> None:
+        """Add a difference, unless there is none: what differs, a text for each case or value, and of how many."""
+        texts = list(texts)
         if texts:
             self.append(Difference(len(texts), of, what, texts[:_SHOWN]))
+
+    def note_pairs(self, what: str, pairs: Iterable[tuple[str, object, object]], of: int) -> None:
+        """Add a difference of the cases or values, by name, that are recorded otherwise than replayed."""
+        differ = (pair for pair in pairs if not self._is_same(*pair[1:]))
+        self.note(what, (f"{name} ({recorded}, replayed: {replayed})" for name, recorded, replayed in differ), of)
 
     def name(self, case: int) -> str:
         """A case as sentences name it."""
         return f"{self.cases.split}/{case}"
 
-    def note_rows(self, file: str, found: Int[np.ndarray, "row"], *, some_missing: bool = False) -> None:
+    def note_rows(self, file: str, rows: Int[np.ndarray, "row"], *, some_missing: bool = False) -> None:
         """Note where a file has not one row of each case.
 
         Args:
             file: The file.
-            found: The case of each row.
+            rows: The case of each row.
             some_missing: Whether cases may have no row.
         """
-        each = Counter(found.tolist())
-        known = Counter(case for case in each if self.cases.start <= case < self.cases.stop)
+        counts = Counter(rows.tolist())
+        known = Counter(case for case in counts if self.cases.start <= case < self.cases.stop)
         lacking = (self.name(case) for case in range(self.cases.start, self.cases.stop) if case not in known)
         if not some_missing and len(known) < len(self.cases):
             first = list(itertools.islice(lacking, _SHOWN))  # no more: a forged number of cases may be of any size
             what = f"cases have no row in {file}"
             self.append(Difference(len(self.cases) - len(known), len(self.cases), what, first))
-        beyond = map(self.name, (each - known).elements())
-        self.note(f"rows of {file} are there twice, or of other cases than {self.cases}", beyond, len(found))
+        beyond = map(self.name, (counts - known).elements())
+        self.note(f"rows of {file} are there twice, or of other cases than {self.cases}", beyond, len(rows))
 
     def note_values(self, file: str, recorded: Mapping[str, Any], replayed: Mapping[str, Any]) -> None:
         """Note which values of a file, by name, perhaps in tables within tables, are not those of the replay."""
-        one, two = flatten(recorded), flatten(replayed)
-        names = list({**two, **one})
-        found = (
-            f"{name} ({one.get(name)}, replayed: {two.get(name)})"
-            for name in names
-            if not self._is_same(one.get(name), two.get(name))
-        )
-        self.note(f"values in {file} differ", found, len(names))
+        ours, theirs = flatten(replayed), flatten(recorded)
+        names = list({**ours, **theirs})
+        self.note_pairs(f"values in {file} differ", ((n, theirs.get(n), ours.get(n)) for n in names), len(names))
 
     def note_episodes(self, recorded: Episodes, replayed: Episodes) -> None:
         """Note which rows of `episodes.csv` are not those of the replay; both have the same cases."""
         names = list(map(self.name, recorded.case.tolist()))
         blocks = [table.block if table.block is not None else np.full(len(names), -1) for table in (recorded, replayed)]
-        rows = zip(names, _ends(recorded), _ends(replayed), strict=True)
-        ends = (f"{name} ({one}, replayed: {two})" for name, one, two in rows if one != two)
         moved = (f"{names[row]} ({BLOCK})" for row in np.flatnonzero(blocks[0] != blocks[1]).tolist())
         figures: dict[int, str] = {}
         for metric in (name for name in replayed.columns if name in recorded.columns):
-            one, two = recorded.columns[metric], replayed.columns[metric]
-            for row in np.flatnonzero(~self.agree(one, two)).tolist():
-                figures.setdefault(row, f"{names[row]} ({metric} {one[row]}, replayed: {two[row]})")
-        self.note("cases end otherwise than episodes.csv says", ends, len(names))
+            columns = recorded.columns[metric], replayed.columns[metric]
+            for row in np.flatnonzero(~self.agree(*columns)).tolist():
+                figures.setdefault(row, f"{names[row]} ({metric} {columns[0][row]}, replayed: {columns[1][row]})")
+        ends = zip(names, _ends(recorded), _ends(replayed), strict=True)
+        self.note_pairs("cases end otherwise than episodes.csv says", ends, len(names))
         self.note("cases are of another block of time in episodes.csv", moved, len(names))
         self.note("cases have other figures in episodes.csv", (figures[row] for row in sorted(figures)), len(names))
 
     def compare_states(self, recorded: Trace, replayed: Trace) -> list[str]:
         """A text for each episode of both traces that differs: its case, the first array that does, and the step."""
         _, *rows = np.intersect1d(recorded.case, replayed.case, return_indices=True)
-        found: dict[int, str] = {}
+        texts: dict[int, str] = {}
         for name in (field.name for field in dataclasses.fields(Trace) if field.name not in _NOT_COMPARED):
             # Recordings of before have no groups.
             if len(rows[0]) == 0 or getattr(replayed, name) is None or getattr(recorded, name) is None:
@@ -133,19 +132,19 @@ class Differences(list[Difference]):
             differs = ~self.agree(getattr(recorded, name)[rows[0]], getattr(replayed, name)[rows[1]])
             for row in np.flatnonzero(differs.reshape(len(differs), -1).any(axis=1)).tolist():
                 when = "" if name in _WITHOUT_TIME else f" at step {np.argwhere(differs[row])[0, 0]}"
-                found.setdefault(row, f"{self.name(int(recorded.case[rows[0][row]]))} ({name}{when})")
-        return [found[row] for row in sorted(found)]
+                texts.setdefault(row, f"{self.name(int(recorded.case[rows[0][row]]))} ({name}{when})")
+        return [texts[row] for row in sorted(texts)]
 
-    def agree(self, one: Shaped[np.ndarray, "*shape"], two: Shaped[np.ndarray, "*shape"]) -> Bool[np.ndarray, "*shape"]:
+    def agree(self, a: Shaped[np.ndarray, "*shape"], b: Shaped[np.ndarray, "*shape"]) -> Bool[np.ndarray, "*shape"]:
         """Where two arrays agree. NaN agrees with NaN."""
-        if self.exact or one.dtype.kind != "f" or two.dtype.kind != "f":
-            return np.asarray((one == two) | ((one != one) & (two != two)))
-        return np.asarray(np.isclose(one, two, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True))
+        if self.exact or a.dtype.kind != "f" or b.dtype.kind != "f":
+            return np.asarray((a == b) | ((a != a) & (b != b)))
+        return np.asarray(np.isclose(a, b, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True))
 
-    def _is_same(self, one: object, two: object) -> bool:
-        if isinstance(one, float) and isinstance(two, float):
-            return bool(self.agree(np.array(one), np.array(two)))
-        return type(one) is type(two) and one == two
+    def _is_same(self, a: object, b: object) -> bool:
+        if isinstance(a, float) and isinstance(b, float):
+            return bool(self.agree(np.array(a), np.array(b)))
+        return type(a) is type(b) and a == b
 
 
 def _ends(table: Episodes) -> list[str]:

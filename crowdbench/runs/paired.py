@@ -20,6 +20,7 @@ from crowdbench.metrics.summary import (
     bootstrap_distribution,
     by_block,
     interval,
+    weigh,
     weighted_mean,
 )
 from crowdbench.runs.results import Episodes
@@ -59,17 +60,21 @@ class MetricDifference:
         """True where the test, or the 95 % interval over `LEAST_SHARED` cases or more, finds a difference."""
         if self.p is not None:
             return self.p < 1.0 - CONFIDENCE
-        found = self.difference
-        return found.n >= LEAST_SHARED and (found.low > 0.0 or found.high < 0.0)
+        difference = self.difference
+        return difference.n >= LEAST_SHARED and (difference.low > 0.0 or difference.high < 0.0)
 
 
 @dataclass(frozen=True)
 class Paired:
-    """The episodes of two runs in the cases that both drove, and whether both solved each."""
+    """The episodes of the runs A and B in the cases that both drove."""
 
-    one: Episodes
-    two: Episodes
-    solved: Bool[np.ndarray, "case"]
+    a: Episodes
+    b: Episodes
+
+    @property
+    def solved(self) -> Bool[np.ndarray, "case"]:
+        """Whether both solved each case."""
+        return np.asarray(self.a.columns["success_rate"] & self.b.columns["success_rate"])
 
 
 def compare_metric(name: str, strata: Sequence[Paired]) -> MetricDifference:
@@ -79,65 +84,54 @@ def compare_metric(name: str, strata: Sequence[Paired]) -> MetricDifference:
         name: The name of the metric.
         strata: The episodes of both runs, in each scenario. Scenarios count alike.
     """
-    parts, pairs = [], [(each.one.columns[name], each.two.columns[name]) for each in strata]
-    is_share = all(is_rate(column) for pair in pairs for column in pair)
-    p = _test(strata, pairs) if is_share else None
-    for each, (x, y) in zip(strata, pairs, strict=True):
-        chosen = ~np.isnan(x.astype(float) + y) & (each.solved | is_share | info_of(name).over_all)
+    columns = [(pair.a.columns[name], pair.b.columns[name]) for pair in strata]
+    is_share = all(is_rate(column) for pair in columns for column in pair)
+    p = _test(strata, columns) if is_share else None
+    parts = []
+    for pair, (x, y) in zip(strata, columns, strict=True):
+        chosen = ~np.isnan(x.astype(float) + y) & (pair.solved | is_share | info_of(name).over_all)
         if chosen.any():
-            parts.append(_Part.of(name, each, chosen))
+            parts.append(_compare_part(name, pair, chosen))
     if not parts:
         return MetricDifference(math.nan, math.nan, UNDEFINED, p, None)
-    a, b = (float(np.mean([getattr(part, end) for part in parts])) for end in ("a", "b"))
-    low, high = around(b - a, *interval(_mean_of([part.resampled for part in parts])))
+    a, b = (float(np.mean(means)) for means in zip(*(means for means, _, _ in parts), strict=True))
+    low, high = around(b - a, *interval(_mean_of([resampled for _, resampled, _ in parts])))
     if p is not None and p >= 1.0 - CONFIDENCE:
         low, high = min(low, 0.0), max(high, 0.0)
-    n, largest = sum(part.n for part in parts), max(part.largest for part in parts)
-    return MetricDifference(a, b, Estimate(b - a, low, high, n, largest), p, None)
+    differences = np.concatenate([difference for _, _, difference in parts])
+    return MetricDifference(a, b, Estimate(b - a, low, high, len(differences), float(differences.max())), p, None)
 
 
 def _test(
-    strata: Sequence[Paired], pairs: Sequence[tuple[Bool[np.ndarray, "case"], Bool[np.ndarray, "case"]]]
+    strata: Sequence[Paired], columns: Sequence[tuple[Bool[np.ndarray, "case"], Bool[np.ndarray, "case"]]]
 ) -> float:
     """The p-value of a rate: runs are exchanged case by case, or block by block."""
-    x, y = (np.concatenate([pair[end] for pair in pairs]) for end in (0, 1))
-    blocks = [each.one.block for each in strata]
-    if all(block is None for block in blocks):
+    x, y = map(np.concatenate, zip(*columns, strict=True))
+    if all(pair.a.block is None for pair in strata):
         return mcnemar(x, y)
-    of_case = [np.arange(len(each.one)) if each.one.block is None else each.one.block for each in strata]
-    named = np.concatenate([np.stack([np.full(len(own), number), own]) for number, own in enumerate(of_case)], axis=1)
-    return sign_test(x, y, np.unique(named, axis=1, return_inverse=True)[1].ravel())
+    blocks = [np.arange(len(pair.a)) if pair.a.block is None else pair.a.block for pair in strata]
+    scenario = np.repeat(np.arange(len(blocks)), list(map(len, blocks)))
+    _, number = np.unique([scenario, np.concatenate(blocks)], axis=1, return_inverse=True)
+    return sign_test(x, y, number.ravel())
 
 
-@dataclass(frozen=True)
-class _Part:
-    """A metric in two runs of a scenario: the means, resampled differences, the number of cases, the largest one."""
-
-    a: float
-    b: float
-    resampled: Float[np.ndarray, "resample"]
-    n: int
-    largest: float
-
-    @classmethod
-    def of(cls, name: str, shared: Paired, chosen: Bool[np.ndarray, "case"]) -> _Part:
-        """Compare the chosen cases."""
-        x, y = (table.columns[name][chosen].astype(float) for table in (shared.one, shared.two))
-        weights = [
-            table.steps[chosen] * 1.0 if info_of(name).pooled else np.ones(len(x)) for table in (shared.one, shared.two)
-        ]
-        block = None if shared.one.block is None else shared.one.block[chosen]
-        columns = *by_block(x, weights[0], block), *by_block(y, weights[1], block)
-        resampled = bootstrap_distribution(_mean_difference, *columns)
-        a, b = (float(weighted_mean(values, weight)) for values, weight in zip((x, y), weights, strict=True))
-        return cls(a, b, resampled, len(x), float((y - x).max()))
+def _compare_part(
+    name: str, pair: Paired, chosen: Bool[np.ndarray, "case"]
+) -> tuple[tuple[float, float], Float[np.ndarray, "resample"], Float[np.ndarray, "chosen"]]:
+    """Compare a metric in the chosen cases of a scenario: both means, resampled differences, and that of each case."""
+    values = [table.columns[name][chosen].astype(float) for table in (pair.a, pair.b)]
+    weights = [weigh(name, table.steps[chosen]) for table in (pair.a, pair.b)]
+    block = None if pair.a.block is None else pair.a.block[chosen]
+    columns = [column for x, w in zip(values, weights, strict=True) for column in by_block(x, w, block)]
+    a, b = (float(weighted_mean(x, w)) for x, w in zip(values, weights, strict=True))
+    return (a, b), bootstrap_distribution(_mean_difference, *columns), values[1] - values[0]
 
 
 def _mean_of(resampled: Sequence[Float[np.ndarray, "resample"]]) -> Float[np.ndarray, "resample"]:
     """The distribution of the mean over scenarios, whose cases are independent of each other's."""
     random = np.random.default_rng(0)
     first, *rest = resampled  # as many cases are resampled alike in all of them, hence the new order
-    return np.asarray(np.mean([first, *(random.permutation(each) for each in rest)], axis=0))
+    return np.asarray(np.mean([first, *(random.permutation(values) for values in rest)], axis=0))
 
 
 def _mean_difference(*columns: Float[np.ndarray, "*resample case"], axis: int = -1) -> Float[np.ndarray, "*resample"]:

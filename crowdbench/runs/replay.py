@@ -116,26 +116,27 @@ def replay(
     changed = _changed_versions(run)
     columns = dict.fromkeys([*run.episodes.columns, *run.result["metrics"]])
     measured = {name: metrics[name] for name in columns if name in metrics}
-    found = Differences(run.cases, exact=not changed)
-    found.note(f"checks of {RESULT} fail", [run.broken] if run.broken else [], 1)
+    differences = Differences(run.cases, exact=not changed)
+    differences.note(f"checks of {RESULT} fail", [run.broken] if run.broken else [], 1)
     parts: list[Episodes] = []
     wrong_states: list[str] = []
     for trace in traces(run, scenario, progress=progress):
         parts.append(Episodes.of(trace, measured))
         if run.recording is not None and _kind(run.recording.trace) == _kind(trace):
-            wrong_states += found.compare_states(run.recording.trace, trace)
+            wrong_states += differences.compare_states(run.recording.trace, trace)
     replayed = Episodes.join(parts)
-    _compare_commands(found, run, scenario, replayed)
-    _compare_episodes(found, run, replayed)
-    _compare_result(found, run, scenario, replayed)
-    _compare_recording(found, run, scenario, trace, wrong_states)
+    recorded = 0 if run.recording is None else len(run.recording.trace)
+    _compare_commands(differences, run.commands, scenario, replayed)
+    _compare_episodes(differences, run, replayed)
+    _compare_result(differences, run, scenario, replayed, recorded)
+    if run.recording is not None:
+        recording, kind = run.recording, _kind(trace)
+        stated = {"planner": recording.planner, "scenario": recording.scenario_digest, **_kind(recording.trace)}
+        differences.note_values(RECORDING, stated, {"planner": run.label, "scenario": scenario.digest, **kind})
+        differences.note_rows(RECORDING, recording.trace.case, some_missing=True)
+        differences.note(f"episodes in {RECORDING} have other states", wrong_states, recorded)
     unchecked = [name for name in columns if name not in metrics]
-    return Replay(len(replayed), _recorded(run), len(measured), unchecked, changed, list(found))
-
-
-def _recorded(run: RunResult) -> int:
-    """How many episodes are recorded."""
-    return 0 if run.recording is None else len(run.recording.trace)
+    return Replay(len(replayed), recorded, len(measured), unchecked, changed, list(differences))
 
 
 def traces(
@@ -184,54 +185,44 @@ def _possible(recorded: Commands, scenario: Scenario) -> Bool[np.ndarray, "case"
     return np.bincount(row_of_step[~is_within], minlength=len(recorded.case)) == 0
 
 
-def _compare_commands(found: Differences, run: RunResult, scenario: Scenario, replayed: Episodes) -> None:
+def _compare_commands(differences: Differences, commands: Commands, scenario: Scenario, replayed: Episodes) -> None:
     """Note what is wrong with `commands.parquet`."""
-    recorded = run.commands
-    found.note_rows(COMMANDS, recorded.case)
-    refused = map(found.name, recorded.case[~_possible(recorded, scenario)].tolist())
+    differences.note_rows(COMMANDS, commands.case)
+    refused = map(differences.name, commands.case[~_possible(commands, scenario)].tolist())
     what = "commands that a run refuses, beyond the limits of the vehicle or not finite"
-    found.note(f"cases in {COMMANDS} have {what}", refused, len(recorded.case))
-    _, one, two = np.intersect1d(recorded.case, replayed.case, return_indices=True)
-    lengths = zip(replayed.case[two].tolist(), recorded.steps[one].tolist(), replayed.steps[two].tolist(), strict=True)
-    wrong = (f"{found.name(case)} ({n}, replayed: {steps})" for case, n, steps in lengths if n != steps)
-    found.note(f"cases have more or fewer commands in {COMMANDS} than steps", wrong, len(one))
+    differences.note(f"cases in {COMMANDS} have {what}", refused, len(commands.case))
+    case, *rows = np.intersect1d(commands.case, replayed.case, return_indices=True)
+    numbers = commands.steps[rows[0]].tolist(), replayed.steps[rows[1]].tolist()
+    lengths = zip(map(differences.name, case.tolist()), *numbers, strict=True)
+    differences.note_pairs(f"cases have more or fewer commands in {COMMANDS} than steps", lengths, len(case))
 
 
-def _compare_episodes(found: Differences, run: RunResult, replayed: Episodes) -> None:
+def _compare_episodes(differences: Differences, run: RunResult, replayed: Episodes) -> None:
     """Note what is wrong with `episodes.csv`."""
-    found.note_rows(EPISODES, run.episodes.case)
+    differences.note_rows(EPISODES, run.episodes.case)
     missing = (name for name in replayed.columns if name not in run.episodes.columns)
-    found.note(f"metrics have no column in {EPISODES}", missing, len(replayed.columns))
-    _, one, two = np.intersect1d(run.episodes.case, replayed.case, return_indices=True)
-    found.note_episodes(run.episodes.take(one), replayed.take(two))
+    differences.note(f"metrics have no column in {EPISODES}", missing, len(replayed.columns))
+    _, *rows = np.intersect1d(run.episodes.case, replayed.case, return_indices=True)
+    differences.note_episodes(run.episodes.take(rows[0]), replayed.take(rows[1]))
 
 
-def _compare_result(found: Differences, run: RunResult, scenario: Scenario, replayed: Episodes) -> None:
+def _compare_result(
+    differences: Differences, run: RunResult, scenario: Scenario, replayed: Episodes, recorded: int
+) -> None:
     """Note what is wrong with `result.json`."""
-    result, metrics = run.result, run.result["metrics"]
+    result = run.result
+    stated = {
+        **{name: result.get(name) for name in ("outcomes", "recorded")},
+        "run": {"scenario": result["run"]["scenario"]},
+        "metrics": {name: result["metrics"].get(name) for name in replayed.columns},
+    }
     again = {
         "run": {"scenario": scenario.digest},
         "outcomes": replayed.counts(),
         "metrics": to_json(replayed.summary()),
-        "recorded": _recorded(run),
+        "recorded": recorded,
     }
-    recorded = {name: result.get(name) for name in ("outcomes", "recorded")}
-    recorded["run"] = {"scenario": result["run"]["scenario"]}
-    recorded["metrics"] = {name: metrics.get(name) for name in replayed.columns}
-    found.note_values(RESULT, recorded, again)
-
-
-def _compare_recording(
-    found: Differences, run: RunResult, scenario: Scenario, trace: Trace, wrong_states: list[str]
-) -> None:
-    """Note what is wrong with `run.rrd`; `trace` is a part of the replay."""
-    recording = run.recording
-    if recording is None:
-        return
-    recorded = {"planner": recording.planner, "scenario": recording.scenario_digest, **_kind(recording.trace)}
-    found.note_values(RECORDING, recorded, {"planner": run.label, "scenario": scenario.digest, **_kind(trace)})
-    found.note_rows(RECORDING, recording.trace.case, some_missing=True)
-    found.note(f"episodes in {RECORDING} have other states", wrong_states, len(recording.trace))
+    differences.note_values(RESULT, stated, again)
 
 
 def _kind(trace: Trace) -> dict[str, Any]:

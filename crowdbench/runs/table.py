@@ -9,12 +9,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from crowdbench.metrics import MAIN, METRICS, Metric, MetricInfo, info_of, no_metric
 from crowdbench.metrics.summary import UNDEFINED, Estimate
-from crowdbench.runs.compare import check_comparable, compare_results
-from crowdbench.runs.paired import holm
+from crowdbench.runs.compare import check_comparable, compare_results, correct
+from crowdbench.runs.results import planner_label
 from crowdbench.runs.store import RunResult
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
@@ -30,9 +28,6 @@ PRIVILEGED = (
 )
 """A note on planners that are marked with an asterisk."""
 
-Runs = Mapping[str, RunResult]
-"""Runs of a scenario, by planner."""
-
 
 @dataclass(frozen=True)
 class RunTable:
@@ -43,7 +38,7 @@ class RunTable:
             scenario.
     """
 
-    columns: Mapping[str, Runs]
+    columns: Mapping[str, Mapping[str, RunResult]]
 
     @classmethod
     def read(cls, directories: Sequence[Path], columns: str = SCENARIO) -> RunTable:
@@ -59,7 +54,7 @@ class RunTable:
         """
         table: dict[str, dict[str, RunResult]] = {}
         for run in map(RunResult.read, directories):
-            row, column = _place(run, columns)
+            row, column = _row_and_column(run, columns)
             runs = table.setdefault(column, {})
             if row in runs:
                 both = f"{run.directory} and {runs[row].directory}"
@@ -97,13 +92,12 @@ class RunTable:
                     raise InputError(f"the run of {run.label} {no_metric(name, run.episodes.columns)}")
         return {name: info_of(name, all(name in run.episodes.rates for run in self.runs)) for name in metrics}
 
-    def grid(self, metrics: Sequence[str], solved: bool = False, brief: Collection[str] = ()) -> Grid:
+    def grid(self, metrics: Sequence[str], solved: bool = False) -> Grid:
         """Return a row for each run and a column for each metric.
 
         Args:
             metrics: Names of metrics.
             solved: True for means over the cases that the planner itself solves, but for metrics that count failures.
-            brief: Metrics without their intervals.
 
         Raises:
             InputError: A run lacks one of the metrics.
@@ -111,38 +105,36 @@ class RunTable:
         infos, records = self.infos(metrics), []
         for scenario, runs in self.columns.items():
             for planner, run in runs.items():
-                place = {SCENARIO: scenario} if len(self.columns) > 1 else {}
-                marked = f"{planner} *" if run.result["stated"]["privileged"] else planner
-                records.append({**place, "planner": marked, **estimates(run, infos, solved)})
-        return estimate_grid(" and ".join(self.columns), records, infos, brief)
+                labels = {SCENARIO: scenario} if len(self.columns) > 1 else {}
+                labels["planner"] = f"{planner} *" if run.result["stated"]["privileged"] else planner
+                records.append({**labels, **estimates(run, infos, solved)})
+        return estimate_grid(" and ".join(self.columns), records, infos)
 
     def cross(self, metric: str) -> tuple[Grid, str]:
         """Return one metric with a row for each planner, and what its marks mean. Raises InputError as `grid` does."""
         info = self.infos([metric])[metric]
-        planners = dict.fromkeys(planner for runs in self.columns.values() for planner in runs)
-        found = {
-            column: {planner: estimates(run, {metric: info})[metric] for planner, run in runs.items()}
-            for column, runs in self.columns.items()
-        }
-        marks = {column: _mark(runs, found[column], metric, info) for column, runs in self.columns.items()}
+        records: dict[str, dict[str, Any]] = {}
+        cells: dict[str, dict[str, str]] = {}
+        for column, runs in self.columns.items():
+            means = {planner: estimates(run, {metric: info})[metric] for planner, run in runs.items()}
+            marks = _mark(runs, means, metric, info)
+            for planner, mean in means.items():
+                records.setdefault(planner, {"planner": planner})[column] = mean
+                cells.setdefault(planner, {})[column] = _cell(mean, marks.get(planner, ""), info)
         rows = [
-            [planner, *(_cell(found[one].get(planner), marks[one].get(planner, ""), info) for one in found)]
-            for planner in planners
-        ]
-        records = [
-            {"planner": planner, **{one: each[planner] for one, each in found.items() if planner in each}}
-            for planner in planners
+            [planner, *(row.get(column, info.estimate(UNDEFINED)) for column in self.columns)]
+            for planner, row in cells.items()
         ]
         note = NOTE.format(test=RATES if all(metric in run.episodes.rates for run in self.runs) else MEANS)
-        return Grid(info.heading, [info.heading, *found], rows, records), note
+        return Grid(info.heading, [info.heading, *self.columns], rows, list(records.values())), note
 
 
 def estimates(run: RunResult, infos: Mapping[str, MetricInfo], solved: bool = False) -> dict[str, Estimate]:
     """Return the means of metrics of a run with their intervals, see `RunTable.grid`."""
     episodes = run.episodes
-    own = episodes.take(episodes.columns["success_rate"]) if solved else episodes
+    chosen = episodes.take(episodes.columns["success_rate"]) if solved else episodes
     count_all = {name for name, info in infos.items() if name in episodes.rates or info.over_all}
-    return {name: (episodes if name in count_all else own).summary([name])[name] for name in infos}
+    return {name: (episodes if name in count_all else chosen).summary([name])[name] for name in infos}
 
 
 def estimate_grid(
@@ -159,11 +151,11 @@ def estimate_grid(
     """
     labels = [name for name, value in records[0].items() if isinstance(value, str)]
 
-    def cell(name: str, found: Estimate) -> str:
-        return infos[name].number(found.mean) if name in brief else infos[name].estimate(found)
+    def cell(name: str, estimate: Estimate) -> str:
+        return infos[name].number(estimate.mean) if name in brief else infos[name].estimate(estimate)
 
     rows = [
-        [*(str(record[label]) for label in labels), *(cell(name, record.get(name, UNDEFINED)) for name in infos)]
+        [*(record[label] for label in labels), *(cell(name, record.get(name, UNDEFINED)) for name in infos)]
         for record in records
     ]
     header = [*labels, *(info.heading for info in infos.values())]
@@ -172,7 +164,7 @@ def estimate_grid(
 
 def metric_grid(
     title: str,
-    found: Mapping[str, Estimate],
+    estimates: Mapping[str, Estimate],
     rates: Collection[str],
     functions: Mapping[str, Metric] = MappingProxyType({}),
     all_metrics: bool = True,
@@ -181,18 +173,19 @@ def metric_grid(
 
     Args:
         title: Its title.
-        found: The estimates by metric.
+        estimates: The estimates by metric.
         rates: The metrics that are rates.
         functions: Metrics of a user by name, whose units are shown.
         all_metrics: False for those in `MAIN` and those of a user alone.
     """
-    own = [name for name in found if name not in METRICS]
+    of_user = [name for name in estimates if name not in METRICS]
     rows = []
-    for name in found if all_metrics else [*(name for name in MAIN if name in found), *own]:
-        one, info = found[name], info_of(name, name in rates, functions.get(name))
-        if one.n:
-            largest = "" if name in rates else info.number(one.max)
-            rows.append((name, info.amount(one.mean), info.interval(one.low, one.high), largest, str(one.n)))
+    for name in estimates if all_metrics else [*(name for name in MAIN if name in estimates), *of_user]:
+        estimate, info = estimates[name], info_of(name, name in rates, functions.get(name))
+        if estimate.n:
+            largest = "" if name in rates else info.number(estimate.max)
+            interval = info.interval(estimate.low, estimate.high)
+            rows.append((name, info.amount(estimate.mean), interval, largest, str(estimate.n)))
     return Grid(title, ("metric", "mean", "95 % interval", "max", "n"), rows, align="lrlrr")
 
 
@@ -202,7 +195,7 @@ def scenario_title(run: RunResult) -> str:
     return run.result["scenario"]["name"] + "".join(f", {key}={value}" for key, value in changes)
 
 
-def _place(run: RunResult, columns: str) -> tuple[str, str]:
+def _row_and_column(run: RunResult, columns: str) -> tuple[str, str]:
     """The row and the column of a run. Raises InputError where it has no such option or key."""
     if columns == SCENARIO:
         return run.label, scenario_title(run)
@@ -211,25 +204,26 @@ def _place(run: RunResult, columns: str) -> tuple[str, str]:
     if columns not in values:
         raise InputError(f"{run.directory} was made without {columns}: name an option or a key that all runs have set")
     options = {name: value for name, value in planner["options"].items() if name != columns}
-    label = planner["name"] + (f" ({', '.join(f'{k}={v}' for k, v in options.items())})" if options else "")
-    return label, f"{columns}={values[columns]}"
+    return planner_label(planner["name"], options), f"{columns}={values[columns]}"
 
 
-def _mark(runs: Runs, found: Mapping[str, Estimate], metric: str, info: MetricInfo) -> dict[str, str]:
+def _mark(
+    runs: Mapping[str, RunResult], means: Mapping[str, Estimate], metric: str, info: MetricInfo
+) -> dict[str, str]:
     """`best` for the best run of a column, and † for those that cannot be told from it."""
-    known = {row: info.sign * one.mean for row, one in found.items() if not math.isnan(one.mean)}
+    known = {planner: info.sign * mean.mean for planner, mean in means.items() if not math.isnan(mean.mean)}
     if len(known) < 2 or not info.sign:
         return {}
-    best = max(known, key=lambda row: known[row])
-    others = [row for row in known if row != best]
-    differences = [compare_results(runs[best], runs[row], [metric]).rows[metric] for row in others]
-    if all(each.p is not None for each in differences):
-        same = holm(np.array([each.p for each in differences], float)) >= 0.05
-    else:
-        same = np.array([each.difference.low <= 0.0 <= each.difference.high for each in differences])
-    return {best: "best", **{row: "†" for row, is_same in zip(others, same, strict=True) if is_same}}
+    best = max(known, key=lambda planner: known[planner])
+    others = [planner for planner in known if planner != best]
+    comparisons = correct([compare_results(runs[best], runs[planner], [metric]) for planner in others])
+    marks = {best: "best"}
+    for planner, row in zip(others, (comparison.rows[metric] for comparison in comparisons), strict=True):
+        if row.difference.low <= 0.0 <= row.difference.high if row.corrected is None else row.corrected >= 0.05:
+            marks[planner] = "†"
+    return marks
 
 
-def _cell(estimate: Estimate | None, mark: str, info: MetricInfo) -> str:
-    mean, *interval = info.estimate(estimate or UNDEFINED).split(" ", 1)
+def _cell(estimate: Estimate, mark: str, info: MetricInfo) -> str:
+    mean, *interval = info.estimate(estimate).split(" ", 1)
     return " ".join([f"**{mean}**" if mark == "best" else mean + mark, *interval])
