@@ -33,23 +33,23 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
     """
     from crowdbench.runs.compare import compare_to, comparison_grid
 
-    found = compare_to(reference, others)
-    for warning in dict.fromkeys(warning for comparison in found for warning in comparison.warnings):
+    comparisons = compare_to(reference, others)
+    for warning in dict.fromkeys(warning for comparison in comparisons for warning in comparison.warnings):
         say(f"crowdbench: {warning}")
-    grid = comparison_grid(found, metric or [])
+    grid = comparison_grid(comparisons, metric or [])
     if format is not None:
         print(format_tables([grid], format))
         return
     print_table(grid)
     print("\nRates (p: McNemar's exact test) and metrics that include failures are over all shared cases, the others")
     print("over the cases that both runs solve. Intervals are of the paired difference, and go with p.")
-    if len(found) > 1:
+    if len(comparisons) > 1:
         print("p corrected: for the number of tests of a metric (Holm 1979), those of all scenarios apart.")
-    several = len({comparison.scenario for comparison in found}) > 1
-    for comparison in found:
-        where = f"{comparison.scenario}: " if several else ""
+    several = len({comparison.scenario for comparison in comparisons}) > 1
+    for comparison in comparisons:
+        scenario = f"{comparison.scenario}: " if several else ""
         for line in comparison.list_changed_cases():
-            print(f"{where}{line}")
+            print(f"{scenario}{line}")
 
 
 def view(
@@ -210,9 +210,9 @@ def _replay(
     run = RunResult.read_unchecked(directory)
     scenario = _load_scenario(run, pedestrians, layout, data)
     with progress(len(run.commands.case)) as tell:
-        found = replay(run, scenario, measured, tell)
-    print(json.dumps(found.to_json(), indent=2) if as_json else found)
-    if found.differences:
+        result = replay(run, scenario, measured, tell)
+    print(json.dumps(result.to_json(), indent=2) if as_json else result)
+    if result.differences:
         sys.exit(1)
 
 

@@ -17,6 +17,7 @@ from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOS
 if TYPE_CHECKING:
     from crowdbench.metrics import Metric
     from crowdbench.runs.run import Run
+    from crowdbench.runs.spec import RunSpec
 
 NAMED = 10
 """How many failed cases are named of each outcome."""
@@ -82,12 +83,9 @@ def run(
         refuse_other_options(context)
         run_board(board, planner, option or [], cases, data, out, as_json)
         return
-    from crowdbench.runs.load import open_run
     from crowdbench.runs.result_file import read_result
-    from crowdbench.runs.shards import Parts, Shard, make_run
-    from crowdbench.runs.spec import RunSpec, directory_name
+    from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
-    from crowdbench.utils.files import check_free
 
     announce_compilation()
     spec = RunSpec(
@@ -105,27 +103,50 @@ def run(
         decision_limit,
         data.absolute() if data else None,  # workers of a cluster have other working directories
     )
-    own = Shard.parse(shard)
-    with exit_on_interrupt(), open_run(spec) as loaded, progress(len(spec.cases)) as tell:
-        loaded.scenario.check_data(data)
-        warn_if_trained_otherwise(loaded)
-        if loaded.scenario.certificates is not None:
-            say(f"crowdbench: {loaded.scenario.certificates.sentence(spec.cases)}")
-        directory = out or Path("runs") / directory_name(loaded.driver.name, loaded.scenario.name, spec)
-        if on_ray:
-            from crowdbench.runs.on_ray import make_parts
-
-            check_free(directory, overwrite)
-            make_parts([Parts.of(loaded, directory, own)], cpus=threads or 1, progress=tell)
-        is_whole = make_run(loaded, directory, shard=own, overwrite=overwrite, progress=None if on_ray else tell)
-    if not is_whole:
-        parts = Parts.of(loaded, directory)
-        finished = f"{parts.count_finished()} of {len(spec.cases)} cases are in {parts.folder}"
-        say(f"crowdbench: {finished}; the last process to finish merges the run")
-        return
+    loaded, directory = make_one_run(spec, out, shard, overwrite, (threads or 1) if on_ray else None)
     changes = "".join(f", {key}={value}" for key, value in spec.changes.items())
     title = f"{loaded.label} on {loaded.scenario.name}{changes}"
     print_result(title, read_result(directory), loaded.metrics, directory, as_json, all_metrics)
+
+
+def make_one_run(
+    spec: RunSpec, out: Path | None, shard: str | None, overwrite: bool, cpus: int | None
+) -> tuple[Run, Path]:
+    """Make a run, or a shard of it, and print warnings; say what is missing, and exit, where parts are missing.
+
+    Args:
+        spec: The run.
+        out: Its directory; in `runs/`, named after the run, if None.
+        shard: Which share of its parts is made, such as 2/8.
+        overwrite: Whether an earlier run in its directory is replaced.
+        cpus: CPUs of each part on a Ray cluster; None without one.
+
+    Returns:
+        The run and its directory.
+    """
+    from crowdbench.runs.load import open_run
+    from crowdbench.runs.shards import Parts, Shard, make_run
+    from crowdbench.runs.spec import directory_name
+    from crowdbench.utils.files import check_free
+
+    share = Shard.parse(shard)
+    with exit_on_interrupt(), open_run(spec) as run, progress(len(spec.cases)) as tell:
+        run.scenario.check_data(spec.data)
+        warn_if_trained_otherwise(run)
+        if run.scenario.certificates is not None:
+            say(f"crowdbench: {run.scenario.certificates.sentence(spec.cases)}")
+        directory = out or Path("runs") / directory_name(run.driver.name, run.scenario.name, spec)
+        if cpus is not None:
+            from crowdbench.runs.on_ray import make_parts
+
+            check_free(directory, overwrite)
+            make_parts([Parts.of(run, directory, share)], cpus=cpus, progress=tell)
+        if make_run(run, directory, shard=share, overwrite=overwrite, progress=None if cpus else tell):
+            return run, directory
+    parts = Parts.of(run, directory)
+    finished = f"{parts.count_finished()} of {len(spec.cases)} cases are in {parts.folder}"
+    say(f"crowdbench: {finished}; the last process to finish merges the run")
+    raise typer.Exit
 
 
 def warn_if_trained_otherwise(run: Run) -> None:
@@ -195,8 +216,9 @@ def print_result(
     from crowdbench.runs.results import read_estimate
     from crowdbench.runs.table import metric_grid
 
-    found = {name: read_estimate(table) for name, table in result["metrics"].items()}
-    print_table(metric_grid(f"{title}, cases {result['run']['cases']}", found, result["rates"], metrics, all_metrics))
+    title = f"{title}, cases {result['run']['cases']}"
+    estimates = {name: read_estimate(table) for name, table in result["metrics"].items()}
+    print_table(metric_grid(title, estimates, result["rates"], metrics, all_metrics))
     if not all_metrics:
         print(f"{len(result['metrics'])} metrics in all: --all-metrics")
     if "tracks" in result["scenario"]:
