@@ -30,8 +30,8 @@ from crowdbench.boards.verdict import (
     write_verification,
 )
 from crowdbench.plugins.load import load_module
-from crowdbench.runs.results import to_json
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import plain
 
 pytestmark = pytest.mark.slow
 
@@ -94,7 +94,7 @@ def verified(entry, season, key):
         level="process",
         verdict=Verdict.RERUN,
         reason="as reported",
-        figures={name: to_json(run.summary()) for name, run in read_episodes(board, entry.public).items()},
+        figures={name: plain(run.summary()) for name, run in read_episodes(board, entry.public).items()},
         decision_time=speed,
     )
     write_verification(verification_folder(entry, season), found, board, entry.public, key)

@@ -23,13 +23,14 @@ from crowdbench.runs import replay as replays
 from crowdbench.runs import rollout as rollouts
 from crowdbench.runs.merge import merge
 from crowdbench.runs.replay import replay
-from crowdbench.runs.results import Episodes, to_json
+from crowdbench.runs.results import Episodes
 from crowdbench.runs.shards import find_finished
 from crowdbench.runs.spec import Replanning
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.simulator import step
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import plain
 
 CASES = 12
 SOME = {name: METRICS[name] for name in ("success_rate", "collision_rate", "path_length", "jerk", "discomfort")}
@@ -143,7 +144,7 @@ def rewrite(directory, episodes=None, **result):
     written = json.loads((directory / "result.json").read_text())
     if episodes is not None:
         episodes.write(directory / "episodes.csv")
-        written |= {"outcomes": episodes.counts(), "metrics": to_json(episodes.summary())}
+        written |= {"outcomes": episodes.counts(), "metrics": plain(episodes.summary())}
     (directory / "result.json").write_text(json.dumps(written | result))
 
 

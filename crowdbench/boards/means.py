@@ -15,8 +15,8 @@ from crowdbench.boards.verdict import Method
 from crowdbench.metrics import UNDISTURBED, info_of
 from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.metrics.summary import UNDEFINED, Estimate, wilson
-from crowdbench.runs.results import to_json
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.tables import plain
 
 MIN_NETWORKS = 5
 """Fewer networks do not represent a method."""
@@ -98,7 +98,7 @@ def summarize_method(board: Board, folders: Sequence[Path], cases: int) -> Metho
     """
     networks = [read_episodes(board, folder)[board.scenarios[0]].columns for folder in folders]
     values = {metric: np.array([columns[metric][:cases] for columns in networks], float) for metric in METHOD_METRICS}
-    figures = to_json({metric: range_over_networks(shares) for metric, shares in values.items()})
+    figures = plain({metric: range_over_networks(shares) for metric, shares in values.items()})
     return Method.model_validate({"networks": len(networks), "cases": cases, "metrics": figures})
 
 

@@ -45,13 +45,14 @@ from crowdbench.isolation import sandbox
 from crowdbench.runs.recording import COMMANDS, check_size
 from crowdbench.runs.replay import replay
 from crowdbench.runs.result_file import read_result
-from crowdbench.runs.results import EPISODES, Episodes, to_json
+from crowdbench.runs.results import EPISODES, Episodes
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError, MachineFault
 from crowdbench.utils.memory import limit_memory
+from crowdbench.utils.tables import plain
 
 MAX_MEMORY = 4e9
 """Bytes that the replay of an entry's public runs may take."""
@@ -237,7 +238,7 @@ def read_public_run(entry: Entry, board: Board, scenario: Scenario) -> RunResult
         "stated": {"versions": entry.spec.environment},
         "outcomes": episodes.counts(),
         "recorded": 0,
-        "metrics": to_json(episodes.summary()),
+        "metrics": plain(episodes.summary()),
     }
     return RunResult(folder, result, episodes)
 

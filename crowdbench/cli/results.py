@@ -12,7 +12,7 @@ import typer
 
 from crowdbench.cli.console import announce_compilation, print_table, progress, say
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import Format, Grid, format_tables
+from crowdbench.utils.tables import Format, Grid, format_tables, plain
 
 if TYPE_CHECKING:
     from crowdbench.runs.results import Episodes
@@ -154,7 +154,7 @@ def score(
     from crowdbench.metrics.load import load_metrics
     from crowdbench.record.contents import read
     from crowdbench.runs.result_file import check_result, warn_of_other_code
-    from crowdbench.runs.results import RECORDING, Episodes, to_json
+    from crowdbench.runs.results import RECORDING, Episodes
     from crowdbench.runs.table import metric_grid
 
     if recording.is_dir():
@@ -167,7 +167,7 @@ def score(
     if as_json:
         about = {"planner": contents.planner, "scenario": contents.scenario, "cases": contents.cases}
         rows = dataclasses.replace(episodes, block=None).to_arrow().to_pylist()
-        result = {"metrics": to_json(summary), "rates": episodes.rates} if summary else {}
+        result = {"metrics": plain(summary), "rates": episodes.rates} if summary else {}
         print(json.dumps({**about, "episodes": rows, **result}, indent=2))
     elif summary:
         title = f"{contents.planner} on {contents.scenario}, from {recording}"

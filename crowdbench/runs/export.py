@@ -8,6 +8,7 @@ Everything follows from the run's commands, with which its cases are simulated a
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -49,25 +50,23 @@ def export(run: RunResult, scenario: Scenario, folder: Path, progress: Progress 
     (folder / TRACKS).mkdir()
     cases = 0
     seen: dict[tuple[int, int], Float[np.ndarray, "features"]] = {}
-    writer: pq.ParquetWriter | None = None
 
     def watch(world: World) -> None:
         """Keep the observations before a step, as the environments show them."""
         numbers = zip(world.case.tolist(), world.step.tolist(), strict=True)
         seen.update(zip(numbers, flatten_vehicle(world), strict=True))
 
-    try:
+    with contextlib.ExitStack() as stack:
+        writer: pq.ParquetWriter | None = None
         for trace in traces(run, scenario, progress=progress, watch=watch):
             cases += len(trace)
             for row, case in enumerate(trace.case.tolist()):
                 _write_tracks(trace, row, folder / TRACKS / f"{trace.split}-{case}.txt")
             table = _tabulate(trace, seen)
-            writer = writer or pq.ParquetWriter(folder / STEPS, table.schema, compression="zstd")
+            if writer is None:
+                writer = stack.enter_context(pq.ParquetWriter(folder / STEPS, table.schema, compression="zstd"))
             writer.write_table(table)
             seen.clear()
-    finally:
-        if writer is not None:
-            writer.close()
     return cases
 
 

@@ -65,8 +65,8 @@ def _check_fitting(parts: Sequence[RunResult]) -> None:
             made = f"{part.directory} was not made by this version of crowdbench"
             raise InputError(f"{made}, and cannot be merged: make it again")
     for before, after in itertools.pairwise(parts):
-        one, two = (_shared(part) for part in (before, after))
-        if differ := [key for key in dict.fromkeys([*one, *two]) if one.get(key) != two.get(key)]:
+        a, b = _shared(before), _shared(after)
+        if differ := [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key)]:
             raise InputError(
                 f"{before.directory} and {after.directory} are no parts of one run: they differ in {differ[0]}"
             )

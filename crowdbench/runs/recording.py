@@ -129,8 +129,8 @@ class Commands:
         """The commands in m/s of the cases with these indices for so many steps, zero after the last command."""
         ends = np.cumsum(self.steps)
         padded = np.zeros((len(rows), steps, 2))
-        for own, end, length in zip(padded, ends[rows], self.steps[rows], strict=True):
-            own[:length] = self.command[end - length : end][:steps]
+        for commands, end, length in zip(padded, ends[rows], self.steps[rows], strict=True):
+            commands[:length] = self.command[end - length : end][:steps]
         return padded
 
 
@@ -210,6 +210,6 @@ def _read_table(path: Path) -> pa.Table:
     except (pa.ArrowException, OSError, ValueError) as error:
         raise InputError(f"{path} is cut short, damaged or no Parquet file at all: {describe_error(error)}") from None
     if not table.schema.equals(_SCHEMA):
-        found = ", ".join(f"{field.name}: {field.type}" for field in table.schema)
-        raise InputError(f"{path} is not a table of commands as crowdbench writes it: it has the columns {found}")
+        columns = ", ".join(f"{field.name}: {field.type}" for field in table.schema)
+        raise InputError(f"{path} is not a table of commands as crowdbench writes it: it has the columns {columns}")
     return table

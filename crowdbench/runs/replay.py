@@ -22,7 +22,7 @@ from crowdbench.runs.differences import Difference, Differences
 from crowdbench.runs.identity import code
 from crowdbench.runs.recording import COMMANDS, Commands
 from crowdbench.runs.result_file import RESULT
-from crowdbench.runs.results import EPISODES, RECORDING, Episodes, to_json
+from crowdbench.runs.results import EPISODES, RECORDING, Episodes
 from crowdbench.runs.rollout import Progress, rollout
 from crowdbench.runs.run import fit_batch, read_versions
 from crowdbench.runs.store import RunResult
@@ -30,6 +30,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.defaults import BATCH
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import plain
 
 
 class Playback(Planner):
@@ -219,7 +220,7 @@ def _compare_result(
     again = {
         "run": {"scenario": scenario.digest},
         "outcomes": replayed.counts(),
-        "metrics": to_json(replayed.summary()),
+        "metrics": plain(replayed.summary()),
         "recorded": recorded,
     }
     differences.note_values(RESULT, stated, again)

@@ -51,7 +51,7 @@ def write_result(folder: Path, result: Mapping[str, Any]) -> dict[str, Any]:
     """
     contents = {"format": FORMAT, **{key: value for key, value in result.items() if key not in ("format", "files")}}
     digests = {path.name: files.sha256(path) for path in sorted(folder.iterdir()) if path.name != RESULT}
-    sealed = {**contents, "files": {**digests, RESULT: _own_digest(contents)}}
+    sealed = {**contents, "files": {**digests, RESULT: _contents_digest(contents)}}
     with files.whole(folder / RESULT) as partial:
         partial.write_text(json.dumps(sealed, indent=2) + "\n", encoding="utf-8")
     return sealed
@@ -96,7 +96,7 @@ def check_result(directory: Path, needed: Iterable[str] = ()) -> dict[str, Any]:
     """
     result, path = read_result(directory), directory / RESULT
     digests = {**result["files"]}
-    if digests.pop(RESULT, "") != _own_digest({key: value for key, value in result.items() if key != "files"}):
+    if digests.pop(RESULT, "") != _contents_digest({key: value for key, value in result.items() if key != "files"}):
         raise InputError(f"{path} is not the file that the run wrote: its sha256 differs; make the run again")
     if result["id"] != digest(result["run"]):
         raise InputError(f"{path} has an id that is not that of its run; make the run again")
@@ -105,12 +105,12 @@ def check_result(directory: Path, needed: Iterable[str] = ()) -> dict[str, Any]:
             raise InputError(f"{directory / name} is not a file of this run: {RESULT} does not list it; remove it")
     for name, expected in digests.items():
         try:
-            found = files.sha256(directory / name)
+            actual = files.sha256(directory / name)
         except OSError as error:
             raise InputError(
                 f"{directory / name}, which {RESULT} lists, cannot be read ({error.strerror}): make the run again"
             ) from None
-        if found != expected:
+        if actual != expected:
             raise InputError(
                 f"{directory / name} is not the file that the run wrote: its sha256 differs from {RESULT}; "
                 "make the run again"
@@ -125,7 +125,7 @@ def warn_of_other_code(directory: Path, result: Mapping[str, Any]) -> list[str]:
     return [f"{directory} was made by other code of crowdbench than this, whose figures may differ"]
 
 
-def _own_digest(contents: Mapping[str, Any]) -> str:
+def _contents_digest(contents: Mapping[str, Any]) -> str:
     """Return the sha256 of the contents of `result.json` without its section `files`."""
     return hashlib.sha256(json.dumps(contents, sort_keys=True).encode()).hexdigest()
 

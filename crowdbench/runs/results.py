@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 import math
 from collections.abc import Iterable, Mapping
@@ -55,8 +54,9 @@ class Episodes:
     def failures(self) -> dict[str, list[int]]:
         """The cases that failed, by outcome."""
         failed = Outcome.COLLISION, Outcome.WALL_COLLISION, Outcome.TIMEOUT
-        found = {outcome.label: self.case[self.outcome == outcome].tolist() for outcome in failed}
-        return {outcome: cases for outcome, cases in found.items() if cases}
+        return {
+            outcome.label: self.case[self.outcome == outcome].tolist() for outcome in failed if outcome in self.outcome
+        }
 
     @classmethod
     def of(cls, trace: Trace, metrics: Mapping[str, Metric]) -> Episodes:
@@ -187,19 +187,8 @@ def _format_value(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def to_json(summary: Mapping[str, Estimate]) -> dict[str, dict[str, float | int | None]]:
-    """A summary as plain numbers; NaN and infinity, which JSON does not have, become null."""
-    return {
-        name: {
-            key: None if isinstance(value, float) and not math.isfinite(value) else value
-            for key, value in dataclasses.asdict(estimate).items()
-        }
-        for name, estimate in summary.items()
-    }
-
-
 def read_estimate(table: Mapping[str, Any]) -> Estimate:
-    """An estimate as `to_json` has written it. Raises KeyError where a number is missing."""
+    """Read an estimate as `plain` has made it JSON. Raises KeyError where a number is missing."""
     mean, low, high, largest = (
         math.nan if table[name] is None else float(table[name]) for name in ("mean", "low", "high", "max")
     )

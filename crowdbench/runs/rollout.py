@@ -242,7 +242,12 @@ class _TraceBuilder:
         for name, values in logs.items():
             shape = (*self.arrays["gap"].shape, *values.shape[1:])
             if name not in self.logs:
-                self.logs[name] = self._empty_log(shape)
+                # Curves keep all digits; points and lines are drawn in float32.
+                dtype = np.dtype(np.float64 if len(shape) <= 3 else np.float32)
+                size = math.prod(shape) * dtype.itemsize + sum(log.nbytes for log in self.logs.values())
+                if size > LOG_MEMORY and shape[0] > 1:
+                    raise LogsTooLarge(max(1, int(shape[0] * LOG_MEMORY / size)))
+                self.logs[name] = np.full(shape, np.nan, dtype)
             if self.logs[name].shape != shape:
                 raise InputError(
                     f"the log {name} has shape {list(values.shape[1:])} per world in step {t}, "
@@ -250,15 +255,6 @@ class _TraceBuilder:
                 )
             with np.errstate(over="ignore"):
                 self.logs[name][rows, t] = values
-
-    def _empty_log(self, shape: tuple[int, ...]) -> np.ndarray:
-        # Curves keep all digits; points and lines are drawn in float32.
-        dtype = np.dtype(np.float64 if len(shape) <= 3 else np.float32)
-        size = math.prod(shape) * dtype.itemsize + sum(log.nbytes for log in self.logs.values())
-        worlds = shape[0]
-        if size > LOG_MEMORY and worlds > 1:
-            raise LogsTooLarge(max(1, int(worlds * LOG_MEMORY / size)))
-        return np.full(shape, np.nan, dtype)
 
     def trace(self, split: str, alone: _Alone | None, block: Int[np.ndarray, "world"] | None) -> Trace:
         """The trace of all episodes, from the split of the cases and their blocks of recorded time."""

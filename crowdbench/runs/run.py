@@ -175,5 +175,5 @@ def read_versions() -> dict[str, str]:
 def fit_batch(batch: int, scenario: Scenario) -> int:
     """How many cases run in lock-step: fewer than asked where their traces would take too much memory."""
     # Positions and velocities of every state, and as much again for what metrics make of them.
-    each = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents
-    return max(1, min(batch, int(MEMORY / each)))
+    size_of_case = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents
+    return max(1, min(batch, int(MEMORY / size_of_case)))

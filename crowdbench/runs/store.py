@@ -15,9 +15,10 @@ from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.runs.identity import digest
 from crowdbench.runs.recording import COMMANDS, Commands, read_commands
 from crowdbench.runs.result_file import RESULT, check_result, read_result, write_result
-from crowdbench.runs.results import EPISODES, RECORDING, Episodes, read_estimate, result_label, to_json
+from crowdbench.runs.results import EPISODES, RECORDING, Episodes, read_estimate, result_label
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import plain
 
 if TYPE_CHECKING:
     from crowdbench.record.contents import Recording
@@ -55,7 +56,7 @@ def write_run(
         "interrupted": interrupted,
         "recorded": recorded,
         "outcomes": episodes.counts(),
-        "metrics": to_json(episodes.summary()),
+        "metrics": plain(episodes.summary()),
         **episodes.blocks,
         "rates": episodes.rates,
         "stated": stated,

@@ -21,13 +21,14 @@ from crowdbench.metrics.summary import wilson
 from crowdbench.networks import card as cards
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.results import Episodes, to_json
+from crowdbench.runs.results import Episodes
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.train import checkpoint
 from crowdbench.train.config import Config, split_names
 from crowdbench.utils.defaults import BATCH
+from crowdbench.utils.tables import plain
 
 VALIDATION_CASES = Cases("val", 0, 200)
 """The cases of a validation, in each of its scenarios."""
@@ -180,7 +181,7 @@ class DrivingTraining(Training, Generic[Network]):
         for split, cases in self.card_cases.items():
             traces = (rollout(driver, self.scenario, part, progress=progress) for part in cases.batches(BATCH))
             episodes = Episodes.join([Episodes.of(trace, metrics) for trace in traces])
-            figures[split] = {"cases": str(cases), "metrics": to_json(episodes.summary())}
+            figures[split] = {"cases": str(cases), "metrics": plain(episodes.summary())}
         validation = {"scenarios": [scenario.name for scenario in self.validation], "cases": str(VALIDATION_CASES)}
         return {
             "training": {
