@@ -53,10 +53,8 @@ class Episodes:
     @property
     def failures(self) -> dict[str, list[int]]:
         """The cases that failed, by outcome."""
-        failed = Outcome.COLLISION, Outcome.WALL_COLLISION, Outcome.TIMEOUT
-        return {
-            outcome.label: self.case[self.outcome == outcome].tolist() for outcome in failed if outcome in self.outcome
-        }
+        failed = [end for end in (Outcome.COLLISION, Outcome.WALL_COLLISION, Outcome.TIMEOUT) if end in self.outcome]
+        return {outcome.label: self.case[self.outcome == outcome].tolist() for outcome in failed}
 
     @classmethod
     def of(cls, trace: Trace, metrics: Mapping[str, Metric]) -> Episodes:

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import itertools
 import json
 import re
 import secrets
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from filelock import Timeout
 
+from crowdbench.runs.merge import merge
 from crowdbench.runs.result_file import RESULT, check_result
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import Run
@@ -139,24 +139,21 @@ class Parts:
                     self.folder.rmdir()
 
     def _add_notes(self, error: BaseException) -> None:
-        number = self.count_finished()
-        if not number:
-            return
-        finished = f"{number} of {len(self.spec.cases)} cases are kept in {self.folder}"
-        goes_on = "the same command goes on with them, and " if self.is_resumable else ""
-        error.add_note(f"{finished}; {goes_on}`crowdbench merge {self.folder} --out DIR` makes a run of them")
-        if not self.is_resumable:
-            error.add_note("a planner object with a key, `run(..., key=...)`, goes on with what is kept")
+        if number := self.count_finished():
+            finished = f"{number} of {len(self.spec.cases)} cases are kept in {self.folder}"
+            resumes = "the same command goes on with them, and " if self.is_resumable else ""
+            error.add_note(f"{finished}; {resumes}`crowdbench merge {self.folder} --out DIR` makes a run of them")
+            if not self.is_resumable:
+                error.add_note("a planner object with a key, `run(..., key=...)`, goes on with what is kept")
 
     def make(self, part: Cases, drive: Drive) -> bool:
         """Make a part, unless it is there or another process is making it; returns whether this one has made it."""
         lock = self.folder.with_name(f".{self.folder.name}-{_name(part)}.lock")
         with contextlib.suppress(Timeout), files.hold_lock(lock, 0):
             try:
-                if self.is_finished(part):
-                    return False
-                drive(part, self.directory(part))
-                return True
+                if not self.is_finished(part):
+                    drive(part, self.directory(part))
+                    return True
             finally:
                 self.write_request()
                 lock.unlink(missing_ok=True)
@@ -164,10 +161,9 @@ class Parts:
 
     def write_request(self) -> None:
         """Write which run the parts in the folder are of, if there are any."""
-        if not any(self.folder.glob(f"[!.]*/{RESULT}")):
-            return
-        with files.whole(self.folder / REQUEST) as partial:
-            partial.write_text(json.dumps(self.request, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+        if any(self.folder.glob(f"[!.]*/{RESULT}")):
+            with files.whole(self.folder / REQUEST) as partial:
+                partial.write_text(json.dumps(self.request, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
     def merge(self, overwrite: bool) -> bool:
         """Make the run of its parts, unless another process has done it, and remove them.
@@ -179,15 +175,13 @@ class Parts:
             if not all(map(self.is_finished, self.cases)):
                 return False
             if self.folder.exists():
-                first, *others = map(self.directory, self.cases)
-                if others:
-                    from crowdbench.runs.merge import merge
-
-                    merge([first, *others], self.out, overwrite)
+                parts = list(map(self.directory, self.cases))
+                if len(parts) > 1:
+                    merge(parts, self.out, overwrite)
                 else:
                     with new_directory(self.out, overwrite) as directory:
                         directory.rmdir()
-                        first.rename(directory)
+                        parts[0].rename(directory)
                 # At once for other processes, which could put something into it while it is being removed.
                 removed = self.folder.with_name(f".{self.folder.name}.merged-{secrets.token_hex(4)}")
                 self.folder.rename(removed)
@@ -257,21 +251,19 @@ def find_finished(folders: Sequence[Path]) -> tuple[list[Path], bool]:
     for folder, request in zip(folders, requests, strict=True):
         if request != requests[0]:
             raise InputError(f"{folders[0]} and {folder} hold parts of different runs: their {REQUEST} differ")
-    parts = list(_parts_of(requests[0]))
-    directories = [next(filter(is_finished, (folder / _name(part) for folder in folders)), None) for part in parts]
-    finished = [directory for directory in itertools.takewhile(bool, directories) if directory]
-    return finished, len(finished) == len(parts)
+    finished: list[Path] = []
+    for part in requests[0][1]:
+        directory = next(filter(is_finished, (folder / _name(part) for folder in folders)), None)
+        if directory is None:
+            return finished, False
+        finished.append(directory)
+    return finished, True
 
 
-def _read_request(folder: Path) -> dict[str, Any]:
+def _read_request(folder: Path) -> tuple[dict[str, Any], list[Cases]]:
+    """Read which run the parts in a folder are of, and the cases of all its parts in order."""
     try:
-        request = files.read_json(folder / REQUEST)
-        list(_parts_of(request))
+        request = dict(files.read_json(folder / REQUEST))
+        return request, list(Cases.parse(request["run"]["cases"]).batches(request["batch"]))
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(f"{folder} is no folder with the parts of a run") from None
-    return dict(request)
-
-
-def _parts_of(request: Mapping[str, Any]) -> Iterator[Cases]:
-    """Return the cases of the parts of a run, in order."""
-    return Cases.parse(request["run"]["cases"]).batches(request["batch"])
