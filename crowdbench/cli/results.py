@@ -209,8 +209,8 @@ def _replay(
     measured = load_metrics(metrics or [])
     run = RunResult.read_unchecked(directory)
     scenario = _load_scenario(run, pedestrians, layout, data)
-    with progress(len(run.commands.case)) as tell:
-        result = replay(run, scenario, measured, tell)
+    with progress(len(run.commands.case)) as report:
+        result = replay(run, scenario, measured, report)
     print(json.dumps(result.to_json(), indent=2) if as_json else result)
     if result.differences:
         sys.exit(1)
@@ -256,8 +256,8 @@ def export(
     announce_compilation()
     result = RunResult.read(run)
     scenario = _load_scenario(result, pedestrians, layout, data)
-    with files.new_directory(out, overwrite, STEPS) as folder, progress(len(result.commands.case)) as tell:
-        cases = write(result, scenario, folder, tell)
+    with files.new_directory(out, overwrite, STEPS) as folder, progress(len(result.commands.case)) as report:
+        cases = write(result, scenario, folder, report)
     print(f"{cases} cases in {out}")
 
 

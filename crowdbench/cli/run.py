@@ -130,7 +130,7 @@ def make_one_run(
     from crowdbench.utils.files import check_free
 
     share = Shard.parse(shard)
-    with exit_on_interrupt(), open_run(spec) as run, progress(len(spec.cases)) as tell:
+    with exit_on_interrupt(), open_run(spec) as run, progress(len(spec.cases)) as report:
         run.scenario.check_data(spec.data)
         warn_if_trained_otherwise(run)
         if run.scenario.certificates is not None:
@@ -140,8 +140,8 @@ def make_one_run(
             from crowdbench.runs.on_ray import make_parts
 
             check_free(directory, overwrite)
-            make_parts([Parts.of(run, directory, share)], cpus=cpus, progress=tell)
-        if make_run(run, directory, shard=share, overwrite=overwrite, progress=None if cpus else tell):
+            make_parts([Parts.of(run, directory, share)], cpus=cpus, progress=report)
+        if make_run(run, directory, shard=share, overwrite=overwrite, progress=None if cpus else report):
             return run, directory
     parts = Parts.of(run, directory)
     finished = f"{parts.count_finished()} of {len(spec.cases)} cases are in {parts.folder}"

@@ -49,17 +49,17 @@ def study(
     print_study({"study": study.name, "tables": tables}, grids, page, format)
 
 
-def print_study(found: object, grids: Sequence[Grid], page: str, format: Format) -> None:
+def print_study(contents: object, grids: Sequence[Grid], page: str, format: Format) -> None:
     """Print the tables of a study.
 
     Args:
-        found: All of it, as JSON.
+        contents: All of it, as JSON.
         grids: Its tables, for LaTeX and CSV.
         page: The page, in Markdown.
         format: How it is printed.
     """
     if format is Format.JSON:
-        print(json.dumps(plain(found), indent=2))
+        print(json.dumps(plain(contents), indent=2))
     elif format is Format.MARKDOWN:
         print(page)
     else:
@@ -86,15 +86,15 @@ def make_runs(runs: Sequence[Run], out: Path, shard: str | None, on: str | None,
             from crowdbench.runs.on_ray import make_parts
 
             cases = sum(len(run.spec.cases) for run in lacking)
-            with progress(cases, f"of {cases} cases of {len(lacking)} runs") as tell:
+            with progress(cases, f"of {cases} cases of {len(lacking)} runs") as report:
                 parts = [Parts.of(run, run_directory(run, out)) for run in lacking]
-                make_parts(parts, cpus=threads or 1, progress=tell)
+                make_parts(parts, cpus=threads or 1, progress=report)
         for number, run in enumerate(lacking, 1):
             say(f"run {number} of {len(lacking)}: {describe_run(run)}")
             # The time left is that of this run: a case of another planner may take a hundred times as long.
             cases = len(run.spec.cases)
-            with progress(cases, f"of {cases} cases of run {number}") as tell:
-                make_in_folder(run, out, tell)
+            with progress(cases, f"of {cases} cases of run {number}") as report:
+                make_in_folder(run, out, report)
     if missing := missing_runs(runs, out):
         number = len({run_directory(run, out) for run in runs})
         finished = f"crowdbench: {number - len(missing)} of {number} runs are in {out}"

@@ -94,15 +94,16 @@ def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
         InputError: As `compare` raises it; or, where there are several scenarios, a planner has no run in one of them,
             or two.
     """
-    first, *rest = runs = [RunResult.read(directory) for directory in (reference, *others)]
-    if len(rest) == 1 or len(set(map(_scenario, runs))) == 1:
-        return correct([compare_results(first, run) for run in rest])
+    runs = list(map(RunResult.read, (reference, *others)))
+    if len(runs) == 2 or len(set(map(_scenario, runs))) == 1:
+        return correct([compare_results(runs[0], run) for run in runs[1:]])
     by_scenario = _group(runs)
-    single = [compare_results(runs[0], run) for runs in by_scenario for run in runs[1:]]
+    single = [compare_results(of_scenario[0], run) for of_scenario in by_scenario for run in of_scenario[1:]]
     pooled = []
-    for number in range(1, len(by_scenario[0])):
-        strata = [_pair(runs[0], runs[number]) for runs in by_scenario]
-        names = first.label, by_scenario[0][number].label
+    first, *planners = zip(*by_scenario, strict=True)
+    for of_planner in planners:
+        strata = list(map(_pair, first, of_planner))
+        names = first[0].label, of_planner[0].label
         pooled.append(_summarize(POOLED_SCENARIOS.format(len(strata)), names, strata, []))
     return [*correct(single), *correct(pooled)]
 

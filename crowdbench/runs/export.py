@@ -76,7 +76,7 @@ def _write_tracks(trace: Trace, row: int, path: Path) -> None:
     person = np.concatenate([np.full((len(position), 1), VEHICLE), trace.person[row, : len(position)] + 1], axis=1)
     frame, agent = np.nonzero(np.isfinite(position).all(axis=2))
     lines = zip(frame.tolist(), person[frame, agent].tolist(), position[frame, agent].tolist(), strict=True)
-    path.write_text("".join(f"{t}\t{who}\t{x:.6f}\t{y:.6f}\n" for t, who, (x, y) in lines), encoding="utf-8")
+    path.write_text("".join(f"{t}\t{number}\t{x:.6f}\t{y:.6f}\n" for t, number, (x, y) in lines), encoding="utf-8")
 
 
 def _tabulate(trace: Trace, seen: Mapping[tuple[int, int], Float[np.ndarray, "features"]]) -> pa.Table:

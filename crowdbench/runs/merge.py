@@ -62,8 +62,9 @@ def _check_fitting(parts: Sequence[RunResult]) -> None:
         raise InputError("there is no run to merge: name the directories of runs")
     for part in parts:
         if part.result["run"]["code"] != code():
-            made = f"{part.directory} was not made by this version of crowdbench"
-            raise InputError(f"{made}, and cannot be merged: make it again")
+            raise InputError(
+                f"{part.directory} was not made by this version of crowdbench, and cannot be merged: make it again"
+            )
     for before, after in itertools.pairwise(parts):
         a, b = _shared(before), _shared(after)
         if differ := [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key)]:

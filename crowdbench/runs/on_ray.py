@@ -92,10 +92,10 @@ def _make_part(spec: RunSpec, part: Cases, expected: Mapping[str, Any], folder: 
             run = stack.enter_context(open_run(spec))
             differences = [key for key in ("code", *expected) if expected[key] != run.id.parts[key]]
             if differences:
-                what = "code of crowdbench" if differences[0] == "code" else differences[0]
+                difference = "code of crowdbench" if differences[0] == "code" else differences[0]
                 return (
-                    f"the Ray worker on {platform.node()} has another {what} than the machine that asks it: install "
-                    "the same crowdbench there, and the same files"
+                    f"the Ray worker on {platform.node()} has another {difference} than the machine that asks it: "
+                    "install the same crowdbench there, and the same files"
                 )
             directory = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "part"
             run.drive(part, directory)

@@ -130,8 +130,8 @@ def _compare_part(
 def _mean_of(resampled: Sequence[Float[np.ndarray, "resample"]]) -> Float[np.ndarray, "resample"]:
     """The distribution of the mean over scenarios, whose cases are independent of each other's."""
     random = np.random.default_rng(0)
-    first, *rest = resampled  # as many cases are resampled alike in all of them, hence the new order
-    return np.asarray(np.mean([first, *(random.permutation(values) for values in rest)], axis=0))
+    first, *others = resampled  # as many cases are resampled alike in all of them, hence the new order
+    return np.asarray(np.mean([first, *map(random.permutation, others)], axis=0))
 
 
 def _mean_difference(*columns: Float[np.ndarray, "*resample case"], axis: int = -1) -> Float[np.ndarray, "*resample"]:

@@ -189,17 +189,11 @@ def metric_grid(
     return Grid(title, ("metric", "mean", "95 % interval", "max", "n"), rows, align="lrlrr")
 
 
-def scenario_title(run: RunResult) -> str:
-    """The scenario of a run and what is changed in it."""
-    changes = run.result["stated"]["overrides"].items()
-    return run.result["scenario"]["name"] + "".join(f", {key}={value}" for key, value in changes)
-
-
 def _row_and_column(run: RunResult, columns: str) -> tuple[str, str]:
     """The row and the column of a run. Raises InputError where it has no such option or key."""
-    if columns == SCENARIO:
-        return run.label, scenario_title(run)
     planner, overrides = run.result["run"]["planner"], run.result["stated"]["overrides"]
+    if columns == SCENARIO:
+        return run.label, ", ".join([run.result["scenario"]["name"], *(f"{k}={v}" for k, v in overrides.items())])
     values = {**overrides, **planner["options"]}
     if columns not in values:
         raise InputError(f"{run.directory} was made without {columns}: name an option or a key that all runs have set")
