@@ -151,7 +151,7 @@ def failure(error: BaseException) -> Failure | None:
         return Failure(_one_line(f"{place} cannot be written or read: {error.strerror or error}"), 1)
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         name = error.object.encode("utf-8", "backslashreplace").decode()
-        return Failure(_one_line(f"{name!r} is not UTF-8, as this command needs it: rename the file or folder"), 1)
+        return Failure(_one_line(f"'{name}' is not UTF-8, as this command needs it: rename the file or folder"), 1)
     if getattr(sys.stdout, "closed", True):
         return Failure("the output cannot be written: a plug-in has closed it", 1)
     request = f"please report it, with the traceback that {DEBUG} shows"
