@@ -95,7 +95,7 @@ def ego_views(world: World) -> World:
     agent = np.where(order[None] == 0, order[:, None], order - (order[None] <= order[:, None]))
     worlds = world.take(np.zeros(agents, np.int64))
     present = world.present[0][agent]
-    present[1:, 1] &= world.rules.visible
+    present[1:, 1:2] &= world.rules.visible  # a slice, because there may be no other agent
     rules = world.rules if world.rules.sensor == PERFECT else dataclasses.replace(world.rules, sensor=PERFECT)
     ordered = {name: getattr(world, name)[0][agent] for name in _OF_AGENTS}
     return worlds.replace(present=present, rules=rules, sight={}, **ordered)

@@ -1,0 +1,68 @@
+"""Every view, reward and action of every environment, in crowds of 0, 1 and many, among walls and cars."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+from crowdbench import load_scenario
+from crowdbench.envs.parallel import parallel_env
+from crowdbench.envs.rewards import REWARDS
+from crowdbench.envs.views import ACTIONS, OBSERVATIONS
+
+WORLDS = {
+    "nobody": ("circle_crossing_5", {"pedestrians.number": 0}),
+    "one": ("circle_crossing_5", {"pedestrians.number": 1}),
+    "hidden vehicle": ("circle_crossing_5", {"vehicle.visible": False}),
+    "nobody among walls": ("doorway_8", {"pedestrians.number": 0}),
+    "walls": ("doorway_8", {}),
+    "a car": ("car_12", {}),
+    "groups": ("groups_12", {}),
+    "limited sight": ("blind_corner_3", {}),
+    "recorded": ("eth_recorded", {}),
+}
+
+
+@pytest.fixture(params=WORLDS)
+def scenario(request):
+    name, overrides = WORLDS[request.param]
+    data = request.getfixturevalue("shared") / "data" / "eth_ucy" if name == "eth_recorded" else None
+    return load_scenario(name, overrides, data=data)
+
+
+def steps(env, number=3):
+    """Step an environment with random actions, and return what it returned."""
+    env.action_space.seed(0)
+    return [env.step(env.action_space.sample()) for _ in range(number)]
+
+
+@pytest.mark.parametrize("reward", list(REWARDS.built_in()))
+@pytest.mark.parametrize("observation", ["flat", "goal_frame"])
+def test_every_agent_observes_and_is_rewarded(scenario, observation, reward):
+    env = parallel_env(scenario, observation=observation, reward=reward)
+    observations, _ = env.reset(seed=0)
+    for _ in range(3):
+        for agent, observed in observations.items():
+            assert env.observation_space(agent).contains(observed)
+            assert np.isfinite(observed).all()
+        observations, rewards, *_ = env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+        assert np.isfinite(list(rewards.values())).all()
+
+
+@pytest.mark.parametrize("reward", list(REWARDS.built_in()))
+@pytest.mark.parametrize("action", ACTIONS)
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_the_vehicle_observes_and_is_rewarded(scenario, observation, action, reward):
+    options = {"scenario": scenario, "observation": observation, "action": action, "reward": reward}
+    with gymnasium.make("crowdbench/Vehicle-v0", **options) as env:
+        observed, _ = env.reset(seed=0)
+        assert env.observation_space.contains(observed)
+        for observed, given, *_ in steps(env):
+            assert env.observation_space.contains(observed)
+            assert np.isfinite(given)
+    envs = gymnasium.make_vec("crowdbench/Vehicle-v0", num_envs=2, vectorization_mode="vector_entry_point", **options)
+    observed, _ = envs.reset(seed=0)
+    assert envs.observation_space.contains(observed)
+    for observed, given, *_ in steps(envs):
+        assert envs.observation_space.contains(observed)
+        assert np.isfinite(given).all()
+    envs.close()
