@@ -178,5 +178,5 @@ class Still(Planner):
 def failed_checks(subject, cases="val:3"):
     """The sentences of the checks of a plug-in's contract that have failed, by their names."""
     results = check_plugin(subject, Cases.parse(cases))
-    assert all(result.seen for result in results)
-    return {result.name: result.seen for result in results if not result.kept}
+    assert all(result.observation for result in results)
+    return {result.name: result.observation for result in results if not result.passed}

@@ -9,7 +9,8 @@ from helpers import Still, drive, failed_checks, fixture, same
 from helpers import trace as trace_of
 
 from crowdbench.catalog import load_scenario
-from crowdbench.check.subjects import ScenarioSubject
+from crowdbench.check.contract import Subject
+from crowdbench.check.subjects import SCENARIO
 from crowdbench.cli import app
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm
@@ -283,7 +284,7 @@ def test_a_layout_can_say_how_people_come_again():
     new = world.person[0] >= 5
     assert new.any()
     assert (world.goal[0, 1:][new] == [-20.0, 0.0]).all()
-    assert not failed_checks(ScenarioSubject(lambda: place, "corner", {"": place}))
+    assert not failed_checks(Subject(SCENARIO, lambda: place, "corner", {"": place}))
 
 
 def draw_by_dice(rng, room, radius, preferred_speed, position, **options):
@@ -307,7 +308,7 @@ def test_an_offence_when_people_are_drawn_again_is_found(name):
     place = load_scenario("circle_crossing_5", {"pedestrians.arrival": "respawn", "pedestrians.preferred_speed": 2.0})
     layout = LayoutCall(LayoutWithRespawn(LAYOUTS["circle_crossing"], again))
     place = dataclasses.replace(place, starts=dataclasses.replace(place.starts, layout=layout))
-    failed = failed_checks(ScenarioSubject(lambda: place, "mine", {"": place}, neural=False))
+    failed = failed_checks(Subject(SCENARIO, lambda: place, "mine", {"": place}, neural=False))
     assert expected in next(iter(failed.values()))
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.check import CheckResult, check_plugin
-from crowdbench.check.subjects import PlannerSubject
+from crowdbench.check.contract import Subject
+from crowdbench.check.subjects import PLANNER
 from crowdbench.cli.check import check_table
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
@@ -17,16 +18,16 @@ PLACE = load_scenario("circle_crossing_5", {"time_limit": 4.0})
 
 
 def examined(make, cases="val:6", limit=60.0):
-    subject = PlannerSubject(make, "mine", {"": PLACE}, limit, neural=False)
+    subject = Subject(PLANNER, make, "mine", {"": PLACE}, limit, neural=False)
     return {result.name: result for result in check_plugin(subject, Cases.parse(cases))}
 
 
 def broken(results):
-    return {name: result.seen for name, result in results.items() if result.kept is False}
+    return {name: result.observation for name, result in results.items() if result.passed is False}
 
 
 def not_examined(results):
-    return {name for name, result in results.items() if result.kept is None}
+    return {name for name, result in results.items() if result.passed is None}
 
 
 class Straight(Planner):
@@ -126,7 +127,7 @@ def test_dice_are_found():
     results = examined(lambda: Breaks(dice_for_case_2))
     assert "repeatable" in broken(results)
     sentence = "1 of 64 commands differ when it is asked again, first in case 2, step 3: an answer may depend only on"
-    assert sentence in results["repeatable"].seen
+    assert sentence in results["repeatable"].observation
 
 
 class Herd(Straight):
@@ -164,7 +165,7 @@ class Ordered(Straight):
 def test_commands_are_compared_in_batches_of_several_sizes_and_orders(make, when):
     results = examined(make, "val:5")
     assert set(broken(results)) == {"independent"}
-    assert f"commands differ {when}, first in case " in results["independent"].seen
+    assert f"commands differ {when}, first in case " in results["independent"].observation
 
 
 class Ahead(Straight):
@@ -232,7 +233,7 @@ class SinglePrecision(Straight):
 def test_good_planners_pass():
     good = lambda: load_planner("orca")[1], lambda: load_planner("social_force")[1], Straight, Remembers
     for make in (*good, SinglePrecision):
-        assert all(result.kept for result in examined(make, "val:4").values())
+        assert all(result.passed for result in examined(make, "val:4").values())
 
 
 def test_commands_that_differ_each_time_break_both_repetitions():
@@ -276,7 +277,7 @@ def test_only_networks_may_be_rounded_by_the_batch():
     assert not broken(
         {
             each.name: each
-            for each in check_plugin(PlannerSubject(Rounded, "mine", {"": PLACE}, neural=True), Cases("val", 0, 4))
+            for each in check_plugin(Subject(PLANNER, Rounded, "mine", {"": PLACE}, neural=True), Cases("val", 0, 4))
         }
     )
 
@@ -314,7 +315,7 @@ def test_a_broken_pedestrian_policy_is_not_blamed_on_the_planner(tmp_path):
     )
     place = load_scenario("circle_crossing_5", pedestrians=str(tmp_path / "mine.py"))
     with pytest.raises(InputError, match="pedestrian policy mine returned None"):
-        check_plugin(PlannerSubject(Straight, "mine", {"": place}), Cases.parse("val:2"))
+        check_plugin(Subject(PLANNER, Straight, "mine", {"": place}), Cases.parse("val:2"))
 
 
 def test_the_table_tells_what_is_kept_what_is_broken_and_what_was_not_examined():

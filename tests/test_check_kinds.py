@@ -12,8 +12,9 @@ from typer.testing import CliRunner
 
 from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.check import check_plugin
+from crowdbench.check.contract import Subject
 from crowdbench.check.kinds import limited_sight
-from crowdbench.check.subjects import MetricSubject, PolicySubject, PredictorSubject, RewardSubject, ScenarioSubject
+from crowdbench.check.subjects import METRIC, POLICY, PREDICTOR, REWARD, SCENARIO
 from crowdbench.cli import app
 from crowdbench.envs.rewards import REWARDS
 from crowdbench.metrics import METRICS
@@ -38,8 +39,8 @@ def results_of(subject, cases=CASES):
 
 def broken(results):
     """The sentences of the checks that have failed, by their names."""
-    assert all(result.seen for result in results.values())
-    return {name: result.seen for name, result in results.items() if result.kept is False}
+    assert all(result.observation for result in results.values())
+    return {name: result.observation for name, result in results.items() if result.passed is False}
 
 
 class Walk(PedestrianPolicy):
@@ -54,7 +55,7 @@ class Walk(PedestrianPolicy):
 
 
 def policy_faults(make, neural=False, limit=60.0, place=PLACE):
-    return broken(results_of(PolicySubject(make, "orca", {"": place}, limit, neural=neural)))
+    return broken(results_of(Subject(POLICY, make, "orca", {"": place}, limit, neural=neural)))
 
 
 class Late:
@@ -193,7 +194,7 @@ class Guess(Predictor):
 
 def predictor_faults(make, limit=60.0, limited=False):
     scenarios = {"": PLACE} | ({"with limited sight: ": LIMITED} if limited else {})
-    return broken(results_of(PredictorSubject(make, "mine", scenarios, limit, neural=False)))
+    return broken(results_of(Subject(PREDICTOR, make, "mine", scenarios, limit, neural=False)))
 
 
 def changed_observation(prediction, obs):
@@ -292,7 +293,7 @@ def test_a_predictor_that_depends_on_the_hidden_is_found(name):
 
 
 def metric_faults(metric, cases=CASES):
-    return broken(results_of(MetricSubject(lambda: metric, "mine", {"": PLACE}, neural=False), cases))
+    return broken(results_of(Subject(METRIC, lambda: metric, "mine", {"": PLACE}, neural=False), cases))
 
 
 def speed(trace):
@@ -432,7 +433,7 @@ def plain(self, start, goal, route=None, obstacles=None):
 def layout_faults(layout, place=PLACE, cases=CASES):
     starts = dataclasses.replace(place.starts, layout=LayoutCall(layout))
     changed = dataclasses.replace(place, starts=starts)
-    return broken(results_of(ScenarioSubject(lambda: changed, "mine", {"": changed}, neural=False), cases))
+    return broken(results_of(Subject(SCENARIO, lambda: changed, "mine", {"": changed}, neural=False), cases))
 
 
 def test_what_groups_make_of_a_layout_is_examined_by_what_a_run_does():
@@ -521,7 +522,7 @@ def test_what_cannot_be_checked_is_told(arguments, message):
 
 def reward_faults(reward):
     place = load_scenario("circle_crossing_mixed", {"vehicle.visible": True, "time_limit": 6.0})
-    return broken(results_of(RewardSubject(lambda: reward, "mine", {"": place}, neural=False), Cases.parse("val:4")))
+    return broken(results_of(Subject(REWARD, lambda: reward, "mine", {"": place}, neural=False), Cases.parse("val:4")))
 
 
 @pytest.mark.parametrize("name", REWARDS.functions)
@@ -557,8 +558,8 @@ def test_a_fault_of_a_reward_is_found(reward, checks):
 @pytest.mark.slow
 def test_a_scenario_is_started_and_driven(tmp_path):
     place = load_scenario("circle_crossing_5")
-    results = results_of(ScenarioSubject(lambda: place, "mine", {"": place}), Cases.parse("val:2"))
-    assert "driven by ORCA: " in results["answers"].seen
+    results = results_of(Subject(SCENARIO, lambda: place, "mine", {"": place}), Cases.parse("val:2"))
+    assert "driven by ORCA: " in results["answers"].observation
     assert not broken(results)
     text = Path("scenarios/suite/corridor_8.toml").read_text()
     (tmp_path / "full.toml").write_text(text.replace("number = 8", "number = 40"))

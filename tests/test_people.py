@@ -7,7 +7,8 @@ import pytest
 from helpers import Still, drive, failed_checks, fixture, same
 
 from crowdbench.catalog import PEDESTRIANS, load_scenario
-from crowdbench.check.subjects import PolicySubject
+from crowdbench.check.contract import Subject
+from crowdbench.check.subjects import POLICY
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm
 from crowdbench.scenario.cases import Cases
@@ -210,7 +211,7 @@ def test_who_gives_way_to_nobody_walks_straight():
 @pytest.mark.parametrize("name", ["distracted", "straight", "standing"])
 def test_policies_of_habits_pass(name):
     place = load_scenario("circle_crossing_mixed", {"vehicle.visible": True, "time_limit": 3.5}, name)
-    subject = PolicySubject(lambda: PEDESTRIANS.load(name)[1], name, {"": place}, neural=False)
+    subject = Subject(POLICY, lambda: PEDESTRIANS.load(name)[1], name, {"": place}, neural=False)
     assert not failed_checks(subject, "val:5")
 
 

@@ -8,7 +8,8 @@ import pytest
 from helpers import drive, failed_checks
 
 from crowdbench.catalog import PEDESTRIANS, load_planner, load_scenario
-from crowdbench.check.subjects import PlannerSubject, PolicySubject, ScenarioSubject
+from crowdbench.check.contract import Subject
+from crowdbench.check.subjects import PLANNER, POLICY, SCENARIO
 from crowdbench.cli import app
 from crowdbench.plugins.options import read_options
 from crowdbench.scenario.cases import Cases
@@ -25,7 +26,7 @@ def test_the_planner_of_the_readme_keeps_the_contract(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(blocks("README.md")[0])
     place = load_scenario("circle_crossing_5")
-    assert not failed_checks(PlannerSubject(lambda: load_planner(str(path))[1], "mine", {"": place}, neural=False))
+    assert not failed_checks(Subject(PLANNER, lambda: load_planner(str(path))[1], "mine", {"": place}, neural=False))
 
 
 def test_the_composition_of_the_readme_drives(tmp_path):
@@ -53,7 +54,7 @@ def test_the_policies_of_the_docs_keep_the_contract(name, parameters, tmp_path):
     loaded, policy = PEDESTRIANS.load(str(path))
     assert (loaded, policy.parameters) == (name, parameters)
     place = load_scenario("circle_crossing_5", {"time_limit": 3.0}, str(path))
-    assert not failed_checks(PolicySubject(lambda: PEDESTRIANS.load(str(path))[1], name, {"": place}, neural=False))
+    assert not failed_checks(Subject(POLICY, lambda: PEDESTRIANS.load(str(path))[1], name, {"": place}, neural=False))
 
 
 @pytest.mark.parametrize(
@@ -115,7 +116,7 @@ def test_the_layout_of_the_docs_keeps_the_contract(tmp_path):
     (tmp_path / "pillar.py").write_text(blocks("docs/layouts.md")[0])
     (tmp_path / "mine.toml").write_text('[layout]\ngenerator = "./pillar.py"\n')
     place = load_scenario(str(tmp_path / "mine.toml"), {"layout.size": 1.5})
-    assert not failed_checks(ScenarioSubject(lambda: place, "pillar", {"": place}))
+    assert not failed_checks(Subject(SCENARIO, lambda: place, "pillar", {"": place}))
     start = place.worlds(Cases.parse("2"))
     assert start.obstacles.max() == 0.75
     assert np.isfinite(start.route[:, :2, 0]).all()
@@ -125,7 +126,7 @@ def test_the_layout_that_draws_people_again_in_the_docs_keeps_the_contract(tmp_p
     (tmp_path / "ring.py").write_text(blocks("docs/layouts.md")[1])
     (tmp_path / "mine.toml").write_text('[layout]\ngenerator = "./ring.py"\n[pedestrians]\narrival = "respawn"\n')
     place = load_scenario(str(tmp_path / "mine.toml"), {"pedestrians.preferred_speed": 2.0})
-    assert not failed_checks(ScenarioSubject(lambda: place, "ring", {"": place}))
+    assert not failed_checks(Subject(SCENARIO, lambda: place, "ring", {"": place}))
     trace = drive("orca", "3", str(tmp_path / "mine.toml"), pedestrians__preferred_speed=2.0)
     new = np.diff(trace.person, axis=1) != 0
     assert new.any()

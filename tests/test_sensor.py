@@ -6,8 +6,8 @@ from helpers import drive, failed_checks, fixture, same, world
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
-from crowdbench.check.contract import with_padding
-from crowdbench.check.subjects import PlannerSubject
+from crowdbench.check.contract import Subject, with_padding
+from crowdbench.check.subjects import PLANNER
 from crowdbench.cli import app
 from crowdbench.core import rng
 from crowdbench.core.types import HISTORY, PERFECT, Lidar, Noise, Rules, Sensor
@@ -411,11 +411,11 @@ def test_a_planner_that_needs_to_see_somebody_is_found_by_the_check():
 
     place = load_scenario("circle_crossing_5")
     limited = load_scenario("circle_crossing_5", {"sensor.range": 1.0})
-    sentence = failed_checks(PlannerSubject(Needy, "needy", {"": place, "with limited sight: ": limited}), "val:1")[
+    sentence = failed_checks(Subject(PLANNER, Needy, "needy", {"": place, "with limited sight: ": limited}), "val:1")[
         "answers"
     ]
     assert sentence.startswith("with limited sight: planner needy raised AssertionError: nobody is there")
-    assert not failed_checks(PlannerSubject(Needy, "needy", {"": place, "with limited sight: ": place}), "val:1")
+    assert not failed_checks(Subject(PLANNER, Needy, "needy", {"": place, "with limited sight: ": place}), "val:1")
 
 
 SEEN_BY_LIDAR = {"sensor.lidar": {"beams": 9, "range": 3.0}}

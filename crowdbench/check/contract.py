@@ -6,10 +6,9 @@ import dataclasses
 import os
 import sys
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Int
@@ -20,7 +19,6 @@ from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.time_limit import FairLimit
 
-Plugin = TypeVar("Plugin")
 Answer = TypeVar("Answer")
 
 ROUNDING, TIES = 1e-6, 0.01
@@ -29,15 +27,13 @@ ROUNDING, TIES = 1e-6, 0.01
 The size of the batch changes how values are rounded, which decides ties.
 """
 
-MORE = 3
+EXTRA = 3
 """Number of absent pedestrians that padding adds."""
 
-PADDING = f"with {MORE} more absent pedestrians"
+PADDING = f"with {EXTRA} more absent pedestrians"
 
-FEW = 5
+FEW_CASES = 5
 """Number of cases in further scenarios, such as one with limited sight."""
-
-UNEXAMINED = "not examined: the answers are not valid"
 
 RULES = {
     "repeatable": "an answer may depend only on its input: keep nothing beyond an episode, and draw random numbers "
@@ -58,13 +54,13 @@ class CheckResult:
 
     Attributes:
         name: Name of the check.
-        kept: Whether the plug-in passes; None where the check could not be made.
-        seen: What was observed, in a sentence.
+        passed: Whether the plug-in passes; None where the check could not be made.
+        observation: What was observed, in a sentence.
     """
 
     name: str
-    kept: bool | None
-    seen: str
+    passed: bool | None
+    observation: str
 
 
 @dataclass(frozen=True)
@@ -85,7 +81,7 @@ class WithPadding(Scenario):
     @property
     def max_agents(self) -> int:
         """The number of agents in the arrays."""
-        return super().max_agents + MORE
+        return super().max_agents + EXTRA
 
 
 @dataclass
@@ -99,16 +95,18 @@ class Record:
         where: Begins names and errors.
         answers: The answer for each world and step, by their name, such as `case 2, step 3`.
         seconds: Duration of each call.
+        remark: What else was observed.
     """
 
     limit: float
-    expected: Mapping[str, np.ndarray] = field(default_factory=dict)
+    expected: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     repeat: int = 1
     where: str = ""
-    answers: dict[str, np.ndarray] = field(default_factory=dict)
-    seconds: list[float] = field(default_factory=list)
+    answers: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    seconds: list[float] = dataclasses.field(default_factory=list)
+    remark: str = ""
 
-    def ask(self, call: Callable[[], Answer], names: Sequence[str], **inputs: Any) -> Answer:
+    def query(self, call: Callable[[], Answer], names: Sequence[str], **inputs: Any) -> Answer:
         """Call the plug-in.
 
         Args:
@@ -145,15 +143,30 @@ class Record:
         return [self.expected.get(name, answer) for name, answer in recorded.items()]
 
 
-@dataclass
-class Subject(ABC, Generic[Plugin]):
-    """A plug-in, and how plug-ins of its kind are driven.
+class Procedure(NamedTuple):
+    """How plug-ins of a kind are driven.
 
     Attributes:
+        drive: Drives a plug-in through cases of a scenario, and records all answers. Raises Broken where the contract
+            is broken.
         answers: What the answers are called.
-        repeat: Number of times that the plug-in gets each input when it is asked again. A plug-in that may not keep
+        repeat: Number of times that the plug-in gets each input when it is called again. A plug-in that may not keep
             anything gets it twice.
         padding: How errors describe padding; empty where answers are not compared with more absent pedestrians.
+    """
+
+    drive: Callable[[Subject, Any, Scenario, Cases, Record], None]
+    answers: str
+    repeat: int = 2
+    padding: str = ""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A plug-in that is checked.
+
+    Attributes:
+        procedure: How plug-ins of its kind are driven.
         make: Makes a new plug-in.
         name: Name of the plug-in.
         scenarios: The scenarios, by what begins their names and errors. Only a few cases of all but the first count.
@@ -161,27 +174,12 @@ class Subject(ABC, Generic[Plugin]):
         neural: Whether the values are those of a neural network; if None, whether torch or ONNX is imported.
     """
 
-    answers: ClassVar[str]
-    repeat: ClassVar[int] = 2
-    padding: ClassVar[str] = ""
-
-    make: Callable[[], Plugin]
+    procedure: Procedure
+    make: Callable[[], Any]
     name: str
     scenarios: Mapping[str, Scenario]
     limit: float = DECISION_LIMIT
     neural: bool | None = None
-
-    @abstractmethod
-    def drive(self, plugin: Plugin, scenario: Scenario, cases: Cases, record: Record) -> str | None:
-        """Drive through cases, and record all answers. Raises Broken where the contract is broken.
-
-        Returns:
-            What else was observed, if anything.
-        """
-
-    def is_neural(self) -> bool:
-        """Return whether the values are those of a neural network."""
-        return not {"torch", "onnxruntime"}.isdisjoint(sys.modules) if self.neural is None else self.neural
 
 
 class Drive(NamedTuple):
@@ -202,20 +200,23 @@ class Drive(NamedTuple):
     repeat: int = 1
 
 
-def check_plugin(subject: Subject[Plugin], cases: Cases) -> list[CheckResult]:
+def check_plugin(subject: Subject, cases: Cases) -> list[CheckResult]:
     """Check a plug-in against the contract of its kind.
 
     Raises InputError where something other than the plug-in breaks its contract, or it cannot be made.
     """
     plugin, numbers, first = subject.make(), cases.indices.tolist(), Record(subject.limit)
     try:
-        remark = _run(Drive("", [numbers], lambda: plugin), subject, cases, first)
+        _run(Drive("", [numbers], lambda: plugin), subject, cases, first)
     except Broken as error:
-        return [CheckResult("answers", False, str(error)), *(CheckResult(name, None, UNEXAMINED) for name in RULES)]
+        unexamined = [CheckResult(name, None, "not examined: the answers are not valid") for name in RULES]
+        return [CheckResult("answers", False, str(error)), *unexamined]
     time = f"{1e3 * np.mean(first.seconds):.3g} ms per call, at most {max(first.seconds):.3g} s"
-    seen = f"{len(first.answers)} {subject.answers} are valid{remark}, the input is unchanged; {time}"
+    observation = (
+        f"{len(first.answers)} {subject.procedure.answers} are valid{first.remark}, the input is unchanged; {time}"
+    )
     repeatable = [
-        Drive("when it is asked again", [numbers], lambda: plugin, repeat=subject.repeat),
+        Drive("when it is asked again", [numbers], lambda: plugin, repeat=subject.procedure.repeat),
         Drive("when a new one is made", [numbers], subject.make),
     ]
     independent = [
@@ -223,33 +224,34 @@ def check_plugin(subject: Subject[Plugin], cases: Cases) -> list[CheckResult]:
         Drive("in batches of 3", [numbers[at : at + 3] for at in range(0, len(numbers), 3)], subject.make),
         Drive("in reverse order", [numbers[::-1]], subject.make),
     ]
-    if subject.padding:
-        independent.append(Drive(subject.padding, [numbers], subject.make, padding=True))
+    if subject.procedure.padding:
+        independent.append(Drive(subject.procedure.padding, [numbers], subject.make, padding=True))
     return [
-        CheckResult("answers", True, seen),
+        CheckResult("answers", True, observation),
         _compare("repeatable", repeatable, subject, cases, first.answers),
         _compare("independent", independent, subject, cases, first.answers),
     ]
 
 
-def _run(drive: Drive, subject: Subject[Any], cases: Cases, record: Record) -> str:
-    """Drive a plug-in, and return what else was observed."""
-    remark = ""
+def _run(drive: Drive, subject: Subject, cases: Cases, record: Record) -> None:
+    """Drive a plug-in, and record its answers."""
     for batch in drive.batches:
         plugin = drive.make()
         for where, scenario in subject.scenarios.items():
-            some = tuple(number for number in batch if not where or number < cases.start + FEW)
-            if some:
-                record.where, shown = where, with_padding(scenario) if drive.padding else scenario
-                remark = subject.drive(plugin, shown, CaseList(cases.split, 0, 0, some), record) or remark
-    return remark
+            numbers = tuple(number for number in batch if not where or number < cases.start + FEW_CASES)
+            if numbers:
+                record.where, batch_cases = where, CaseList(cases.split, 0, 0, numbers)
+                padded = with_padding(scenario) if drive.padding else scenario
+                subject.procedure.drive(subject, plugin, padded, batch_cases, record)
 
 
 def _compare(
-    name: str, drives: Sequence[Drive], subject: Subject[Any], cases: Cases, first: Mapping[str, np.ndarray]
+    name: str, drives: Sequence[Drive], subject: Subject, cases: Cases, first: Mapping[str, np.ndarray]
 ) -> CheckResult:
     """Compare the answers of drives with the first ones."""
-    rounding, ties = (ROUNDING, TIES * (name == "independent")) if subject.is_neural() else (0.0, 0.0)
+    is_neural = not {"torch", "onnxruntime"}.isdisjoint(sys.modules) if subject.neural is None else subject.neural
+    rounding, ties = (ROUNDING, TIES * (name == "independent")) if is_neural else (0.0, 0.0)
+    answers = subject.procedure.answers
     for drive in drives:
         record = Record(subject.limit, first, drive.repeat)
         try:
@@ -257,26 +259,26 @@ def _compare(
         except Broken as error:
             return CheckResult(name, False, f"{drive.when}: {error}")
         pairs = {key: (answer, record.answers.get(key)) for key, answer in first.items()}
-        found = [key for key, pair in pairs.items() if _find_difference(*pair, rounding) is not None]
-        if len(found) > ties * len(first):
-            differ = f"{len(found)} of {len(first)} {subject.answers} differ {drive.when}, first in {found[0]}"
-            return CheckResult(name, False, f"{differ}: {RULES[name]}")
+        differing = [key for key, pair in pairs.items() if _find_difference(*pair, rounding) is not None]
+        if len(differing) > ties * len(first):
+            share = f"{len(differing)} of {len(first)} {answers}"
+            return CheckResult(name, False, f"{share} differ {drive.when}, first in {differing[0]}: {RULES[name]}")
     same = f"are the same{' up to rounding' if rounding else ''}"
-    return CheckResult(name, True, f"{len(first)} {subject.answers} {same} {', '.join(drive.when for drive in drives)}")
+    return CheckResult(name, True, f"{len(first)} {answers} {same} {', '.join(drive.when for drive in drives)}")
 
 
 def with_padding(scenario: Scenario) -> Scenario:
     """Return a scenario with more absent pedestrians in all arrays."""
-    return WithPadding(**{each.name: getattr(scenario, each.name) for each in dataclasses.fields(scenario)})
+    return WithPadding(**{field.name: getattr(scenario, field.name) for field in dataclasses.fields(scenario)})
 
 
-def _find_difference(one: np.ndarray | None, other: np.ndarray | None, rounding: float = 0.0) -> int | None:
+def _find_difference(first: np.ndarray | None, second: np.ndarray | None, rounding: float = 0.0) -> int | None:
     """Return the first row in which two arrays differ, None where they are the same."""
-    if one is None or other is None or one.shape != other.shape:
+    if first is None or second is None or first.shape != second.shape:
         return 0
-    same = (one == other) | ((one != one) & (other != other))
+    same = (first == second) | ((first != first) & (second != second))
     if rounding:
-        same |= np.abs(np.subtract(one, other, dtype=float)) <= rounding
+        same |= np.abs(np.subtract(first, second, dtype=float)) <= rounding
     rows = np.argwhere(~np.atleast_1d(same))
     return int(rows[0, 0]) if len(rows) else None
 
@@ -289,5 +291,5 @@ def _arrays(part: Any, path: str = "") -> Iterator[tuple[str, np.ndarray]]:
         for name, value in part.items():
             yield from _arrays(value, f"{path}[{name!r}]" if path else name)
     elif dataclasses.is_dataclass(part):
-        for each in dataclasses.fields(part):
-            yield from _arrays(getattr(part, each.name), f"{path}.{each.name}")
+        for field in dataclasses.fields(part):
+            yield from _arrays(getattr(part, field.name), f"{path}.{field.name}")

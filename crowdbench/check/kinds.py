@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from crowdbench import catalog
-from crowdbench.check.contract import Subject
-from crowdbench.check.subjects import (
-    MetricSubject,
-    PlannerSubject,
-    PolicySubject,
-    PredictorSubject,
-    RewardSubject,
-    ScenarioSubject,
-)
+from crowdbench.check import subjects
+from crowdbench.check.contract import Procedure, Subject
 from crowdbench.envs.rewards import REWARDS
 from crowdbench.metrics.load import METRIC
 from crowdbench.plugins.load import Kind, file_and_function, load_module, plugin_name
 from crowdbench.predict.load import PREDICTORS
-from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
 
 KINDS: Mapping[str, Kind] = {
@@ -41,25 +33,25 @@ def limited_sight(dt: float) -> dict[str, Any]:
     return {"sensor": {"range": 3.0, "occlusion": True, "noise": noise, "missed": 0.1, "delay": dt, "remember": 1.0}}
 
 
-SUBJECTS: Mapping[str, type[Subject[Any]]] = {
-    "planners": PlannerSubject,
-    "pedestrians": PolicySubject,
-    "predictors": PredictorSubject,
-    "metrics": MetricSubject,
-    "layouts": ScenarioSubject,
-    "rewards": RewardSubject,
-    "scenarios": ScenarioSubject,
+PROCEDURES: Mapping[str, Procedure] = {
+    "planners": subjects.PLANNER,
+    "pedestrians": subjects.POLICY,
+    "predictors": subjects.PREDICTOR,
+    "metrics": subjects.METRIC,
+    "layouts": subjects.SCENARIO,
+    "rewards": subjects.REWARD,
+    "scenarios": subjects.SCENARIO,
 }
-"""What `crowdbench check` can check: plug-ins, and scenarios, which are no functions."""
+"""How `crowdbench check` checks plug-ins, and scenarios, which are no functions."""
 
 
 def load_subject(
     kind: str, plugin: str, options: Mapping[str, Any], scenario: str | None, limit: float, data: Path | None
-) -> Subject[Any]:
+) -> Subject:
     """Load a plug-in that is to be checked.
 
     Args:
-        kind: A key of `SUBJECTS`.
+        kind: A key of `PROCEDURES`.
         plugin: Its name, `file.py` or `file.py:function`.
         options: Its options.
         scenario: Name or file of the scenario; None for the one that its kind is checked in.
@@ -74,36 +66,34 @@ def load_subject(
     if kind == "scenarios" and (options or scenario is not None):
         raise InputError("a scenario is checked as its file says: leave out --option and --scenario")
 
-    def load_scenario(changes: Mapping[str, Any] = MappingProxyType({})) -> Scenario:
-        if kind == "layouts":  # as a part of the scenario, so that its options are checked
-            changes = {"layout": dict(options), "layout.generator": plugin}
-        spec = plugin if kind == "scenarios" else scenario
-        if spec is None and kind == "planners":
-            spec = "circle_crossing_5"
-        elif spec is None:
-            spec, changes = "circle_crossing_mixed", {"vehicle.visible": True, **changes}
-            if kind == "layouts":  # so that it also places pedestrians later
-                changes["pedestrians.arrival"] = "respawn"
-        loaded = catalog.load_scenario(spec, changes, plugin if kind == "pedestrians" else None, data)
-        loaded.check_data(data)
-        return loaded
-
-    def load() -> tuple[str, Any]:
-        if kind in ("layouts", "scenarios"):
-            loaded = load_scenario()
-            return plugin_name(plugin) if kind == "layouts" else loaded.name, loaded
-        return catalog.load_planner(plugin, options) if kind == "planners" else KINDS[kind].load(plugin, options)
-
-    scenarios = {"": load_scenario()}
+    spec, changes = scenario, {}
+    if kind == "scenarios":
+        spec = plugin
+    elif spec is None and kind == "planners":
+        spec = "circle_crossing_5"
+    elif spec is None:
+        spec, changes = "circle_crossing_mixed", {"vehicle.visible": True}
+    if kind == "layouts":  # as a part of the scenario, so that its options are checked
+        changes |= {"layout": dict(options), "layout.generator": plugin}
+        if scenario is None:  # so that it also places pedestrians later
+            changes["pedestrians.arrival"] = "respawn"
+    policy = plugin if kind == "pedestrians" else None
+    load_scenario = functools.partial(catalog.load_scenario, spec, pedestrians=policy, data=data)
+    scenarios = {"": load_scenario(changes)}
+    scenarios[""].check_data(data)
     if kind in ("planners", "predictors"):
-        scenarios["with limited sight: "] = load_scenario(limited_sight(scenarios[""].rules.dt))
+        scenarios["with limited sight: "] = load_scenario(changes | limited_sight(scenarios[""].rules.dt))
     if kind == "pedestrians":
-        scenarios["invisible vehicle: "] = load_scenario({"vehicle.visible": False})
-    return SUBJECTS[kind](lambda: load()[1], load()[0], scenarios, limit)
+        scenarios["invisible vehicle: "] = load_scenario(changes | {"vehicle.visible": False})
+    name = scenarios[""].name if kind == "scenarios" else plugin_name(plugin)
+    if kind in ("layouts", "scenarios"):
+        return Subject(PROCEDURES[kind], lambda: load_scenario(changes), name, scenarios, limit)
+    load = catalog.load_planner if kind == "planners" else KINDS[kind].load
+    return Subject(PROCEDURES[kind], lambda: load(plugin, options)[1], name, scenarios, limit)
 
 
 def find_kind(plugin: str) -> str:
-    """What a file defines, by its name in `SUBJECTS`; planners for a name, and for a function of another name."""
+    """What a file defines, by its name in `PROCEDURES`; planners for a name, and for a function of another name."""
     if plugin.endswith(".toml"):
         return "scenarios"
     file, function = file_and_function(plugin)

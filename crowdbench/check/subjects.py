@@ -6,12 +6,11 @@ import dataclasses
 import functools
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.check.contract import PADDING, Broken, Record, Subject, WithPadding
+from crowdbench.check.contract import PADDING, Broken, Procedure, Record, Subject, WithPadding
 from crowdbench.core.dynamics import reach
 from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation, Outcome, Trace, World
@@ -44,10 +43,10 @@ from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.toml import Location
 
-AHEAD = Replanning(8, look_first=1)
+PLAN_AHEAD = Replanning(8, look_first=1)
 """How `plan_ahead` is called."""
 
-EVERY, MOST_STEPS = 3, 8
+INTERVAL, MAX_STEPS = 3, 8
 """A predictor predicts at every third step, 1, 2, ... and at most 8 steps in turn."""
 
 Futures = Float[np.ndarray, "world mode time pedestrian 4"]
@@ -57,23 +56,16 @@ UNLIMITED = 1e5
 """Seconds that planners may take which are not checked."""
 
 
-@dataclass
-class PlannerSubject(Subject[Planner]):
-    """Drives a planner by its own commands, at every step and, where it has `plan_ahead`, several steps at once."""
-
-    answers = "commands"
-    repeat = 1
-
-    def drive(self, plugin: Planner, scenario: Scenario, cases: Cases, record: Record) -> None:
-        """Drive through cases and record the commands."""
-        record.limit = UNLIMITED  # the driver measures the time
-        driver = _RecordingDriver(plugin, self.name, self.limit, record)
-        rollout(driver, scenario, cases, undisturbed=False)
-        try:
-            rollout(driver, scenario, cases, replanning=AHEAD, undisturbed=False)
-        except Broken as error:
-            if not (error.__cause__ and isinstance(error.__cause__.__context__, OneStepOnly)):
-                raise
+def _drive_planner(subject: Subject, plugin: Planner, scenario: Scenario, cases: Cases, record: Record) -> None:
+    """Drive a planner by its own commands, at every step and, where it has `plan_ahead`, several steps at once."""
+    record.limit = UNLIMITED  # the driver measures the time
+    driver = _RecordingDriver(plugin, subject.name, subject.limit, record)
+    rollout(driver, scenario, cases, undisturbed=False)
+    try:
+        rollout(driver, scenario, cases, replanning=PLAN_AHEAD, undisturbed=False)
+    except Broken as error:
+        if not (error.__cause__ and isinstance(error.__cause__.__context__, OneStepOnly)):
+            raise
 
 
 class _RecordingDriver(Driver):
@@ -85,7 +77,7 @@ class _RecordingDriver(Driver):
 
     def reset(self, cases: Int[np.ndarray, "world"]) -> None:
         """Start the episodes."""
-        self.record.ask(lambda: Driver.reset(self, cases), ["at the start"])
+        self.record.query(lambda: Driver.reset(self, cases), ["at the start"])
 
     def decide(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """Return the commands of the next step."""
@@ -97,20 +89,13 @@ class _RecordingDriver(Driver):
 
     def _record(self, call: Callable[[], np.ndarray], obs: Observation, suffix: str) -> np.ndarray:
         names = _names(self._cases[obs.row], obs.step, suffix)
-        return np.array(self.record.keep(names, list(self.record.ask(call, names, obs=obs))))
+        return np.array(self.record.keep(names, list(self.record.query(call, names, obs=obs))))
 
 
-@dataclass
-class PolicySubject(Subject[PedestrianPolicy]):
-    """Lets a pedestrian policy move its pedestrians, with a vehicle that they see and without."""
-
-    answers = "worlds' velocities"
-    padding = PADDING
-
-    def drive(self, plugin: PedestrianPolicy, scenario: Scenario, cases: Cases, record: Record) -> None:
-        """Drive the test vehicle and record the velocities of the pedestrians."""
-        policies = {**scenario.policies, self.name: _RecordingPolicy(plugin, self.name, record)}
-        _drive_test(_TestVehicle(cases), dataclasses.replace(scenario, policies=policies), cases)
+def _drive_policy(subject: Subject, plugin: PedestrianPolicy, scenario: Scenario, cases: Cases, record: Record) -> None:
+    """Let a pedestrian policy move its pedestrians, with a vehicle that they see and without."""
+    policies = {**scenario.policies, subject.name: _RecordingPolicy(plugin, subject.name, record)}
+    _drive_test(_TestVehicle(cases), dataclasses.replace(scenario, policies=policies), cases)
 
 
 class _RecordingPolicy(PolicyWithMemory):
@@ -124,14 +109,14 @@ class _RecordingPolicy(PolicyWithMemory):
         if not isinstance(self.policy, PolicyWithMemory):
             return {}
         call = functools.partial(init_memory, self.policy, self.name, world)
-        return self.record.ask(call, self._names(world), world=world)
+        return self.record.query(call, self._names(world), world=world)
 
     def velocities(  # type: ignore[override]  # as in its base class
         self, world: World, parameters: Parameters, memory: Memory
     ) -> tuple[Velocities, Memory]:
         """Return the velocities and the memory."""
         call, names = functools.partial(query_policy, self.policy, self.name, world), self._names(world)
-        velocity, after = self.record.ask(call, names, world=world)
+        velocity, after = self.record.query(call, names, world=world)
         present, followed = world.present[:, 1:], np.zeros_like(velocity)
         rows = self.record.keep(names, [row[there] for row, there in zip(velocity, present, strict=True)])
         followed[present] = np.concatenate(rows)
@@ -141,85 +126,60 @@ class _RecordingPolicy(PolicyWithMemory):
         return _names(world.case, world.step, "" if world.present[:, 0].all() else ", unseen vehicle")
 
 
-@dataclass
-class PredictorSubject(Subject[Predictor]):
-    """Lets a predictor predict what the test vehicle sees; with padding, unseen pedestrians have NaN everywhere."""
+def _drive_predictor(subject: Subject, plugin: Predictor, scenario: Scenario, cases: Cases, record: Record) -> None:
+    """Let a predictor predict what the test vehicle sees; with padding, unseen pedestrians have NaN everywhere."""
 
-    answers = "worlds' predictions"
-    padding = f"{PADDING}, and NaN in the rows of unseen pedestrians"
+    def predict(obs: Observation) -> None:
+        done, between = divmod(int(obs.step[0]), INTERVAL)
+        if between == 0:
+            if isinstance(scenario, WithPadding):
+                obs = hide_unseen(obs)
+            names = _names(cases.indices[obs.row], obs.step)
+            call = functools.partial(_predict, plugin, subject.name, obs, 1 + done % MAX_STEPS)
+            futures = zip(record.query(call, names, obs=obs), obs.pedestrians.seen, strict=True)
+            record.keep(names, [future[:, :, seen] for future, seen in futures])
 
-    def drive(self, plugin: Predictor, scenario: Scenario, cases: Cases, record: Record) -> None:
-        """Drive the test vehicle and record predictions at every third step."""
-
-        def predict(obs: Observation) -> None:
-            done, between = divmod(int(obs.step[0]), EVERY)
-            if between == 0:
-                if isinstance(scenario, WithPadding):
-                    obs = hide_unseen(obs)
-                names = _names(cases.indices[obs.row], obs.step)
-                call = functools.partial(self._predict, plugin, obs, 1 + done % MOST_STEPS)
-                futures = zip(record.ask(call, names, obs=obs), obs.pedestrians.seen, strict=True)
-                record.keep(names, [future[:, :, seen] for future, seen in futures])
-
-        _drive_test(_TestVehicle(cases, predict, plugin.privileged), scenario, cases)
-
-    def _predict(self, plugin: Predictor, obs: Observation, steps: int) -> Futures:
-        with plugin_errors(f"predictor {self.name} raised"):
-            answer = plugin.predict(obs, steps)
-        prediction = validate_prediction(answer, self.name, obs, steps)
-        return np.concatenate([prediction.position, prediction.velocity], axis=4)
+    _drive_test(_TestVehicle(cases, predict, plugin.privileged), scenario, cases)
 
 
-@dataclass
-class MetricSubject(Subject[Metric]):
-    """Lets a metric measure the episodes of the test vehicle."""
-
-    answers = "values"
-
-    def drive(self, plugin: Metric, scenario: Scenario, cases: Cases, record: Record) -> None:
-        """Drive the test vehicle and record the value of each episode, also without an undisturbed crowd."""
-        whole = rollout(Driver(_TestVehicle(cases), "test", UNLIMITED), scenario, cases)
-        # A scenario whose pedestrians do not see the vehicle has traces of the second kind.
-        for trace, which in ((whole, ""), (dataclasses.replace(whole, undisturbed=None), ", no undisturbed crowd")):
-            names = [f"case {case}{which}" for case in trace.case]
-            values = record.ask(functools.partial(measure, self.name, plugin, trace), names, trace=trace)
-            record.keep(names, list(values))
+def _predict(plugin: Predictor, name: str, obs: Observation, steps: int) -> Futures:
+    with plugin_errors(f"predictor {name} raised"):
+        answer = plugin.predict(obs, steps)
+    prediction = validate_prediction(answer, name, obs, steps)
+    return np.concatenate([prediction.position, prediction.velocity], axis=4)
 
 
-@dataclass
-class RewardSubject(Subject[Reward]):
-    """Lets a reward judge steps in which every third vehicle stands and the others go straight on."""
-
-    answers = "rewards"
-
-    def drive(self, plugin: Reward, scenario: Scenario, cases: Cases, record: Record) -> None:
-        """Drive through cases and record the rewards of all steps."""
-        checked = CheckedReward(self.name, plugin)
-        view, world = View(scenario, "flat", "world", NEAREST), scenario.worlds(cases)
-        while len(world):
-            straight = toward_goal(world.position[:, 0], goals_on_way(world)[:, 0], world.preferred_speed[:, 0])
-            step = drive_step(view, world, np.where(world.case[:, None] % 3 == 2, 0.0, straight))
-            names = _names(world.case, world.step)
-            record.keep(names, list(record.ask(functools.partial(checked, step), names, step=step)))
-            world = step.after.take(~step.ended)
+def _drive_metric(subject: Subject, plugin: Metric, scenario: Scenario, cases: Cases, record: Record) -> None:
+    """Let a metric measure the episodes of the test vehicle, also without an undisturbed crowd."""
+    whole = rollout(Driver(_TestVehicle(cases), "test", UNLIMITED), scenario, cases)
+    # A scenario whose pedestrians do not see the vehicle has traces of the second kind.
+    for trace, which in ((whole, ""), (dataclasses.replace(whole, undisturbed=None), ", no undisturbed crowd")):
+        names = [f"case {case}{which}" for case in trace.case]
+        values = record.query(functools.partial(measure, subject.name, plugin, trace), names, trace=trace)
+        record.keep(names, list(values))
 
 
-@dataclass
-class ScenarioSubject(Subject[Scenario]):
-    """Starts the cases of a scenario, and has ORCA drive. A layout is checked as a part of its scenario."""
+def _drive_reward(subject: Subject, plugin: Reward, scenario: Scenario, cases: Cases, record: Record) -> None:
+    """Let a reward judge steps in which every third vehicle stands and the others go straight on."""
+    checked = CheckedReward(subject.name, plugin)
+    view, world = View(scenario, "flat", "world", NEAREST), scenario.worlds(cases)
+    while len(world):
+        straight = toward_goal(world.position[:, 0], goals_on_way(world)[:, 0], world.preferred_speed[:, 0])
+        step = drive_step(view, world, np.where(world.case[:, None] % 3 == 2, 0.0, straight))
+        names = _names(world.case, world.step)
+        record.keep(names, list(record.query(functools.partial(checked, step), names, step=step)))
+        world = step.after.take(~step.ended)
 
-    answers = "starts and episodes"
-    repeat = 1
 
-    def drive(self, plugin: Scenario, scenario: Scenario, cases: Cases, record: Record) -> str:
-        """Start each case and drive through all of them."""
-        for number in cases.indices.tolist():
-            names = [f"case {number}"]
-            record.keep(names, [record.ask(functools.partial(_start, plugin, cases.split, number), names)])
-        trace = record.ask(functools.partial(_drive_orca, plugin, cases), ["all cases"])
-        record.keep([f"the episode of case {case}" for case in trace.case], list(trace.position))
-        ends = Counter(Outcome(outcome).label for outcome in trace.outcome.tolist())
-        return f" (driven by ORCA: {', '.join(f'{count} {label}' for label, count in ends.most_common())})"
+def _drive_scenario(subject: Subject, plugin: Scenario, scenario: Scenario, cases: Cases, record: Record) -> None:
+    """Start the cases of a scenario, and have ORCA drive. A layout is checked as a part of its scenario."""
+    for number in cases.indices.tolist():
+        names = [f"case {number}"]
+        record.keep(names, [record.query(functools.partial(_start, plugin, cases.split, number), names)])
+    trace = record.query(functools.partial(_drive_orca, plugin, cases), ["all cases"])
+    record.keep([f"the episode of case {case}" for case in trace.case], list(trace.position))
+    ends = Counter(Outcome(outcome).label for outcome in trace.outcome.tolist())
+    record.remark = f" (driven by ORCA: {', '.join(f'{count} {label}' for label, count in ends.most_common())})"
 
 
 def _start(scenario: Scenario, split: str, case: int) -> np.ndarray:
@@ -228,9 +188,9 @@ def _start(scenario: Scenario, split: str, case: int) -> np.ndarray:
     Raises InputError where agents overlap, are at their goal, or are led into a wall.
     """
     world = scenario.draw(split, np.array([case]))
-    there = world.present[0]
-    start, goal, route = (array[0, there] for array in (world.position, world.goal, world.route))
-    radius = world.radius[0, there]
+    present = world.present[0]
+    start, goal, route = (array[0, present] for array in (world.position, world.goal, world.route))
+    radius = world.radius[0, present]
     distance = norm(goal - start)
     with Location(scenario.source, f"case {split}/{case}").named():
         if distance[0] < radius[0]:
@@ -298,11 +258,17 @@ def _names(cases: Int[np.ndarray, "world"], steps: Int[np.ndarray, "world"], suf
 def hide_unseen(obs: Observation) -> Observation:
     """Return an observation with NaN in the rows of all pedestrians that are not seen."""
     crowd, seen = obs.pedestrians, obs.pedestrians.seen
-    masks = {
-        "position": seen[:, :, None],
-        "velocity": seen[:, :, None],
-        "history": seen[:, None, :, None],
-        "radius": seen,
-    }
+    rows = seen[:, :, None]
+    masks = {"position": rows, "velocity": rows, "history": rows[:, None], "radius": seen}
     arrays = {name: np.where(mask, getattr(crowd, name), np.nan) for name, mask in masks.items()}
     return dataclasses.replace(obs, pedestrians=dataclasses.replace(crowd, **arrays))
+
+
+PLANNER = Procedure(_drive_planner, "commands", repeat=1)
+POLICY = Procedure(_drive_policy, "worlds' velocities", padding=PADDING)
+PREDICTOR = Procedure(
+    _drive_predictor, "worlds' predictions", padding=f"{PADDING}, and NaN in the rows of unseen pedestrians"
+)
+METRIC = Procedure(_drive_metric, "values")
+REWARD = Procedure(_drive_reward, "rewards")
+SCENARIO = Procedure(_drive_scenario, "starts and episodes", repeat=1)

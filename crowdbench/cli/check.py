@@ -40,24 +40,24 @@ def check(
         cases: The cases of the scenario.
     """
     from crowdbench.check import check_plugin
-    from crowdbench.check.kinds import SUBJECTS, find_kind, load_subject
+    from crowdbench.check.kinds import PROCEDURES, find_kind, load_subject
     from crowdbench.scenario.cases import Cases
 
     kind = find_kind(plugin) if kind is None else kind
-    if kind not in SUBJECTS:
-        *others, last = SUBJECTS
+    if kind not in PROCEDURES:
+        *others, last = PROCEDURES
         raise InputError(f"nothing is checked as {kind!r}: --kind is {', '.join(others)} or {last}")
     announce_compilation()
     options = assignments(option or [], "--option")
     subject = load_subject(kind, plugin, options, scenario, decision_limit, data)
     results = check_plugin(subject, Cases.parse(cases))
     print_table(check_table(subject.name, results), {"kept": "green", "broken": "red", "?": "yellow"})
-    if not all(result.kept for result in results):
+    if not all(result.passed for result in results):
         raise typer.Exit(1)
 
 
 def check_table(name: str, results: Sequence[CheckResult]) -> Grid:
     """What the plug-in of a name keeps of its contract, and what was seen."""
     verdicts = {True: "kept", False: "broken", None: "?"}
-    rows = [(verdicts[result.kept], result.name, result.seen) for result in results]
+    rows = [(verdicts[result.passed], result.name, result.observation) for result in results]
     return Grid(f"The contract, as {name} keeps it", ("", "check", "seen"), rows, align="lll")
