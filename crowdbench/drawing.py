@@ -168,30 +168,22 @@ class Moment:
 
     @functools.cached_property
     def hit(self) -> list[int]:
-        """Whom the vehicle has hit in the last step, as agents."""
-        return (1 + np.flatnonzero(self.gaps() < 0.0)).tolist()
-
-    def gaps(self) -> Float[np.ndarray, "pedestrian"]:
-        """The smallest distance in metres between the rims of the vehicle and each pedestrian in the last step.
-
-        By the rule of the collision check; infinite of those who were not there before and after it.
-        """
-        gaps = np.full(len(self.seen), np.inf)
+        """Return the agents that the vehicle has hit in the last step, by the rule of the collision check."""
         if len(self.step) < 2 or self.step[-1] - self.step[-2] != 1:
-            return gaps
+            return []
         (before, now), rules = self.position[-2:], self.rules
         motion = np.empty(now.shape)
         fill_motion(before, now, self.velocity[-2], rules.numbers.collision, rules.dt, motion)
         turn_rate = turn(*self.heading[-2:]) / rules.dt
         arc = rules.numbers.body, self.heading[-2], float(np.hypot(*self.velocity[-1, 0])), turn_rate, rules.dt
-        for pedestrian in np.flatnonzero(np.isfinite(self.position[-2:, 1:, 0]).all(axis=0)).tolist():
-            pair = [0, 1 + pedestrian]
+        is_holonomic, hit = isinstance(rules.dynamics, Holonomic), []
+        for agent in (1 + np.flatnonzero(np.isfinite(self.position[-2:, 1:, 0]).all(axis=0))).tolist():
+            pair = [0, agent]
             discs = Discs(before[pair], motion[pair], self.radius[pair], np.ones(2, bool))
-            if isinstance(rules.dynamics, Holonomic):
-                gaps[pedestrian], _ = nearest_in_step(0, discs)
-            else:
-                gaps[pedestrian], _ = gaps_on_arc(*arc, discs, np.empty((0, 0, 2)))
-        return gaps
+            gap, _ = nearest_in_step(0, discs) if is_holonomic else gaps_on_arc(*arc, discs, np.empty((0, 0, 2)))
+            if gap < 0.0:
+                hit.append(agent)
+        return hit
 
 
 def extent(

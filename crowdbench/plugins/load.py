@@ -85,12 +85,13 @@ class Kind:
             InputError: There is none, or it cannot be loaded.
         """
         file, function = file_and_function(spec)
-        if file is not None:
-            return plugin_name(spec), _load_function(file, function or self.function)
         hint = ", or give a file: ./mine.py"
-        source = self.built_in().get(spec) or find_named(self.word, spec, self.sources(), hint)
+        source = file or self.built_in().get(spec) or find_named(self.word, spec, self.sources(), hint)
         if isinstance(source, Path):
-            return spec, _load_function(source, self.function)
+            loaded = getattr(load_module(source), function or self.function, None)
+            if not callable(loaded):
+                raise InputError(f"{source} defines no function {function or self.function}()")
+            return plugin_name(spec), loaded
         if isinstance(source, EntryPoint):
             with plugin_errors(f"the installed {self.word} {spec} cannot be loaded:"):
                 return spec, source.load()
@@ -196,14 +197,6 @@ def plugin_name(spec: str) -> str:
     return spec if program(spec) is None else Path(spec).name
 
 
-def _load_function(path: Path, name: str) -> Callable[..., Any]:
-    """A function that a Python file defines. Raises InputError where there is none, or the file cannot be run."""
-    function = getattr(load_module(path), name, None)
-    if not callable(function):
-        raise InputError(f"{path} defines no function {name}()")
-    return function
-
-
 def load_module(path: Path) -> ModuleType:
     """Run a Python file as a module, which can import files beside it. Raises InputError where it fails."""
     try:
@@ -214,8 +207,8 @@ def load_module(path: Path) -> ModuleType:
     # Known to the interpreter under a name of its own: dataclasses and pickle look it up.
     name = f"crowdbench_plugin_{path.stem}_{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise InputError(f"{path} is not a Python file: its name must end in .py")
+    assert spec is not None  # its name ends in .py
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     if str(path.parent) not in sys.path:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import keyword
 import re
-import sys
 from pathlib import Path
 
 from crowdbench.plugins.load import ROOT
@@ -40,7 +39,8 @@ def make_planner(name: str, out: Path) -> Path:
     folder = out / name
     if folder.exists():
         raise InputError(f"{folder} exists already: choose another name, or another folder with --out")
-    if _is_module(name):
+    module = importlib.util.find_spec(name)
+    if module is not None and module.origin is not None:  # a folder that happens to be here has none
         raise InputError(f"{name!r} is a module that is installed, which the planner would hide: take another name")
     title = "".join(part.capitalize() for part in name.split("_"))
     with new_directory(folder, overwrite=False) as partial:
@@ -48,11 +48,3 @@ def make_planner(name: str, out: Path) -> Path:
             text = path.read_text(encoding="utf-8").replace("Careful", title).replace("careful", name)
             (partial / path.name.replace("careful", name)).write_text(text, encoding="utf-8")
     return folder
-
-
-def _is_module(name: str) -> bool:
-    """Check if Python has a module of this name, which the planner's file would replace."""
-    if name in sys.builtin_module_names:
-        return True
-    spec = importlib.util.find_spec(name)
-    return spec is not None and spec.origin is not None  # a folder that happens to be here has none
