@@ -118,10 +118,7 @@ def _named_files(value: Any) -> Iterator[Path]:
 
 
 def load_scenario(
-    spec: str,
-    overrides: Mapping[str, Any] | None = None,
-    pedestrians: str | None = None,
-    data: Path | None = None,
+    spec: str, overrides: Mapping[str, Any] | None = None, pedestrians: str | None = None, data: Path | None = None
 ) -> Scenario:
     """Find a scenario and read it.
 

@@ -206,9 +206,9 @@ def extent(
 
 def same_agents(person: Int[np.ndarray, "time pedestrian"]) -> Bool[np.ndarray, "step agent"]:
     """Whether each agent is the same one after each step: somebody else can take the place of a pedestrian."""
-    stayed = np.ones((len(person) - 1, 1 + person.shape[1]), bool)
-    stayed[:, 1:] = np.diff(person, axis=0) == 0
-    return stayed
+    same = np.ones((len(person) - 1, 1 + person.shape[1]), bool)
+    same[:, 1:] = np.diff(person, axis=0) == 0
+    return same
 
 
 def paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"]) -> list[Float[np.ndarray, "_ 2"]]:
@@ -230,17 +230,17 @@ def draw_moment(moment: Moment, corner: Float[np.ndarray, "2"], palette: Palette
     bar = corner + 0.3 + np.array([[0.0, 0.0], [1.0, 0.0]])
     yield Line(bar, palette.text, 1.0)
     yield Text(bar.mean(axis=0) + np.array([0.0, 0.25]), "1 m", palette.text)
-    near = moment.rules.goal_tolerance or float(moment.radius[0])
+    tolerance = moment.rules.goal_tolerance or float(moment.radius[0])
     yield Polygon(moment.goal[0] + _STAR, palette.vehicle, palette.vehicle, 0.3)
-    yield Disc(moment.goal[0], near, None, palette.vehicle)
+    yield Disc(moment.goal[0], tolerance, None, palette.vehicle)
     colors = [palette.vehicle, *(palette.pedestrian if seen else palette.hidden for seen in moment.seen.tolist())]
     trails = [palette.vehicle] + [palette.walked] * len(moment.seen)
     for agent in [*moment.hit, *[0] * moment.hits_obstacle]:
         colors[agent] = trails[agent] = palette.failure
-    stayed = same_agents(moment.person)
+    same = same_agents(moment.person)
     # The vehicle is drawn last, so that nothing hides it.
     for agent in reversed(range(len(colors))) if len(colors) <= CROWD else ():
-        for path in paths(moment.position[:, agent], stayed[:, agent]):
+        for path in paths(moment.position[:, agent], same[:, agent]):
             yield Line(path, trails[agent], 1.6 if agent == 0 else 0.8)
     arrows: list[Shape] = []
     for agent in np.flatnonzero(np.isfinite(moment.position[-1, :, 0]))[::-1].tolist():
@@ -248,9 +248,9 @@ def draw_moment(moment: Moment, corner: Float[np.ndarray, "2"], palette: Palette
         yield Disc(here, float(moment.radius[agent]), colors[agent], palette.background)
         arrows += _arrow(here, moment.velocity[-1, agent], palette.text)
     if not isinstance(moment.rules.dynamics, Holonomic):
-        place = moment.rules.body, moment.position[-1, 0], moment.heading[-1, ...], float(moment.radius[0])
-        yield Polygon(outline(*place), palette.vehicle, palette.text, 1.0)
-        yield Line(nose(*place), palette.text, 1.0)
+        body = moment.rules.body, moment.position[-1, 0], moment.heading[-1, ...], float(moment.radius[0])
+        yield Polygon(outline(*body), palette.vehicle, palette.text, 1.0)
+        yield Line(nose(*body), palette.text, 1.0)
     yield from arrows
 
 

@@ -77,7 +77,7 @@ class Result:
 
         Raises InputError where one of them was not kept, or they share no case.
         """
-        return compare(self._kept(), other._kept())
+        return compare(self._stored_directory(), other._stored_directory())
 
     def view(self, case: int | str, *, web: bool = False) -> None:
         """Open a recorded case in the Rerun viewer, and wait until it is closed.
@@ -92,7 +92,7 @@ class Result:
         from crowdbench.record import viewer
         from crowdbench.record.cases import find_case
 
-        recording = self._kept() / RECORDING
+        recording = self._stored_directory() / RECORDING
         viewer.view([recording], find_case(recording, str(case)), web=web)
 
     def render(self, case: int | str) -> Image.Image:
@@ -106,13 +106,13 @@ class Result:
         from crowdbench.record.cases import find_case
 
         with tempfile.TemporaryDirectory() as folder:
-            recording, out = self._kept() / RECORDING, Path(folder) / "case.png"
+            recording, out = self._stored_directory() / RECORDING, Path(folder) / "case.png"
             draw_case(recording, find_case(recording, str(case)), out)
             picture = Image.open(out)
             picture.load()  # before the file goes
             return picture
 
-    def _kept(self) -> Path:
+    def _stored_directory(self) -> Path:
         if self.directory is None:
             raise InputError("the run was not kept: give run(..., out=DIR)")
         return self.directory
@@ -174,8 +174,8 @@ def run(
         raise InputError("options are for a planner that is named: give them to the planner that you construct")
     if key is not None and isinstance(planner, str) and not metrics:
         raise InputError("key is for what was made in Python: a planner or metrics; leave it out")
-    if taken := [name for name in metrics or {} if name in METRICS or name in RESERVED]:
-        raise InputError(f"a column {taken[0]} exists already: give the metric another name")
+    if duplicates := [name for name in metrics or {} if name in METRICS or name in RESERVED]:
+        raise InputError(f"a column {duplicates[0]} exists already: give the metric another name")
     spec = RunSpec(
         planner if isinstance(planner, str) else type(planner).__name__,
         scenario,

@@ -73,8 +73,8 @@ def test_nobody_else_submits_as_the_maintainers(folder, tmp_path):
     forge(folder, submitted_by="crowdbench")
     with pytest.raises(InputError, match="submitted by crowdbench must be of a planner that ships"):
         read_entry(folder)
-    (tmp_path / "card.toml").write_text(card())
-    arguments = ["orca", "--board", "five", "--card", str(tmp_path / "card.toml"), "--by", "CrowdBench"]
+    (tmp_path / "card.toml").write_text(card(authors='["CrowdBench"]'))
+    arguments = ["orca", "--board", "five", "--card", str(tmp_path / "card.toml")]
     done = CliRunner().invoke(app, ["submit", *arguments])
     assert "give your name" in str(done.exception)
 

@@ -95,7 +95,7 @@ def test_an_installed_package_can_bring_a_planner(mine, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [entry] if group == entry.group else [])
     assert catalog.load_planner("theirs", {"speed": 0.3})[1].speed == 0.3
-    assert ("theirs", "Mine.") in catalog.PLANNERS.names()
+    assert ("theirs", "installed: mine:planner") in catalog.PLANNERS.names()
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from crowdbench.utils.time_limit import FairLimit
+from crowdbench.utils.resources import FairLimit
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux says how long a thread waited")
 

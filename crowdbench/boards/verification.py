@@ -51,7 +51,7 @@ from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError, MachineFault
-from crowdbench.utils.memory import limit_memory
+from crowdbench.utils.resources import limit_memory
 from crowdbench.utils.tables import plain
 
 MAX_MEMORY = 4e9

@@ -17,7 +17,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.time_limit import FairLimit
+from crowdbench.utils.resources import FairLimit
 
 Answer = TypeVar("Answer")
 

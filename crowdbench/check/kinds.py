@@ -66,7 +66,7 @@ def load_subject(
     if kind == "scenarios" and (options or scenario is not None):
         raise InputError("a scenario is checked as its file says: leave out --option and --scenario")
 
-    spec, changes = scenario, {}
+    spec, changes = scenario, dict[str, Any]()
     if kind == "scenarios":
         spec = plugin
     elif spec is None and kind == "planners":

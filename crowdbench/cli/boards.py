@@ -46,7 +46,6 @@ def submit(
     planner: str,
     board: Annotated[str, typer.Option()],
     card: Annotated[Path | None, typer.Option(show_default="card.toml beside the planner")] = None,
-    by: Annotated[str | None, typer.Option(show_default="the first author that the card names")] = None,
     name: Annotated[str | None, typer.Option(show_default="the planner's name")] = None,
     option: list[str] | None = None,
     network: list[str] | None = None,
@@ -61,8 +60,7 @@ def submit(
     Args:
         planner: Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.
         board: The name of a board: one in the folder of boards, or one that ships.
-        card: The card that says what the planner is.
-        by: Who submits it.
+        card: The card that says what the planner is. Its first author submits the entry.
         name: The name of the entry.
         network: Another network of the same method: key=value, such as weights=b.safetensors. Repeatable.
         dry_run: Check planner and card, say how long the public cases will take, and make no entry.
@@ -83,7 +81,7 @@ def submit(
     if not is_file and program(planner) is None:
         PLANNERS.find(planner)
     card = card or Path(planner).parent / "card.toml"
-    submitter = by or read_card(card).authors[0]
+    submitter = read_card(card).authors[0]
     if submitter.lower() == MAINTAINERS:
         raise InputError(f"{submitter} submits the planners that ship, by leaderboards/fill.py: give your name")
     networks = [assignments([text], "--network") for text in network or []]
@@ -99,8 +97,8 @@ def submit(
         say(f"no fault is found, and no entry made; {cases} public cases will take about {minutes:.1f} minutes here")
         return
     message = f"finished batches are kept in {work}, with which the same command goes on"
-    with exit_on_interrupt(message), progress(cases, f"of {cases} public cases") as tell:
-        entry, failures = submit_planner(submission, root, work, tell)
+    with exit_on_interrupt(message), progress(cases, f"of {cases} public cases") as update:
+        entry, failures = submit_planner(submission, root, work, update)
     _say_entry(entry, failures, rules.spec.public_cases, root)
 
 
@@ -203,11 +201,11 @@ def verify(
             "public cases are replayed, and others driven that are drawn now; nothing of this is kept: what a board "
             "shows is verified in its season"
         )
-    with exit_on_interrupt(message), progress(total) as tell:
+    with exit_on_interrupt(message), progress(total) as update:
         if key:
-            verification = verify_in_season(submitted, board, work, read_season(folder.parent), key, tell)
+            verification = verify_in_season(submitted, board, work, read_season(folder.parent), key, update)
         else:
-            verification = verify_entry(submitted, board, work, driven, tell)
+            verification = verify_entry(submitted, board, work, driven, update)
     if as_json:
         print(json.dumps(verification.model_dump(mode="json"), indent=2))
     else:

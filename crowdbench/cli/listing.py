@@ -99,8 +99,8 @@ def _names(kind: str) -> list[tuple[str, str]]:
 
 def _describe_board(board: Board) -> str:
     """How much there is to drive for an entry of a board, and what it is about."""
-    number, each = len(board.scenarios), board.spec.public_cases
-    size = f"{each} public cases" if number == 1 else f"{each} public cases of each of {number} scenarios"
+    number, cases = len(board.scenarios), board.spec.public_cases
+    size = f"{cases} public cases" if number == 1 else f"{cases} public cases of each of {number} scenarios"
     return f"{size}. {board.spec.description}"
 
 

@@ -53,7 +53,9 @@ def help_from_docstring(command: Command) -> Command:
         return command
     description, helps = parse_docstring(command.__doc__)
     signature = inspect.signature(command, eval_str=True)
-    parameters = [_with_help(each, (SHARED | helps).get(each.name)) for each in signature.parameters.values()]
+    parameters = [
+        _with_help(parameter, (SHARED | helps).get(parameter.name)) for parameter in signature.parameters.values()
+    ]
     command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     command.__doc__ = description
     return command

@@ -112,8 +112,8 @@ def _make(runs: Mapping[str, Run], out: Path) -> dict[str, str]:
     for scenario, run in runs.items():
         say(f"{scenario}, cases {run.spec.cases}")
         try:
-            with progress(len(run.spec.cases)) as tell:
-                if not make_in_folder(run, out, tell):
+            with progress(len(run.spec.cases)) as update:
+                if not make_in_folder(run, out, update):
                     raise MachineFault(f"another process is making the run of {scenario}: try again when it has ended")
         except MachineFault:
             raise

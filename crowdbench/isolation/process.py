@@ -17,7 +17,7 @@ import psutil
 
 from crowdbench.isolation.protocol import Broken, Kind, receive, send
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.time_limit import FairLimit
+from crowdbench.utils.resources import FairLimit
 
 TICK = 0.1
 """Seconds between two looks at the memory of a process."""

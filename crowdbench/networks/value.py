@@ -21,7 +21,7 @@ from crowdbench.core.reward import DISCOUNT, SUCCESS
 from crowdbench.networks.joint_state import DISTANCE, SIZE, VEHICLE
 from crowdbench.networks.weights import load_into, read_card, training_dt, weights_file
 from crowdbench.utils.errors import InputError, find_named
-from crowdbench.utils.memory import keep_freed_memory
+from crowdbench.utils.resources import keep_freed_memory
 
 Joint = Float[Tensor, "*batch pedestrian 13"]
 Present = Bool[Tensor, "*batch pedestrian"]

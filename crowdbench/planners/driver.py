@@ -24,7 +24,7 @@ from crowdbench.planners.base import OneStepOnly, Planner
 from crowdbench.planners.contract import Decision, Fault, validate_commands
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import ForkGuard, InputError, describe_error, is_interrupt, plugin_errors
-from crowdbench.utils.time_limit import FairLimit
+from crowdbench.utils.resources import FairLimit
 
 
 class DecisionLimitExceeded(InputError):

@@ -36,23 +36,23 @@ def code_digest(modules: Iterable[str], further: Iterable[Path] = ()) -> str:
         modules: Names of modules of crowdbench, such as `crowdbench.runs.rollout`.
         further: Further files, which count with what they import from crowdbench.
     """
-    before = len(_cached())
+    size = len(_cached())
     trees = sorted(_read(path)[0] for path in reached_files(modules, further))
-    if len(_cached()) > before:
+    if len(_cached()) > size:
         store.write(_file_name(), json.dumps(_cached()).encode())
     return hashlib.sha256(json.dumps(trees).encode()).hexdigest()
 
 
 def reached_files(modules: Iterable[str], further: Iterable[Path] = ()) -> set[Path]:
     """Return the files of some modules of crowdbench, further files, and those that they import, directly or not."""
-    found: set[Path] = set()
+    reached: set[Path] = set()
     waiting = [*further, *map(_find, modules)]
     while waiting:
         path = waiting.pop()
-        if path is not None and path not in found:
-            found.add(path)
+        if path is not None and path not in reached:
+            reached.add(path)
             waiting += map(_find, _read(path)[1])
-    return found
+    return reached
 
 
 @functools.cache
@@ -91,8 +91,8 @@ def _cached() -> dict[str, Any]:
 @functools.cache
 def _file_name() -> str:
     """Return the name of the file on disk, which changes with the way in which digests are made."""
-    own = hashlib.sha256(Path(__file__).read_bytes() + Path(files.__file__).read_bytes()).hexdigest()
-    return f"syntax_trees-{own[:32]}"
+    digest = hashlib.sha256(Path(__file__).read_bytes() + Path(files.__file__).read_bytes()).hexdigest()
+    return f"syntax_trees-{digest[:32]}"
 
 
 def _tree_digest(tree: ast.AST) -> str:

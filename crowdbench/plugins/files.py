@@ -113,18 +113,18 @@ def imported_modules(tree: ast.AST, package: Module) -> list[Module]:
         tree: The file's syntax tree. Imports under `if TYPE_CHECKING` do not count.
         package: The package that it lies in.
     """
-    found: list[Module] = []
+    modules: list[Module] = []
     waiting = [tree]
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.Import):
-            found += [tuple(alias.name.split(".")) for alias in node.names]
+            modules += [tuple(alias.name.split(".")) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             above = package[: max(0, len(package) + 1 - node.level)] if node.level else ()
             base = (*above, *(node.module or "").split(".")) if node.module else above
-            found += [base, *((*base, alias.name) for alias in node.names)]
+            modules += [base, *((*base, alias.name) for alias in node.names)]
         elif isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
             waiting += node.orelse
         elif not isinstance(node, ast.expr):
             waiting += ast.iter_child_nodes(node)
-    return found
+    return modules

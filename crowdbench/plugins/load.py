@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import contextlib
 import hashlib
 import importlib.metadata
 import importlib.util
@@ -136,8 +135,8 @@ class Kind:
             # In here, because it asks an object of the plug-in's for its class.
             is_right = isinstance(plugin, self.makes)
         if not is_right:
-            wrong = type(plugin).__name__
-            raise InputError(f"{name}: the factory made a {wrong}, but must make a crowdbench.{self.makes.__name__}")
+            made = type(plugin).__name__
+            raise InputError(f"{name}: the factory made a {made}, but must make a crowdbench.{self.makes.__name__}")
         if self.validate is not None:
             self.validate(name, plugin)
         return plugin
@@ -169,10 +168,10 @@ class Kind:
 def _find_module(name: str) -> ModuleSpec | None:
     """Find a module. `importlib.util.find_spec` would run the packages around it."""
     package = name.rpartition(".")[0]
-    around = _find_module(package) if package else None
-    if package and around is None:
+    parent = _find_module(package) if package else None
+    if package and parent is None:
         return None
-    folders = None if around is None else around.submodule_search_locations
+    folders = None if parent is None else parent.submodule_search_locations
     return next((spec for finder in sys.meta_path if (spec := finder.find_spec(name, folders))), None)
 
 
@@ -219,17 +218,11 @@ def load_module(path: Path) -> ModuleType:
 
 
 def _docstring(source: Source) -> str:
-    """Return the docstring of a plug-in's function or file. No file is run, which would run its imports.
+    """Return the docstring of a plug-in's function or file; of an installed package, its entry point. None is run.
 
-    Without one it is empty; of what is installed, it says so.
-
-    Raises InputError where the file of a plug-in that is not installed cannot be read.
+    Raises InputError where the file cannot be read.
     """
     if isinstance(source, EntryPoint):
-        with contextlib.suppress(InputError), plugin_errors(f"{source.module} cannot be found:"):
-            module = _find_module(source.module)
-            if module and module.origin and module.origin.endswith(".py"):
-                return _docstring(Path(module.origin)) or f"installed: {source.value}"
         return f"installed: {source.value}"
     if isinstance(source, Path):
         with plugin_errors(f"{source} cannot be read:"):

@@ -83,7 +83,7 @@ class Option:
         plain = [kind for kind in self.types if kind is not types.NoneType]
         if plain and all(kind in PLAIN for kind in plain) and not any(PLAIN[kind][0](value) for kind in plain):
             text = str(value).lower() if isinstance(value, bool) else repr(value)
-            raise self._wrong(text, [PLAIN[kind][1] for kind in plain])
+            raise self._error(text, [PLAIN[kind][1] for kind in plain])
         return value
 
     def _make_part(self, table: Any) -> Any:
@@ -100,11 +100,11 @@ class Option:
                     return part(**arguments)
                 except InputError as error:
                     raise InputError(f"in {self.name}, {error}") from error
-        raise self._wrong(repr(table), tables)
+        raise self._error(repr(table), tables)
 
-    def _wrong(self, text: str, right: list[str]) -> InputError:
+    def _error(self, value: str, expected: list[str]) -> InputError:
         """Return the error that says what was given, and what would be right."""
-        return InputError(f"{self.name} is {text}, but must be {'false or ' * self.can_be_off}{' or '.join(right)}")
+        return InputError(f"{self.name} is {value}, but must be {'false or ' * self.can_be_off}{' or '.join(expected)}")
 
 
 def read_options(factory: Callable[..., object]) -> list[Option]:

@@ -38,7 +38,7 @@ from crowdbench.sim.sensor import observe
 from crowdbench.train.config import PPOConfig, split_names
 from crowdbench.train.training import DrivingTraining, describe_scenario
 from crowdbench.utils.errors import InputError, is_number, require, require_count, require_positive
-from crowdbench.utils.memory import keep_freed_memory
+from crowdbench.utils.resources import keep_freed_memory
 
 CHUNK = 16
 """Worlds of a minibatch that a thread differentiates at once: few enough for the cache of a core."""

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-Found = TypeVar("Found")
+Item = TypeVar("Item")
 
 LONGEST = 500
 """Characters of somebody else's message that are shown."""
@@ -95,14 +95,14 @@ def _end_fork(who: str, error: BaseException | None) -> NoReturn:
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """Whether an exception comes from Ctrl-C or SIGTERM, and not from a plug-in that raises KeyboardInterrupt."""
+    """Return whether an exception comes from Ctrl-C or SIGTERM, not from a plug-in that raises KeyboardInterrupt."""
     # Where Python's own handler is in place, the two look alike.
-    own = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-    return isinstance(error, Interrupted if own else KeyboardInterrupt)
+    has_handler = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    return isinstance(error, Interrupted if has_handler else KeyboardInterrupt)
 
 
 def describe_error(error: BaseException, where: str = "") -> str:
-    """An exception in one line: its type, its message if it has one that can be read, and the line of a user's file.
+    """Return an exception in one line: its type, its message if it can be read, and the line of a user's file.
 
     Args:
         error: The exception.
@@ -118,19 +118,19 @@ def describe_error(error: BaseException, where: str = "") -> str:
 
 
 def _line_of(error: BaseException) -> str:
-    """The innermost line of an exception that is in none of the installed packages, as `, in line 8 of mine.py`."""
+    """Return the innermost line of an exception outside of installed packages, as `, in line 8 of mine.py`."""
     lines = [(frame.f_code.co_filename, number) for frame, number in traceback.walk_tb(error.__traceback__)]
-    own = [(Path(file), number) for file, number in lines if not file.startswith(("<", *INSTALLED))]
-    return f", in line {own[-1][1]} of {own[-1][0].name}" if own else ""
+    users = [(Path(file), number) for file, number in lines if not file.startswith(("<", *INSTALLED))]
+    return f", in line {users[-1][1]} of {users[-1][0].name}" if users else ""
 
 
 def is_integer(value: Any) -> bool:
-    """Whether a value is a whole number, and not True or False."""
+    """Return whether a value is a whole number, and not True or False."""
     return isinstance(value, int) and not isinstance(value, bool)
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a number, and neither True, False nor NaN."""
+    """Return whether a value is a number, and neither True, False nor NaN."""
     return isinstance(value, int | float) and not isinstance(value, bool) and value == value
 
 
@@ -155,13 +155,13 @@ def require_not_negative(name: str, value: object) -> None:
     require(name, value, is_number(value) and 0.0 <= value < math.inf, "a number, 0 or more")  # type: ignore[operator]
 
 
-def find_named(kind: str, name: str, known: Mapping[str, Found], hint: str = "") -> Found:
-    """The one of several things that has a name. Raises InputError, which tells their names, where none has it.
+def find_named(kind: str, name: str, known: Mapping[str, Item], hint: str = "") -> Item:
+    """Return the item that has a name. Raises InputError, which tells their names, where none has it.
 
     Args:
         kind: What each of them is, such as `planner`.
         name: The name.
-        known: The things by their names.
+        known: The items by their names.
         hint: How the sentence ends, such as `, or give a file: ./mine.py`.
     """
     if name not in known:

@@ -48,7 +48,7 @@ def printed_by(command: str) -> str:
 
 
 def format_tables(grids: Sequence[Grid], kind: Format) -> str:
-    """Tables as a text.
+    """Return tables as a text.
 
     In Markdown and LaTeX the titles stand above the tables where there are several, in CSV in the first column.
     """
@@ -56,7 +56,9 @@ def format_tables(grids: Sequence[Grid], kind: Format) -> str:
         records = {grid.title: plain(list(grid.records)) for grid in grids}
         return json.dumps(records if len(grids) > 1 else plain(list(grids[0].records)), indent=2)
     if kind is Format.CSV:
-        titled = [({"table": grid.title} if len(grids) > 1 else {}, one) for grid in grids for one in grid.records]
+        titled = [
+            ({"table": grid.title} if len(grids) > 1 else {}, record) for grid in grids for record in grid.records
+        ]
         return _csv([{**title, **flatten(plain(one))} for title, one in titled])
     title = "### " if kind is Format.MARKDOWN else "% "
     texts = [markdown(grid.header, grid.rows) if kind is Format.MARKDOWN else _latex(grid) for grid in grids]
@@ -66,7 +68,7 @@ def format_tables(grids: Sequence[Grid], kind: Format) -> str:
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown.
+    """Return a table in Markdown.
 
     Args:
         header: The headings of the columns.
@@ -77,7 +79,7 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def plain(value: Any) -> Any:
-    """A dataclass and what is in it as JSON knows it: undefined and infinite numbers become null."""
+    """Return a dataclass and what is in it as JSON knows it: undefined and infinite numbers become null."""
     if dataclasses.is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, dict):
@@ -88,7 +90,7 @@ def plain(value: Any) -> Any:
 
 
 def floating(tabular: str, caption: str | None, label: str | None, note: str) -> str:
-    """A LaTeX table with a note below it, in a floating environment where it has a caption or a label.
+    """Return a LaTeX table with a note below it, in a floating environment where it has a caption or a label.
 
     Args:
         tabular: The table.
@@ -105,21 +107,21 @@ def floating(tabular: str, caption: str | None, label: str | None, note: str) ->
 
 
 def _latex(grid: Grid) -> str:
-    """With the rules of the package booktabs."""
-    first, *others = (" & ".join(map(_escaped, cells)) + r" \\" for cells in (grid.header, *grid.rows))
+    """Return a table with the rules of the package booktabs."""
+    header, *rows = (" & ".join(map(_escaped, cells)) + r" \\" for cells in (grid.header, *grid.rows))
     align = grid.align or "l".ljust(len(grid.header), "r")
-    lines = [rf"\begin{{tabular}}{{{align}}}", r"\toprule", first, r"\midrule", *others]
+    lines = [rf"\begin{{tabular}}{{{align}}}", r"\toprule", header, r"\midrule", *rows]
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
 
 
 def _escaped(text: str) -> str:
-    """A text as LaTeX writes it."""
+    """Return a text as LaTeX writes it."""
     plain = re.sub(r"\^(\d)", r"$^\1$", re.sub(r"([%&_#{}])", r"\\\1", text))
     return re.sub(r"\*\*(.+?)\*\*", r"\\textbf{\1}", plain).replace("†", r"$^\dagger$").replace("≥", r"$\geq$")
 
 
 def _csv(records: Sequence[Mapping[str, Any]]) -> str:
-    """A row for each record, a column for each name that any of them has."""
+    """Return a row for each record, a column for each name that any of them has."""
     text = io.StringIO()
     names = dict.fromkeys(name for record in records for name in record)
     writer = csv.DictWriter(text, list(names), lineterminator="\n")
@@ -132,7 +134,7 @@ def _csv(records: Sequence[Mapping[str, Any]]) -> str:
 
 
 def flatten(record: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """The values of a record, which may hold others, by their dotted names."""
+    """Return the values of a record, which may hold others, by their dotted names."""
     flat: dict[str, Any] = {}
     for name, value in record.items():
         flat |= flatten(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}

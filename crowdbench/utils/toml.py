@@ -52,7 +52,7 @@ def read_toml(path: Path, kind: str) -> dict[str, Any]:
 
 
 def toml(text: str) -> dict[str, Any]:
-    """The table that a text in TOML describes.
+    """Return the table that a text in TOML describes.
 
     Raises:
         tomllib.TOMLDecodeError: It is not TOML.
@@ -66,12 +66,12 @@ def toml(text: str) -> dict[str, Any]:
         raise InputError(TOO_DEEP) from None
     except ValueError:  # raised where Python refuses to read an integer of thousands of digits
         raise InputError(TOO_LARGE) from None
-    inside: list[Any] = [table]
+    values: list[Any] = [table]
     for _ in range(DEEPEST):
-        if any(isinstance(value, int) and not -(2**63) <= value < 2**63 for value in inside):
+        if any(isinstance(value, int) and not -(2**63) <= value < 2**63 for value in values):
             raise InputError(TOO_LARGE)
-        inside = [child for value in inside for child in _children(value)]
-    if inside:
+        values = [child for value in values for child in _children(value)]
+    if values:
         raise InputError(TOO_DEEP)
     return table
 
@@ -86,7 +86,7 @@ class TomlTable(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
 
     def complete(self) -> dict[str, Any]:
-        """All keys with their values, defaults included, as JSON writes them."""
+        """Return all keys with their values, defaults included, as JSON writes them."""
         return self.model_dump(mode="json", by_alias=True)
 
 
@@ -101,27 +101,27 @@ class Location:
     key: str = ""
 
     def at(self, *path: str | int) -> Location:
-        """A place below this one: keys, and indices into lists, which people see counted from 1."""
+        """Return a location below this one: keys, and indices into lists, which people see counted from 1."""
         key = self.key
         for part in path:
             key += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if key else part
         return Location(self.file, key)
 
-    def wrong(self, found: str, right: str) -> InputError:
-        """The error that says what is here, and what it must be.
+    def wrong(self, value: str, expected: str) -> InputError:
+        """Return the error that says what is here, and what it must be.
 
         Args:
-            found: What is here.
-            right: What it must be.
+            value: What is here.
+            expected: What it must be.
 
         Returns:
             The error.
         """
-        return InputError(f"{self.file}: {self.key} is {found}, but must be {right}")
+        return InputError(f"{self.file}: {self.key} is {value}, but must be {expected}")
 
     @contextlib.contextmanager
     def named(self) -> Iterator[None]:
-        """Says of an InputError raised within that this table is the reason."""
+        """Say of an InputError raised within that this table is the reason."""
         try:
             yield
         except InputError as error:
@@ -146,7 +146,7 @@ def parse_table(model: type[Model], table: Mapping[str, Any], location: Location
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        first = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
+        first = min(error.errors(include_url=False), key=lambda detail: detail["type"] != "extra_forbidden")
         cause = first.get("ctx", {}).get("error")
         if isinstance(cause, InputError):
             with location.at(*first["loc"][:-1]).named():
@@ -155,7 +155,7 @@ def parse_table(model: type[Model], table: Mapping[str, Any], location: Location
 
 
 def number(default: Any = ..., *, above: float | None = None, least: float | None = None, below: float) -> Any:
-    """A field for a number.
+    """Return a field for a number.
 
     Args:
         default: Its value where it is left out; without it, the field is required.
@@ -171,7 +171,7 @@ def number(default: Any = ..., *, above: float | None = None, least: float | Non
 
 
 def integer(default: Any = ..., *, least: int, most: int) -> Any:
-    """A field for a whole number.
+    """Return a field for a whole number.
 
     Args:
         default: Its value where it is left out; without it, the field is required.
@@ -185,7 +185,7 @@ def integer(default: Any = ..., *, least: int, most: int) -> Any:
 
 
 def choice(names: Iterable[str], default: Any = ...) -> Any:
-    """A field for one of several names.
+    """Return a field for one of several names.
 
     Args:
         names: The names.
@@ -200,7 +200,7 @@ def choice(names: Iterable[str], default: Any = ...) -> Any:
 
 
 def table(key: str) -> Any:
-    """A field for a table with this dotted key, which may be left out."""
+    """Return a field for a table with this dotted key, which may be left out."""
     return Field(default={}, validate_default=True, description=f"a table [{key}]")
 
 
@@ -227,9 +227,9 @@ Values = Annotated[
 def _explained(
     model: type[TomlTable], table: Mapping[str, Any], path: tuple[str | int, ...], location: Location
 ) -> InputError:
-    """The sentence about what is wrong at a path, in the words of the innermost field there that has a description."""
+    """Return the error at a path, in the words of the innermost field there that has a description."""
     owner: type[TomlTable] | None = model
-    wrong, right = path, ""
+    key, expected = path, ""
     for depth, part in enumerate(path, 1):
         if owner is None or isinstance(part, int):
             continue
@@ -238,25 +238,25 @@ def _explained(
             unknown = location.at(*path[:depth]).key
             return InputError(f"{location.file}: unknown key {unknown}; the keys here are {', '.join(fields)}")
         if description := fields[part].description:
-            wrong, right = path[:depth], description
+            key, expected = path[:depth], description
         owner = _table_in(fields[part].annotation)
-    return location.at(*wrong).wrong(_value_at(table, wrong), right)
+    return location.at(*key).wrong(_value_at(table, key), expected)
 
 
 def _fields(model: type[TomlTable]) -> dict[str, FieldInfo]:
-    """The fields of a table by their keys."""
+    """Return the fields of a table by their keys."""
     return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
 def _table_in(annotation: Any) -> type[TomlTable] | None:
-    """The kind of table in a type such as `list[Row]` or `Variant | None`."""
+    """Return the kind of table in a type such as `list[Row]` or `Variant | None`."""
     if inspect.isclass(annotation) and issubclass(annotation, TomlTable):
         return annotation
     return next(filter(None, map(_table_in, get_args(annotation))), None)
 
 
 def _value_at(table: Any, path: tuple[str | int, ...]) -> str:
-    """What is at a path, as people see it."""
+    """Return what is at a path, as people see it."""
     for part in path:
         if isinstance(table, dict) and part not in table:
             return "missing"
