@@ -53,9 +53,8 @@ def help_from_docstring(command: Command) -> Command:
         return command
     description, helps = parse_docstring(command.__doc__)
     signature = inspect.signature(command, eval_str=True)
-    parameters = [
-        _with_help(parameter, (SHARED | helps).get(parameter.name)) for parameter in signature.parameters.values()
-    ]
+    helps = SHARED | helps
+    parameters = [_with_help(item, helps.get(item.name)) for item in signature.parameters.values()]
     command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     command.__doc__ = description
     return command

@@ -56,10 +56,9 @@ def format_tables(grids: Sequence[Grid], kind: Format) -> str:
         records = {grid.title: plain(list(grid.records)) for grid in grids}
         return json.dumps(records if len(grids) > 1 else plain(list(grids[0].records)), indent=2)
     if kind is Format.CSV:
-        titled = [
-            ({"table": grid.title} if len(grids) > 1 else {}, record) for grid in grids for record in grid.records
-        ]
-        return _csv([{**title, **flatten(plain(one))} for title, one in titled])
+        titles = [{"table": grid.title} if len(grids) > 1 else {} for grid in grids]
+        pairs = zip(titles, grids, strict=True)
+        return _csv([{**title, **flatten(plain(record))} for title, grid in pairs for record in grid.records])
     title = "### " if kind is Format.MARKDOWN else "% "
     texts = [markdown(grid.header, grid.rows) if kind is Format.MARKDOWN else _latex(grid) for grid in grids]
     if len(grids) == 1:
