@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 from collections.abc import Mapping
 from pathlib import Path
@@ -66,7 +67,8 @@ def load_subject(
     if kind == "scenarios" and (options or scenario is not None):
         raise InputError("a scenario is checked as its file says: leave out --option and --scenario")
 
-    spec, changes = scenario, dict[str, Any]()
+    spec = scenario
+    changes: dict[str, Any] = {}
     if kind == "scenarios":
         spec = plugin
     elif spec is None and kind == "planners":
@@ -79,7 +81,7 @@ def load_subject(
             changes["pedestrians.arrival"] = "respawn"
     policy = plugin if kind == "pedestrians" else None
     load_scenario = functools.partial(catalog.load_scenario, spec, pedestrians=policy, data=data)
-    scenarios = {"": load_scenario(changes)}
+    scenarios = {"": load_scenario(copy.deepcopy(changes))}  # a copy, because loading puts a map in its place
     scenarios[""].check_data(data)
     if kind in ("planners", "predictors"):
         scenarios["with limited sight: "] = load_scenario(changes | limited_sight(scenarios[""].rules.dt))
@@ -87,13 +89,13 @@ def load_subject(
         scenarios["invisible vehicle: "] = load_scenario(changes | {"vehicle.visible": False})
     name = scenarios[""].name if kind == "scenarios" else plugin_name(plugin)
     if kind in ("layouts", "scenarios"):
-        return Subject(PROCEDURES[kind], lambda: load_scenario(changes), name, scenarios, limit)
+        return Subject(PROCEDURES[kind], lambda: load_scenario(copy.deepcopy(changes)), name, scenarios, limit)
     load = catalog.load_planner if kind == "planners" else KINDS[kind].load
     return Subject(PROCEDURES[kind], lambda: load(plugin, options)[1], name, scenarios, limit)
 
 
 def find_kind(plugin: str) -> str:
-    """What a file defines, by its name in `PROCEDURES`; planners for a name, and for a function of another name."""
+    """Return what a file defines, by its name in `PROCEDURES`; planners for a name or a function of another name."""
     if plugin.endswith(".toml"):
         return "scenarios"
     file, function = file_and_function(plugin)
