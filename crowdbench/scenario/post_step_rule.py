@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core import rng
-from crowdbench.core.geometry import norm
+from crowdbench.core.geometry import norm, pad_points
 from crowdbench.core.types import World
 from crowdbench.scenario.clear_space import MovingVehicle, velocities_ahead
 from crowdbench.scenario.groups import group_reach, spread
@@ -93,8 +92,14 @@ class LayoutPostStepRule:
         start, goal = trip[0] + offset if is_new else start, trip[1] + offset
         found_routes = [room.find_route(*member) for member in zip(start, goal, radius.tolist(), strict=True)]
         routes = [route for route in found_routes if route is not None]
-        if len(routes) < len(agents) or (is_new and not self._is_clear(world, row, start, goal, routes, radius, speed)):
+        if len(routes) < len(agents):
             return world
+        if is_new and self.crowd.clear_space is not None:
+            motion = world.position[row, 0], float(world.heading[row]), world.velocity[row, 0]
+            vehicle = MovingVehicle(*motion, float(world.radius[row, 0]), world.rules.body)
+            velocity = velocities_ahead(start, goal, pad_points(routes), np.full(len(members), speed))
+            if not self.crowd.clear_space.holds(vehicle, start, velocity, radius):
+                return world
         world.origin[row, agents], world.goal[row, agents] = start, goal
         if traits is not None:
             for i, member in enumerate(members.tolist()):
@@ -102,25 +107,6 @@ class LayoutPostStepRule:
         for agent, route in zip(agents.tolist(), routes, strict=True):
             world = _with_route(world, row, agent, route)
         return world
-
-    def _is_clear(
-        self,
-        world: World,
-        row: int,
-        start: Float[np.ndarray, "member 2"],
-        goal: Float[np.ndarray, "member 2"],
-        routes: Sequence[Float[np.ndarray, "waypoint 2"]],
-        radius: Float[np.ndarray, "member"],
-        speed: float,
-    ) -> bool:
-        """Whether those who come in stay out of the vehicle's clear space; arguments as in `_replace`."""
-        if self.crowd.clear_space is None:
-            return True
-        toward = np.stack([route[0] if len(route) else end for route, end in zip(routes, goal, strict=True)])
-        velocity = velocities_ahead(start, toward, None, np.full(len(start), speed))
-        motion = world.position[row, 0], float(world.heading[row]), world.velocity[row, 0]
-        vehicle = MovingVehicle(*motion, float(world.radius[row, 0]), world.rules.body)
-        return self.crowd.clear_space.holds(vehicle, start, velocity, radius)
 
 
 def _add_groups(

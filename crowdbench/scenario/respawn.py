@@ -13,11 +13,11 @@ import shapely
 from jaxtyping import Float, Int
 
 from crowdbench.core.dynamics import reach
-from crowdbench.core.geometry import norm, polygons
+from crowdbench.core.geometry import norm
 from crowdbench.core.types import World
 from crowdbench.scenario.layouts.placer import CLEARANCE, WALL_CLEARANCE
 from crowdbench.scenario.placement import Layout, LayoutCall, Placement, Position, Way, add_routes, check_shape
-from crowdbench.scenario.visibility_graph import edges_of, nearest_on
+from crowdbench.scenario.visibility_graph import edges_of, nearest_on, solids
 from crowdbench.utils.errors import InputError, plugin_errors
 
 TRIES = 20
@@ -73,8 +73,7 @@ class Room:
         edges = edges_of(self.obstacles)
         if len(edges) and norm(nearest_on(edges, point[None])[0] - point).min() < radius + walls:
             return False
-        solid = [shapely.Polygon(polygon) for polygon in polygons(self.obstacles) if len(polygon) > 2]
-        return not any(shapely.contains_xy(polygon, *point) for polygon in solid)
+        return not any(shapely.contains_xy(solid, *point) for solid in solids(self.obstacles))
 
     def find_route(self, start: Position, goal: Position, radius: float) -> np.ndarray | None:
         """Return the waypoints `[waypoint, 2]` in metres of a disc's shortest path, None where there is no path."""

@@ -8,7 +8,6 @@ where the straight line between them enters no such circle and crosses no wall.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import no_type_check
 
@@ -85,6 +84,11 @@ def edges_of(obstacles: Float[np.ndarray, "polygon corner 2"]) -> Float[np.ndarr
     return np.concatenate(edges)
 
 
+def solids(obstacles: Float[np.ndarray, "polygon corner 2"]) -> list[shapely.Polygon]:
+    """The obstacles that are solid, not walls."""
+    return [shapely.Polygon(corners) for corners in polygons(obstacles) if len(corners) > 2]
+
+
 def nearest_on(
     edges: Float[np.ndarray, "edge 2 2"], points: Float[np.ndarray, "point 2"]
 ) -> Float[np.ndarray, "point edge 2"]:
@@ -156,12 +160,7 @@ def _roadmap(obstacles: bytes, shape: tuple[int, ...], radius: float) -> _Roadma
         radius: The agent's, in metres.
     """
     polygon = np.ndarray(shape, np.float64, obstacles)
-    solid = [shapely.Polygon(corners) for corners in polygons(polygon) if len(corners) > 2]
-    return _find_corners(edges_of(polygon), solid, radius)
-
-
-def _find_corners(edges: Float[np.ndarray, "edge 2 2"], solid: Sequence[shapely.Polygon], radius: float) -> _Roadmap:
-    """The corners of obstacles with the distance that a disc of a radius in metres keeps from them."""
+    edges = edges_of(polygon)
     points = np.unique(edges.reshape(-1, 2), axis=0)
     most = 2 * (radius + CLEARANCE)
     nearest = nearest_on(edges, points)
@@ -171,8 +170,8 @@ def _find_corners(edges: Float[np.ndarray, "edge 2 2"], solid: Sequence[shapely.
     between = (points[corner] + nearest[corner, edge]) / 2
     # What lies between two edges of the same polygon may be the polygon.
     inside = norm(nearest_on(edges, between) - between[:, None]).min(axis=1, initial=np.inf) < _TOLERANCE
-    for polygon in solid:
-        inside |= shapely.contains_xy(polygon, between)
+    for solid in solids(polygon):
+        inside |= shapely.contains_xy(solid, between)
     distance[corner[inside], edge[inside]] = np.inf
     distance[distance <= _TOLERANCE] = np.inf
     # The narrowest gap beside each corner, and its direction.
