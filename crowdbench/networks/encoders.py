@@ -36,8 +36,8 @@ def make_policy(network: str, encoder: str | None = None) -> Policy:
     Raises:
         InputError: There is no such encoder, or it is broken.
     """
-    own, remembered = POLICIES[network]
-    return Policy(own() if encoder is None else _load_encoder(encoder, bool(remembered)), remembered)
+    make_encoder, remembered = POLICIES[network]
+    return Policy(make_encoder() if encoder is None else _load_encoder(encoder, bool(remembered)), remembered)
 
 
 def _load_encoder(spec: str, ahead: bool) -> Encoder:
@@ -45,15 +45,15 @@ def _load_encoder(spec: str, ahead: bool) -> Encoder:
     if file_and_function(spec)[0] is None:
         raise InputError(f"encoder is {spec!r}, but must be a file: ./mine.py")
     name, encoder = ENCODERS.load(spec)
-    own, each = (VEHICLE_AHEAD, PEDESTRIAN_AHEAD) if ahead else (VEHICLE_FEATURES, PEDESTRIAN_FEATURES)
+    of_vehicle, of_pedestrian = (VEHICLE_AHEAD, PEDESTRIAN_AHEAD) if ahead else (VEHICLE_FEATURES, PEDESTRIAN_FEATURES)
     mask = torch.tensor([[False, False], [True, False], [True, True]])
-    seen = Seen(torch.ones(3, own), mask[..., None] * torch.ones(3, 2, each), mask)
+    seen = Seen(torch.ones(3, of_vehicle), mask[..., None] * torch.ones(3, 2, of_pedestrian), mask)
     with plugin_errors(f"the encoder {name} raised"), torch.no_grad():
         code, encoded = encoder(seen), encoder.encoded
         encoder(Seen(seen.vehicle, seen.pedestrians[:, :1], mask[:, :1]))
     if not is_integer(encoded) or not isinstance(code, torch.Tensor) or code.shape != (3, encoded):
-        found = list(code.shape) if isinstance(code, torch.Tensor) else type(code).__name__
-        raise InputError(f"the encoder {name} gave {found} for 3 rows, but must give [3, {encoded}], its `encoded`")
+        actual = list(code.shape) if isinstance(code, torch.Tensor) else type(code).__name__
+        raise InputError(f"the encoder {name} gave {actual} for 3 rows, but must give [3, {encoded}], its `encoded`")
     if not code.isfinite().all():
         raise InputError(f"the encoder {name} gives numbers that are not finite, as where nobody is seen")
     return encoder

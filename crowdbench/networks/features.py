@@ -86,9 +86,14 @@ def histories(obs: Observation, view: Features) -> Float[np.ndarray, "world time
         return np.zeros((len(obs), obs.pedestrians.history.shape[1], view.which.shape[1], 2))
     index = np.maximum(view.which, 0)[:, None, :, None]
     past = np.take_along_axis(obs.pedestrians.history, index, axis=2) - obs.vehicle.position[:, None, None]
-    c, s = view.axis[:, None, None, 0], view.axis[:, None, None, 1]
-    turned = np.stack([c * past[..., 0] + s * past[..., 1], c * past[..., 1] - s * past[..., 0]], axis=-1)
-    return np.where(view.seen[:, None, :, None], turned, 0.0)
+    return np.where(view.seen[:, None, :, None], to_goal_frame(past, view.axis), 0.0)
+
+
+def to_goal_frame(vectors: Float[np.ndarray, "world *k 2"], axis: Vectors) -> Float[np.ndarray, "world *k 2"]:
+    """Turn vectors from the axes of the world into the frame of the goal, whose direction is `axis`."""
+    c, s = axis.T.reshape(2, -1, *[1] * (vectors.ndim - 2))
+    x, y = np.moveaxis(vectors, -1, 0)
+    return np.stack([c * x + s * y, c * y - s * x], axis=-1)
 
 
 def direction(position: Vectors, goal: Vectors) -> Vectors:

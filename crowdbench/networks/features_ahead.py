@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from crowdbench.core.dynamics import Bicycle, Unicycle, reach
 from crowdbench.core.types import Observation
-from crowdbench.networks.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES, Features, features
+from crowdbench.networks.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES, Features, features, to_goal_frame
 
 STEPS = 5
 """Predicted steps (Liu et al. 2023)."""
@@ -48,8 +48,8 @@ def features_ahead(
         walls: The nearest points of the `WALLS` nearest walls in metres, NaN where there are fewer.
     """
     shown, own = features(obs, nearest), obs.vehicle
-    facing = _turn(np.stack([np.cos(own.heading), np.sin(own.heading)], axis=1), shown)
-    near = _turn(walls - own.position[:, None], shown)
+    facing = to_goal_frame(np.stack([np.cos(own.heading), np.sin(own.heading)], axis=1), shown.axis)
+    near = to_goal_frame(walls - own.position[:, None], shown.axis)
     near = np.concatenate([np.nan_to_num(near), np.isfinite(near[..., :1])], axis=2).reshape(len(obs), -1)
     kind = np.array([isinstance(own.dynamics, Unicycle), isinstance(own.dynamics, Bicycle), reach(own.body)], float)
     vehicle = np.concatenate(
@@ -68,7 +68,7 @@ def _ahead(
     """What is said of each shown pedestrian's future and of how much is known of it; 0 where there is nobody."""
     which, crowd = np.maximum(shown.which, 0), obs.pedestrians
     position = np.take_along_axis(ahead, which[:, None, :, None], axis=2).swapaxes(1, 2)
-    position = _turn(position - obs.vehicle.position[:, None, None], shown).reshape(*which.shape, -1)
+    position = to_goal_frame(position - obs.vehicle.position[:, None, None], shown.axis).reshape(*which.shape, -1)
     age = np.minimum(np.take_along_axis(crowd.age, which, axis=1), REACH)
     radius = np.zeros_like(age)
     if crowd.deviation is not None:
@@ -76,10 +76,3 @@ def _ahead(
         radius = np.hypot(deviation[..., 0], STEPS * obs.dt * deviation[..., 1])
     numbers = np.concatenate([position, age[..., None], radius[..., None]], axis=2)
     return np.where(shown.seen[..., None], numbers, 0.0)
-
-
-def _turn(vectors: Float[np.ndarray, "world *each 2"], shown: Features) -> Float[np.ndarray, "world *each 2"]:
-    """Vectors in the frame of the goal."""
-    c, s = shown.axis.T.reshape(2, -1, *[1] * (vectors.ndim - 2))
-    x, y = np.moveaxis(vectors, -1, 0)
-    return np.stack([c * x + s * y, c * y - s * x], axis=-1)

@@ -83,7 +83,7 @@ def joint_states(
     *batch, agents = radius.shape
     out = np.empty((*batch, max(agents - 1, 1), SIZE), np.float32)
     axes = len(batch)
-    agents_of_all = PedestrianStates(*(_flat(each, axes) for each in (position, velocity, radius, present)))
+    agents_of_all = PedestrianStates(*(_flat(array, axes) for array in (position, velocity, radius, present)))
     _joint_states(agents_of_all, _flat(goal, axes), _flat(preferred_speed, axes), out.reshape(-1, *out.shape[-2:]))
     return out
 

@@ -95,8 +95,8 @@ class CertificateStatus:
         """Return the share of the cases that have a certificate, or what must be done to know it for those of a run."""
         split, by = cases.split, f"`python studies/certificates/run.py {self.spec}"
         if self.certified.scenario != self.digest:
-            found = f"{self.file} is for the digest {self.certified.scenario}, but {self.name} has "
-            return f"{found}{self.digest} now: {by}` makes it again"
+            difference = f"for the digest {self.certified.scenario}, but {self.name} has {self.digest} now"
+            return f"{self.file} is {difference}: {by}` makes it again"
         examined: Examined | None = getattr(self.certified, split)
         number = examined.examined if examined else 0
         if examined is None or cases.stop > number:

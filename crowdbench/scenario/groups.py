@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.scenario.placement import PerAgent, Placement, Position, Way, check_finite, check_shape
+from crowdbench.scenario.placement import PerAgent, Placement, Position, check_finite, check_shape
 from crowdbench.scenario.respawn import Room
 
 GAP = 0.2
@@ -104,22 +104,13 @@ def place_groups(
         if stands[members[0] - 1]:
             others = group != number
             room = Room(start[others], goal[others], radius[others], preferred_speed[others], obstacles)
-            trip = placement.start[number], placement.goal[number]
-            middle = _draw_on_way(trip, float(reach[number]), room, stream)
+            points = placement.start[number] + stream.random(TRIES)[:, None] * ahead[number]
+            clear = (point for point in points if room.is_clear(point, float(reach[number])))
+            middle = next(clear, placement.start[number])
             start[members] = goal[members] = middle + spread(ahead[number], radius[members], True)
             if route is not None:
                 route[members] = np.nan
     return Placement(start, goal, route, placement.obstacles)
-
-
-def _draw_on_way(trip: Way, radius: float, room: Room, stream: np.random.Generator) -> Position:
-    """A clear point in metres between start and goal; the start where none is found."""
-    start, goal = trip
-    for share in stream.random(TRIES):
-        point = start + share * (goal - start)
-        if room.is_clear(point, radius):
-            return point
-    return start
 
 
 def _spacing(radius: Float[np.ndarray, "member"]) -> float:

@@ -57,12 +57,10 @@ class FreeSpace:
     def __init__(self, tracks: Tracks) -> None:
         points = np.concatenate([_dense(person.position) for person in people_of(tracks)])
         self.origin = points.min(axis=0) - 2.0 * CELL
-        cells = np.unique(((points - self.origin) / CELL).astype(np.int64), axis=0)
-        self.walked = cells
+        self.walked = cells = np.unique(((points - self.origin) / CELL).astype(np.int64), axis=0)
         self.free = np.zeros(cells.max(axis=0) + 3, bool)
-        for dx in (-1, 0, 1):
-            for dy in (-1, 0, 1):
-                self.free[cells[:, 0] + dx, cells[:, 1] + dy] = True
+        around = cells[:, None] + [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+        self.free[around[..., 0], around[..., 1]] = True
 
     def draw(
         self,
@@ -175,8 +173,7 @@ class TrackedCrowd:
     @property
     def extent(self) -> float:
         """The largest coordinate in metres of anybody, or of their goal."""
-        each = (part for window in self._all for part in (window.track, window.goal))
-        return max(float(np.nanmax(np.abs(part))) for part in each)
+        return max(float(np.nanmax(np.abs(points))) for window in self._all for points in (window.track, window.goal))
 
     @property
     def _all(self) -> list[Excerpt]:
@@ -235,11 +232,8 @@ class TrackedCrowd:
         people = np.arange(len(window.radius))
         first = np.isfinite(window.track[..., 0]).argmax(axis=0)
         route = np.concatenate([np.full((1, *window.route.shape[1:]), np.nan), window.route])
-        return Placement(
-            np.concatenate([start[None], window.track[first, people]]),
-            np.concatenate([goal[None], window.goal]),
-            route,
-        )
+        starts, goals = np.vstack([start, window.track[first, people]]), np.vstack([goal, window.goal])
+        return Placement(starts, goals, route)
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
         """The worlds with tracks, velocities, and those present who are there at the start."""

@@ -138,9 +138,8 @@ class LayoutStarts:
 
 def _is_entered(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:
     """Whether somebody starts in the clear space, judged by the vehicle's middle disc, whose place needs no heading."""
-    has_middle = 0.0 in rules.body
     start = placement.start
-    return has_middle and space.is_entered(start[:1], start[1:], people.radius, vehicle.radius)
+    return 0.0 in rules.body and space.is_entered(start[:1], start[1:], people.radius, vehicle.radius)
 
 
 def _is_clear(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:

@@ -187,12 +187,12 @@ def _windows(recording: Recording, steps: int, dt: float) -> list[tuple[float, C
     start, end = float(time.min()), float(time.max())
     if not recording.cars:
         number = math.floor((end - start) / length + _ROUNDING)
-        return [(start + each * length, None, None) for each in range(number)]
+        return [(start + index * length, None, None) for index in range(number)]
     end = max(end, *(float(car.time[-1]) for car in recording.cars))
     windows: list[tuple[float, Car | None, CarMotion | None]] = []
     for car in recording.cars:
-        for each in itertools.count():
-            first = float(car.time[0]) + each * length
+        for index in itertools.count():
+            first = float(car.time[0]) + index * length
             if first >= car.time[-1] or first + length > end + _ROUNDING:
                 break
             driven = _follow_car(car, first, first + PACE * steps * dt)
