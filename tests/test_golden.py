@@ -1,6 +1,10 @@
 """The shipped learned planners still decide what they did when they were recorded."""
 
 import json
+import os
+import platform
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -81,3 +85,14 @@ def test_golden_commands_of_a_policy_are_as_recorded(weights, is_same, threads):
 @pytest.mark.parametrize(("name", "options"), [(name, options) for name in PLANNERS for options in CHANGES[name]])
 def test_golden_commands_notice_a_change_of_any_part(name, options):
     assert not decides_as_recorded(name, **options)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="needs a processor of x86-64")
+def test_episodes_have_the_same_bits_without_avx_and_fma():
+    scenarios = ["circle_crossing_5", "car_12", "doorway_8", "office_8", "restless_20", "crowdnav_plus_20"]
+    subprocess.run(
+        [sys.executable, FOLDER / "episodes.py", *scenarios],
+        env=os.environ | {"NUMBA_CPU_NAME": "x86-64", "NUMBA_CPU_FEATURES": ""},
+        check=True,
+    )

@@ -1,9 +1,10 @@
 """Compare the episodes of every scenario with recorded digests, to show that a change moves no bit.
 
-python tests/golden/episodes.py             prints which scenarios differ from episodes.json; some minutes
+python tests/golden/episodes.py             prints which episodes differ from episodes.json; a minute
+python tests/golden/episodes.py SCENARIO    does so for one or more scenarios
 python tests/golden/episodes.py --record    writes episodes.json anew, after a change that is meant
 
-Digests are those of one machine and one set of versions (constraints.txt). Recorded people need CROWDBENCH_SHARED.
+Recorded people need CROWDBENCH_SHARED, and are left out without it.
 """
 
 import dataclasses
@@ -35,18 +36,22 @@ def digest(trace):
     return found.hexdigest()[:16]
 
 
-def data_of(name):
-    """Return the folder with the tracks of a scenario, None where it needs none."""
+def load(name):
+    """Return a scenario with its tracks, None where they are not there."""
     if "tracks" not in read_toml(scenario_path(name), "scenario"):
+        return load_scenario(name)
+    if "CROWDBENCH_SHARED" not in os.environ:
         return None
-    return Path(os.environ["CROWDBENCH_SHARED"]) / "data" / ("dut" if name.startswith("dut") else "eth_ucy")
+    folder = "dut" if name.startswith("dut") else "eth_ucy"
+    return load_scenario(name, data=Path(os.environ["CROWDBENCH_SHARED"]) / "data" / folder)
 
 
-def measure():
+def measure(names):
     """Return the digest of each drive by scenario, cases and planner."""
     found = {}
-    for name, _ in scenarios():
-        scenario = load_scenario(name, data=data_of(name))
+    for name in names:
+        if (scenario := load(name)) is None:
+            continue
         is_large = scenario.max_agents > 900
         for planner, drives in DRIVES.items():
             for text in drives if not is_large or planner == "orca_margin" else ():
@@ -59,10 +64,11 @@ def measure():
 
 
 if __name__ == "__main__":
-    found = measure()
-    if "--record" in sys.argv:
-        FILE.write_text(json.dumps(found, indent=1) + "\n")
+    names = [name for name in sys.argv[1:] if name != "--record"] or [name for name, _ in scenarios()]
+    found = measure(names)
     before = json.loads(FILE.read_text())
-    differ = [name for name in before | found if before.get(name) != found.get(name)]
-    print(f"{len(found) - len(differ)} of {len(before)} are equal", *differ, sep="\n")
-    sys.exit(bool(differ))
+    if "--record" in sys.argv:
+        FILE.write_text(json.dumps(before | found, indent=1) + "\n")
+    differ = [name for name in found if before.get(name) != found[name]]
+    print(f"{len(found) - len(differ)} of {len(found)} are equal", *differ, sep="\n")
+    sys.exit(bool(differ) or not found)
