@@ -36,7 +36,7 @@ from crowdbench.utils.tables import plain
 pytestmark = pytest.mark.slow
 
 
-BOARDS = Path(__file__).parents[1] / "leaderboards"
+BOARDS = Path(__file__).parents[2] / "leaderboards"
 build_site = load_module(BOARDS / "site" / "build.py").build_site
 texts = load_module(BOARDS / "site" / "texts.py")
 HOSTILE = '"><script>alert(1)</script><img src=http://evil.example/x onerror=alert(2)>{{ 7 * 7 }} $x_{1}$ \u202e'

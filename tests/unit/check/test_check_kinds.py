@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import CASES, PLACE, broken, policy_faults, results_of
 from typer.testing import CliRunner
 
 from crowdbench.catalog import PEDESTRIANS, load_scenario
-from crowdbench.check import check_plugin
 from crowdbench.check.contract import Subject
 from crowdbench.check.kinds import limited_sight
-from crowdbench.check.subjects import METRIC, POLICY, PREDICTOR, REWARD, SCENARIO
+from crowdbench.check.subjects import METRIC, PREDICTOR, REWARD, SCENARIO
 from crowdbench.cli import app
 from crowdbench.envs.rewards import REWARDS
 from crowdbench.metrics import METRICS
@@ -25,22 +25,9 @@ from crowdbench.scenario.layouts.floor_plan import floor_plan
 from crowdbench.scenario.placement import LayoutCall, Placement
 from crowdbench.sim.pedestrians import PedestrianPolicy
 
-# Crowds of several sizes, so that there is padding, in short episodes.
-PLACE = load_scenario("circle_crossing_mixed", {"vehicle.visible": True, "time_limit": 3.5})
 LIMITED = load_scenario("circle_crossing_mixed", {"time_limit": 3.5, **limited_sight(0.25)})
-CASES = Cases.parse("val:5")
 KEYS = PLACE.worlds(CASES).noise_key.tolist()
 """By these a plug-in here knows its cases."""
-
-
-def results_of(subject, cases=CASES):
-    return {result.name: result for result in check_plugin(subject, cases)}
-
-
-def broken(results):
-    """The sentences of the checks that have failed, by their names."""
-    assert all(result.observation for result in results.values())
-    return {name: result.observation for name, result in results.items() if result.passed is False}
 
 
 class Walk(PedestrianPolicy):
@@ -52,10 +39,6 @@ class Walk(PedestrianPolicy):
     def velocities(self, world, parameters):
         velocity = world.goal[:, 1:] - world.position[:, 1:]
         return self.change(velocity, world) if world.step[0] == 2 else velocity
-
-
-def policy_faults(make, neural=False, limit=60.0, place=PLACE):
-    return broken(results_of(Subject(POLICY, make, "orca", {"": place}, limit, neural=neural)))
 
 
 class Late:

@@ -18,7 +18,7 @@ from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.plugins.load import load_module
 from crowdbench.utils.errors import InputError
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 N = 4
 
 

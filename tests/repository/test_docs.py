@@ -18,7 +18,7 @@ from crowdbench.core.types.observation import Observation, Pedestrians, Vehicle
 from crowdbench.plugins.load import load_module
 from crowdbench.utils.tables import printed_by
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 ARCHITECTURE = (DOCS / "architecture.md").read_text()
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())

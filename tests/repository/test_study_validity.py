@@ -17,7 +17,7 @@ from studies.validity.experiments import DEFAULT, MEASURED, POINTS, Setting, cro
 from studies.validity.page import single_file_speed, weidmann_speed
 from studies.validity.run import validity
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 FEW = dataclasses.replace(DEFAULT, densities=(0.5,), per_metre=(0.8,))
 
 

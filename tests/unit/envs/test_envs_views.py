@@ -34,7 +34,7 @@ from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
 
 ID = "crowdbench/Vehicle-v0"
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 def worlds(number=6, scenario="circle_crossing_5"):

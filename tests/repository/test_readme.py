@@ -15,7 +15,7 @@ from crowdbench.plugins.options import read_options
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts import LAYOUTS
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 def blocks(file):

@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from checks import policy_faults
 from helpers import drive, same
-from test_check_kinds import policy_faults
 
 from crowdbench.catalog import load_scenario
 from crowdbench.envs.parallel import parallel_env

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[1] / ".ci" / "size"
+SCRIPT = Path(__file__).parents[2] / ".ci" / "size"
 
 THREE_LINES = '''"""A docstring,
 of two lines."""

@@ -430,7 +430,7 @@ def test_no_case_number_seed_or_result_is_on_its_way_to_the_planner(mine):
         assert np.asarray(secret).tobytes() not in content
 
 
-ISOLATION = (Path(__file__).parent.parent / "docs" / "isolation.md").read_text()
+ISOLATION = (Path(__file__).parents[3] / "docs" / "isolation.md").read_text()
 
 
 def test_the_page_names_the_arrays_and_the_metadata_that_are_sent():

@@ -11,7 +11,7 @@ from crowdbench.cli import COMMANDS, app, build_script
 from crowdbench.record import viewer
 from studies.run import page
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 PAGES = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
@@ -23,7 +23,7 @@ PAGES = [
 RUN_ELSEWHERE = {
     "submit": ".ci/boards",
     "verify": ".ci/boards",
-    "merge": "tests/test_parts.py",
+    "merge": "tests/commands/test_parts.py",
     "train": ".ci/train",
 }
 """Commands that take long, or need what others have left, and where they are run."""
@@ -83,13 +83,13 @@ def where_else(arguments):
         return RUN_ELSEWHERE[arguments[0]]
     text = " ".join(arguments)
     places = {
-        "study ": "tests/test_study.py",
-        "run --board ": "tests/test_run_board.py",
-        "--shard": "tests/test_parts.py",
+        "study ": "tests/unit/study/test_study.py",
+        "run --board ": "tests/commands/test_run_board.py",
+        "--shard": "tests/commands/test_parts.py",
         "weights=runs": ".ci/train",
-        "--data": "tests/test_recorded.py",
-        "number=10000": "tests/test_thousands.py",
-        "clone=": "tests/test_crowdnav_planner.py and tests/test_crowdnav_plus_planner.py",
+        "--data": "tests/unit/scenario/test_recorded.py",
+        "number=10000": "tests/unit/sim/test_thousands.py",
+        "clone=": "tests/parity/test_crowdnav_planner.py and tests/parity/test_crowdnav_plus_planner.py",
         "$": "nowhere, because a shell has to fill in what it stands for",
     }
     return next((place for part, place in places.items() if part in text), "")

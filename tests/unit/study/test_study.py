@@ -25,7 +25,7 @@ from studies.tables import read_tables
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
-STUDIES = Path(__file__).parent.parent / "studies"
+STUDIES = Path(__file__).parents[3] / "studies"
 
 
 def test_only_what_is_missing_is_run(capsys):

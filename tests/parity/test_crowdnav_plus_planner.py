@@ -16,7 +16,7 @@ from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
-adapter = load_module(Path(__file__).parent.parent / "adapters" / "crowdnav_plus" / "crowdnav_plus.py")
+adapter = load_module(Path(__file__).parents[2] / "adapters" / "crowdnav_plus" / "crowdnav_plus.py")
 AWAY, STEPS, UNKNOWN = adapter.AWAY, adapter.STEPS, adapter.UNKNOWN
 CrowdNavPlusPlanner = adapter.CrowdNavPlusPlanner
 

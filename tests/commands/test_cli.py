@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from crowdbench import InputError, cli
 from crowdbench.cli import app
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 SLOW_PLANNER = """
 import time

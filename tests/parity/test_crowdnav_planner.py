@@ -37,7 +37,7 @@ from crowdbench.plugins.load import load_module
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import InputError
 
-FILE = Path(__file__).parent.parent / "adapters" / "crowdnav" / "crowdnav.py"
+FILE = Path(__file__).parents[2] / "adapters" / "crowdnav" / "crowdnav.py"
 
 crowdnav = load_module(FILE)
 CrowdNavPlanner = crowdnav.CrowdNavPlanner

@@ -17,7 +17,7 @@ from studies.pages import read_file
 from studies.tables import PageSpec
 from studies.transfer.table import TransferStudy
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 RUNNABLE = (path for path in ROOT.glob("studies/**/*.py") if "__main__" in path.read_text())
 SCRIPTS = sorted(path.relative_to(ROOT).as_posix() for path in RUNNABLE)
 SPECS = {"dials": DialStudy, "ladder": LadderStudy, "li2020": ReproductionSpec, "transfer": TransferStudy}
