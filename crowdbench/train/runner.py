@@ -74,9 +74,11 @@ class Runner:
             methods: The options of the methods, by the name of the network.
 
         Raises:
-            InputError: There is no checkpoint, or the training is finished or cannot be continued.
+            InputError: There is no directory or no checkpoint in it, or the training is finished or cannot be continued.
         """
         path, weights = directory / CHECKPOINT, directory / WEIGHTS
+        if not directory.is_dir():
+            raise InputError(f"there is no directory {directory}: name the one of a training with --resume")
         if not path.exists() and weights.exists():
             raise InputError(f"the training in {directory} is finished: its weights are {weights}")
         if not path.exists():

@@ -127,7 +127,7 @@ def begun_again(directory):
     except InputError as error:
         if "is finished: its weights are" in str(error):
             return None
-        if "there is no checkpoint" in str(error):
+        if "there is no checkpoint" in str(error) or "there is no directory" in str(error):
             return Runner.start(CONFIG, directory, "cpu")
         raise
 
