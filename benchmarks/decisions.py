@@ -118,7 +118,7 @@ def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
     imitation = seconds(training.imitate)
     durations = []
     for part in PARTS:
-        training.episodes = int(part * rounds) * method.ROUND
+        training.amount = int(part * rounds) * method.ROUND
         durations.append(seconds(training.improve))
     work = f"training of SARL, {episodes:,} episodes, estimated from imitation and {len(PARTS)} of {rounds:.0f} rounds"
     yield Measurement(work, (imitation + rounds * mean(durations)) / 60, "min")
@@ -132,7 +132,7 @@ def measure_ppo_training(steps: int = 100_000) -> Iterator[Measurement]:
     """
     training = PPOTraining(PPOConfig(network="ppo", steps=steps), "cpu")
     duration = seconds(functools.partial(training.train_until, 1.0))
-    yield Measurement("training of a policy by PPO, 1 to 10 pedestrians", training.steps / duration, "steps/s")
+    yield Measurement("training of a policy by PPO, 1 to 10 pedestrians", training.amount / duration, "steps/s")
 
 
 def measure_large_crowds(cases: int = 40) -> Iterator[Measurement]:

@@ -106,13 +106,13 @@ def _run(runner: Runner) -> None:
         with progress(1.0, "trained") as advance:
             before = 0.0
             for point in runner.train():
-                say(str(point))
+                say(training.describe(point))
                 advance(training.progress - before)
                 before = training.progress
         cases = sum(map(len, training.card_cases.values()))
         with progress(cases, f"of {cases} cases for the card") as advance:
             weights = runner.finish(advance)
-    print(f"The best validated network was kept: {' '.join(str(training.best()[0]).split())}")
+    print(f"The best validated network was kept: {' '.join(training.describe(training.best()[0]).split())}")
     print(f"Its card has figures on other cases: {weights.with_suffix('.md')}")
     print(f"The weights are in {weights}; use them with crowdbench {training.config.use} --option weights={weights}")
 

@@ -33,8 +33,8 @@ def save(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) ->
     Args:
         path: The file.
         tensors: Tensors by name.
-        facts: `config`, the options of the training; `threads`, the number of torch's threads; `counters` by name; and
-            `curve`, its points.
+        facts: `config`, the options of the training; `threads`, the number of torch's threads; `amount`, `seconds` and
+            `curve`, those of `Training`.
 
     Raises:
         OSError: The file cannot be written. An earlier checkpoint stays as it is.

@@ -24,8 +24,6 @@ from crowdbench.core.types import Outcome
 from crowdbench.envs.rewards import load_reward
 from crowdbench.envs.training_worlds import CASES, TrainingWorlds
 from crowdbench.envs.views import View
-from crowdbench.metrics.motion import jerk
-from crowdbench.metrics.outcomes import navigation_time_or_limit, success_rate
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.policy import ActorCritic, Memory, Policy, Seen
 from crowdbench.networks.threads import in_chunks, one_torch_thread
@@ -92,33 +90,6 @@ class Parameters:
             require(name, value, is_number(value) and 0.0 <= value <= 1.0, "a number from 0 to 1")
 
 
-@dataclass(frozen=True)
-class CurvePoint:
-    """One validation: a point of the training curve. Its means are over the cases of all validation scenarios.
-
-    Attributes:
-        steps: The steps driven so far, of all worlds together.
-        seconds: The time so far in seconds, with validations.
-        reward: The mean return of the training episodes that ended since the last point; 0 if none did.
-        success: The success rate on validation cases, from 0 to 1.
-        navigation_time_or_limit: The mean time to the goal in seconds, the time limit for failures.
-        jerk: The mean jerk in m/s^3.
-    """
-
-    steps: int
-    seconds: float
-    reward: float
-    success: float
-    navigation_time_or_limit: float
-    jerk: float
-
-    def __str__(self) -> str:
-        return (
-            f"{self.steps:8d} steps, {self.seconds:4.0f} s: on validation cases {100 * self.success:.1f} % success in "
-            f"{self.navigation_time_or_limit:.2f} s (a failure counts as the time limit), jerk {self.jerk:.1f}"
-        )
-
-
 class Experience(NamedTuple):
     """Steps that the policy learns from: the segment of every world, in order of time.
 
@@ -151,15 +122,17 @@ class Experience(NamedTuple):
 class PPOTraining(DrivingTraining[Policy]):
     """A training of a policy.
 
+    A point of its curve has `reward`, the mean return of the training episodes that ended since the last point, 0 if
+    none did; and the jerk.
+
     Args:
         config: The options.
         device: `cpu` or `cuda`.
     """
 
     config: PPOConfig
-    point = CurvePoint
     parts = ("network", "optimizer", "validated")
-    counters = ("steps", "seconds")
+    curve_metric = "jerk"
     metrics = (*DrivingTraining.metrics, "jerk", "max_velocity_change")
 
     def __init__(self, config: PPOConfig, device: str) -> None:
@@ -182,7 +155,6 @@ class PPOTraining(DrivingTraining[Policy]):
         ]
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=self.parameters.learning_rate, eps=1e-5)
         self.generator = torch.Generator()
-        self.steps = 0
         self.returns: list[float] = []
 
     def planner(self, network: Policy) -> PolicyPlanner:
@@ -205,12 +177,11 @@ class PPOTraining(DrivingTraining[Policy]):
 
     def learn(self) -> Iterator[None]:
         """See `Training`: a validation before the first update, and after every part of the training."""
-        if not self.curve:
-            self._validate()
-            yield
-        while self.progress < 1.0:
-            self.train_until((math.floor(self.progress * VALIDATIONS) + 1) / VALIDATIONS)
-            self._validate()
+        while not self.curve or self.progress < 1.0:
+            if self.curve:
+                self.train_until((math.floor(self.progress * VALIDATIONS) + 1) / VALIDATIONS)
+            self.validate(reward=float(np.mean(self.returns)) if self.returns else 0.0)
+            self.returns.clear()
             yield
 
     def train_until(self, goal: float) -> None:
@@ -242,7 +213,7 @@ class PPOTraining(DrivingTraining[Policy]):
                 order = torch.randperm(self.parameters.worlds, generator=self.generator)
                 for minibatch in torch.split(order, self.parameters.segments):
                     self._descend(experience, minibatch)
-        self.steps += self.parameters.steps * self.parameters.worlds
+        self.amount += self.parameters.steps * self.parameters.worlds
 
     @torch.no_grad()
     def _drive(self) -> Experience:
@@ -255,7 +226,7 @@ class PPOTraining(DrivingTraining[Policy]):
             steps.append((*self.seen, self.begins[0], action, self.network.log_probability(action, mean)))
             if not action.isfinite().all():
                 raise InputError(
-                    f"the training has failed after {self.steps} steps: the policy's actions are not finite, as where "
+                    f"the training has failed after {self.amount} steps: the policy's actions are not finite, as where "
                     f"the reward {self.config.reward} is too large"
                 )
             reward, ended = self._step(action.double().cpu().numpy())
@@ -322,13 +293,6 @@ class PPOTraining(DrivingTraining[Policy]):
         clipped = ratio.clamp(1.0 - self.parameters.clip, 1.0 + self.parameters.clip)
         gain = torch.minimum(ratio * steps.advantage, clipped * steps.advantage)
         return self.parameters.value_weight * (value - steps.target) ** 2 - gain
-
-    def _validate(self) -> None:
-        """Add a point to the curve."""
-        success, duration, jerk_ = self.validate(success_rate, navigation_time_or_limit, jerk)
-        reward = float(np.mean(self.returns)) if self.returns else 0.0
-        self.curve.append(CurvePoint(self.steps, self.seconds, reward, success, duration, jerk_))
-        self.returns.clear()
 
 
 def advantages(

@@ -11,7 +11,6 @@ import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors import SafetensorError
@@ -22,7 +21,7 @@ from crowdbench.record import curves
 from crowdbench.train import checkpoint
 from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.config import METHODS, Config
-from crowdbench.train.training import Training
+from crowdbench.train.training import Point, Training
 from crowdbench.utils.errors import InputError, describe_error, find_named
 from crowdbench.utils.files import whole
 
@@ -74,7 +73,7 @@ class Runner:
             methods: The options of the methods, by the name of the network.
 
         Raises:
-            InputError: There is no directory or no checkpoint in it, or the training is finished or cannot be continued.
+            InputError: There is no checkpoint, or the training is finished or cannot be continued.
         """
         path, weights = directory / CHECKPOINT, directory / WEIGHTS
         if not directory.is_dir():
@@ -94,7 +93,7 @@ class Runner:
             training.restore(tensors, facts)
         return cls(training, directory)
 
-    def train(self) -> Iterator[Any]:
+    def train(self) -> Iterator[Point]:
         """Train to the end, and write a checkpoint at the start and after every validation.
 
         Yields:
@@ -136,9 +135,8 @@ class Runner:
                 "licence": "MIT",
             }
             point, network = training.best()
-            points = [dataclasses.asdict(point) for point in training.curve]
             recording, best = self.directory / "training.rrd", training.curve.index(point)
-            curves.write(recording, about["command"], points, best=best, intervals=training.intervals())
+            curves.write(recording, about["command"], training.curve, best=best, intervals=training.intervals())
             card = save_network(network, training.config.network, weights, about)
             with whole(weights.with_suffix(".md")) as partial:
                 partial.write_text(cards.markdown(card), encoding="utf-8")
@@ -148,11 +146,12 @@ class Runner:
     def _save(self) -> None:
         """Write a checkpoint, and the curve once it has points."""
         training = self.training
-        curve = [dataclasses.asdict(point) for point in training.curve]
+        curve = training.curve
         facts = {
             "config": dataclasses.asdict(training.config),
             "threads": torch.get_num_threads(),
-            "counters": {name: getattr(training, name) for name in training.counters},
+            "amount": training.amount,
+            "seconds": training.seconds,
             "curve": curve,
         }
         checkpoint.save(self.directory / CHECKPOINT, training.tensors(), facts)

@@ -16,7 +16,7 @@ import numpy as np
 from torch import Tensor, nn
 
 from crowdbench.catalog import load_scenario
-from crowdbench.metrics import METRICS, Metric
+from crowdbench.metrics import METRICS
 from crowdbench.metrics.summary import wilson
 from crowdbench.networks import card as cards
 from crowdbench.planners.base import Planner
@@ -38,6 +38,9 @@ CARD_CASES = {"validation": Cases("val", 1000, 1200), "test": Cases("test", 0, 5
 
 Network = TypeVar("Network", bound=nn.Module)
 
+Point = dict[str, float]
+"""A validation, a point of the training curve: numbers by the name of their column."""
+
 
 class Training(abc.ABC):
     """A training and its state. After a restart from a checkpoint it continues bit for bit the same.
@@ -45,44 +48,43 @@ class Training(abc.ABC):
     Attributes:
         config: The options of the method.
         device: `cpu` or `cuda`.
-        seconds: The training time so far.
-        curve: The validations so far, dataclasses: the first field is the x axis, `str` gives a line for the user.
+        amount: The amount of training so far, in the unit of `config.length`, such as episodes.
+        seconds: The training time so far, with validations.
+        curve: The validations so far. The first number of each is the amount of training, and so the x axis.
 
     Args:
         config: See above.
         device: See above.
     """
 
-    point: ClassVar[Callable[..., Any]]
-    """The class of the points of the curve."""
-
     parts: ClassVar[Sequence[str]]
     """The attributes whose tensors are in a checkpoint."""
-
-    counters: ClassVar[Sequence[str]]
-    """The attributes that are numbers in a checkpoint."""
 
     card_cases: Mapping[str, Cases] = MappingProxyType({})
     """The cases that `card` runs, by the name of their split."""
 
     def __init__(self, config: Any, device: str) -> None:
         self.config, self.device = config, device
-        self.seconds = 0.0
-        self.curve: list[Any] = []
+        self.amount, self.seconds = 0, 0.0
+        self.curve: list[Point] = []
 
     @property
     def progress(self) -> float:
         """The finished part of the training, from 0 to 1."""
         config = self.config
-        done = getattr(self, config.length) / getattr(config, config.length)
-        return min(1.0, self.seconds / (60.0 * config.minutes) if config.minutes else done)
+        part = self.amount / getattr(config, config.length)
+        return min(1.0, self.seconds / (60.0 * config.minutes) if config.minutes else part)
 
     @abc.abstractmethod
     def learn(self) -> Iterator[None]:
         """Train to the end, and yield whenever `curve` has a new point."""
 
     @abc.abstractmethod
-    def best(self) -> tuple[Any, nn.Module]:
+    def describe(self, point: Point) -> str:
+        """Describe a point of the curve in one line."""
+
+    @abc.abstractmethod
+    def best(self) -> tuple[Point, nn.Module]:
         """Return the best point of the curve, and the network of that validation, which is saved in the end."""
 
     @abc.abstractmethod
@@ -107,6 +109,10 @@ class Training(abc.ABC):
         yield
         self.seconds += time.perf_counter() - start
 
+    def add_point(self, **quantities: float) -> None:
+        """Add a point with these quantities to the curve."""
+        self.curve.append({self.config.length: self.amount, "seconds": self.seconds, **quantities})
+
     def tensors(self) -> dict[str, Tensor]:
         """Return the tensors of all parts, for a checkpoint."""
         parts = (checkpoint.tensors_of(name, getattr(self, name)) for name in self.parts)
@@ -114,9 +120,8 @@ class Training(abc.ABC):
 
     def restore(self, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
         """Restore the tensors and facts of a checkpoint. Raises RuntimeError if it is of another network."""
-        for name in self.counters:
-            setattr(self, name, facts["counters"][name])
-        self.curve = [type(self).point(**point) for point in facts["curve"]]
+        self.amount, self.seconds = facts["amount"], facts["seconds"]
+        self.curve = [dict(point) for point in facts["curve"]]
         for name in self.parts:
             checkpoint.restore(name, getattr(self, name), tensors)
 
@@ -137,6 +142,9 @@ class DrivingTraining(Training, Generic[Network]):
     metrics: ClassVar[Sequence[str]] = ("success_rate", "collision_rate", "timeout_rate", "navigation_time")
     """The metrics on the card."""
 
+    curve_metric: ClassVar[str]
+    """The metric in the curve beside success and time."""
+
     current: Network
 
     def __init__(self, config: Any, device: str) -> None:
@@ -153,16 +161,35 @@ class DrivingTraining(Training, Generic[Network]):
     def conditions(self) -> dict[str, Any]:
         """Return the conditions of the training on a card that are specific to the method."""
 
-    def validate(self, *metrics: Metric) -> list[float]:
-        """Drive the validation cases, and add the present network to `validated`. Return the mean of each metric."""
+    def validate(self, **quantities: float) -> None:
+        """Drive the validation cases. Add the present network to `validated`, and to the curve a point.
+
+        Its means are over the cases of all validation scenarios: `success` from 0 to 1; `navigation_time_or_limit` in
+        seconds, the time limit for failures; and `curve_metric`.
+
+        Args:
+            quantities: What else the point has, before them.
+        """
         with self.timed():
             network = copy.deepcopy(self.current)
             driver = Driver(self.planner(network), self.config.network)
             traces = [rollout(driver, scenario, VALIDATION_CASES, undisturbed=False) for scenario in self.validation]
             self.validated.append(network)
-        return [float(np.nanmean([metric(trace) for trace in traces])) for metric in metrics]
+        names = {"success": "success_rate", "navigation_time_or_limit": "navigation_time_or_limit"}
+        for column, name in (names | {self.curve_metric: self.curve_metric}).items():
+            quantities[column] = float(np.nanmean([METRICS[name](trace) for trace in traces]))
+        self.add_point(**quantities)
 
-    def best(self) -> tuple[Any, Network]:
+    def describe(self, point: Point) -> str:
+        """See `Training`."""
+        amount = f"{point[self.config.length]} {self.config.length}"
+        jerk = f", jerk {point['jerk']:.1f}" if "jerk" in point else ""
+        return (
+            f"{amount:>15}, {point['seconds']:4.0f} s: on validation cases {100 * point['success']:.1f} % success in "
+            f"{point['navigation_time_or_limit']:.2f} s (a failure counts as the time limit){jerk}"
+        )
+
+    def best(self) -> tuple[Point, Network]:
         """See `Training`."""
         point = choose_point(self.curve, len(VALIDATION_CASES) * len(self.validation))
         return point, cast(Network, self.validated[self.curve.index(point)])
@@ -170,7 +197,7 @@ class DrivingTraining(Training, Generic[Network]):
     def intervals(self) -> dict[str, list[tuple[float, float]]]:
         """See `Training`: Wilson's interval of the success rate."""
         cases = np.arange(len(VALIDATION_CASES) * len(self.validation))
-        estimates = [wilson(cases < round(point.success * len(cases))) for point in self.curve]
+        estimates = [wilson(cases < round(point["success"] * len(cases))) for point in self.curve]
         return {"success": [(estimate.low, estimate.high) for estimate in estimates]}
 
     def card(self, progress: Callable[[float], None]) -> dict[str, Any]:
@@ -189,8 +216,8 @@ class DrivingTraining(Training, Generic[Network]):
                 **self.conditions(),
                 "validation": validation,
                 "seed": self.config.seed,
-                length: getattr(self.curve[-1], length),
-                f"kept_after_{length}": getattr(point, length),
+                length: self.amount,
+                f"kept_after_{length}": point[length],
                 "minutes": round(self.seconds / 60, 1),
             },
             "figures": figures,
@@ -224,7 +251,7 @@ def load_scenarios(config: Config, validation: Sequence[str]) -> tuple[Scenario,
     return scenario, validated
 
 
-def choose_point(curve: Sequence[Any], cases: int) -> Any:
+def choose_point(curve: Sequence[Point], cases: int) -> Point:
     """Choose a point of a training curve: by success first, within noise, and by time second.
 
     Args:
@@ -237,11 +264,11 @@ def choose_point(curve: Sequence[Any], cases: int) -> Any:
         that of two successes and two failures more (Agresti and Coull 1998), because it would be 0 where all cases
         succeed.
     """
-    most = max(point.success for point in curve)
+    most = max(point["success"] for point in curve)
     share = (most * cases + 2) / (cases + 4)
     error = math.sqrt(share * (1 - share) / (cases + 4))
-    within_noise = [point for point in reversed(curve) if point.success >= most - error]
-    return min(within_noise, key=lambda point: point.navigation_time_or_limit)
+    within_noise = [point for point in reversed(curve) if point["success"] >= most - error]
+    return min(within_noise, key=lambda point: point["navigation_time_or_limit"])
 
 
 def describe_scenario(scenario: Scenario) -> dict[str, Any]:

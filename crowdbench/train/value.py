@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from scipy.special import ndtr
 from torch import Tensor
 
 from crowdbench.core.types import Observation, Trace
-from crowdbench.metrics.outcomes import discounted_return, navigation_time_or_limit, success_rate
 from crowdbench.networks.value import NETWORKS, ValueNetwork
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
@@ -83,37 +81,11 @@ CASES_PER_SEED = 1_000_000
 """Number of training cases that belong to each seed."""
 
 
-@dataclass(frozen=True)
-class CurvePoint:
-    """One validation: a point of the training curve. Its means are over the cases of all validation scenarios.
-
-    Attributes:
-        episodes: The episodes driven so far.
-        seconds: The time so far in seconds, with validations.
-        exploration: Epsilon at this time.
-        loss: The mean squared error of the values in the last round.
-        success: The success rate on validation cases, from 0 to 1.
-        navigation_time_or_limit: The mean time to the goal in seconds, the time limit for failures.
-        discounted_return: The mean discounted sum of rewards.
-    """
-
-    episodes: int
-    seconds: float
-    exploration: float
-    loss: float
-    success: float
-    navigation_time_or_limit: float
-    discounted_return: float
-
-    def __str__(self) -> str:
-        return (
-            f"{self.episodes:6d} episodes, {self.seconds:4.0f} s: on validation cases {100 * self.success:.1f} % "
-            f"success in {self.navigation_time_or_limit:.2f} s (a failure counts as the time limit)"
-        )
-
-
 class ValueTraining(DrivingTraining[ValueNetwork]):
     """A training of a value network. Its current network is a moving average, which is also the target network.
+
+    A point of its curve has `exploration`, the present epsilon; `loss`, the mean loss of the latest round, the first
+    time of imitation; and the discounted return.
 
     Args:
         config: The options.
@@ -121,9 +93,8 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
     """
 
     config: ValueConfig
-    point = CurvePoint
     parts = ("network", "current", "optimizer", "replay", "validated")
-    counters = ("episodes", "seconds")
+    curve_metric = "discounted_return"
 
     def __init__(self, config: ValueConfig, device: str) -> None:
         _, self.predictor = load_predictor(config.predictor)
@@ -135,7 +106,6 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
         self.current = copy.deepcopy(self.network)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE)
         self.replay = ReplayBuffer(CAPACITY)
-        self.episodes = 0
 
     def planner(self, network: ValueNetwork) -> ValuePlanner:
         """See `DrivingTraining`."""
@@ -148,16 +118,11 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
 
     def learn(self) -> Iterator[None]:
         """See `Training`: imitation, then rounds of episodes."""
-        if not self.curve:
+        while not self.curve or self.progress < 1.0:
             with self.timed():
-                loss = self.imitate()
-            self._validate(loss)
-            yield
-        while self.progress < 1.0:
-            with self.timed():
-                loss = self.improve()
+                loss = self.improve() if self.curve else self.imitate()
             if len(self.curve) <= int(self.progress * VALIDATIONS):
-                self._validate(loss)
+                self.validate(exploration=self.exploration, loss=loss)
                 yield
 
     def imitate(self) -> float:
@@ -180,21 +145,21 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
             group["lr"] = LEARNING_RATE * min(1.0, 2.0 * (1.0 - self.progress))
         steps = transitions(self._drive(), N_STEPS)
         self.replay.add(steps)
-        generator = np.random.default_rng([self.config.seed, 1, self.episodes // ROUND])
+        generator = np.random.default_rng([self.config.seed, 1, self.amount // ROUND])
         losses = []
         for _ in range(REPLAY_RATIO * len(steps) // BATCH):
             batch = self.replay.sample(generator, BATCH)
             losses.append(self._update(self.optimizer, batch, self._target(batch)))
             with torch.no_grad():
                 torch._foreach_lerp_(list(self.current.parameters()), list(self.network.parameters()), AVERAGING)
-        self.episodes += ROUND
+        self.amount += ROUND
         return float(np.mean(losses))
 
     def _drive(self) -> Trace:
         """Drive a round of training episodes with epsilon-greedy exploration."""
         planner = ValuePlanner(self.predictor, self.network, limits=self.limits)
         driver = Driver(EpsilonGreedy(planner, self.exploration, self.config.seed), self.config.network)
-        cases = self._cases(DEMONSTRATIONS + self.episodes, ROUND)
+        cases = self._cases(DEMONSTRATIONS + self.amount, ROUND)
         return rollout(driver, self.scenario, cases, undisturbed=False)
 
     @property
@@ -226,11 +191,6 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
 
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.from_numpy(array).to(self.device)
-
-    def _validate(self, loss: float) -> None:
-        """Add a point to the curve."""
-        means = self.validate(success_rate, navigation_time_or_limit, discounted_return)
-        self.curve.append(CurvePoint(self.episodes, self.seconds, self.exploration, loss, *means))
 
 
 class EpsilonGreedy(Planner):

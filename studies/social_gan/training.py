@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ from crowdbench.networks.social_gan import NOISE, Discriminator, Generator
 from crowdbench.predict import Prediction
 from crowdbench.predict.social_gan import scatter
 from crowdbench.scenario.tracks.eth_ucy import DT
-from crowdbench.train.training import Training, describe_scenario
+from crowdbench.train.training import Point, Training, describe_scenario
 from studies.social_gan.config import SocialGANConfig
 from studies.social_gan.prediction_errors import TOGETHER, displacement
 from studies.social_gan.recordings import read_folder, scenes
@@ -57,37 +56,12 @@ VALIDATIONS = 24
 """Validations of a training, on validation windows."""
 
 
-@dataclass(frozen=True)
-class CurvePoint:
-    """One validation: a point of the training curve.
-
-    Errors are those of the best of `MODES` futures, chosen jointly for all pedestrians of a window.
-
-    Attributes:
-        epochs: The epochs trained so far.
-        seconds: The time so far in seconds, with validations.
-        loss: The mean loss of the generator in the last epoch.
-        discriminator_loss: The mean loss of the discriminator in the last epoch.
-        ade: The mean distance to the true position over the predicted steps, in metres.
-        fde: The distance to the true position at the last predicted step, in metres.
-    """
-
-    epochs: int
-    seconds: float
-    loss: float
-    discriminator_loss: float
-    ade: float
-    fde: float
-
-    def __str__(self) -> str:
-        return (
-            f"{self.epochs:4d} epochs, {self.seconds:4.0f} s: on validation windows ADE {self.ade:.3f} m, FDE "
-            f"{self.fde:.3f} m (best of {MODES} futures)"
-        )
-
-
 class SocialGANTraining(Training):
     """A training of a Social GAN.
+
+    A point of its curve has the mean losses of generator and discriminator in the last epoch, `loss` and
+    `discriminator_loss`, and the errors on validation windows in metres, `ade` and `fde`. They are those of the best of
+    `MODES` futures, chosen jointly for all pedestrians of a window.
 
     Args:
         config: The options.
@@ -98,9 +72,7 @@ class SocialGANTraining(Training):
     """
 
     config: SocialGANConfig
-    point = CurvePoint
     parts = ("generator", "discriminator", "average", "validated", "generator_optimizer", "discriminator_optimizer")
-    counters = ("epochs", "seconds")
 
     def __init__(self, config: SocialGANConfig, device: str) -> None:
         super().__init__(config, device)
@@ -113,18 +85,24 @@ class SocialGANTraining(Training):
         self.validated = copy.deepcopy(self.generator)
         self.generator_optimizer = torch.optim.Adam(self.generator.parameters(), lr=LEARNING_RATE)
         self.discriminator_optimizer = torch.optim.Adam(self.discriminator.parameters(), lr=LEARNING_RATE)
-        self.epochs = 0
 
-    def best(self) -> tuple[CurvePoint, Generator]:
+    def describe(self, point: Point) -> str:
+        """See `Training`."""
+        return (
+            f"{point['epochs']:4d} epochs, {point['seconds']:4.0f} s: on validation windows ADE {point['ade']:.3f} m, "
+            f"FDE {point['fde']:.3f} m (best of {MODES} futures)"
+        )
+
+    def best(self) -> tuple[Point, Generator]:
         """See `Training`: the point with the smallest ADE; the latest of equals."""
-        return min(reversed(self.curve), key=lambda point: point.ade), self.validated
+        return min(reversed(self.curve), key=lambda point: point["ade"]), self.validated
 
     def learn(self) -> Iterator[None]:
         """See `Training`."""
         while self.progress < 1.0:
             with self.timed():
                 losses = self._epoch()
-            self.epochs += 1
+            self.amount += 1
             if len(self.curve) < int(self.progress * VALIDATIONS):
                 self._validate(*losses)
                 yield
@@ -135,7 +113,7 @@ class SocialGANTraining(Training):
         for optimizer in (self.generator_optimizer, self.discriminator_optimizer):
             for group in optimizer.param_groups:
                 group["lr"] = rate
-        rng = torch.Generator().manual_seed(self.config.seed * EPOCHS_PER_SEED + self.epochs)
+        rng = torch.Generator().manual_seed(self.config.seed * EPOCHS_PER_SEED + self.amount)
         order = torch.randperm(len(self.training), generator=rng).numpy()
         batches = [order[start : start + BATCH] for start in range(0, len(order), BATCH)]
         loss, discriminator_loss = np.mean([self._update(rows, rng) for rows in batches], axis=0).tolist()
@@ -174,7 +152,7 @@ class SocialGANTraining(Training):
         """Add a point to the curve, and keep the generator if it is the best one so far."""
         with self.timed():
             ade, fde = self._errors()
-        self.curve.append(CurvePoint(self.epochs, self.seconds, loss, discriminator_loss, ade, fde))
+        self.add_point(loss=loss, discriminator_loss=discriminator_loss, ade=ade, fde=fde)
         if self.best()[0] is self.curve[-1]:
             self.validated.load_state_dict(self.average.state_dict())
 
@@ -213,12 +191,12 @@ class SocialGANTraining(Training):
                 "pooling": config.pooling,
                 "seed": config.seed,
                 "windows": len(self.training),
-                "epochs": self.curve[-1].epochs,
-                "kept_after_epochs": best.epochs,
+                "epochs": self.curve[-1]["epochs"],
+                "kept_after_epochs": best["epochs"],
                 "minutes": round(self.seconds / 60, 1),
             },
             "figures": {
-                "validation": {"windows": len(self.validation), "modes": MODES, "ade": best.ade, "fde": best.fde}
+                "validation": {"windows": len(self.validation), "modes": MODES, "ade": best["ade"], "fde": best["fde"]}
             },
             "data": data,
         }

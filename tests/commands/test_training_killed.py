@@ -20,25 +20,19 @@ from crowdbench.train.runner import WEIGHTS, Runner
 from crowdbench.train.training import Training
 
 
-@dataclasses.dataclass(frozen=True)
-class Point:
-    """A point of the curve."""
-
-    rounds: int
-
-
 class Counting(Training):
     """A training whose network counts to 3."""
 
-    point = Point
     parts = ("network",)
-    counters = ()
 
     def __init__(self, config, device):
         super().__init__(config, device)
         self.network = torch.nn.Linear(1, 1)
         torch.nn.init.zeros_(self.network.weight)
         torch.nn.init.zeros_(self.network.bias)
+
+    def describe(self, point):
+        return f"{point['rounds']} rounds"
 
     def best(self):
         return self.curve[-1], self.network
@@ -51,7 +45,7 @@ class Counting(Training):
         while len(self.curve) < 3:
             with torch.no_grad():
                 self.network.bias += 1
-            self.curve.append(Point(len(self.curve) + 1))
+            self.curve.append({"rounds": len(self.curve) + 1})
             yield
 
     def card(self, progress):
@@ -227,7 +221,7 @@ def test_a_full_disk_leaves_the_checkpoint_before(tmp_path):
     with pytest.raises(InputError, match="its last checkpoint is kept"):
         next(training)
     disk.on = False
-    assert Runner.resume(tmp_path / "a", "cpu").training.curve == [Point(1), Point(2)]
+    assert Runner.resume(tmp_path / "a", "cpu").training.curve == [{"rounds": 1}, {"rounds": 2}]
 
 
 @pytest.mark.parametrize(
@@ -238,29 +232,32 @@ def test_a_full_disk_leaves_the_checkpoint_before(tmp_path):
         ("9" * 5000, "cannot be continued: it is damaged, .*ValueError"),
         ("[]", "cannot be continued: it is damaged"),
         (
-            '{"config": {"network": "counting"}, "threads": 1, "counters": {}, "curve": 3}',
+            '{"config": {"network": "counting"}, "threads": 1, "amount": 0, "seconds": 0.0, "curve": 3}',
             "cannot be continued: it is ",
         ),
         (
-            '{"config": {"network": "counting"}, "threads": null, "counters": {}, "curve": []}',
+            '{"config": {"network": "counting"}, "threads": null, "amount": 0, "seconds": 0.0, "curve": []}',
             "cannot be continued: it is damaged",
         ),
-        ('{"config": {}, "threads": 1, "counters": {}, "curve": []}', "cannot be continued: .*network"),
+        ('{"config": {}, "threads": 1, "amount": 0, "seconds": 0.0, "curve": []}', "cannot be continued: .*network"),
         (
-            '{"config": {"network": "mlp"}, "threads": 1, "counters": {}, "curve": []}',
+            '{"config": {"network": "mlp"}, "threads": 1, "amount": 0, "seconds": 0.0, "curve": []}',
             "cannot be continued: no network is called 'mlp'",
         ),
-        ('{"config": {"network": ["a"]}, "threads": 1, "counters": {}, "curve": []}', "cannot be continued: "),
         (
-            '{"config": {"network": "counting", "depth": 1}, "threads": 1, "counters": {}, "curve": []}',
+            '{"config": {"network": ["a"]}, "threads": 1, "amount": 0, "seconds": 0.0, "curve": []}',
+            "cannot be continued: ",
+        ),
+        (
+            '{"config": {"network": "counting", "depth": 1}, "threads": 1, "amount": 0, "seconds": 0.0, "curve": []}',
             "of another version: .*depth",
         ),
         (
-            '{"config": {"network": "counting"}, "threads": 0, "counters": {}, "curve": []}',
+            '{"config": {"network": "counting"}, "threads": 0, "amount": 0, "seconds": 0.0, "curve": []}',
             "cannot be continued: .* damaged",
         ),
         (
-            '{"config": {"network": "counting"}, "threads": 1, "counters": {}, "curve": [3]}',
+            '{"config": {"network": "counting"}, "threads": 1, "amount": 0, "seconds": 0.0, "curve": [3]}',
             "cannot be continued: .* damaged",
         ),
     ],
@@ -281,7 +278,13 @@ def test_a_checkpoint_that_makes_no_sense_is_told(metadata, message, tmp_path):
     ],
 )
 def test_a_checkpoint_with_wrong_tensors_is_told(tensors, message, tmp_path):
-    facts = {"config": {"network": "counting"}, "threads": torch.get_num_threads(), "counters": {}, "curve": []}
+    facts = {
+        "config": {"network": "counting"},
+        "threads": torch.get_num_threads(),
+        "amount": 0,
+        "seconds": 0.0,
+        "curve": [],
+    }
     checkpoint.save(tmp_path / CHECKPOINT, tensors, facts)
     with pytest.raises(InputError, match=message):
         Runner.resume(tmp_path, "cpu")

@@ -63,8 +63,8 @@ def test_training_lessens_the_error_and_what_is_kept_is_the_best(pooling, monkey
     config = dataclasses.replace(CONFIG, pooling=pooling, epochs=20)
     training = config.training("cpu")
     list(training.learn())
-    assert training.curve[-1].loss < 0.8 * training.curve[0].loss
-    assert training.best()[0].ade == min(point.ade for point in training.curve)
+    assert training.curve[-1]["loss"] < 0.8 * training.curve[0]["loss"]
+    assert training.best()[0]["ade"] == min(point["ade"] for point in training.curve)
 
 
 @pytest.mark.slow
@@ -77,7 +77,7 @@ def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(reco
         "python studies/social_gan/train.py --data tracks --dt 0.25 --held-out hotel --seed 3 --epochs 4"
     )
     assert card["training"]["scenes"] == ["eth"]
-    assert card["figures"]["validation"]["ade"] == running.training.best()[0].ade
+    assert card["figures"]["validation"]["ade"] == running.training.best()[0]["ade"]
     assert "| scene held out | hotel |" in path.with_suffix(".md").read_text()
     made = load_predictor("sgan", {"weights": str(path), "modes": 2})[1]
     assert made.for_held_out_scene("hotel") is made

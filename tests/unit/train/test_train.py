@@ -66,7 +66,7 @@ def test_a_card_looks_at_test_cases_only_where_that_is_asked_for(tmp_path):
     cards = {}
     for card in ("val", "test"):
         training = dataclasses.replace(CONFIG, card=card).training("cpu")
-        training._validate(0.0)
+        training.validate()
         cards[card] = {"network": "cadrl", **training.card(trainings.ignore)}
         measured = {split: figure["metrics"]["success_rate"]["n"] for split, figure in cards[card]["figures"].items()}
         assert measured == {split: len(cases) for split, cases in training.card_cases.items()}
@@ -101,7 +101,8 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
     }
     text = (tmp_path / "run" / "weights.md").read_text()
     assert (
-        f"| checkpoint | chosen at episode {running.training.best()[0].episodes} of 40, on val:0:5 of circle_" in text
+        f"| checkpoint | chosen at episode {running.training.best()[0]['episodes']} of 40, on val:0:5 of circle_"
+        in text
     )
     assert "| test test:0:5 |" in text
     with pytest.raises(InputError, match="is finished: its weights are"):
@@ -224,7 +225,7 @@ def test_random_commands_are_within_the_limits_and_evenly_spread_over_them():
 
 def validated(success, seconds):
     """A point of a training curve."""
-    return value.CurvePoint(0, 0.0, 0.0, 0.0, success, seconds, 0.0)
+    return {"success": success, "navigation_time_or_limit": seconds}
 
 
 @pytest.mark.parametrize(

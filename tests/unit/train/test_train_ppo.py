@@ -56,7 +56,7 @@ def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_
     monkeypatch.setattr(training.worlds[0], "seed", slowly)
     monkeypatch.setattr(training_module, "time", SimpleNamespace(perf_counter=lambda: clock() + late[0]))
     list(training.learn())
-    assert [point.steps for point in training.curve] == [0, 128, 256]
+    assert [point["steps"] for point in training.curve] == [0, 128, 256]
 
 
 @pytest.mark.slow
@@ -144,7 +144,7 @@ def test_a_training_in_several_scenarios_shares_its_worlds(tmp_path):
     assert list(map(len, training.rows)) == [3, 3, 2]
     assert training.nearest == 8
     list(training.learn())
-    assert training.curve[-1].steps == 256
+    assert training.curve[-1]["steps"] == 256
     assert "--also-train-in doorway_8,square_crossing_5" in config.command
     about = training.conditions()["beside"]
     assert [each["name"] for each in about] == ["doorway_8", "square_crossing_5"]
