@@ -71,26 +71,17 @@ class SocialGAN(Predictor):
         worlds, pedestrians = present.shape
         moves = np.empty((worlds, self.modes, steps, pedestrians, 2))
 
+        device = next(self.generator.parameters()).device
+
+        @torch.inference_mode()
         def fill(part: slice) -> None:
-            moves[part] = self._moves(near[part], present[part], drawn[part], steps)
+            seen = present[part].to(device)
+            rows = self.generator(near[part].to(device), seen, drawn[part].to(device), steps)
+            moves[part] = scatter(rows, seen).double().cpu().numpy()
 
         in_chunks(fill, worlds, max(1, CHUNK // (self.modes * max(pedestrians, 1))))
         displacement = moves / scale
         return Prediction(history[:, None, None, -1] + displacement.cumsum(axis=2), displacement / obs.dt)
-
-    @torch.inference_mode()
-    def _moves(
-        self,
-        history: Float[Tensor, "scene time pedestrian 2"],
-        present: Bool[Tensor, "scene pedestrian"],
-        noise: Float[Tensor, "scene mode noise"],
-        steps: int,
-    ) -> Float[np.ndarray, "scene mode steps pedestrian 2"]:
-        """What the generator makes of these scenes, as in `Generator.forward`: displacements, 0 for the absent."""
-        device = next(self.generator.parameters()).device
-        present = present.to(device)
-        moves = self.generator(history.to(device), present, noise.to(device), steps)
-        return scatter(moves, present).double().cpu().numpy()
 
     def for_held_out_scene(self, scene: str) -> Predictor:
         """See `Predictor`. Raises InputError where it was trained on the scene and there is no other."""

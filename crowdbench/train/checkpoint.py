@@ -27,19 +27,25 @@ LOCK = ".lock"
 """Locked by the process that trains in the directory, and by nobody once that has been killed."""
 
 
-def save(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
+def save(path: Path, parts: Mapping[str, Any], facts: Mapping[str, Any]) -> None:
     """Write a checkpoint.
 
     Args:
         path: The file.
-        tensors: Tensors by name.
+        parts: Networks, optimizers and replay buffers by name. The names of their tensors begin with it and a dot.
         facts: `config`, the options of the training; `threads`, the number of torch's threads; `amount`, `seconds` and
             `curve`, those of `Training`.
 
     Raises:
         OSError: The file cannot be written. An earlier checkpoint stays as it is.
     """
-    content = to_bytes(dict(tensors), metadata={"training": json.dumps(facts)})
+    tensors: dict[str, Tensor] = {}
+    for name, part in parts.items():
+        state = part.state_dict()
+        if isinstance(part, torch.optim.Optimizer):
+            state = {f"{row}.{key}": tensor for row, values in state["state"].items() for key, tensor in values.items()}
+        tensors |= {f"{name}.{key}": tensor.contiguous() for key, tensor in state.items()}
+    content = to_bytes(tensors, metadata={"training": json.dumps(facts)})
     with whole(path) as partial:
         partial.write_bytes(content)
 
@@ -59,16 +65,8 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     return tensors, facts
 
 
-def tensors_of(name: str, part: Any) -> dict[str, Tensor]:
-    """Return the tensors of a network, optimizer or replay buffer. Their names begin with its name and a dot."""
-    state = part.state_dict()
-    if isinstance(part, torch.optim.Optimizer):
-        state = {f"{row}.{key}": tensor for row, values in state["state"].items() for key, tensor in values.items()}
-    return {f"{name}.{key}": tensor.contiguous() for key, tensor in state.items()}
-
-
 def restore(name: str, part: Any, tensors: Mapping[str, Tensor]) -> None:
-    """Restore what `tensors_of` returned, from all tensors. Raises RuntimeError if they are of another network."""
+    """Restore a part from all tensors of a checkpoint. Raises RuntimeError if they are of another network."""
     state = {key.removeprefix(f"{name}."): tensor for key, tensor in tensors.items() if key.startswith(f"{name}.")}
     if not isinstance(part, torch.optim.Optimizer):
         part.load_state_dict(state)
@@ -100,23 +98,33 @@ def check_free(directory: Path, program: str) -> None:
 
 
 @contextlib.contextmanager
-def hold(directory: Path) -> Iterator[None]:
+def hold(directory: Path, program: str) -> Iterator[None]:
     """Make a directory, lock it against other processes, and remove half-written files of killed trainings.
 
+    Args:
+        directory: The directory.
+        program: The command that resumes a training.
+
     Raises:
-        InputError: Another process trains there.
-        OSError: Nothing can be written there.
+        InputError: Another process trains there, or a file there cannot be written.
     """
     path = directory / LOCK
-    directory.mkdir(parents=True, exist_ok=True)
-    # First, because a lock would wait for ever where the file cannot be made.
-    path.touch()
-    with contextlib.ExitStack() as stack:
-        try:
-            stack.enter_context(hold_lock(path, 0))
-        except Timeout:
-            raise InputError(f"another process trains in {directory}: wait for it, or name another directory") from None
-        stack.callback(path.unlink, missing_ok=True)
-        for partial in half_written(directory):
-            partial.unlink(missing_ok=True)
-        yield
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        # First, because a lock would wait for ever where the file cannot be made.
+        path.touch()
+        with hold_lock(path, 0):
+            try:
+                for partial in half_written(directory):
+                    partial.unlink(missing_ok=True)
+                yield
+            finally:
+                path.unlink(missing_ok=True)
+    except Timeout:
+        raise InputError(f"another process trains in {directory}: wait for it, or name another directory") from None
+    except OSError as error:
+        result = "nothing was kept: name another place with --out"
+        if (directory / CHECKPOINT).exists():
+            result = f"its last checkpoint is kept: make room, and go on with {program} --resume {directory}"
+        reason = error.strerror or error
+        raise InputError(f"the training in {directory} cannot be written: {reason}; {result}") from None

@@ -195,7 +195,6 @@ class PPOConfig(DrivingConfig):
     Attributes:
         steps: The steps that the vehicles of all worlds drive together.
         reward: The name of a reward of the environments, or a file.
-        nearest: The largest number of pedestrians in an observation; None for as many as the scenarios have.
         also_train_in: Further scenarios to train in, by name or path, with commas between them.
         encoder: The file of an encoder that replaces the network's; None for the network's.
         ppo: Parameters of `crowdbench.train.ppo.Parameters`, by name; the others have their defaults.
@@ -203,7 +202,6 @@ class PPOConfig(DrivingConfig):
 
     steps: int = option(5_000_000, "Train for this many steps, of all worlds together", least=1)
     reward: str = option("progress", "The reward: crowdnav, progress, safe_progress, crowdnav_plus or ./mine.py")
-    nearest: int | None = option(None, "How many pedestrians the policy is shown; else as many as there are", least=1)
     also_train_in: str | None = option(
         None, "Further scenarios to train in, as in a,b, each with as many worlds as --scenario"
     )

@@ -140,7 +140,7 @@ class PPOTraining(DrivingTraining[Policy]):
         self.parameters: Parameters = Option("--ppo", Parameters(), (Parameters,)).argument(dict(config.ppo or {}))
         self.also_train_in = [load_scenario(name) for name in split_names(config.also_train_in)]
         scenarios = [self.scenario, *self.also_train_in]
-        self.nearest = config.nearest or max(1, *(scenario.max_agents - 1 for scenario in scenarios))
+        self.nearest = max(1, *(scenario.max_agents - 1 for scenario in scenarios))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self.network = ActorCritic(make_policy(config.network, config.encoder)).to(device)
@@ -218,29 +218,27 @@ class PPOTraining(DrivingTraining[Policy]):
     @torch.no_grad()
     def _drive(self) -> Experience:
         """Drive some steps of every world."""
-        steps, values, rewards, goes_on, memory = [], [], [], [], self.memory
+        steps, memory = [], self.memory
         for _ in range(self.parameters.steps):
             mean, value, self.memory = self.network(self.seen, self.memory, self.begins)
             noise = torch.randn(mean.shape, generator=self.generator).to(self.device)
             action = mean + self.network.log_std.exp() * noise
-            steps.append((*self.seen, self.begins[0], action, self.network.log_probability(action, mean)))
+            seen = (*self.seen, self.begins[0], action, self.network.log_probability(action, mean))
             if not action.isfinite().all():
                 raise InputError(
                     f"the training has failed after {self.amount} steps: the policy's actions are not finite, as where "
                     f"the reward {self.config.reward} is too large"
                 )
             reward, ended = self._step(action.double().cpu().numpy())
-            values.append(value)
-            rewards.append(reward)
-            goes_on.append(~ended)
+            steps.append((*seen, value, reward, ~ended))
             self.begins = ended[None]
-        value = torch.stack([*values, self.network(self.seen, self.memory, self.begins)[1]])
-        gamma, gae_lambda = self.parameters.gamma, self.parameters.gae_lambda
-        advantage = advantages(torch.stack(rewards), value, torch.stack(goes_on), gamma, gae_lambda)
+        parts = (torch.stack(part) for part in zip(*steps, strict=True))
+        *observed, begins, action, log_probability, value, reward, goes_on = parts
+        after = self.network(self.seen, self.memory, self.begins)[1]
+        values = torch.cat([value, after[None]])
+        advantage = advantages(reward, values, goes_on, self.parameters.gamma, self.parameters.gae_lambda)
         normalized = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
-        *observed, begins, action, log_probability = (torch.stack(part) for part in zip(*steps, strict=True))
-        target = advantage + value[:-1]
-        return Experience(Seen(*observed), memory, begins, action, log_probability, normalized, target)
+        return Experience(Seen(*observed), memory, begins, action, log_probability, normalized, advantage + value)
 
     def _observe(self) -> None:
         """Observe all worlds: what the policy sees, and what gives its actions their meaning in each scenario."""

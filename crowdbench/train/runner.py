@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import os
 import platform
@@ -83,14 +82,20 @@ class Runner:
         if not path.exists():
             raise InputError(f"there is no checkpoint {path}: nothing can be resumed there")
         _prepare(device)
-        with _readable(path):
+        try:
             tensors, facts = checkpoint.read(path)
             config = find_named("network", facts["config"]["network"], methods)(**facts["config"])
             if threads is None:
                 torch.set_num_threads(facts["threads"])  # sums in another order have other bits
-        training = config.training(device)
-        with _readable(path):
+            training = config.training(device)
             training.restore(tensors, facts)
+        except InputError as error:
+            raise InputError(f"{path} cannot be continued: {error}") from None
+        except (LookupError, TypeError, ValueError, RuntimeError, AttributeError, OSError, SafetensorError) as error:
+            reason = describe_error(error)[:200]
+            raise InputError(
+                f"{path} cannot be continued: it is damaged, or of another version of crowdbench: {reason}"
+            ) from None
         return cls(training, directory)
 
     def train(self) -> Iterator[Point]:
@@ -103,7 +108,7 @@ class Runner:
             InputError: A file cannot be written, or another process trains in the directory.
         """
         training = self.training
-        with self._hold():
+        with checkpoint.hold(self.directory, training.config.program):
             if not training.curve:
                 self._save()  # at once, so that a full disk is reported before hours of work
             for _ in training.learn():
@@ -125,7 +130,7 @@ class Runner:
             InputError: A file cannot be written, or another process trains in the directory.
         """
         weights, training = self.directory / WEIGHTS, self.training
-        with self._hold():
+        with checkpoint.hold(self.directory, training.config.program):
             about = {
                 "command": training.config.command,
                 **training.card(progress),
@@ -154,39 +159,11 @@ class Runner:
             "seconds": training.seconds,
             "curve": curve,
         }
-        checkpoint.save(self.directory / CHECKPOINT, training.tensors(), facts)
+        checkpoint.save(self.directory / CHECKPOINT, {name: getattr(training, name) for name in training.parts}, facts)
         if curve:
             rows = [curve[0], *(point.values() for point in curve)]
             with whole(self.directory / "curve.csv") as partial:
                 partial.write_text("".join(",".join(map(str, row)) + "\n" for row in rows), encoding="utf-8")
-
-    @contextlib.contextmanager
-    def _hold(self) -> Iterator[None]:
-        """Lock the directory, and report in one sentence that a file in it cannot be written."""
-        try:
-            with checkpoint.hold(self.directory):
-                yield
-        except OSError as error:
-            rest = "nothing was kept: name another place with --out"
-            if (self.directory / CHECKPOINT).exists():
-                command = f"{self.training.config.program} --resume {self.directory}"
-                rest = f"its last checkpoint is kept: make room, and go on with {command}"
-            reason = error.strerror or error
-            raise InputError(f"the training in {self.directory} cannot be written: {reason}; {rest}") from None
-
-
-@contextlib.contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Report in one sentence that a checkpoint cannot be used."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{path} cannot be continued: {error}") from None
-    except (LookupError, TypeError, ValueError, RuntimeError, AttributeError, OSError, SafetensorError) as error:
-        reason = describe_error(error)[:200]
-        raise InputError(
-            f"{path} cannot be continued: it is damaged, or of another version of crowdbench: {reason}"
-        ) from None
 
 
 def _prepare(device: str) -> None:

@@ -26,7 +26,7 @@ from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.train import checkpoint
-from crowdbench.train.config import Config, split_names
+from crowdbench.train.config import split_names
 from crowdbench.utils.defaults import BATCH
 from crowdbench.utils.tables import plain
 
@@ -113,11 +113,6 @@ class Training(abc.ABC):
         """Add a point with these quantities to the curve."""
         self.curve.append({self.config.length: self.amount, "seconds": self.seconds, **quantities})
 
-    def tensors(self) -> dict[str, Tensor]:
-        """Return the tensors of all parts, for a checkpoint."""
-        parts = (checkpoint.tensors_of(name, getattr(self, name)) for name in self.parts)
-        return {name: tensor for part in parts for name, tensor in part.items()}
-
     def restore(self, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
         """Restore the tensors and facts of a checkpoint. Raises RuntimeError if it is of another network."""
         self.amount, self.seconds = facts["amount"], facts["seconds"]
@@ -149,7 +144,12 @@ class DrivingTraining(Training, Generic[Network]):
 
     def __init__(self, config: Any, device: str) -> None:
         super().__init__(config, device)
-        self.scenario, self.validation = load_scenarios(config, split_names(config.validation))
+        data = None if config.data is None else Path(config.data)
+        self.scenario = load_scenario(config.scenario, config.overrides, data=data)
+        validation = [load_scenario(name, data=data) for name in split_names(config.validation)]
+        self.validation = validation or [self.scenario]
+        if not any(scenario.tracks for scenario in (self.scenario, *validation)):
+            self.scenario.check_data(data)
         self.validated = nn.ModuleList()
         self.card_cases = {split: CARD_CASES[split] for split in CARD_CASES if split in ("validation", config.card)}
 
@@ -228,27 +228,6 @@ class DrivingTraining(Training, Generic[Network]):
         """See `Training`."""
         self.validated.extend(copy.deepcopy(self.current) for _ in facts["curve"])
         super().restore(tensors, facts)
-
-
-def load_scenarios(config: Config, validation: Sequence[str]) -> tuple[Scenario, list[Scenario]]:
-    """Load the scenarios of a training.
-
-    Args:
-        config: The options of the training.
-        validation: The scenarios of validations, by name or path; none for the training scenario.
-
-    Returns:
-        The training scenario, and the scenarios of validations.
-
-    Raises:
-        InputError: There is no such scenario, or the folder of recorded tracks does not go with them.
-    """
-    data = None if config.data is None else Path(config.data)
-    scenario = load_scenario(config.scenario, config.overrides, data=data)
-    validated = [load_scenario(name, data=data) for name in validation] or [scenario]
-    if not any(loaded.tracks for loaded in (scenario, *validated)):
-        scenario.check_data(data)
-    return scenario, validated
 
 
 def choose_point(curve: Sequence[Point], cases: int) -> Point:

@@ -1,6 +1,7 @@
 """Trainings that are killed, or cannot write: what is left can be resumed, or begun again."""
 
 import dataclasses
+import json
 import os
 import sys
 from typing import ClassVar
@@ -171,7 +172,7 @@ def test_a_directory_with_a_users_file_is_refused_and_kept(name, tmp_path):
 
 def test_two_processes_do_not_train_in_the_same_directory(tmp_path):
     running = Runner.start(CONFIG, tmp_path, "cpu")
-    with hold(tmp_path), pytest.raises(InputError, match="another process trains in"):
+    with hold(tmp_path, ""), pytest.raises(InputError, match="another process trains in"):
         list(running.train())
     list(running.train())
 
@@ -263,7 +264,7 @@ def test_a_full_disk_leaves_the_checkpoint_before(tmp_path):
     ],
 )
 def test_a_checkpoint_that_makes_no_sense_is_told(metadata, message, tmp_path):
-    tensors = checkpoint.tensors_of("network", Counting(CONFIG, "cpu").network)
+    tensors = {f"network.{name}": tensor for name, tensor in Counting(CONFIG, "cpu").network.state_dict().items()}
     (tmp_path / CHECKPOINT).write_bytes(checkpoint.to_bytes(tensors, metadata={"training": metadata}))
     with pytest.raises(InputError, match=message.replace("another version", "another version of crowdbench")) as error:
         Runner.resume(tmp_path, "cpu")
@@ -285,7 +286,8 @@ def test_a_checkpoint_with_wrong_tensors_is_told(tensors, message, tmp_path):
         "seconds": 0.0,
         "curve": [],
     }
-    checkpoint.save(tmp_path / CHECKPOINT, tensors, facts)
+    content = checkpoint.to_bytes(tensors, metadata={"training": json.dumps(facts)})
+    (tmp_path / CHECKPOINT).write_bytes(content)
     with pytest.raises(InputError, match=message):
         Runner.resume(tmp_path, "cpu")
 

@@ -32,7 +32,6 @@ from crowdbench.sim.presence import come_and_go, track_at
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, walk
 from crowdbench.train.config import PPOConfig, ValueConfig
-from crowdbench.train.training import load_scenarios
 from crowdbench.utils.errors import InputError
 from studies.social_gan.prediction_errors import on_scenario
 
@@ -306,20 +305,21 @@ def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
         crowd.window("test", 2)
 
 
-@pytest.mark.parametrize("config_of", [ValueConfig, PPOConfig])
-def test_networks_learn_among_recorded_people(config_of, tmp_path):
+@pytest.mark.parametrize(("config_of", "network"), [(ValueConfig, "cadrl"), (PPOConfig, "ppo")])
+def test_networks_learn_among_recorded_people(config_of, network, tmp_path):
     file = recordings.write(tmp_path)
-    config = config_of(network="mine", scenario=str(file), data=str(tmp_path))
-    place, validated = load_scenarios(config, [str(file)])
-    assert place.tracks.scene == validated[0].tracks.scene == "mine"
+    config = config_of(network=network, scenario=str(file), validation=str(file), data=str(tmp_path))
+    training = config.training("cpu")
+    place = training.scenario
+    assert place.tracks.scene == training.validation[0].tracks.scene == "mine"
     assert f"--scenario {file} --data {tmp_path.name}" in config.command
     table = {"name": place.name, **place.table}
     assert card.crowd(table) == "mine, people of mine"
     assert card.episodes(table) == "simulated episodes with the recorded tracks of mine"
     with pytest.raises(InputError, match="--data does not go with circle_crossing_5, which has no table"):
-        load_scenarios(dataclasses.replace(config, scenario="circle_crossing_5"), [])
+        dataclasses.replace(config, scenario="circle_crossing_5", validation=None).training("cpu")
     with pytest.raises(InputError, match="give the folder that holds them, --data DIR"):
-        load_scenarios(dataclasses.replace(config, data=None), [])
+        dataclasses.replace(config, data=None, validation=None).training("cpu")
 
 
 def test_predictors_are_measured_on_those_who_come_later_too_by_networks_that_have_not_seen_the_scene(place):
