@@ -106,36 +106,33 @@ def validate_prediction(answer: object, name: str, obs: Observation, steps: int)
     if not isinstance(answer, Prediction):
         raise InputError(f"predictor {name} returned a {type(answer).__name__} instead of a Prediction")
     worlds, pedestrians = obs.pedestrians.seen.shape
-    arrays = {"positions": answer.position, "velocities": answer.velocity}
-    for what, array in arrays.items():
+    checked = []
+    for quantity, array in {"positions": answer.position, "velocities": answer.velocity}.items():
         if not isinstance(array, np.ndarray) or array.dtype.kind != "f":
-            raise InputError(f"predictor {name} returned {what} that are not an array of floats")
+            raise InputError(f"predictor {name} returned {quantity} that are not an array of floats")
         # Without a mask or the methods of a subclass, which could hide what is not finite.
-        arrays[what] = np.asarray(array)
-        shape = arrays[what].shape
+        values = np.asarray(array)
+        shape = values.shape
         if shape != (worlds, *shape[1:2], steps, pedestrians, 2) or shape[1] == 0:
             raise InputError(
-                f"predictor {name} returned {what} of shape {list(shape)}, but they must be "
+                f"predictor {name} returned {quantity} of shape {list(shape)}, but they must be "
                 f"[world, mode, time, pedestrian, 2] with {worlds} worlds, {steps} steps and {pedestrians} pedestrians"
             )
-    prediction = Prediction(*arrays.values())
-    if prediction.position.shape != prediction.velocity.shape:
+        finite = np.isfinite(values)
+        if not finite.all():
+            wrong = ~finite.all(axis=4) & obs.pedestrians.seen[:, None, None]
+            for world, mode, time, pedestrian in np.argwhere(wrong)[:1].tolist():
+                raise InputError(
+                    f"predictor {name} returned {quantity} that are not finite: "
+                    f"{values[world, mode, time, pedestrian].tolist()} for pedestrian {pedestrian} {time + 1} steps "
+                    f"ahead in mode {mode} (row {world} of the batch, step {obs.step[world]})"
+                )
+            values = np.where(finite, values, 0.0)
+        checked.append(values)
+    position, velocity = checked
+    if position.shape != velocity.shape:
         raise InputError(
-            f"predictor {name} returned positions in {prediction.position.shape[1]} modes and velocities in "
-            f"{prediction.velocity.shape[1]}, but each mode must have both"
+            f"predictor {name} returned positions in {position.shape[1]} modes and velocities in "
+            f"{velocity.shape[1]}, but each mode must have both"
         )
-
-    def zero_absent(what: str, values: np.ndarray) -> np.ndarray:
-        numbers = np.isfinite(values)
-        if numbers.all():
-            return values
-        wrong = ~numbers.all(axis=4) & obs.pedestrians.seen[:, None, None]
-        for world, mode, time, pedestrian in np.argwhere(wrong)[:1].tolist():
-            raise InputError(
-                f"predictor {name} returned {what} that are not finite: "
-                f"{values[world, mode, time, pedestrian].tolist()} for pedestrian {pedestrian} {time + 1} steps ahead "
-                f"in mode {mode} (row {world} of the batch, step {obs.step[world]})"
-            )
-        return np.where(numbers, values, 0.0)
-
-    return Prediction(zero_absent("positions", prediction.position), zero_absent("velocities", prediction.velocity))
+    return Prediction(position, velocity)
