@@ -16,7 +16,6 @@ from safetensors import SafetensorError
 
 from crowdbench.networks import card as cards
 from crowdbench.networks.weights import save_network
-from crowdbench.record import curves
 from crowdbench.train import checkpoint
 from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.config import METHODS, Config
@@ -116,7 +115,7 @@ class Runner:
                 yield training.curve[-1]
 
     def finish(self, progress: Callable[[float], None]) -> Path:
-        """Measure the best network and write weights, card and curves; the checkpoint is removed.
+        """Measure the best network and write weights and card; the checkpoint is removed.
 
         A kill at any moment leaves a checkpoint that can be resumed, and weights only beside their card.
 
@@ -139,10 +138,7 @@ class Runner:
                 "versions": {"python": platform.python_version(), "torch": torch.__version__},
                 "licence": "MIT",
             }
-            point, network = training.best()
-            recording, best = self.directory / "training.rrd", training.curve.index(point)
-            curves.write(recording, about["command"], training.curve, best=best, intervals=training.intervals())
-            card = save_network(network, training.config.network, weights, about)
+            card = save_network(training.best()[1], training.config.network, weights, about)
             with whole(weights.with_suffix(".md")) as partial:
                 partial.write_text(cards.markdown(card), encoding="utf-8")
             (self.directory / CHECKPOINT).unlink()

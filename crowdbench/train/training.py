@@ -17,7 +17,6 @@ from torch import Tensor, nn
 
 from crowdbench.catalog import load_scenario
 from crowdbench.metrics import METRICS
-from crowdbench.metrics.summary import wilson
 from crowdbench.networks import card as cards
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
@@ -97,10 +96,6 @@ class Training(abc.ABC):
         Returns:
             `training`: conditions of the training; `figures`: measured results; `data`: the data, in words.
         """
-
-    def intervals(self) -> dict[str, list[tuple[float, float]]]:
-        """Return the confidence intervals of the curve, by the name of the quantity."""
-        return {}
 
     @contextlib.contextmanager
     def timed(self) -> Iterator[None]:
@@ -193,12 +188,6 @@ class DrivingTraining(Training, Generic[Network]):
         """See `Training`."""
         point = choose_point(self.curve, len(VALIDATION_CASES) * len(self.validation))
         return point, cast(Network, self.validated[self.curve.index(point)])
-
-    def intervals(self) -> dict[str, list[tuple[float, float]]]:
-        """See `Training`: Wilson's interval of the success rate."""
-        cases = np.arange(len(VALIDATION_CASES) * len(self.validation))
-        estimates = [wilson(cases < round(point["success"] * len(cases))) for point in self.curve]
-        return {"success": [(estimate.low, estimate.high) for estimate in estimates]}
 
     def card(self, progress: Callable[[float], None]) -> dict[str, Any]:
         """See `Training`. The figures are those of the best network in the training scenario."""
