@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -185,25 +185,24 @@ class PPOTraining(DrivingTraining[Policy]):
             yield
 
     def train_until(self, goal: float) -> None:
-        """Train up to some progress. All random numbers follow from the seed and the number of validations so far."""
+        """Train up to some progress, with episodes from training cases that are drawn anew.
+
+        All random numbers follow from the seed and the number of validations so far.
+        """
+        seed = self.config.seed + 1000 * len(self.curve)
         with self.timed():
-            self._start()
+            self.generator.manual_seed(seed)
+            for worlds in self.worlds:
+                worlds.seed(seed)
+                worlds.start()
+            self._observe()
+            self.memory = self.network.policy.initial_memory(self.parameters.worlds)
+            self.begins = torch.ones(1, self.parameters.worlds, dtype=torch.bool, device=self.device)
         while True:  # once in any case: where cases take long to draw, they alone may have taken until the goal
             with self.timed():
                 self._update()
             if self.progress >= min(goal, 1.0):
                 return
-
-    def _start(self) -> None:
-        """Start episodes in all worlds, from training cases that are drawn anew."""
-        seed = self.config.seed + 1000 * len(self.curve)
-        self.generator.manual_seed(seed)
-        for worlds in self.worlds:
-            worlds.seed(seed)
-            worlds.start()
-        self._observe()
-        self.memory = self.network.policy.initial_memory(self.parameters.worlds)
-        self.begins = torch.ones(1, self.parameters.worlds, dtype=torch.bool, device=self.device)
 
     def _update(self) -> None:
         """Drive, and learn from it."""
@@ -271,15 +270,23 @@ class PPOTraining(DrivingTraining[Policy]):
         return reward_and_ended[0].float(), reward_and_ended[1]
 
     def _descend(self, experience: Experience, worlds: Int[Tensor, "world"]) -> None:
-        """Make one step of the optimizer on the segments of the given worlds."""
+        """Make one step of the optimizer on the segments of the given worlds.
+
+        Threads share the worlds. The gradients of chunks are added in their order, so that the bits do not depend on
+        the number of threads.
+        """
         # Those with as many pedestrians come together, so that a chunk has few empty rows.
         worlds = worlds[experience.seen.mask[:, worlds].sum(dim=(0, 2)).argsort(stable=True).cpu()]
         parameters = list(self.network.parameters())
+        gradients: dict[int, tuple[Tensor, ...]] = {}
 
-        def loss(part: slice) -> Tensor:
-            return self._losses(experience.take(worlds[part])).sum() / (self.parameters.steps * len(worlds))
+        def differentiate(part: slice) -> None:
+            loss = self._losses(experience.take(worlds[part])).sum() / (self.parameters.steps * len(worlds))
+            gradients[part.start] = torch.autograd.grad(loss, parameters, materialize_grads=True)
 
-        set_gradients(parameters, loss, len(worlds), CHUNK)
+        in_chunks(differentiate, len(worlds), CHUNK)
+        for parameter, *chunks in zip(parameters, *(gradients[start] for start in sorted(gradients)), strict=True):
+            parameter.grad = torch.stack(chunks).sum(dim=0)
         nn.utils.clip_grad_norm_(parameters, self.parameters.max_norm)
         self.optimizer.param_groups[0]["lr"] = self.parameters.learning_rate * (1.0 - self.progress)
         self.optimizer.step()
@@ -315,24 +322,3 @@ def advantages(
     for step in reversed(range(len(reward) - 1)):
         estimate[step] += gamma * gae_lambda * goes_on[step] * estimate[step + 1]
     return estimate
-
-
-def set_gradients(parameters: Sequence[nn.Parameter], loss: Callable[[slice], Tensor], rows: int, chunk: int) -> None:
-    """Set the gradients of a loss that is a sum over rows, by threads that share the rows.
-
-    The gradients of chunks are added in their order, so that the bits do not depend on the number of threads.
-
-    Args:
-        parameters: The parameters.
-        loss: The part of the loss of a slice of rows.
-        rows: Number of rows.
-        chunk: Number of rows of a thread at once.
-    """
-    gradients: dict[int, tuple[Tensor, ...]] = {}
-
-    def differentiate(part: slice) -> None:
-        gradients[part.start] = torch.autograd.grad(loss(part), parameters, materialize_grads=True)
-
-    in_chunks(differentiate, rows, chunk)
-    for parameter, *parts in zip(parameters, *(gradients[start] for start in sorted(gradients)), strict=True):
-        parameter.grad = torch.stack(parts).sum(dim=0)

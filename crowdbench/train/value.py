@@ -141,8 +141,7 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
 
     def improve(self) -> float:
         """Run a round of episodes, then learn from the replay buffer. Return the mean loss."""
-        for group in self.optimizer.param_groups:
-            group["lr"] = LEARNING_RATE * min(1.0, 2.0 * (1.0 - self.progress))
+        self.optimizer.param_groups[0]["lr"] = LEARNING_RATE * min(1.0, 2.0 * (1.0 - self.progress))
         steps = transitions(self._drive(), N_STEPS)
         self.replay.add(steps)
         generator = np.random.default_rng([self.config.seed, 1, self.amount // ROUND])
