@@ -104,11 +104,11 @@ def _run(runner: Runner) -> None:
     training = runner.training
     with exit_on_interrupt(f"continue with {training.config.program} --resume {runner.directory}"):
         with progress(1.0, "trained") as advance:
-            before = 0.0
+            shown = 0.0
             for point in runner.train():
                 say(training.describe(point))
-                advance(training.progress - before)
-                before = training.progress
+                advance(training.progress - shown)
+                shown = training.progress
         cases = sum(map(len, training.card_cases.values()))
         with progress(cases, f"of {cases} cases for the card") as advance:
             weights = runner.finish(advance)

@@ -38,7 +38,7 @@ class Linear(Predictor):
         # Without matrix products, whose last bits depend on the number of worlds.
         weights = [np.ascontiguousarray(weight.swapaxes(1, 2))[..., None] for weight in (slope_weight, mean_weight)]
         velocity, mean = ((weight * crowd.history).sum(axis=1) for weight in weights)
-        return _straight_on(mean - velocity * mean_time, velocity[:, None], obs, steps)
+        return _extrapolate(mean - velocity * mean_time, velocity[:, None], obs, steps)
 
 
 class ConstantVelocity(Predictor):
@@ -49,7 +49,7 @@ class ConstantVelocity(Predictor):
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """See `Predictor`. There is one mode."""
-        return _straight_on(obs.pedestrians.history[:, -1], last_velocity(obs)[:, None], obs, steps)
+        return _extrapolate(obs.pedestrians.history[:, -1], last_velocity(obs)[:, None], obs, steps)
 
 
 class ConstantVelocitySampled(Predictor):
@@ -78,7 +78,7 @@ class ConstantVelocitySampled(Predictor):
         turn = self.angle * obs.noise("constant_velocity_sampled", (self.modes, obs.pedestrians.seen.shape[1]))
         x, y = np.moveaxis(last_velocity(obs)[:, None], -1, 0)
         turned = np.stack([x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)], axis=-1)
-        return _straight_on(obs.pedestrians.history[:, -1], turned, obs, steps)
+        return _extrapolate(obs.pedestrians.history[:, -1], turned, obs, steps)
 
 
 class Oracle(Predictor):
@@ -88,23 +88,23 @@ class Oracle(Predictor):
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """See `Predictor`. There is one mode. Raises PermissionError where the planner is not privileged."""
-        return _straight_on(obs.pedestrians.position, obs.true_next()[:, None], obs, steps)
+        return _extrapolate(obs.pedestrians.position, obs.true_next()[:, None], obs, steps)
 
 
 def last_velocity(obs: Observation) -> Float[np.ndarray, "world pedestrian 2"]:
-    """The velocities of the last step in m/s, zero for pedestrians that were observed once."""
+    """Return the velocities of the last step in m/s, zero for pedestrians that were observed once."""
     crowd = obs.pedestrians
     moved = (crowd.history[:, -1] - crowd.history[:, -2]) / obs.dt
     return np.where(crowd.observed[:, :, None] > 1, moved, 0.0)
 
 
-def _straight_on(
+def _extrapolate(
     start: Float[np.ndarray, "world pedestrian 2"],
     velocity: Float[np.ndarray, "world mode pedestrian 2"],
     obs: Observation,
     steps: int,
 ) -> Prediction:
-    """The futures in which pedestrians keep a constant velocity in m/s, one for each mode, from a start in metres."""
+    """Return the futures with constant velocities in m/s from a start in metres, a mode for each velocity."""
     elapsed = obs.dt * np.arange(1, steps + 1)[:, None, None]
     position = start[:, None, None] + elapsed * velocity[:, :, None]
     return Prediction(position, np.repeat(velocity[:, :, None], steps, axis=2))

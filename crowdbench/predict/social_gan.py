@@ -62,12 +62,11 @@ class SocialGAN(Predictor):
         scale = self.about["dt"] / obs.dt if self.rescaled else 1.0
         history, present = extrapolated_history(obs.pedestrians), torch.from_numpy(obs.pedestrians.seen)
         # All pedestrians of a future share its noise.
-        noise = obs.noise(NAME, (self.modes, NOISE))
+        noise = torch.from_numpy(obs.noise(NAME, (self.modes, NOISE)).astype(np.float32))
         # Relative to the first pedestrian that is seen, because float32 is coarse far from the origin.
         first = np.argsort(~obs.pedestrians.seen, axis=1, kind="stable")[:, :1, None]
         origin = np.take_along_axis(history[:, -1], first, axis=1)
-        near = torch.from_numpy(((history - origin[:, None]) * scale).astype(np.float32))
-        drawn = torch.from_numpy(noise.astype(np.float32))
+        relative = torch.from_numpy(((history - origin[:, None]) * scale).astype(np.float32))
         worlds, pedestrians = present.shape
         moves = np.empty((worlds, self.modes, steps, pedestrians, 2))
 
@@ -76,7 +75,7 @@ class SocialGAN(Predictor):
         @torch.inference_mode()
         def fill(part: slice) -> None:
             seen = present[part].to(device)
-            rows = self.generator(near[part].to(device), seen, drawn[part].to(device), steps)
+            rows = self.generator(relative[part].to(device), seen, noise[part].to(device), steps)
             moves[part] = scatter(rows, seen).double().cpu().numpy()
 
         in_chunks(fill, worlds, max(1, CHUNK // (self.modes * max(pedestrians, 1))))
@@ -95,7 +94,7 @@ class SocialGAN(Predictor):
 def scatter(
     moves: Float[Tensor, "mode row time 2"], present: Bool[Tensor, "scene pedestrian"]
 ) -> Float[Tensor, "scene mode time pedestrian 2"]:
-    """A generator's displacements in the shape of a prediction.
+    """Give a generator's displacements the shape of a prediction.
 
     Args:
         moves: Displacements in metres; a row is a pedestrian who is present, in the order of `present.nonzero()`.
@@ -105,24 +104,24 @@ def scatter(
         The same displacements, and 0 for the absent.
     """
     modes, _, steps, _ = moves.shape
-    everybody = moves.new_zeros((*present.shape, modes, steps, 2))
-    everybody[present] = moves.transpose(0, 1)
-    return everybody.permute(0, 2, 3, 1, 4)
+    all_moves = moves.new_zeros((*present.shape, modes, steps, 2))
+    all_moves[present] = moves.transpose(0, 1)
+    return all_moves.permute(0, 2, 3, 1, 4)
 
 
 def extrapolated_history(crowd: Pedestrians) -> Float[np.ndarray, "world time pedestrian 2"]:
-    """The observed history in metres, extrapolated backwards from the first displacement to the full length."""
+    """Return the observed history in metres, extrapolated backwards from the first displacement to the full length."""
     history = crowd.history
     last = history.shape[1] - 1
     start = np.clip(last + 1 - crowd.observed, 0, last)
     times = start, np.minimum(start + 1, last)
     first, second = (np.take_along_axis(history, time[:, None, :, None], axis=1)[:, 0] for time in times)
-    before = np.maximum(start[:, None] - np.arange(last + 1)[:, None], 0)[..., None]
-    return history - before * (second - first)[:, None]
+    steps = np.maximum(start[:, None] - np.arange(last + 1)[:, None], 0)[..., None]
+    return history - steps * (second - first)[:, None]
 
 
 def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> SocialGAN:
-    """The predictor with trained weights.
+    """Load the predictor with trained weights.
 
     Args:
         weights: The name of built-in weights or `file.safetensors`, with its card beside it.
@@ -144,8 +143,8 @@ def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> So
     def trained_without(scene: str) -> Predictor:
         return load_social_gan(f"{weights}-{scene}", modes, rescaled, device)
 
-    has_others = any(path.stem.startswith(f"{weights}-") for path in built_in())
-    return SocialGAN(generator, about, modes, rescaled, trained_without if has_others else None)
+    excluding = any(path.stem.startswith(f"{weights}-") for path in built_in())
+    return SocialGAN(generator, about, modes, rescaled, trained_without if excluding else None)
 
 
 def _check(about: Mapping[str, Any], file: Path) -> None:
@@ -157,6 +156,6 @@ def _check(about: Mapping[str, Any], file: Path) -> None:
         "scenes, a list of names": isinstance(scenes, list) and all(isinstance(name, str) for name in scenes),
         "pooling, true or false": isinstance(about.get("pooling", False), bool),
     }
-    for fact, is_right in facts.items():
-        if not is_right:
+    for fact, valid in facts.items():
+        if not valid:
             raise InputError(f"the card of the weights {file} must say of the training: {fact}")

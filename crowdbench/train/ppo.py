@@ -81,8 +81,8 @@ class Parameters:
     def __post_init__(self) -> None:
         for name in ("worlds", "steps", "segments", "epochs"):
             require_count(name, getattr(self, name))
-        fits = self.segments <= self.worlds
-        require("segments", self.segments, fits, f"{self.worlds}, the number of worlds, at most")
+        small_enough = self.segments <= self.worlds
+        require("segments", self.segments, small_enough, f"{self.worlds}, the number of worlds, at most")
         for name in ("learning_rate", "clip", "value_weight", "max_norm"):
             require_positive(name, getattr(self, name))
         for name in ("gamma", "gae_lambda"):
@@ -114,8 +114,8 @@ class Experience(NamedTuple):
     def take(self, worlds: Int[Tensor, "world"]) -> Experience:
         """Return the segments of the given worlds, all steps on one axis, without empty rows of pedestrians."""
         vehicle, pedestrians, mask, *others = (part[:, worlds].flatten(0, 1) for part in (*self.seen, *self[3:]))
-        most = max(int(mask.sum(dim=1).max()), 1)
-        seen = Seen(vehicle, pedestrians[:, :most], mask[:, :most])
+        width = max(int(mask.sum(dim=1).max()), 1)
+        seen = Seen(vehicle, pedestrians[:, :width], mask[:, :width])
         return Experience(seen, self.memory[worlds], self.begins[:, worlds], *others)
 
 
@@ -232,10 +232,10 @@ class PPOTraining(DrivingTraining[Policy]):
             steps.append((*seen, value, reward, ~ended))
             self.begins = ended[None]
         parts = (torch.stack(part) for part in zip(*steps, strict=True))
-        *observed, begins, action, log_probability, value, reward, goes_on = parts
-        after = self.network(self.seen, self.memory, self.begins)[1]
-        values = torch.cat([value, after[None]])
-        advantage = advantages(reward, values, goes_on, self.parameters.gamma, self.parameters.gae_lambda)
+        *observed, begins, action, log_probability, value, reward, continues = parts
+        last = self.network(self.seen, self.memory, self.begins)[1]
+        values = torch.cat([value, last[None]])
+        advantage = advantages(reward, values, continues, self.parameters.gamma, self.parameters.gae_lambda)
         normalized = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
         return Experience(Seen(*observed), memory, begins, action, log_probability, normalized, advantage + value)
 
@@ -303,7 +303,7 @@ class PPOTraining(DrivingTraining[Policy]):
 def advantages(
     reward: Float[Tensor, "step world"],
     value: Float[Tensor, "step+1 world"],
-    goes_on: Bool[Tensor, "step world"],
+    continues: Bool[Tensor, "step world"],
     gamma: float,
     gae_lambda: float,
 ) -> Float[Tensor, "step world"]:
@@ -312,13 +312,13 @@ def advantages(
     Args:
         reward: The rewards.
         value: The values before each step, and after the last one.
-        goes_on: Whether the episode goes on after each step.
+        continues: Where the episode continues after a step.
         gamma: See `Parameters`.
         gae_lambda: See `Parameters`.
     """
-    after = torch.where(goes_on, value[1:], 0.0)
-    difference = reward + gamma * after - value[:-1]
+    next_value = torch.where(continues, value[1:], 0.0)
+    difference = reward + gamma * next_value - value[:-1]
     estimate = difference.clone()
     for step in reversed(range(len(reward) - 1)):
-        estimate[step] += gamma * gae_lambda * goes_on[step] * estimate[step + 1]
+        estimate[step] += gamma * gae_lambda * continues[step] * estimate[step + 1]
     return estimate

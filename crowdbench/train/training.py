@@ -232,10 +232,10 @@ def choose_point(curve: Sequence[Point], cases: int) -> Point:
         that of two successes and two failures more (Agresti and Coull 1998), because it would be 0 where all cases
         succeed.
     """
-    most = max(point["success"] for point in curve)
-    share = (most * cases + 2) / (cases + 4)
-    error = math.sqrt(share * (1 - share) / (cases + 4))
-    within_noise = [point for point in reversed(curve) if point["success"] >= most - error]
+    best = max(point["success"] for point in curve)
+    rate = (best * cases + 2) / (cases + 4)
+    error = math.sqrt(rate * (1 - rate) / (cases + 4))
+    within_noise = [point for point in reversed(curve) if point["success"] >= best - error]
     return min(within_noise, key=lambda point: point["navigation_time_or_limit"])
 
 

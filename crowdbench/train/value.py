@@ -216,13 +216,13 @@ class EpsilonGreedy(Planner):
         commands = self.planner.commands(vehicle, obs.dt)
         allowed = np.ones(commands.shape[:2], bool)
         if limits is not None:
-            after = vehicle.dynamics.velocities(vehicle.state, commands, vehicle.preferred_speed, obs.dt)
-            allowed = limits.allow(vehicle.velocity, after, obs.dt)
+            velocities = vehicle.dynamics.velocities(vehicle.state, commands, vehicle.preferred_speed, obs.dt)
+            allowed = limits.allow(vehicle.velocity, velocities, obs.dt)
         # Uniform numbers by the normal distribution function: the streams of a case have only normal numbers.
-        explore, which = ndtr(obs.noise(self.purpose, (2,))).T
-        drawn = (which * allowed.sum(axis=1)).astype(int)
-        chosen = commands[np.arange(len(obs)), (allowed.cumsum(axis=1) > drawn[:, None]).argmax(axis=1)]
-        greedy = explore >= self.epsilon
+        chance, choice = ndtr(obs.noise(self.purpose, (2,))).T
+        index = (choice * allowed.sum(axis=1)).astype(int)
+        command = commands[np.arange(len(obs)), (allowed.cumsum(axis=1) > index[:, None]).argmax(axis=1)]
+        greedy = chance >= self.epsilon
         if greedy.any():
-            chosen[greedy] = self.planner.plan(obs.take(greedy))
-        return chosen
+            command[greedy] = self.planner.plan(obs.take(greedy))
+        return command
