@@ -20,8 +20,9 @@ from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import Replanning, RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim import episode
+from crowdbench.sim.kernels import writable
 from crowdbench.sim.pedestrians import ORCA
-from crowdbench.sim.pedestrians.forces import Walkers, to_walkers
+from crowdbench.sim.pedestrians.forces import TINY, Walkers
 from crowdbench.sim.simulator import After, Before, move
 
 
@@ -149,6 +150,14 @@ def reseal(directory, change=lambda result: None):
     change(result)
     result["id"] = digest(result["run"])
     write_result(directory, result)
+
+
+def to_walkers(position, velocity, goal, radius, preferred_speed, seen=None, moves=None, obstacles=None):
+    """Agents as the kernels of force models take them; without `seen` or `moves` all are seen, or move."""
+    seen, moves = (np.ones(radius.shape, np.bool_) if array is None else array for array in (seen, moves))
+    walls = np.empty((len(radius), 0, 0, 2)) if obstacles is None else obstacles
+    speed = np.maximum(preferred_speed, TINY)
+    return Walkers(*map(writable, (position, velocity, goal, radius, speed, seen, moves, walls)))
 
 
 def with_walkers(velocities, known, *inputs, **options):

@@ -139,10 +139,8 @@ def _flatten_nearest(position, velocity, radius, goal, preferred_speed, present,
                 continue
             row, here = out[w, i], position[w, i]
             _write(row, 0, here, goal[w, i], velocity[w, i], radius[w, i], preferred_speed[w, i])
-            if cells is None:  # noqa: SIM114  # see `orca`
-                n = nearest_of_all(w, i, position, seen, np.inf, number, None, neighbor, distance)
-            elif cells.size[w, 0] < 0:
-                n = nearest_of_all(w, i, position, seen, np.inf, number, None, neighbor, distance)
+            if cells is None:
+                n = nearest_of_all(w, i, position, seen, np.inf, number, neighbor, distance)
             else:
                 n = nearest_in_cells(w, i, position, cells, np.inf, number, None, neighbor, distance)
             neighbor[:n].sort()

@@ -115,9 +115,7 @@ def check_pedestrians(position, end, goal, radius, counts, arc, cells, outcomes,
             widest, fastest = max(widest, radius[0, i]), max(fastest, math.hypot(motion[i, 0], motion[i, 1]))
     agents, is_last = Discs(position[0], motion, radius[0], counts[0]), outcomes[0] == Outcome.TIMEOUT.value
     for i in range(1, len(motion)):
-        if cells is None:  # noqa: SIM114  # see `orca`
-            gaps[i], _ = nearest_in_step(i, agents)
-        elif cells.size[0, 0] < 0:
+        if cells is None:
             gaps[i], _ = nearest_in_step(i, agents)
         else:
             gaps[i] = _gap_in_cells(i, position, agents, cells, widest, fastest)

@@ -12,8 +12,9 @@ from jaxtyping import Float
 from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation
 from crowdbench.planners.base import Planner
+from crowdbench.sim.kernels import writable
 from crowdbench.sim.obstacles import slide
-from crowdbench.sim.pedestrians.forces import to_walkers
+from crowdbench.sim.pedestrians.forces import TINY, Walkers
 from crowdbench.sim.pedestrians.orca import orca_velocities
 from crowdbench.sim.pedestrians.orca_crowd import ORCA_MARGIN, TIME_HORIZON_OBST
 from crowdbench.sim.pedestrians.social_force import social_force_velocities
@@ -87,7 +88,8 @@ class SocialForcePlanner(Planner):
         goal[:, 0] = vehicle.local_goal
         speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
         moves = np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape)
-        walkers = to_walkers(position, velocity, goal, radius + self.safety_space, speed, present, moves, obs.obstacles)
+        agents = position, velocity, goal, radius + self.safety_space, np.maximum(speed, TINY), present, moves
+        walkers = Walkers(*map(writable, (*agents, obs.obstacles)))
         return along_walls(obs, social_force_velocities(walkers, np.zeros_like(position), time_step=obs.dt)[:, 0])
 
 

@@ -31,9 +31,6 @@ evenly spread. Who is farther away is counted to the cell at the border, so that
 _SLACK = 1e-6
 """What a cell may be larger than it is, in its lengths, because of rounding."""
 
-_NONE = -1
-"""Number of columns of a world without cells."""
-
 
 class Cells(NamedTuple):
     """The cells of worlds, as `nearest_in_cells` takes them.
@@ -41,11 +38,10 @@ class Cells(NamedTuple):
     Attributes:
         corner: The lowest corner of the grid in metres.
         length: Length of a cell's side in metres.
-        size: Columns and rows of the grid; negative where the world has no cells, because nobody is seen or a position
-            is not finite.
+        size: Columns and rows of the grid: 1 and 1 where nobody is seen, or a position is not finite.
         first: Where each cell begins in `member`; cells are counted by rows.
         member: Indices of the agents, by cells.
-        place: Positions of these agents in metres.
+        point: Positions of these agents in metres.
     """
 
     corner: Float[np.ndarray, "world 2"]
@@ -53,7 +49,7 @@ class Cells(NamedTuple):
     size: Int[np.ndarray, "world 2"]
     first: Int[np.ndarray, "world cell"]
     member: Int[np.ndarray, "world agent"]
-    place: Float[np.ndarray, "world agent 2"]
+    point: Float[np.ndarray, "world agent 2"]
 
 
 def cells_of(position: Float[np.ndarray, "world agent 2"], seen: Bool[np.ndarray, "_ _"]) -> Cells | None:
@@ -81,32 +77,30 @@ def make_cells(position: Float[np.ndarray, "world agent 2"], seen: Bool[np.ndarr
 
 @no_type_check
 @njit(error_model="numpy", nogil=True)
-def _fill_cells(begin, end, position, seen, corner, length, size, first, member, place):
+def _fill_cells(begin, end, position, seen, corner, length, size, first, member, point):
     """Fill the arrays of `Cells` for a block of worlds, see `cells_of`."""
     agents = position.shape[1]
     for w in range(begin, end):
         n, columns, rows = _lay(w, position, seen, corner, length)
         size[w, 0], size[w, 1] = columns, rows
-        if columns == _NONE:
-            continue
         for cell in range(columns * rows + 1):
             first[w, cell] = 0
-        own = np.empty(agents, np.int64)
+        cell_of = np.empty(agents, np.int64)
         for j in range(agents):
             if at(seen, w, j):
                 column = _index(position[w, j, 0] - corner[w, 0], length[w], columns)
                 row = _index(position[w, j, 1] - corner[w, 1], length[w], rows)
-                own[j] = row * columns + column
-                first[w, own[j] + 1] += 1
+                cell_of[j] = row * columns + column
+                first[w, cell_of[j] + 1] += 1
         for cell in range(columns * rows):
             first[w, cell + 1] += first[w, cell]
         # Backwards, so that each cell's beginning ends up as its end did before, and its agents are in their order.
         for k in range(agents):
             j = agents - 1 - k
             if at(seen, w, j):
-                first[w, own[j] + 1] -= 1
-                slot = first[w, own[j] + 1]
-                member[w, slot], place[w, slot, 0], place[w, slot, 1] = j, position[w, j, 0], position[w, j, 1]
+                first[w, cell_of[j] + 1] -= 1
+                slot = first[w, cell_of[j] + 1]
+                member[w, slot], point[w, slot, 0], point[w, slot, 1] = j, position[w, j, 0], position[w, j, 1]
         for cell in range(columns * rows):
             first[w, cell] = first[w, cell + 1]
         first[w, columns * rows] = n
@@ -125,8 +119,7 @@ def _lay(w, position, seen, corner, length):
         length: `[world]`, of which element w is filled, in metres.
 
     Returns:
-        The number of those who are seen, and of columns and rows; `_NONE` where there is no grid because nobody is
-        seen, or a position is not finite.
+        The number of those who are seen, and of columns and rows. One cell holds all where a position is not finite.
     """
     n = 0
     low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
@@ -140,7 +133,8 @@ def _lay(w, position, seen, corner, length):
             sum_x, sum_y, square_x, square_y = sum_x + x, sum_y + y, square_x + x * x, square_y + y * y
             n += 1
     if n == 0 or not math.isfinite(square_x + square_y):
-        return n, _NONE, _NONE
+        corner[w, 0], corner[w, 1], length[w] = 0.0, 0.0, 1.0
+        return n, 1, 1
     middle_x, middle_y = sum_x / n, sum_y / n
     half_x = _SPREAD * math.sqrt(max(square_x / n - middle_x * middle_x, 0.0))
     half_y = _SPREAD * math.sqrt(max(square_y / n - middle_y * middle_y, 0.0))
@@ -160,15 +154,15 @@ def _lay(w, position, seen, corner, length):
 
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
-def _index(way, length, number):
-    """Index of the column or the row at a distance from the grid's corner, the nearest one beyond the border.
+def _index(distance, length, number):
+    """Return the index of the column or row at a distance from the grid's corner, the nearest one beyond the border.
 
     Args:
-        way: The distance in metres.
+        distance: In metres; not finite only where there is one cell.
         length: Length of a cell's side in metres.
         number: Number of columns or rows.
     """
-    return np.int64(min(max(way / length, 0.0), number - 1.0))
+    return np.int64(min(max(distance / length, 0.0), number - 1.0)) if number > 1 else np.int64(0)
 
 
 @no_type_check
@@ -197,14 +191,13 @@ def insert_sorted(j, squared, n, limit, neighbor, distance):
 
 @no_type_check
 @njit(error_model="numpy", nogil=True)
-def find_neighbors(begin, end, position, seen, moves, cells, avoidance, obstacles, neighbor, number):
+def find_neighbors(begin, end, position, moves, cells, avoidance, obstacles, neighbor, number):
     """Find the neighbours of a block of agents from cells; obstacles may hide some.
 
     Args:
         begin (int): The first agent, counted through all worlds.
         end (int): The one after the last.
         position (array): `[world, agent, 2]`, in metres.
-        seen (array): Whether each agent can be a neighbour, read by `at`.
         moves (array): Whether the agent has neighbours, read by `at`.
         cells (Cells): The cells of the agents.
         avoidance (tuple): The fields of `crowdbench.sim.pedestrians.orca.Avoidance`.
@@ -214,7 +207,7 @@ def find_neighbors(begin, end, position, seen, moves, cells, avoidance, obstacle
     """
     reach, limit, _, _, line_of_sight = avoidance
     agents, most = position.shape[1], len(neighbor) // len(number)
-    distance, found = np.empty(most), np.empty(most, np.int64)
+    distance, nearest = np.empty(most), np.empty(most, np.int64)
     for w in range(begin // agents, (end + agents - 1) // agents):
         # A copy: threads would wait for each other to count the references to slices of the same array.
         polygons = obstacles[min(w, len(obstacles) - 1)].copy()
@@ -225,13 +218,9 @@ def find_neighbors(begin, end, position, seen, moves, cells, avoidance, obstacle
                 continue
             hiding = polygons if at(line_of_sight, w, i) != 0.0 else polygons[:0]
             far, room = at(reach, w, i), np.int64(at(limit, w, i))
-            if cells.size[w, 0] < 0:
-                n = nearest_of_all(w, i, position, seen, far, room, hiding, found, distance)
-            else:
-                n = nearest_in_cells(w, i, position, cells, far, room, hiding, found, distance)
-            for m in range(n):
-                neighbor[k * most + m] = found[m]
-            number[k] = n
+            number[k] = nearest_in_cells(w, i, position, cells, far, room, hiding, nearest, distance)
+            for m in range(number[k]):
+                neighbor[k * most + m] = nearest[m]
 
 
 @no_type_check
@@ -256,7 +245,7 @@ def nearest_in_cells(w, i, position, cells, reach, limit, polygons, neighbor, di
     n = np.int64(0)  # a literal would have `insert_sorted` compiled twice
     if limit == 0:
         return n
-    corner, length, size, first, member, place = cells
+    corner, length, size, first, member, point = cells
     # The one that is the first too far away to be a neighbour: among those that are equally far, by its index.
     farthest, last = reach * reach, -1
     x, y, side, columns, rows = position[w, i, 0], position[w, i, 1], length[w], size[w, 0], size[w, 1]
@@ -277,7 +266,7 @@ def nearest_in_cells(w, i, position, cells, reach, limit, polygons, neighbor, di
                     if begin < 0 or end >= columns:
                         continue
                 for s in range(first[w, r * columns + begin], first[w, r * columns + end + 1]):
-                    dx, dy = place[w, s, 0] - x, place[w, s, 1] - y
+                    dx, dy = point[w, s, 0] - x, point[w, s, 1] - y
                     squared = dx * dx + dy * dy
                     if squared > farthest:
                         continue
@@ -302,7 +291,7 @@ def nearest_in_cells(w, i, position, cells, reach, limit, polygons, neighbor, di
 
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
-def nearest_of_all(w, i, position, seen, reach, limit, polygons, neighbor, distance):
+def nearest_of_all(w, i, position, seen, reach, limit, neighbor, distance):
     """Find the neighbours of an agent among all others.
 
     Args:
@@ -312,7 +301,6 @@ def nearest_of_all(w, i, position, seen, reach, limit, polygons, neighbor, dista
         seen (array): Whether each agent can be a neighbour, read by `at`.
         reach (float): Neighbours are nearer than this, in metres.
         limit (int): Largest number of neighbours.
-        polygons (array or None): `[polygon, corner, 2]`, obstacles that hide others, in metres.
         neighbor (array): `[agent]`, filled: indices of the neighbours, nearest first.
         distance (array): `[agent]`, filled: squared distances in square metres.
 
@@ -327,12 +315,6 @@ def nearest_of_all(w, i, position, seen, reach, limit, polygons, neighbor, dista
         dx, dy = position[w, j, 0] - position[w, i, 0], position[w, j, 1] - position[w, i, 1]
         squared = dx * dx + dy * dy
         if squared >= reach_squared or limit == 0:
-            continue
-        if (
-            polygons is not None
-            and len(polygons) > 0
-            and touches_in_step(position[w, i, 0], position[w, i, 1], dx, dy, 0.0, polygons)
-        ):
             continue
         n = insert_sorted(j, squared, n, limit, neighbor, distance)
         if n == limit:

@@ -103,23 +103,19 @@ def query_policy(policy: PedestrianPolicy, name: str, world: World) -> tuple[Vel
     Raises:
         InputError: It raises, or what it returns is not what it must return.
     """
-    velocity, memory = query_unchecked(policy, name, world)
-    after = None if memory is None else validate_memory(memory, world.memory[name], name)
-    return validate_finite(validate_shape(velocity, name, world), name, world), after
-
-
-def query_unchecked(policy: PedestrianPolicy, name: str, world: World) -> tuple[object, object]:
-    """As `query_policy`, but only the number of things that a policy with a memory answers is checked."""
+    has_memory = isinstance(policy, PolicyWithMemory)
     with plugin_errors(f"pedestrian policy {name} raised"):
-        if not isinstance(policy, PolicyWithMemory):
-            return policy.velocities(world, world.parameters[name]), None
-        answer = policy.velocities(world, world.parameters[name], world.memory[name])
-    if not isinstance(answer, tuple) or len(answer) != 2 or answer[1] is None:
-        raise InputError(
-            f"pedestrian policy {name} has a memory and returned a {type(answer).__name__}, but must return a tuple "
-            "of two, its velocities and its memory"
-        )
-    return answer
+        memory = (world.memory[name],) if has_memory else ()
+        answer: Any = policy.velocities(world, world.parameters[name], *memory)
+    velocity, after = answer, None
+    if has_memory:
+        if not isinstance(answer, tuple) or len(answer) != 2 or answer[1] is None:
+            raise InputError(
+                f"pedestrian policy {name} has a memory and returned a {type(answer).__name__}, but must return a "
+                "tuple of two, its velocities and its memory"
+            )
+        velocity, after = answer[0], validate_memory(answer[1], *memory, name)
+    return validate_finite(validate_shape(velocity, name, world), name, world), after
 
 
 def init_memory(policy: PolicyWithMemory, name: str, world: World) -> Memory:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.types import World
-from crowdbench.sim.kernels import in_blocks, writable
+from crowdbench.sim.kernels import in_blocks
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit
 
@@ -51,23 +51,6 @@ class Walkers(NamedTuple):
     seen: Bool[np.ndarray, "world agent"]
     moves: Bool[np.ndarray, "world agent"]
     obstacles: Float[np.ndarray, "world polygon corner 2"]
-
-
-def to_walkers(
-    position: Float[np.ndarray, "world agent 2"],
-    velocity: Float[np.ndarray, "world agent 2"],
-    goal: Float[np.ndarray, "world agent 2"],
-    radius: Float[np.ndarray, "world agent"],
-    preferred_speed: Float[np.ndarray, "world agent"],
-    seen: Bool[np.ndarray, "world agent"] | None = None,
-    moves: Bool[np.ndarray, "world agent"] | None = None,
-    obstacles: Float[np.ndarray, "world polygon corner 2"] | None = None,
-) -> Walkers:
-    """Agents as kernels take them; without `seen` or `moves` all are seen, or move."""
-    seen, moves = (np.ones(radius.shape, np.bool_) if each is None else each for each in (seen, moves))
-    walls = np.empty((len(radius), 0, 0, 2)) if obstacles is None else obstacles
-    positive = np.maximum(preferred_speed, TINY)
-    return Walkers(*map(writable, (position, velocity, goal, radius, positive, seen, moves, walls)))
 
 
 def walkers_of(world: World) -> Walkers:
@@ -114,16 +97,16 @@ def compile_model(force: Any) -> Callable[..., None]:
         agents, h = radii.shape[1], time_step / sub_steps
         for w in range(begin, end):
             x, v, new = positions[w].copy(), velocities[w].copy(), velocities[w].copy()
-            goal, radius, counts, own = goals[w], radii[w], seen[w], traits[w]
+            goal, radius, counts, trait = goals[w], radii[w], seen[w], traits[w]
             # A copy: threads would wait for each other to count the references to slices of the same array.
             walls = obstacles[w].copy()
             for _ in range(sub_steps):
                 for i in range(agents):
                     if not moves[w, i]:
                         continue
-                    limit, tau = speeds[w, i], max(own[i, 0], TINY)
-                    desired = desired_velocity(x[i, 0], x[i, 1], goal[i, 0], goal[i, 1], limit)
-                    fx, fy, share = force(i, x, v, desired, radius, counts, own, walls, w, noise, group)
+                    limit, tau = speeds[w, i], max(trait[i, 0], TINY)
+                    desired = _desired_velocity(x[i, 0], x[i, 1], goal[i, 0], goal[i, 1], limit)
+                    fx, fy, share = force(i, x, v, desired, radius, counts, trait, walls, w, noise, group)
                     # The exact solution for constant forces. Explicit Euler steps of 0.05 s would act like a
                     # relaxation time 5 % shorter.
                     gain = 1.0 - math.exp(-h / tau)
@@ -169,14 +152,14 @@ def integrate(
     """
     worlds, agents = walkers.radius.shape
     out, sub_steps = np.zeros((worlds, agents, 2)), max(1, math.ceil(time_step / SUB_STEP - 1e-9))
-    rest = walkers, traits, noise, group, time_step, sub_steps, out
-    in_blocks(lambda begin, end: model(begin, end, *rest), worlds, BLOCK_PAIRS // (agents * agents) + 1, worlds)
+    arrays = walkers, traits, noise, group, time_step, sub_steps, out
+    in_blocks(lambda begin, end: model(begin, end, *arrays), worlds, BLOCK_PAIRS // (agents * agents) + 1, worlds)
     return out
 
 
 @no_type_check
 @njit
-def desired_velocity(x, y, goal_x, goal_y, preferred_speed):
+def _desired_velocity(x, y, goal_x, goal_y, preferred_speed):
     """Compute the desired velocity, as `geometry.toward_goal` does. Compiled.
 
     Positions are in metres, the preferred speed is in m/s. Returns x and y of the velocity in m/s, and the ratio of its

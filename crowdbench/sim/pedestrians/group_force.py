@@ -76,20 +76,3 @@ def group_force(i, position, velocity, radius, present, group, gaze, attraction,
     if angle > SIGHT:
         ax, ay = ax - gaze * (angle - SIGHT) * vx, ay - gaze * (angle - SIGHT) * vy
     return ax, ay
-
-
-@no_type_check
-@njit
-def anybody_in(group):
-    """Whether anybody walks with a group. Compiled, because NumPy takes four times as long for one world.
-
-    Args:
-        group (array): `[world, pedestrian]`, the number of each one's group, negative for those who walk alone.
-
-    Returns:
-        found (bool): Whether there is a number.
-    """
-    found = False
-    for number in group.flat:
-        found |= number >= 0
-    return found

@@ -154,15 +154,14 @@ def avoid(
     room = 0 if cells is None else min(int(avoidance.max_neighbors.max(initial=0.0)), agents)
 
     def compute(begin: int, end: int) -> None:
-        walls, found = (_NO_LINES, _NOBODY), (_NOBODY, _NOBODY)
+        walls, nearest = (_NO_LINES, _NOBODY), (_NOBODY, _NOBODY)
         if edges > 0:
             walls = np.empty(((end - begin) * edges, 4)), np.empty(end - begin, np.int64)
             wall_lines(begin, end, crowd, avoidance.time_horizon_obst, obstacles, *walls)
         if cells is not None:
-            found = np.empty((end - begin) * room, np.int64), np.empty(end - begin, np.int64)
-            scene = crowd.position, crowd.seen, crowd.moves, cells, avoidance, obstacles
-            find_neighbors(begin, end, *scene, *found)
-        avoid_block(begin, end, first, crowd, time_step, avoidance[:3], walls, found, out)
+            nearest = np.empty((end - begin) * room, np.int64), np.empty(end - begin, np.int64)
+            find_neighbors(begin, end, crowd.position, crowd.moves, cells, avoidance, obstacles, *nearest)
+        avoid_block(begin, end, first, crowd, time_step, avoidance[:3], walls, nearest, out)
 
     in_blocks(compute, worlds * agents, *BLOCK_AGENTS)
     return out
@@ -170,7 +169,7 @@ def avoid(
 
 @no_type_check
 @njit(error_model="numpy", nogil=True)
-def avoid_block(begin, end, first, crowd, time_step, limits, walls, neighbors_found, out):
+def avoid_block(begin, end, first, crowd, time_step, limits, walls, nearest, out):
     """Compute the velocities of a block of agents.
 
     Args:
@@ -182,19 +181,19 @@ def avoid_block(begin, end, first, crowd, time_step, limits, walls, neighbors_fo
         limits (tuple): The first three fields of `Avoidance`.
         walls (tuple): For each agent of the block the lines of walls `[agent * most, 4]`, and how many there are; both
             are empty without walls.
-        neighbors_found (tuple): For each agent of the block its neighbours `[agent * most]`, and how many there are;
+        nearest (tuple): For each agent of the block its neighbours `[agent * most]`, and how many there are;
             both are empty if they are still to be found.
         out (array): `[world, agent from first on, 2]`, filled: velocities in m/s.
     """
     # Not by the names of fields: to read these in the loop would make ORCA a sixth slower.
     position, velocity, preferred, radius, max_speed, seen, moves = crowd
     reach, limit, horizon = limits
-    (hard_lines, hard_number), (found, found_number) = walls, neighbors_found
+    (hard_lines, hard_number), (from_cells, cells_number) = walls, nearest
     agents = radius.shape[1]
     room = 0
-    for most in limit.flat:
-        room = max(room, min(np.int64(most), agents))
-    most_hard, most_found = len(hard_lines) // max(len(hard_number), 1), len(found) // max(len(found_number), 1)
+    for number in limit.flat:
+        room = max(room, min(np.int64(number), agents))
+    most_hard, most = len(hard_lines) // max(len(hard_number), 1), len(from_cells) // max(len(cells_number), 1)
     neighbor, distance = np.empty(room, np.int64), np.empty(room)
     lines, scratch = np.empty((room + most_hard, 4)), np.empty((room + most_hard, 4))
     # Loops over worlds and their agents: a division of each index would take a tenth of the time.
@@ -208,13 +207,13 @@ def avoid_block(begin, end, first, crowd, time_step, limits, walls, neighbors_fo
             for line in range(hard):
                 for part in range(4):
                     lines[line, part] = hard_lines[k * most_hard + line, part]
-            if len(found_number) > 0:
-                n = found_number[k]
+            if len(cells_number) > 0:
+                n = cells_number[k]
                 for m in range(n):
-                    neighbor[m] = found[k * most_found + m]
+                    neighbor[m] = from_cells[k * most + m]
             else:
                 far, at_most = at(reach, w, i), np.int64(at(limit, w, i))
-                n = nearest_of_all(w, i, position, seen, far, at_most, None, neighbor, distance)
+                n = nearest_of_all(w, i, position, seen, far, at_most, neighbor, distance)
             for m in range(n):
                 tau = at(horizon, w, i)
                 _half_plane(position, velocity, radius, w, i, neighbor[m], tau, time_step, lines, hard + m)

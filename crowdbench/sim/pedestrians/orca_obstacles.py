@@ -59,13 +59,8 @@ def wall_lines(begin, end, crowd, horizon, obstacles, lines, line_number):
             line_number[k] = 0
             if edge_number == 0 or not at(moves, w, i):
                 continue
-            x, y, vx, vy, tau = (
-                position[w, i, 0],
-                position[w, i, 1],
-                velocity[w, i, 0],
-                velocity[w, i, 1],
-                at(horizon, w, i),
-            )
+            x, y, tau = position[w, i, 0], position[w, i, 1], at(horizon, w, i)
+            vx, vy = velocity[w, i, 0], velocity[w, i, 1]
             near = _nearest_edges(edges, edge_number, x, y, tau * max_speed[w, i] + radius[w, i], order, distance)
             rate, row = 1.0 / max(tau, _TINY), lines[k * most : (k + 1) * most]
             line_number[k] = _edge_half_planes(edges, order, near, x, y, vx, vy, radius[w, i], rate, row)
@@ -123,9 +118,9 @@ def _nearest_edges(edges, number, x, y, reach, order, distance):
         distance (array): `[edge]`, filled: squared distances in square metres.
 
     Returns:
-        found (int): How many there are.
+        n (int): How many there are.
     """
-    found = 0
+    n = 0
     for k in range(number):
         ax, ay, bx, by = edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3]
         dx, dy = bx - ax, by - ay
@@ -137,19 +132,19 @@ def _nearest_edges(edges, number, x, y, reach, order, distance):
         squared = ox * ox + oy * oy
         if squared >= reach * reach:
             continue
-        found = insert_sorted(k, squared, found, number, order, distance)
-    return found
+        n = insert_sorted(k, squared, n, number, order, distance)
+    return n
 
 
 @no_type_check
 @njit(error_model="numpy")
-def _edge_half_planes(edges, order, found, x, y, vx, vy, radius, rate, lines):
+def _edge_half_planes(edges, order, near, x, y, vx, vy, radius, rate, lines):
     """Write a line for each edge that is in an agent's way.
 
     Args:
         edges (array): `[edge, EDGE]`.
         order (array): `[edge]`, indices of edges, nearest first.
-        found (int): How many of them.
+        near (int): How many of them.
         x (float): Where the agent is, in metres.
         y (float): Likewise.
         vx (float): The agent's velocity in m/s.
@@ -162,12 +157,12 @@ def _edge_half_planes(edges, order, found, x, y, vx, vy, radius, rate, lines):
         n (int): The number of lines.
     """
     n = 0
-    for index in range(found):
+    for index in range(near):
         edge = edges[order[index]]
         ax, ay, bx, by = edge[0] - x, edge[1] - y, edge[2] - x, edge[3] - y
         if not _is_covered(lines, n, rate * ax, rate * ay, rate * bx, rate * by, rate * radius):
-            there, px, py, dx, dy = _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate)
-            if there:
+            has_line, px, py, dx, dy = _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate)
+            if has_line:
                 lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3] = px, py, dx, dy
                 n += 1
     return n
@@ -189,11 +184,10 @@ def _is_covered(lines, n, ax, ay, bx, by, margin):
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
 def _legs(px, py, squared, radius):
-    """The directions of the two tangents from the agent to a disc around a corner: left x, y and right x, y."""
+    """Return the directions of the left and the right tangent from the agent to a disc around a corner."""
     leg, scale = math.sqrt(squared - radius * radius), 1.0 / squared
-    left_x, left_y = (px * leg - py * radius) * scale, (px * radius + py * leg) * scale
-    right_x, right_y = (px * leg + py * radius) * scale, (py * leg - px * radius) * scale
-    return left_x, left_y, right_x, right_y
+    left = (px * leg - py * radius) * scale, (px * radius + py * leg) * scale
+    return left, ((px * leg + py * radius) * scale, (py * leg - px * radius) * scale)
 
 
 @no_type_check
@@ -229,83 +223,78 @@ def _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate):
         return True, 0.0, 0.0, -ux, -uy
 
     # Where the edge is seen from its end, both legs of the cone are those of one corner.
-    one = False
+    is_corner, cut = False, (ux, uy)
     before_x, before_y, after_x, after_y = edge[6], edge[7], edge[8], edge[9]
     if s < 0.0 and squared_line <= squared_radius:
         if not is_first_convex:
             return False, 0.0, 0.0, 1.0, 0.0
-        one, bx, by, is_second_convex = True, ax, ay, True
+        is_corner, bx, by, is_second_convex = True, ax, ay, True
         after_x, after_y = ux, uy
-        left_x, left_y, right_x, right_y = _legs(ax, ay, squared_a, radius)
+        left, right = _legs(ax, ay, squared_a, radius)
     elif s > 1.0 and squared_line <= squared_radius:
         if not is_second_convex:
             return False, 0.0, 0.0, 1.0, 0.0
-        one, ax, ay, is_first_convex = True, bx, by, True
-        before_x, before_y, ux, uy = ux, uy, after_x, after_y
-        left_x, left_y, right_x, right_y = _legs(bx, by, squared_b, radius)
+        is_corner, ax, ay, is_first_convex = True, bx, by, True
+        before_x, before_y, cut = ux, uy, (after_x, after_y)
+        left, right = _legs(bx, by, squared_b, radius)
     else:
-        left_x, left_y, right_x, right_y = -ux, -uy, ux, uy
+        left, right = (-ux, -uy), (ux, uy)
         if is_first_convex:
-            left_x, left_y, _, _ = _legs(ax, ay, squared_a, radius)
+            left, _ = _legs(ax, ay, squared_a, radius)
         if is_second_convex:
-            _, _, right_x, right_y = _legs(bx, by, squared_b, radius)
+            _, right = _legs(bx, by, squared_b, radius)
 
-    # A leg that points into the neighbouring edge is replaced by that edge, whose own line does the rest.
-    foreign_left = is_first_convex and left_y * before_x - left_x * before_y >= 0.0
-    if foreign_left:
-        left_x, left_y = -before_x, -before_y
-    foreign_right = is_second_convex and right_x * after_y - right_y * after_x <= 0.0
-    if foreign_right:
-        right_x, right_y = after_x, after_y
-
-    return _tangent(
-        vx, vy, ax, ay, bx, by, one, ux, uy, left_x, left_y, right_x, right_y, foreign_left, foreign_right, radius, rate
-    )
+    # A leg that points into the neighbouring edge is replaced by that edge, which has a line of its own.
+    is_left_foreign = is_first_convex and left[1] * before_x - left[0] * before_y >= 0.0
+    if is_left_foreign:
+        left = -before_x, -before_y
+    is_right_foreign = is_second_convex and right[0] * after_y - right[1] * after_x <= 0.0
+    if is_right_foreign:
+        right = after_x, after_y
+    legs = left, right, is_left_foreign, is_right_foreign
+    return _tangent(vx, vy, ax, ay, bx, by, is_corner, cut, legs, radius, rate)
 
 
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
-def _tangent(
-    vx, vy, ax, ay, bx, by, one, ux, uy, left_x, left_y, right_x, right_y, foreign_left, foreign_right, radius, rate
-):
-    """The line that is tangent to a truncated cone at the point nearest to a velocity.
+def _tangent(vx, vy, ax, ay, bx, by, is_corner, cut, legs, radius, rate):
+    """Return the line that is tangent to a truncated cone at the point nearest to a velocity.
 
     That point is on a round end, on the cut-off line, or on a leg.
 
     Args:
         vx, vy: The velocity in m/s.
         ax, ay, bx, by: The corners of the edge as the agent sees them, in metres.
-        one: Whether they are the same one.
-        ux, uy: The direction of the cut-off line.
-        left_x, left_y: The direction of the left leg.
-        right_x, right_y: The direction of the right leg.
-        foreign_left, foreign_right: Whether a leg is a neighbouring edge.
+        is_corner: Whether they are the same one.
+        cut: The direction of the cut-off line.
+        legs: The directions of the left and the right leg, and whether each is a neighbouring edge.
         radius: The agent's radius in metres.
         rate: 1 over the time horizon, in 1/s.
 
     Returns:
-        Whether there is a line, which is not so on a foreign leg; its point and its direction.
+        Whether there is a line, which is not so on a neighbouring edge; its point and its direction.
     """
+    (left_x, left_y), (right_x, right_y), is_left_foreign, is_right_foreign = legs
     ax, ay, bx, by, margin = rate * ax, rate * ay, rate * bx, rate * by, radius * rate
     ex, ey = bx - ax, by - ay
-    t = 0.5 if one else ((vx - ax) * ex + (vy - ay) * ey) / (ex * ex + ey * ey)
+    t = 0.5 if is_corner else ((vx - ax) * ex + (vy - ay) * ey) / (ex * ex + ey * ey)
     on_left = (vx - ax) * left_x + (vy - ay) * left_y
     on_right = (vx - bx) * right_x + (vy - by) * right_y
-    if (t < 0.0 and on_left < 0.0) or (one and on_left < 0.0 and on_right < 0.0):
+    if (t < 0.0 and on_left < 0.0) or (is_corner and on_left < 0.0 and on_right < 0.0):
         wx, wy, _ = unit(vx - ax, vy - ay)
         return True, ax + margin * wx, ay + margin * wy, wy, -wx
     if t > 1.0 and on_right < 0.0:
         wx, wy, _ = unit(vx - bx, vy - by)
         return True, bx + margin * wx, by + margin * wy, wy, -wx
     to_cut, to_left, to_right = math.inf, math.inf, math.inf
-    if 0.0 <= t <= 1.0 and not one:
+    if 0.0 <= t <= 1.0 and not is_corner:
         to_cut = (vx - ax - t * ex) ** 2 + (vy - ay - t * ey) ** 2
     if on_left >= 0.0:
         to_left = (vx - ax - on_left * left_x) ** 2 + (vy - ay - on_left * left_y) ** 2
     if on_right >= 0.0:
         to_right = (vx - bx - on_right * right_x) ** 2 + (vy - by - on_right * right_y) ** 2
     if to_cut <= to_left and to_cut <= to_right:
-        return True, ax + margin * uy, ay - margin * ux, -ux, -uy
+        return True, ax + margin * cut[1], ay - margin * cut[0], -cut[0], -cut[1]
     if to_left <= to_right:
-        return not foreign_left, ax - margin * left_y, ay + margin * left_x, left_x, left_y
-    return not foreign_right, bx + margin * right_y, by - margin * right_x, -right_x, -right_y
+        return not is_left_foreign, ax - margin * left_y, ay + margin * left_x, left_x, left_y
+    return not is_right_foreign, bx + margin * right_y, by - margin * right_x, -right_x, -right_y

@@ -27,14 +27,7 @@ from jaxtyping import Float
 from crowdbench.core.types import World
 from crowdbench.sim.obstacles import number_of_corners
 from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
-from crowdbench.sim.pedestrians.forces import (
-    TINY,
-    Walkers,
-    compile_model,
-    fill_traits,
-    integrate,
-    walkers_of,
-)
+from crowdbench.sim.pedestrians.forces import TINY, Walkers, compile_model, fill_traits, integrate, walkers_of
 from crowdbench.utils.compiled import njit
 
 _OVERLAPPING = 0.99

@@ -33,15 +33,8 @@ from crowdbench.core import rng
 from crowdbench.core.types import World
 from crowdbench.sim.obstacles import nearest_on_segment, number_of_corners
 from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
-from crowdbench.sim.pedestrians.forces import (
-    TINY,
-    Walkers,
-    compile_model,
-    fill_traits,
-    integrate,
-    walkers_of,
-)
-from crowdbench.sim.pedestrians.group_force import ATTRACTION, GAZE, REPULSION, anybody_in, group_force
+from crowdbench.sim.pedestrians.forces import TINY, Walkers, compile_model, fill_traits, integrate, walkers_of
+from crowdbench.sim.pedestrians.group_force import ATTRACTION, GAZE, REPULSION, group_force
 from crowdbench.utils.compiled import njit
 
 SIGHT_ANGLE = math.radians(200.0)
@@ -120,7 +113,7 @@ def social_force_velocities(
     """
     groups: np.ndarray | None = None
     names = _ALONE
-    if group is not None and anybody_in(group):
+    if group is not None and group.max(initial=-1) >= 0:
         groups, names = np.full(walkers.radius.shape, -1), PARAMETERS
         groups[:, 1:] = group
     traits = fill_traits(names, parameters, walkers.radius.shape)

@@ -5,6 +5,7 @@ import pytest
 
 from crowdbench.sim import neighbors
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells, nearest_of_all
+from crowdbench.sim.obstacles import touches_in_step
 from crowdbench.sim.pedestrians import orca
 from crowdbench.utils.compiled import njit
 
@@ -28,13 +29,13 @@ CROWDS = {
 
 
 @njit
-def found(everywhere, position, seen, cells, reach, limit, polygons):
+def neighbors_of_everybody(everywhere, position, seen, cells, reach, limit, polygons=None):
     room = len(position[0])
     neighbor, distance = np.empty((room, room), np.int64), np.full((room, room), np.nan)
     number = np.empty(room, np.int64)
     for i in range(room):
         if everywhere:
-            number[i] = nearest_of_all(0, i, position, seen, reach, limit, polygons, neighbor[i], distance[i])
+            number[i] = nearest_of_all(0, i, position, seen, reach, limit, neighbor[i], distance[i])
         else:
             number[i] = nearest_in_cells(0, i, position, cells, reach, limit, polygons, neighbor[i], distance[i])
         neighbor[i, number[i] :] = -1
@@ -42,14 +43,12 @@ def found(everywhere, position, seen, cells, reach, limit, polygons):
     return neighbor, distance
 
 
-def agree(position, seen=None, reach=10.0, limit=10, polygons=None):
+def agree(position, seen=None, reach=10.0, limit=10):
     position = position[None].copy()
     seen = np.ones((1, 1), bool) if seen is None else seen[None]
-    polygons = np.empty((0, 0, 2)) if polygons is None else polygons
     cells = cells_of(position, seen)
-    assert cells.size[0, 0] > 0
-    one, other = (found(all_, position, seen, cells, reach, limit, polygons) for all_ in (True, False))
-    return all(map(np.array_equal, one, other))
+    results = [neighbors_of_everybody(everywhere, position, seen, cells, reach, limit) for everywhere in (True, False)]
+    return all(np.array_equal(*pair, equal_nan=True) for pair in zip(*results, strict=True))
 
 
 @pytest.fixture(autouse=True)
@@ -71,15 +70,23 @@ def test_some_are_not_seen_and_may_be_far_away():
 
 
 def test_walls_hide_others_in_cells_too():
-    wall = np.array([[[12.0, 0.0], [12.0, 20.0]]])
-    assert agree(CROWDS["even"], polygons=wall)
+    wall, position, seen = np.array([[[12.0, 0.0], [12.0, 20.0]]]), CROWDS["even"][None].copy(), np.ones((1, 1), bool)
+    cells = cells_of(position, seen)
+    everybody, _ = neighbors_of_everybody(True, position, seen, cells, 10.0, 160)
+    visible, _ = neighbors_of_everybody(False, position, seen, cells, 10.0, 10, wall)
+    for i, (x, y) in enumerate(position[0]):
+        others = [(j, position[0, j] - (x, y)) for j in everybody[i] if j >= 0]
+        expected = [j for j, way in others if not touches_in_step(x, y, *way, 0.0, wall)][:10]
+        assert [j for j in visible[i] if j >= 0] == expected
 
 
-def test_nobody_is_seen_or_a_position_is_not_finite():
-    position = CROWDS["even"][None].copy()
-    assert cells_of(position, np.zeros((1, 160), bool)).size[0, 0] < 0
-    position[0, 7, 1] = np.nan
-    assert cells_of(position, np.ones((1, 1), bool)).size[0, 0] < 0
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_one_cell_holds_all_where_nobody_is_seen_or_a_position_is_not_finite(number):
+    position = CROWDS["even"].copy()
+    assert agree(position, np.zeros(160, bool))
+    position[7, 1] = number
+    assert cells_of(position[None], np.ones((1, 1), bool)).size.tolist() == [[1, 1]]
+    assert agree(position)
 
 
 @pytest.mark.parametrize("block", [(10**9, 10**9), (1, 50)])

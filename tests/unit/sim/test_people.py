@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers import Still, drive, failed_checks, fixture, same
+from helpers import Still, drive, failed_checks, fixture, same, to_walkers
 
 from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.check.contract import Subject
@@ -14,7 +14,6 @@ from crowdbench.core.geometry import norm
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.groups import draw_groups, group_reach, spread
 from crowdbench.sim.pedestrians import ORCA, SocialForce
-from crowdbench.sim.pedestrians.forces import to_walkers
 from crowdbench.sim.pedestrians.group_force import ATTRACTION, GAZE, REPULSION, group_force
 from crowdbench.sim.pedestrians.habits import HABITS
 from crowdbench.sim.pedestrians.social_force import social_force_velocities

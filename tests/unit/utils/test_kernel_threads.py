@@ -6,6 +6,7 @@ import threading
 
 import numpy as np
 import pytest
+from helpers import to_walkers
 
 import crowdbench
 from crowdbench.sim import kernels, neighbors
@@ -36,12 +37,12 @@ def avoid_among_walls():
 
 
 def push():
-    walkers = forces.to_walkers(*scene())
+    walkers = to_walkers(*scene())
     return social_force.social_force_velocities(walkers, np.zeros((WORLDS, AGENTS, 2)))
 
 
 def foresee():
-    return power_law.power_law_velocities(forces.to_walkers(*scene()))
+    return power_law.power_law_velocities(to_walkers(*scene()))
 
 
 WORK = {"orca": avoid, "walls": avoid_among_walls, "social force": push, "power law": foresee}
