@@ -17,9 +17,8 @@ from crowdbench.networks.value import evaluate
 from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
-from crowdbench.planners.trials import limit_commands, try_sequences
+from crowdbench.planners.trials import limit_commands, route_from, try_sequences
 from crowdbench.predict import Prediction
-from crowdbench.sim.routes import next_waypoints
 from crowdbench.utils.errors import require, require_count, require_not_negative, require_positive
 
 Noise = Float[np.ndarray, "world round sample time 2"]
@@ -171,13 +170,11 @@ class SequencePlanner(Planner):
         else:
             end = drive_sequences(vehicle, commands, scene.dt)
             position, velocity = end.position[:, :, -1], end.velocity[:, :, -1]
-        fields = vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius, vehicle.preferred_speed
-        goal, route, waypoint, radius, speed = (_repeat(each, commands.shape[1]) for each in fields)
-        waypoint = next_waypoints(position, goal, route, waypoint, radius, scene.obstacles)
-        ahead = local_goals(position, goal, route, waypoint)
-        own = position, velocity, radius, np.ones(radius.shape, bool)
+        radius, speed = (_repeat(values, commands.shape[1]) for values in (vehicle.radius, vehicle.preferred_speed))
+        ahead = local_goals(position, *route_from(vehicle, position, scene.obstacles))
+        ego = position, velocity, radius, np.ones(radius.shape, bool)
         others = crowd.position[:, :, -1].mean(axis=1), crowd.velocity.mean(axis=1), crowd.radius, crowd.present
-        position, velocity, radius, present = (_join(*pair) for pair in zip(own, others, strict=True))
+        position, velocity, radius, present = (_join(*pair) for pair in zip(ego, others, strict=True))
         joint = joint_states(position, velocity, radius, present, ahead, speed)
         # Without pedestrians, there is one joint state: that of an absent one.
         return evaluate(self.lookahead.value, joint, present[:, :, 1:] if crowd.present.shape[1] else ~present)[0]

@@ -31,11 +31,17 @@ def propagate_vehicle(vehicle: Vehicle, command: Float[np.ndarray, "world 2"], o
         obs: What the planner sees: the obstacles, which decide what waypoints are in sight, and the length of a step.
     """
     after = vehicle.dynamics.step(vehicle.state, command, vehicle.preferred_speed, obs.dt)
-    # With an axis of agents: the vehicle is the only one.
-    fields = after.position, vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius
-    position, goal, route, waypoint, radius = (values[:, None] for values in fields)
-    waypoint = next_waypoints(position, goal, route, waypoint, radius, obs.obstacles)[:, 0]
-    return dataclasses.replace(vehicle, **after._asdict(), waypoint=waypoint)
+    _, _, waypoint = route_from(vehicle, after.position[:, None], obs.obstacles)
+    return dataclasses.replace(vehicle, **after._asdict(), waypoint=waypoint[:, 0])
+
+
+def route_from(
+    vehicle: Vehicle, position: Float[np.ndarray, "world n 2"], obstacles: Float[np.ndarray, "world polygon corner 2"]
+) -> tuple[Float[np.ndarray, "world n 2"], Float[np.ndarray, "world n waypoint 2"], Int[np.ndarray, "world n"]]:
+    """Return goal and route of the vehicle of each world at several positions, and the waypoint that is next there."""
+    fields = vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius
+    goal, route, waypoint, radius = (np.repeat(values[:, None], position.shape[1], axis=1) for values in fields)
+    return goal, route, next_waypoints(position, goal, route, waypoint, radius, obstacles)
 
 
 _NOT_LAST = np.bool_(False)
@@ -98,7 +104,7 @@ def _try_commands(vehicle, crowd, dt, commands, world, wall_gap, result):
         x, y, vx, vy = after.x, after.y, after.vx, after.vy
         result.velocity[row, 0], result.velocity[row, 1] = vx, vy
         tolerance, dx, dy = vehicle.goal_tolerance[w], vehicle.goal[w, 0] - x, vehicle.goal[w, 1] - y
-        own = VehicleState(x, y, vx, vy, radius, vehicle.local_goal[w], speed)
+        ego = VehicleState(x, y, vx, vy, radius, vehicle.local_goal[w], speed)
         radii[0] = radius
         for p in range(agents - 1):  # loops compile in a fraction of the time of slices
             radii[1 + p], present[1 + p] = crowd.radius[w, p], crowd.present[w, p]
@@ -109,7 +115,7 @@ def _try_commands(vehicle, crowd, dt, commands, world, wall_gap, result):
                 result.gap[row, m], _ = nearest_in_step(0, discs)
             result.outcome[row, m] = step_outcome(result.gap[row, m], wall_gap[row], dx, dy, tolerance, _NOT_LAST)
             others = PedestrianStates(position[w, m, 1], crowd.velocity[w, m], crowd.radius[w], crowd.present[w])
-            write_joint_states(result.joint[row, m], own, others)
+            write_joint_states(result.joint[row, m], ego, others)
 
 
 @no_type_check
@@ -197,12 +203,9 @@ def limit_commands(commands: Sequences, vehicle: Vehicle) -> Sequences:
 
 def time_left(scene: Scene, result: SequenceResult) -> Float[np.ndarray, "world sequence"]:
     """Seconds from the end of each sequence to the goal, along the route at the preferred speed."""
-    vehicle, position = scene.vehicle, np.ascontiguousarray(result.motion[:, :, -1, :2])
-
-    fields = vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius
-    goal, route, waypoint, radius = (np.repeat(values[:, None], position.shape[1], axis=1) for values in fields)
-    waypoint = next_waypoints(position, goal, route, waypoint, radius, scene.obstacles)
-    return norm(local_goals(position, goal, route, waypoint) - position) / vehicle.preferred_speed[:, None]
+    position = np.ascontiguousarray(result.motion[:, :, -1, :2])
+    ahead = local_goals(position, *route_from(scene.vehicle, position, scene.obstacles))
+    return norm(ahead - position) / scene.vehicle.preferred_speed[:, None]
 
 
 @no_type_check
@@ -219,12 +222,12 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, people_radius, resul
     for w in range(len(commands)):
         radii[0], present[1:] = radius[w], crowd.present[w]
         for s in range(commands.shape[1]):
-            way = result.motion[w, s]
-            way[0] = vehicle.motion[w]
+            path = result.motion[w, s]
+            path[0] = vehicle.motion[w]
             for t in range(horizon):
-                before, command = motion_of(way, t), (commands[w, s, t, 0], commands[w, s, t, 1])
+                before, command = motion_of(path, t), (commands[w, s, t, 0], commands[w, s, t, 1])
                 after = drive_without_heading(code, limits, before, command, vehicle.preferred_speed[w], dt)
-                way[t + 1, 0], way[t + 1, 1], way[t + 1, 2], way[t + 1, 3], way[t + 1, 4], way[t + 1, 5] = after
+                path[t + 1, 0], path[t + 1, 1], path[t + 1, 2], path[t + 1, 3], path[t + 1, 4], path[t + 1, 5] = after
                 _fill_chords(code, body, before, after, dt, chord[t])
                 if obstacles.shape[1] > 0:
                     reach = radius[w] + _chord_error(code, body, after, dt)
@@ -242,7 +245,7 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, people_radius, resul
                     for x, y, dx, dy in chord[t]:
                         start[0, 0], start[0, 1], motion[0, 0], motion[0, 1] = x, y, dx, dy
                         gap = min(gap, nearest_in_step(0, discs)[0])
-                    dx, dy = vehicle.goal[w, 0] - way[t + 1, 0], vehicle.goal[w, 1] - way[t + 1, 1]
+                    dx, dy = vehicle.goal[w, 0] - path[t + 1, 0], vehicle.goal[w, 1] - path[t + 1, 1]
                     ended = step_outcome(gap, to_walls[t], dx, dy, vehicle.goal_tolerance[w], _NOT_LAST)
                     result.gap[w, s, m, t] = gap
                     t += 1
