@@ -7,14 +7,14 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float, Num, Shaped
 
-from crowdbench.core.dynamics import FREE, State
 from crowdbench.core.geometry import local_goals
 from crowdbench.core.reward import discount
-from crowdbench.core.types import Observation, Outcome, Vehicle
+from crowdbench.core.types import Observation, Outcome
 from crowdbench.networks.joint_state import joint_states
 from crowdbench.networks.threads import CHUNK, in_chunks
 from crowdbench.networks.value import evaluate
 from crowdbench.planners.base import Planner
+from crowdbench.planners.filtered import NO_INFLATION
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
 from crowdbench.planners.trials import limit_commands, route_from, try_sequences
@@ -102,19 +102,21 @@ class SequencePlanner(Planner):
         prediction = self.lookahead.predict(obs, horizon)
         guess, _ = self.lookahead.follow(obs, _mean(prediction))
         noise = self._noise(obs, horizon)
-        best = np.empty((len(obs), horizon, 2))
+        best, path = np.empty((2, len(obs), horizon, 2))
 
         def fill(part: slice) -> None:
-            some, futures = obs.take(part), Prediction(prediction.position[part], prediction.velocity[part])
-            scene = scene_of(some, futures, 0, some.vehicle, horizon)
+            chunk, futures = obs.take(part), Prediction(prediction.position[part], prediction.velocity[part])
+            scene = scene_of(chunk, futures, 0, chunk.vehicle, horizon)
             best[part] = self._search(scene, guess[part], noise[part])
+            if obs.logs is not None:
+                path[part] = try_sequences(scene, best[part, None], NO_INFLATION).motion[:, 0, 1:, :2]
 
         rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1)
         # The guesses beside the samples of the first round are not counted: its chunks are about twice as large.
         in_chunks(fill, len(obs), max(1, CHUNK // rows))
         if obs.logs is not None:
             obs.log("predicted", prediction.position)
-            obs.log("planned", drive_sequences(obs.vehicle, best[:, None], obs.dt).position.swapaxes(1, 2))
+            obs.log("planned", path[:, :, None])
         return best[:, :steps]
 
     def _noise(self, obs: Observation, horizon: int) -> Noise:
@@ -159,18 +161,15 @@ class SequencePlanner(Planner):
         factor = gamma[:, None, None, None] ** np.arange(horizon + 1)
         earned = np.where(time < result.steps[..., None], factor[..., :-1] * rewards, 0.0).sum(axis=-1)
         running = (result.outcome == Outcome.RUNNING).mean(axis=-1)
-        return earned.mean(axis=-1) + running * factor[:, :, 0, -1] * self._end_values(scene, commands)
+        return earned.mean(axis=-1) + running * factor[:, :, 0, -1] * self._end_values(scene, result.motion[:, :, -1])
 
-    def _end_values(self, scene: Scene, commands: Sequences) -> Float[np.ndarray, "world sequence"]:
-        """The network's values of the states after the last command, among the pedestrians' mean scene."""
+    def _end_values(
+        self, scene: Scene, motion: Float[np.ndarray, "world sequence 6"]
+    ) -> Float[np.ndarray, "world sequence"]:
+        """Return the network's values of the states after the last command, among the pedestrians' mean scene."""
         vehicle, crowd = scene.vehicle, scene.crowd
-        if vehicle.dynamics == FREE:
-            position = vehicle.position[:, None] + scene.dt * commands.sum(axis=2)
-            velocity = commands[:, :, -1]
-        else:
-            end = drive_sequences(vehicle, commands, scene.dt)
-            position, velocity = end.position[:, :, -1], end.velocity[:, :, -1]
-        radius, speed = (_repeat(values, commands.shape[1]) for values in (vehicle.radius, vehicle.preferred_speed))
+        position, velocity = np.ascontiguousarray(motion[:, :, :2]), motion[:, :, 2:4]
+        radius, speed = (_repeat(values, motion.shape[1]) for values in (vehicle.radius, vehicle.preferred_speed))
         ahead = local_goals(position, *route_from(vehicle, position, scene.obstacles))
         ego = position, velocity, radius, np.ones(radius.shape, bool)
         others = crowd.position[:, :, -1].mean(axis=1), crowd.velocity.mean(axis=1), crowd.radius, crowd.present
@@ -178,18 +177,6 @@ class SequencePlanner(Planner):
         joint = joint_states(position, velocity, radius, present, ahead, speed)
         # Without pedestrians, there is one joint state: that of an absent one.
         return evaluate(self.lookahead.value, joint, present[:, :, 1:] if crowd.present.shape[1] else ~present)[0]
-
-
-def drive_sequences(vehicle: Vehicle, commands: Sequences, dt: float) -> State:
-    """The states `[world, sequence, time]` after each command of sequences, from one state per world."""
-    sequences, steps = commands.shape[1:3]
-    state = State(*(_repeat(array, sequences) for array in vehicle.state))
-    speed = _repeat(vehicle.preferred_speed, sequences)
-    states = []
-    for t in range(steps):
-        state = vehicle.dynamics.step(state, commands[:, :, t], speed, dt)
-        states.append(state)
-    return State(*(np.stack(arrays, axis=2) for arrays in zip(*states, strict=True)))
 
 
 def _repeat(values: Num[np.ndarray, "world *xy"], sequences: int) -> Num[np.ndarray, "world sequence *xy"]:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from crowdbench.core.dynamics import disc_centres
 from crowdbench.core.geometry import dot, norm
 from crowdbench.core.types import Outcome, Trace
 
@@ -100,14 +101,10 @@ def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Co
         trace: The episodes.
         row: The rows of the trace that are looked at; all if None. Of others it says that there was no contact.
     """
-    contacts = Contacts(
-        fault=np.full(len(trace), Fault.NONE),
-        share=np.full(len(trace), np.nan),
-        agent=np.zeros(len(trace), np.int64),
-        speed=np.full(len(trace), np.nan),
-        saw=np.zeros(len(trace), bool),
-    )
-    row = np.arange(len(trace)) if row is None else row
+    n = len(trace)
+    fault, share, speed = np.full(n, Fault.NONE), np.full(n, np.nan), np.full(n, np.nan)
+    contacts = Contacts(fault, share, np.zeros(n, np.int64), speed, np.zeros(n, bool))
+    row = np.arange(n) if row is None else row
     wall = row[trace.outcome[row] == Outcome.WALL_COLLISION]
     contacts.fault[wall], contacts.share[wall] = Fault.ALONE, 1.0
     if not len(row := row[trace.outcome[row] == Outcome.COLLISION]):
@@ -131,7 +128,7 @@ def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> _Touches:
     """
     ends = np.stack([trace.steps[row] - 1, trace.steps[row]], axis=1)
     position, person = trace.position[row[:, None], ends], trace.person[row[:, None], ends]
-    discs = _discs(trace, row[:, None], ends)
+    discs = disc_centres(trace.rules.body, position[:, :, 0], trace.heading[row[:, None], ends])
     # Axes: contact, pedestrian, disc.
     offset = position[:, :, 1:, None] - discs[:, :, None]
     between, motion = offset[:, 0], offset[:, 1] - offset[:, 0]
@@ -165,8 +162,11 @@ def _attribute(
     step = np.clip(np.floor(at).astype(int), 0, trace.steps[row][:, None] - 1)
     step[:, 0] = trace.steps[row] - 1
     rows, part = row[:, None], (at - step)[..., None]
-    before, after = (trace.position[rows, step + late, agent[:, None]] for late in (0, 1))
-    discs, discs_after = (_discs(trace, rows, step + late) for late in (0, 1))
+    states = [(rows, step + late) for late in (0, 1)]
+    before, after = (trace.position[*state, agent[:, None]] for state in states)
+    centre, centre_after = (trace.position[*state, 0] for state in states)
+    discs = disc_centres(trace.rules.body, centre, trace.heading[rows, step])
+    discs_after = disc_centres(trace.rules.body, centre_after, trace.heading[rows, step + 1])
     offset = (before + part * (after - before))[:, :, None] - (discs + part[..., None] * (discs_after - discs))
     disc = norm(offset).argmin(axis=2)[..., None, None]
     normal, moved = (np.take_along_axis(vectors, disc, axis=2)[:, :, 0] for vectors in (offset, discs_after - discs))
@@ -175,11 +175,9 @@ def _attribute(
     pedestrian, vehicle = (after - before) / dt, moved / dt
     seconds = length * dt / SAMPLES
     by_vehicle = _integrate(np.maximum(dot(vehicle, normal), 0.0), seconds)
-    by_pedestrian = _integrate(np.maximum(-dot(pedestrian, normal), 0.0), seconds)
-    both = by_vehicle + by_pedestrian
+    both = by_vehicle + _integrate(np.maximum(-dot(pedestrian, normal), 0.0), seconds)
     share = np.where(both >= UNDETERMINED, by_vehicle / np.where(both > 0.0, both, 1.0), np.nan)
-    centre = trace.position[rows, step + 1, 0] - trace.position[rows, step, 0]
-    path = _integrate(norm(centre) / dt, seconds)
+    path = _integrate(norm(centre_after - centre) / dt, seconds)
     heading = trace.heading[row, trace.steps[row]]
     faces = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     is_behind = dot(faces, normal[:, 0]) < BEHIND
@@ -215,13 +213,3 @@ def _window(trace: Trace, touches: _Touches) -> Float[np.ndarray, "touch"]:
         is_same &= np.isfinite(trace.position[row, step, agent]).all(axis=1)
         since = np.where(is_same, step, since)
     return np.minimum(most, time - since)
-
-
-def _discs(
-    trace: Trace, row: Int[np.ndarray, "touch #time"], step: Int[np.ndarray, "touch time"]
-) -> Float[np.ndarray, "touch time disc 2"]:
-    """Centres of the vehicle's discs in some states, in metres."""
-    heading = trace.heading[row, step]
-    direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    body = np.array(trace.rules.body)
-    return trace.position[row, step, 0][:, :, None] + body[:, None] * direction[:, :, None]

@@ -98,31 +98,23 @@ def measure_all_beams(heading, position, radius, present, obstacles, reach, dist
         reach (float): The longest distance in metres.
         distance (array): `[world, beam]`, filled: to the first person or edge in metres, `reach` without one.
     """
+    near = np.empty(radius.shape[1], np.int64)
     for w in range(len(heading)):
-        _measure_beams(heading[w], position[w], radius[w], present[w], obstacles[w], reach, distance[w])
-
-
-@no_type_check
-@njit(error_model="numpy")
-def _measure_beams(heading, position, radius, present, obstacles, reach, distance):
-    """As `measure_all_beams`, for one world."""
-    x, y = position[0, 0], position[0, 1]
-    near = np.empty(len(radius), np.int64)
-    number = 0
-    for a in range(1, len(radius)):
-        bx, by = position[a, 0] - x, position[a, 1] - y
-        if present[a] and math.sqrt(bx * bx + by * by) - radius[a] < reach:
-            near[number] = a
-            number += 1
-    for k in range(len(distance)):
-        angle = heading + 2.0 * math.pi * k / len(distance)
-        ux, uy = math.cos(angle), math.sin(angle)
-        least = reach * _share_to_walls(x, y, reach * ux, reach * uy, obstacles)
-        for i in range(number):
-            a = near[i]
-            bx, by = position[a, 0] - x, position[a, 1] - y
-            along, aside = bx * ux + by * uy, bx * uy - by * ux
-            root = radius[a] * radius[a] - aside * aside
-            if root > 0.0 and along + math.sqrt(root) > 0.0:  # not behind
-                least = min(least, max(along - math.sqrt(root), 0.0))
-        distance[k] = least
+        x, y = position[w, 0, 0], position[w, 0, 1]
+        number = 0
+        for a in range(1, radius.shape[1]):
+            dx, dy = position[w, a, 0] - x, position[w, a, 1] - y
+            if present[w, a] and math.sqrt(dx * dx + dy * dy) - radius[w, a] < reach:
+                near[number] = a
+                number += 1
+        for k in range(distance.shape[1]):
+            angle = heading[w] + 2.0 * math.pi * k / distance.shape[1]
+            ux, uy = math.cos(angle), math.sin(angle)
+            least = reach * _share_to_walls(x, y, reach * ux, reach * uy, obstacles[w])
+            for a in near[:number]:
+                dx, dy = position[w, a, 0] - x, position[w, a, 1] - y
+                along, aside = dx * ux + dy * uy, dx * uy - dy * ux
+                root = radius[w, a] * radius[w, a] - aside * aside
+                if root > 0.0 and along + math.sqrt(root) > 0.0:  # not behind
+                    least = min(least, max(along - math.sqrt(root), 0.0))
+            distance[w, k] = least

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from crowdbench.core.dynamics import disc_centres
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import World
 
@@ -57,11 +58,8 @@ def come_and_go(world: World, running: Bool[np.ndarray, "world"]) -> World:
     return world.replace(present=present, position=position, velocity=velocity, history=history, since=since)
 
 
-def _on_vehicle(
-    world: World, position: Float[np.ndarray, "world pedestrian 2"]
-) -> Bool[np.ndarray, "world pedestrian"]:
-    """Whether pedestrians at these places in metres would overlap the vehicle."""
-    direction = np.stack([np.cos(world.heading), np.sin(world.heading)], axis=1)
-    discs = world.position[:, :1] + np.array(world.rules.body)[:, None] * direction[:, None]
-    distance = norm(position[:, :, None] - discs[:, None]).min(axis=2)
+def _on_vehicle(world: World, point: Float[np.ndarray, "world pedestrian 2"]) -> Bool[np.ndarray, "world pedestrian"]:
+    """Return whether pedestrians at these points in metres would overlap the vehicle."""
+    discs = disc_centres(world.rules.body, world.position[:, 0], world.heading)
+    distance = norm(point[:, :, None] - discs[:, None]).min(axis=2)
     return np.asarray(distance < world.radius[:, :1] + world.radius[:, 1:])

@@ -17,6 +17,9 @@ from crowdbench.sim.lines_of_sight import measure_all_beams
 from crowdbench.sim.neighbors import insert_sorted
 from crowdbench.utils.compiled import njit
 
+_OF_AGENTS = "position", "velocity", "goal", "route", "waypoint", "radius", "preferred_speed"
+"""The fields of a vehicle that are columns of the arrays of a world."""
+
 _OVER_TIME = ("history", "filled")
 """What has an axis `time` before the axis `pedestrian`."""
 
@@ -41,15 +44,9 @@ def observe(
     rules, sensor = world.rules, world.rules.sensor
     everything = Observation(
         vehicle=Vehicle(
-            position=world.position[:, 0].copy(),
-            velocity=world.velocity[:, 0].copy(),
+            **{name: getattr(world, name)[:, 0].copy() for name in _OF_AGENTS},
             heading=world.heading.copy(),
             angular_speed=world.angular_speed.copy(),
-            goal=world.goal[:, 0].copy(),
-            route=world.route[:, 0].copy(),
-            waypoint=world.waypoint[:, 0].copy(),
-            radius=world.radius[:, 0].copy(),
-            preferred_speed=world.preferred_speed[:, 0].copy(),
             dynamics=rules.dynamics,
             goal_tolerance=rules.goal_tolerance,
             body=rules.body,

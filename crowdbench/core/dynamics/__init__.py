@@ -4,7 +4,7 @@ Simulator, lookaheads, samplers and environments all move the vehicle by this pa
 """
 
 from crowdbench.core.dynamics.base import Dynamics, State
-from crowdbench.core.dynamics.body import DISC, Body, chain, hull, nose, outline, reach
+from crowdbench.core.dynamics.body import DISC, Body, chain, disc_centres, hull, nose, outline, reach
 from crowdbench.core.dynamics.motion import SPEED_TOLERANCE
 from crowdbench.core.dynamics.vehicles import DYNAMICS, FREE, Bicycle, Holonomic, Unicycle
 
@@ -20,6 +20,7 @@ __all__ = [
     "State",
     "Unicycle",
     "chain",
+    "disc_centres",
     "hull",
     "nose",
     "outline",

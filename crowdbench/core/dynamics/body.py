@@ -40,6 +40,12 @@ def reach(body: Body) -> float:
     return max(map(abs, body))
 
 
+def disc_centres(body: Body, position: Vectors, heading: Numbers) -> Float[np.ndarray, "*batch disc 2"]:
+    """Return the centres of the discs of vehicles, from positions in metres and headings in radians."""
+    direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    return position[..., None, :] + np.array(body)[:, None] * direction[..., None, :]
+
+
 def hull(body: Body, position: Vectors, heading: Numbers, radius: Numbers) -> tuple[Vectors, Numbers]:
     """The smallest disc around a body: who thinks in discs sees it as this one.
 
@@ -91,6 +97,4 @@ def nose(body: Body, position: Vectors, heading: Numbers, radius: float) -> Floa
     Returns:
         The two ends in metres.
     """
-    direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    ends = np.array([body[-1], body[-1] + radius])
-    return position[..., None, :] + ends[:, None] * direction[..., None, :]
+    return disc_centres((body[-1], body[-1] + radius), position, heading)

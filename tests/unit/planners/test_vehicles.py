@@ -17,9 +17,8 @@ from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.metrics import spl
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.planners.sampling import drive_sequences
 from crowdbench.planners.scene import scene_of
-from crowdbench.planners.trials import propagate_vehicle, try_commands
+from crowdbench.planners.trials import propagate_vehicle, try_commands, try_sequences
 from crowdbench.predict import Prediction
 from crowdbench.record.contents import read
 from crowdbench.record.write import Recorder
@@ -239,11 +238,12 @@ def test_sequences_are_rolled_by_the_dynamics():
     now = start = place.draw("val", np.arange(2))
     commands = np.random.default_rng(1).uniform([0.0, -2.0], [1.0, 2.0], (2, 1, 6, 2))
     obs = observe(start)
-    way = drive_sequences(obs.vehicle, commands, obs.dt)
+    nobody = Prediction(np.zeros((2, 1, 6, 0, 2)), np.zeros((2, 1, 6, 0, 2)))
+    motion = try_sequences(scene_of(obs, nobody, 0, obs.vehicle, 6), commands, np.zeros((1, 1, 1))).motion
     for t in range(6):
         now = advance(now, commands[:, 0, t][:, None])
-        assert np.array_equal(way.position[:, 0, t], now.position[:, 0])
-        assert np.array_equal(way.heading[:, 0, t], now.heading)
+        assert np.array_equal(motion[:, 0, t + 1, :2], now.position[:, 0])
+        assert np.array_equal(motion[:, 0, t + 1, 4], now.heading)
 
 
 def test_actions_of_environments_are_velocities_or_commands():
