@@ -17,8 +17,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core.dynamics import Holonomic, nose, outline
 from crowdbench.core.geometry import Discs, nearest_in_step, polygons, turn
 from crowdbench.core.types import Outcome, Rules, Trace, World
-from crowdbench.sim.episode import fill_motion
-from crowdbench.sim.swept import gaps_on_arc
+from crowdbench.sim.episode import fill_motion, gaps_on_arc
 
 CROWD = 100
 """The ways of more agents than this would cover the picture: then they are left out."""

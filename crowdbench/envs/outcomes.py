@@ -11,9 +11,8 @@ from jaxtyping import Float, Int
 from crowdbench.core.dynamics.motion import HOLONOMIC
 from crowdbench.core.geometry import Discs, nearest_in_step
 from crowdbench.core.types import Outcome, World
-from crowdbench.sim.episode import StepCheck, step_outcome
+from crowdbench.sim.episode import StepCheck, gaps_on_arc, step_outcome
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells
-from crowdbench.sim.swept import gaps_on_arc
 from crowdbench.utils.compiled import njit
 
 _MOST = 64

@@ -27,7 +27,7 @@ from crowdbench.plugins.load import file_and_function
 from crowdbench.predict import Predictor
 from crowdbench.predict.base import predict
 from crowdbench.predict.load import load_predictor
-from crowdbench.sim.nearest_walls import nearest_walls
+from crowdbench.sim.lines_of_sight import nearest_walls
 from crowdbench.utils.errors import InputError, is_integer
 
 CHUNK = 4096

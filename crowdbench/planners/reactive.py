@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation
 from crowdbench.planners.base import Planner
+from crowdbench.sim.episode import stopping_gap
 from crowdbench.sim.kernels import writable
 from crowdbench.sim.obstacles import slide
 from crowdbench.sim.pedestrians.forces import TINY, Walkers
 from crowdbench.sim.pedestrians.orca import orca_velocities
 from crowdbench.sim.pedestrians.orca_crowd import ORCA_MARGIN, TIME_HORIZON_OBST
 from crowdbench.sim.pedestrians.social_force import social_force_velocities
-from crowdbench.sim.swept import stopping_gap
 from crowdbench.utils.compiled import njit
 
 
@@ -28,9 +28,8 @@ class Straight(Planner):
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
         vehicle = obs.vehicle
-        way = vehicle.local_goal - vehicle.position
-        distance = np.maximum(norm(way), 1e-9)
-        return way * (vehicle.preferred_speed / distance)[:, None]
+        offset = vehicle.local_goal - vehicle.position
+        return offset * (vehicle.preferred_speed / np.maximum(norm(offset), 1e-9))[:, None]
 
 
 @dataclass(eq=False)
@@ -51,17 +50,9 @@ class ORCAPlanner(Planner):
         preferred[:, 0] = toward_goal(vehicle.position, vehicle.local_goal, vehicle.preferred_speed)
         radius = radius + (ORCA_MARGIN + self.safety_space)
         speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
+        agents, walls, moves = (position, velocity, preferred, radius, speed), obs.obstacles, _vehicle_alone(present)
         velocities = orca_velocities(
-            position,
-            velocity,
-            preferred,
-            radius,
-            speed,
-            time_step=obs.dt,
-            time_horizon_obst=TIME_HORIZON_OBST,
-            obstacles=obs.obstacles,
-            seen=present,
-            moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),  # only the vehicle
+            *agents, time_step=obs.dt, obstacles=walls, time_horizon_obst=TIME_HORIZON_OBST, seen=present, moves=moves
         )
         # Nothing else keeps a vehicle off walls that cannot take these velocities at once.
         return along_walls(obs, velocities[:, 0])
@@ -87,10 +78,14 @@ class SocialForcePlanner(Planner):
         goal = position.copy()
         goal[:, 0] = vehicle.local_goal
         speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
-        moves = np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape)
-        agents = position, velocity, goal, radius + self.safety_space, np.maximum(speed, TINY), present, moves
-        walkers = Walkers(*map(writable, (*agents, obs.obstacles)))
+        agents = position, velocity, goal, radius + self.safety_space, np.maximum(speed, TINY), present
+        walkers = Walkers(*map(writable, (*agents, _vehicle_alone(present), obs.obstacles)))
         return along_walls(obs, social_force_velocities(walkers, np.zeros_like(position), time_step=obs.dt)[:, 0])
+
+
+def _vehicle_alone(agents: Bool[np.ndarray, "world agent"]) -> Bool[np.ndarray, "world agent"]:
+    """Return an array of the same shape that is True for the vehicle only: the model moves nobody else."""
+    return np.broadcast_to(np.arange(agents.shape[1]) == 0, agents.shape)
 
 
 GAP = 0.01

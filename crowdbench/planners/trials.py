@@ -15,10 +15,9 @@ from crowdbench.core.geometry import Discs, local_goals, nearest_in_step, norm
 from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.joint_state import SIZE, PedestrianStates, VehicleState, write_joint_states
 from crowdbench.planners.scene import Scene, Sequences, fill_crowd, motion_of
-from crowdbench.sim.episode import step_outcome
+from crowdbench.sim.episode import gaps_on_arc, step_outcome, stopping_gap
 from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.sim.routes import next_waypoints
-from crowdbench.sim.swept import gaps_on_arc, stopping_gap
 from crowdbench.utils.compiled import njit
 
 

@@ -122,30 +122,16 @@ def _everybody(world: World) -> Pedestrians:
     seen = world.present[:, 1:].copy()
     observed, age = np.empty(seen.shape, np.int64), np.empty(seen.shape)
     _see(seen, world.step, world.since, observed, age)
-    return Pedestrians(
-        position=world.position[:, 1:].copy(),
-        velocity=world.velocity[:, 1:].copy(),
-        radius=world.radius[:, 1:].copy(),
-        seen=seen,
-        history=world.history.copy(),
-        observed=observed,
-        age=age,
-    )
+    position, velocity, radius = (array[:, 1:].copy() for array in (world.position, world.velocity, world.radius))
+    return Pedestrians(position, velocity, radius, seen, world.history.copy(), observed, age)
 
 
 def _tracked(world: World) -> Pedestrians:
     """The pedestrians that were seen and are not forgotten, as they were measured."""
-    state, unseen = world.sight["state"], world.sight["unseen"]
-    return Pedestrians(
-        position=state[:, :, :2].copy(),
-        velocity=state[:, :, 2:4].copy(),
-        radius=state[:, :, 4].copy(),
-        seen=unseen >= 0,
-        history=world.sight["history"].copy(),
-        observed=world.sight["observed"].copy(),
-        age=ages(world),
-        filled=world.sight["filled"].copy(),
-    )
+    state, seen = world.sight["state"], world.sight["unseen"] >= 0
+    position, velocity, radius = (state[:, :, part].copy() for part in (slice(2), slice(2, 4), 4))
+    history, observed, filled = (world.sight[name].copy() for name in ("history", "observed", "filled"))
+    return Pedestrians(position, velocity, radius, seen, history, observed, ages(world), filled)
 
 
 def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:

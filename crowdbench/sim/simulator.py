@@ -79,7 +79,7 @@ def init_memories(world: World, policies: Mapping[str, PedestrianPolicy]) -> Wor
     Raises:
         InputError: A policy raises an exception, or returns no memory.
     """
-    remembering = {name: each for name, each in policies.items() if isinstance(each, PolicyWithMemory)}
+    remembering = {name: policy for name, policy in policies.items() if isinstance(policy, PolicyWithMemory)}
 
     def memories_of(view: World) -> dict[str, Memory]:
         return {name: init_memory(policy, name, view) for name, policy in remembering.items()}
@@ -219,11 +219,9 @@ def step(
 def move(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[World, StepCheck]:
     """The first part of a step: motion, and the check of how it ended; see `step`."""
     after, check = _motion(world, command, crowd)
-    changes = after._asdict()
-    if world.route.shape[2]:
-        own = after.position, world.goal, world.route, world.waypoint
-        changes["waypoint"] = next_waypoints(*own, world.radius, world.obstacles)
-    return world.replace(**changes), check
+    routes = world.goal, world.route, world.waypoint
+    waypoint = next_waypoints(after.position, *routes, world.radius, world.obstacles)
+    return world.replace(**after._asdict(), waypoint=waypoint), check
 
 
 def finish_step(after: World, check: StepCheck, post_step_rule: PostStepRule | None) -> World:

@@ -16,9 +16,8 @@ from crowdbench.core.dynamics.motion import HOLONOMIC, Motion, drive
 from crowdbench.core.geometry import Discs, nearest_in_step
 from crowdbench.core.types import COLLISION_RULES
 from crowdbench.core.types.rules import RuleNumbers
-from crowdbench.sim.episode import fill_motion
+from crowdbench.sim.episode import fill_motion, gaps_on_arc
 from crowdbench.sim.obstacles import wall_gap_in_step
-from crowdbench.sim.swept import gaps_on_arc
 from crowdbench.utils.compiled import njit
 from studies.certificates.cost_to_go import cost_left
 

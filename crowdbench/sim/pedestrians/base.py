@@ -103,18 +103,17 @@ def query_policy(policy: PedestrianPolicy, name: str, world: World) -> tuple[Vel
     Raises:
         InputError: It raises, or what it returns is not what it must return.
     """
-    has_memory = isinstance(policy, PolicyWithMemory)
+    memory = (world.memory[name],) if isinstance(policy, PolicyWithMemory) else ()
     with plugin_errors(f"pedestrian policy {name} raised"):
-        memory = (world.memory[name],) if has_memory else ()
         answer: Any = policy.velocities(world, world.parameters[name], *memory)
     velocity, after = answer, None
-    if has_memory:
+    if memory:
         if not isinstance(answer, tuple) or len(answer) != 2 or answer[1] is None:
             raise InputError(
                 f"pedestrian policy {name} has a memory and returned a {type(answer).__name__}, but must return a "
                 "tuple of two, its velocities and its memory"
             )
-        velocity, after = answer[0], validate_memory(answer[1], *memory, name)
+        velocity, after = answer[0], validate_memory(answer[1], memory[0], name)
     return validate_finite(validate_shape(velocity, name, world), name, world), after
 
 

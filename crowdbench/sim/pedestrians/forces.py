@@ -105,7 +105,11 @@ def compile_model(force: Any) -> Callable[..., None]:
                     if not moves[w, i]:
                         continue
                     limit, tau = speeds[w, i], max(trait[i, 0], TINY)
-                    desired = _desired_velocity(x[i, 0], x[i, 1], goal[i, 0], goal[i, 1], limit)
+                    # As `geometry.toward_goal`, and the ratio of its length to the preferred speed.
+                    gx, gy = goal[i, 0] - x[i, 0], goal[i, 1] - x[i, 1]
+                    distance = math.sqrt(gx * gx + gy * gy)
+                    scale = limit / max(distance, limit)
+                    desired = scale * gx, scale * gy, scale * distance / limit
                     fx, fy, share = force(i, x, v, desired, radius, counts, trait, walls, w, noise, group)
                     # The exact solution for constant forces. Explicit Euler steps of 0.05 s would act like a
                     # relaxation time 5 % shorter.
@@ -155,17 +159,3 @@ def integrate(
     arrays = walkers, traits, noise, group, time_step, sub_steps, out
     in_blocks(lambda begin, end: model(begin, end, *arrays), worlds, BLOCK_PAIRS // (agents * agents) + 1, worlds)
     return out
-
-
-@no_type_check
-@njit
-def _desired_velocity(x, y, goal_x, goal_y, preferred_speed):
-    """Compute the desired velocity, as `geometry.toward_goal` does. Compiled.
-
-    Positions are in metres, the preferred speed is in m/s. Returns x and y of the velocity in m/s, and the ratio of its
-    length to the preferred speed.
-    """
-    x, y = goal_x - x, goal_y - y
-    distance = math.sqrt(x * x + y * y)
-    scale = preferred_speed / max(distance, preferred_speed)
-    return scale * x, scale * y, scale * distance / preferred_speed

@@ -203,7 +203,7 @@ def package(tmp_path, monkeypatch):
 EDITS = {
     "a comment": ("sim/episode.py", "\ndef ", "\n# A comment.\ndef ", [True, True, True]),
     "a docstring": ("sim/episode.py", '"""', '"""Better: ', [True, True, True]),
-    "a kernel": ("sim/swept.py", "2.0", "2.5", [False, False, True]),
+    "a kernel": ("sim/episode.py", "(2.0 *", "(2.5 *", [False, False, True]),
     "the rule of an episode": ("sim/episode.py", "Outcome.SUCCESS", "Outcome.TIMEOUT", [False, False, True]),
     "what the scenario's reader imports": ("scenario/groups.py", "import", "import math, ", [False, True, True]),
     "a planner's code": ("planners/lookahead.py", "\nclass", "\nclass Other: ...\nclass", [True, False, True]),

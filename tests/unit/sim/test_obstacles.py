@@ -5,11 +5,11 @@ from helpers import with_walkers, world
 from crowdbench.core.geometry import local_goals, polygons
 from crowdbench.core.reward import reward
 from crowdbench.core.types import Outcome
+from crowdbench.sim.episode import stopping_gap
 from crowdbench.sim.obstacles import slide, touches_in_step, wall_gap_in_step
 from crowdbench.sim.pedestrians import ORCA, social_force
 from crowdbench.sim.routes import next_waypoints
 from crowdbench.sim.simulator import step
-from crowdbench.sim.swept import stopping_gap
 
 
 def social_force_velocities(*inputs, **options):
