@@ -124,7 +124,7 @@ def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehic
 
 def mean_future(scene: Scene) -> Scene:
     """Return the scene with a single future: the mean of the predicted positions, and the mean velocities."""
-    position, velocity = (each.mean(axis=1, keepdims=True) for each in scene.crowd[:2])
+    position, velocity = (array.mean(axis=1, keepdims=True) for array in scene.crowd[:2])
     return dataclasses.replace(scene, crowd=scene.crowd._replace(position=position, velocity=velocity))
 
 

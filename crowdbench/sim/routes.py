@@ -33,10 +33,10 @@ def goals_in_trace(trace: Trace) -> Float[np.ndarray, "world time 2"]:
     goals, waypoint = goal.copy(), np.zeros((len(trace), 1), np.int64)
     for t in range(trace.steps.max() + 1):
         rows = np.flatnonzero(trace.steps >= t)
-        own = trace.position[rows, t, :1], goal[rows, t, None], trace.route[rows, None]
+        vehicle = trace.position[rows, t, :1], goal[rows, t, None], trace.route[rows, None]
         if t > 0:
-            waypoint[rows] = next_waypoints(*own, waypoint[rows], trace.radius[rows, t, :1], trace.obstacles[rows])
-        goals[rows, t] = local_goals(*own, waypoint[rows])[:, 0]
+            waypoint[rows] = next_waypoints(*vehicle, waypoint[rows], trace.radius[rows, t, :1], trace.obstacles[rows])
+        goals[rows, t] = local_goals(*vehicle, waypoint[rows])[:, 0]
     return goals
 
 
@@ -68,9 +68,9 @@ def next_waypoints(
     """
     if route.shape[2] == 0:
         return waypoint
-    found = waypoint.copy()
-    _next_waypoints(*map(np.ascontiguousarray, (position, goal, route, radius, obstacles)), found)
-    return found
+    following = waypoint.copy()
+    _next_waypoints(*map(np.ascontiguousarray, (position, goal, route, radius, obstacles)), following)
+    return following
 
 
 @no_type_check
@@ -87,11 +87,11 @@ def _next_waypoints(position, goal, route, radius, obstacles, waypoint):
             x, y = position[w, i, 0], position[w, i, 1]
             if walled:
                 # Whoever touches a wall cannot go anywhere by its whole disc, and looks along the line of its centre.
-                found = _last_in_sight(x, y, radius[w, i] + SIGHT_GAP, goal[w, i], route[w, i], last, obstacles[w])
-                if found < 0:
-                    found = _last_in_sight(x, y, 0.0, goal[w, i], route[w, i], last, obstacles[w])
-                if found >= 0:
-                    waypoint[w, i] = found
+                visible = _last_in_sight(x, y, radius[w, i] + SIGHT_GAP, goal[w, i], route[w, i], last, obstacles[w])
+                if visible < 0:
+                    visible = _last_in_sight(x, y, 0.0, goal[w, i], route[w, i], last, obstacles[w])
+                if visible >= 0:
+                    waypoint[w, i] = visible
             else:
                 while waypoint[w, i] < last:
                     target = route[w, i, waypoint[w, i]]

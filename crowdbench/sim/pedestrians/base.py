@@ -156,12 +156,13 @@ def validate_memory(answer: object, before: Memory, name: str) -> Memory:
     Raises:
         InputError: There are other arrays in it than before, or arrays of another shape or type.
     """
-    found = {path: (array.dtype, array.shape) for path, array in memory_arrays(name, answer)}
+    returned = {path: (array.dtype, array.shape) for path, array in memory_arrays(name, answer)}
     expected = {path: (array.dtype, array.shape) for path, array in memory_arrays(name, before)}
-    for path in found | expected:
-        if found.get(path) != expected.get(path):
+    for path in returned | expected:
+        if returned.get(path) != expected.get(path):
             now, then = (
-                "{} of shape {}".format(*each[path]) if path in each else "nothing" for each in (found, expected)
+                "{} of shape {}".format(*arrays[path]) if path in arrays else "nothing"
+                for arrays in (returned, expected)
             )
             raise InputError(f"pedestrian policy {name} returned {now} as {path}, which was {then} before")
     return answer  # type: ignore[return-value]  # `memory_arrays` has found a mapping
@@ -206,8 +207,8 @@ def validate_shape(answer: object, name: str, world: World) -> Velocities:
     expected = (len(world), world.position.shape[1] - 1, 2)
     if isinstance(answer, np.ndarray) and answer.shape == expected and answer.dtype == np.float64:
         return np.asarray(answer)  # a subclass may answer otherwise than its numbers
-    found = f"{answer.dtype} of shape {answer.shape}" if isinstance(answer, np.ndarray) else repr(answer)
-    raise InputError(f"pedestrian policy {name} returned {found}, but must return float64 of shape {expected}")
+    returned = f"{answer.dtype} of shape {answer.shape}" if isinstance(answer, np.ndarray) else repr(answer)
+    raise InputError(f"pedestrian policy {name} returned {returned}, but must return float64 of shape {expected}")
 
 
 def validate_finite(velocity: Velocities, name: str, world: World) -> Velocities:

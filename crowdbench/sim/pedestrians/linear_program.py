@@ -109,8 +109,8 @@ def nearest_permitted(lines, n, speed, x, y, as_direction):
         best_x, best_y = ux * speed, uy * speed
     for k in range(n):
         if lines[k, 2] * (lines[k, 1] - best_y) - lines[k, 3] * (lines[k, 0] - best_x) > 0.0:
-            found, new_x, new_y = _nearest_on_line(lines, k, speed, x, y, as_direction)
-            if not found:
+            exists, new_x, new_y = _nearest_on_line(lines, k, speed, x, y, as_direction)
+            if not exists:
                 return k, best_x, best_y
             best_x, best_y = new_x, new_y
     return n, best_x, best_y

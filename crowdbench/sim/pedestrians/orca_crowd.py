@@ -134,5 +134,5 @@ def orca_in_one(goal, pace, safety_space, position, velocity, radius, speed, pre
     preferred, size = np.empty(position.shape), np.empty(radius.shape)
     _prepare(goal, pace, safety_space, position, radius, preferred, size)
     crowd, limits = Agents(position, velocity, preferred, size, speed, present, present), (reach, limit, horizon)
-    nobody, none, one = np.empty(0, np.int64), np.int64(0), np.int64(1)  # for literals it would be compiled twice
-    avoid_block(none, radius.size, one, crowd, dt, limits, (np.empty((0, 4)), nobody), (nobody, nobody), out)
+    nobody, zero, first = np.empty(0, np.int64), np.int64(0), np.int64(1)  # for literals it would be compiled twice
+    avoid_block(zero, radius.size, first, crowd, dt, limits, (np.empty((0, 4)), nobody), (nobody, nobody), out)
