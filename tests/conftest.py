@@ -3,6 +3,7 @@
 import os
 import pkgutil
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,14 @@ def pytest_configure(config):
             if module.name != COMMANDS
         ]
         install_import_hook(checked, "typecheck.checked")
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Let networks compute in one thread again, because a resumed training sets its own number of threads."""
+    yield
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
 
 
 @pytest.fixture(scope="session")
