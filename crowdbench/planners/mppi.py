@@ -23,7 +23,7 @@ from crowdbench.utils.errors import is_number, require, require_count, require_n
 
 Costs = Float[np.ndarray, "world sequence"]
 Noise = Float[np.ndarray, "world round sample time 2"]
-Paths = Float[np.ndarray, "world sample time 3"]
+Paths = Float[np.ndarray, "world candidate time 3"]
 """Positions in metres, and the negative cost of the whole sequence in seconds."""
 
 SHOWN = 60
