@@ -36,13 +36,23 @@ SHOWN = 8
 
 
 class ScoredActions(NamedTuple):
-    """Commands with what each is worth: minus infinity where the limits exclude it."""
+    """Commands with their values.
+
+    Attributes:
+        commands: The commands.
+        values: Reward of the step plus discounted value of the state after it, the mean over the futures; minus
+            infinity where the limits exclude the command.
+        later: The value of the state after the step, likewise; NaN where the command is excluded.
+        attention: The attention to each pedestrian in that state, likewise.
+    """
 
     commands: Commands
     values: Float[np.ndarray, "world action"]
+    later: Float[np.ndarray, "world action"]
+    attention: Float[np.ndarray, "world action pedestrian"]
 
     def best(self) -> Velocities:
-        """The best command of each world; of several, the first."""
+        """Return the best command of each world; of several, the first."""
         return self.commands[np.arange(len(self.values)), self.values.argmax(axis=1)]
 
 
@@ -130,12 +140,11 @@ class ValuePlanner(Planner):
         return commands, scored[0]
 
     def choose(self, scene: Scene) -> ScoredActions:
-        """What is considered for each world; the best is its command."""
+        """Return the commands that are considered in each world, with their values; the best one is taken."""
         scored = self._score(scene, self.commands(scene.vehicle, scene.dt))
         if self.explore is None:
             return scored
-        finer = self._score(scene, self.explore(scene, scored.best()))
-        return ScoredActions(*(np.concatenate(pair, axis=1) for pair in zip(scored, finer, strict=True)))
+        return self._score(scene, self.explore(scene, scored.best()), scored)
 
     def commands(self, vehicle: Vehicle, dt: float) -> Commands:
         """The commands to choose from. Not all of them are within the limits; with limits, the last one brakes.
@@ -157,65 +166,72 @@ class ValuePlanner(Planner):
             return self.actions(vehicle.preferred_speed)
         return vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, dt)
 
-    def _score(self, scene: Scene, commands: Commands) -> ScoredActions:
-        """Some commands with their values; with a shortlist, those that are best under the mean of the futures."""
+    def _score(self, scene: Scene, commands: Commands, known: ScoredActions | None = None) -> ScoredActions:
+        """Return some commands with their values; with a shortlist, those that are best under the mean of the futures.
+
+        Commands that have been scored before stand in front of them.
+        """
         if self.shortlist is not None and self.shortlist < commands.shape[1] and scene.crowd.velocity.shape[1] > 1:
-            loss = -self.values(mean_future(scene), commands)
+            loss = -self.score(mean_future(scene), commands).values
             # In their old order, which decides between commands of equal value.
             best = np.sort(loss.argsort(axis=1, kind="stable")[:, : self.shortlist], axis=1)
             commands = np.take_along_axis(commands, best[..., None], axis=1)
-        return ScoredActions(commands, self.values(scene, commands))
+        return self.score(scene, commands, known)
 
-    def values(self, scene: Scene, commands: Commands) -> Float[np.ndarray, "world action"]:
-        """What each command is worth: minus infinity where the limits exclude it.
+    def score(self, scene: Scene, commands: Commands, known: ScoredActions | None = None) -> ScoredActions:
+        """Evaluate commands. Each state is evaluated once, also where several commands lead to it.
 
         Args:
             scene: The state before the step, and the predicted crowd.
             commands: The commands.
+            known: Commands that have been evaluated in this scene, which stand before the others in the result.
         """
         allowed = np.ones(commands.shape[:2], bool)
         if self.limits is not None:
             allowed = self.limits.allow(scene.vehicle.velocity, scene.velocities(commands), scene.dt)
-        flat, world = commands[allowed], np.nonzero(allowed)[0]
-        flat_values = np.empty(len(flat))
+        shape, people = allowed.shape, scene.crowd.present.shape[1]
+        scored = ScoredActions(
+            commands, np.full(shape, -np.inf), np.full(shape, np.nan), np.full((*shape, people), np.nan)
+        )
+        before = 0 if known is None else known.values.shape[1]
+        if known is not None:
+            scored = ScoredActions(*(np.concatenate(pair, axis=1) for pair in zip(known, scored, strict=True)))
+        first = _first_equal(scored.commands)
+        world, action = np.nonzero(allowed & (first[:, before:] == np.arange(before, first.shape[1])))
 
-        def fill(rows: slice) -> None:
-            flat_values[rows] = self._chunk_values(scene, flat[rows], world[rows])
+        def fill(part: slice) -> None:
+            rows = world[part], before + action[part]
+            scored.values[rows], scored.later[rows], scored.attention[rows] = self._evaluate(
+                scene, commands[world[part], action[part]], world[part]
+            )
 
-        in_chunks(fill, len(flat), _chunk(scene))
-        values = np.full(allowed.shape, -np.inf)
-        values[allowed] = flat_values
-        return values
+        in_chunks(fill, len(world), _chunk(scene))
+        for array in scored[1:]:
+            array[:] = array[np.arange(len(first))[:, None], first]
+        return scored
 
-    def _chunk_values(
+    def _evaluate(
         self, scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[np.ndarray, "row"]
-    ) -> Float[np.ndarray, "row"]:
-        """What each command of a chunk is worth, limits aside; `world` is the world of each."""
+    ) -> tuple[Float[np.ndarray, "row"], Float[np.ndarray, "row"], Float[np.ndarray, "row pedestrian"]]:
+        """Return the rest of `ScoredActions` for commands, limits aside; `world` is the world of each command."""
         result = try_commands(scene, commands, world)
         now = self.reward(result.outcome, result.gap, scene.dt)
         if self.shaping is not None:
             now = now + self.shaping(result.outcome, result.gap, norm(result.velocity - scene.vehicle.velocity[world]))
         factor = discount(scene.vehicle.preferred_speed, scene.dt)[world, None]
-        later = evaluate(self.value, result.joint, _present(scene, world))[0]
+        later, attention = evaluate(self.value, result.joint, _present(scene, world))
         values = now + np.where(result.outcome == Outcome.RUNNING, factor * later, 0.0)
-        return values.mean(axis=1)
+        return values.mean(axis=1), later.mean(axis=1), attention[..., : scene.crowd.present.shape[1]].mean(axis=1)
 
     def _log(self, obs: Observation, prediction: Prediction, scored: ScoredActions) -> None:
         """Log the predicted crowd, all commands, the value of the state after the chosen one, and the attention."""
-        scene = scene_of(obs, prediction, 0, obs.vehicle)
-        obs.log("commands", np.dstack([scene.velocities(scored.commands), scored.values]))
-        world = np.arange(len(obs))
-        joint, present = try_commands(scene, scored.best(), world).joint, _present(scene, world)
-        value, attention = np.empty(present.shape[:2]), np.empty(present.shape)
-
-        def fill(rows: slice) -> None:
-            value[rows], attention[rows] = evaluate(self.value, joint[rows], present[rows])
-
-        in_chunks(fill, len(obs), _chunk(scene))
-        steps = max(SHOWN, prediction.position.shape[2])
-        obs.log("predicted", self.predict(obs, steps).position)
-        obs.log("value", value.mean(axis=1))
-        obs.log("attention", attention[..., : scene.crowd.present.shape[1]].mean(axis=1))
+        velocities = scene_of(obs, prediction, 0, obs.vehicle).velocities(scored.commands)
+        best = np.arange(len(obs)), scored.values.argmax(axis=1)
+        shown = prediction if prediction.position.shape[2] >= SHOWN else self.predict(obs, SHOWN)
+        obs.log("commands", np.dstack([velocities, scored.values]))
+        obs.log("predicted", shown.position)
+        obs.log("value", scored.later[best])
+        obs.log("attention", scored.attention[best])
 
 
 def _chunk(scene: Scene) -> int:
@@ -230,3 +246,13 @@ def _present(scene: Scene, world: Int[np.ndarray, "row"]) -> Bool[np.ndarray, "r
     present = np.zeros((len(world), modes, max(pedestrians, 1)), bool)
     present[..., :pedestrians] = scene.crowd.present[world][:, None]
     return present
+
+
+def _first_equal(commands: Commands) -> Int[np.ndarray, "world action"]:
+    """Return the index of the first command of each world that equals a command up to rounding.
+
+    Several finer commands are equal where their speeds are clipped, and one is the command that they surround.
+    """
+    rounded = np.round(commands, 9)
+    key = rounded[..., 0] + 1j * rounded[..., 1]
+    return (key[:, :, None] == key[:, None]).argmax(axis=2)

@@ -59,7 +59,7 @@ def losses(planner, states, commands):
     Infinite for a command that the planner's limits do not allow.
     """
     scene = scene_of(states, planner.predictor.predict(states, 1), 0, states.vehicle)
-    values = planner.values(scene, np.stack([planner.choose(scene).best(), commands], axis=1))
+    values = planner.score(scene, np.stack([planner.choose(scene).best(), commands], axis=1)).values
     return np.abs(values[:, 0] - values[:, 1])
 
 

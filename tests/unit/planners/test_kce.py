@@ -131,7 +131,9 @@ def test_shaping_is_added_to_the_value_of_a_command(shaping):
     predictor = ConstantVelocity()
     seen = scene(obs, predictor.predict(obs, 1))
     commands = speeds_and_headings(obs.vehicle.preferred_speed)
-    plain, shaped = (ValuePlanner(predictor, net, shaping=each).values(seen, commands) for each in (None, shaping))
+    plain, shaped = (
+        ValuePlanner(predictor, net, shaping=each).score(seen, commands).values for each in (None, shaping)
+    )
     outcomes = slow_values(seen, commands, net)[1][..., 0]
     change = np.linalg.norm(commands - obs.vehicle.velocity[:, None], axis=-1)
     added = shaped - plain

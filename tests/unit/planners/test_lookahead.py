@@ -21,7 +21,7 @@ from lookahead_scenes import (
 
 from crowdbench.core.dynamics.base import speeds_and_headings
 from crowdbench.core.types import Observation, Outcome
-from crowdbench.networks.value import NETWORKS
+from crowdbench.networks.value import NETWORKS, ValueNetwork
 from crowdbench.planners import lookahead
 from crowdbench.planners.lookahead import SHOWN, ValuePlanner
 from crowdbench.predict import ConstantVelocity, Oracle
@@ -56,7 +56,7 @@ def test_values_are_reward_and_discounted_value_of_the_predicted_step(name):
     commands = speeds_and_headings(obs.vehicle.preferred_speed)
     values, outcomes = slow_values(seen, commands, net)
     assert set(outcomes.flat) == {Outcome.RUNNING, Outcome.SUCCESS, Outcome.COLLISION}
-    np.testing.assert_allclose(made.values(seen, commands), values, rtol=0.0, atol=1e-5)
+    np.testing.assert_allclose(made.score(seen, commands).values, values, rtol=0.0, atol=1e-5)
     assert_best(made.plan(obs), commands, values)
 
 
@@ -67,7 +67,7 @@ def test_values_are_means_over_modes():
     commands = speeds_and_headings(obs.vehicle.preferred_speed)
     values, outcomes = slow_values(seen, commands, net)
     assert (outcomes.min(axis=2) != outcomes.max(axis=2)).any()
-    np.testing.assert_allclose(made.values(seen, commands), values, rtol=0.0, atol=1e-5)
+    np.testing.assert_allclose(made.score(seen, commands).values, values, rtol=0.0, atol=1e-5)
     assert_best(made.plan(obs), commands, values)
 
 
@@ -76,10 +76,10 @@ def test_chunks_change_no_value_and_bound_what_a_network_is_given(monkeypatch, c
     obs, net, near = crowded(3), network(), Nearer()
     seen = scene(obs, Forks(3).predict(obs, 1))
     commands = speeds_and_headings(obs.vehicle.preferred_speed)
-    whole = ValuePlanner(Forks(3), net).values(seen, commands)
+    whole = ValuePlanner(Forks(3), net).score(seen, commands).values
     monkeypatch.setattr(lookahead, "CHUNK", chunk)
-    np.testing.assert_allclose(ValuePlanner(Forks(3), net).values(seen, commands), whole, rtol=0.0, atol=1e-5)
-    ValuePlanner(Forks(3), near).values(seen, commands)
+    np.testing.assert_allclose(ValuePlanner(Forks(3), net).score(seen, commands).values, whole, rtol=0.0, atol=1e-5)
+    ValuePlanner(Forks(3), near).score(seen, commands)
     one_command = 3 * 4
     filled_up = 1.25  # states, and pedestrians in them, each by up to an eighth
     assert max(near.given) <= filled_up * max(chunk, one_command)
@@ -90,7 +90,7 @@ def test_nothing_comes_after_arrival_or_collision():
     obs = crowded()
     seen = scene(obs, ConstantVelocity().predict(obs, 1))
     commands = speeds_and_headings(obs.vehicle.preferred_speed)
-    values = ValuePlanner(ConstantVelocity(), Far()).values(seen, commands)[1:]
+    values = ValuePlanner(ConstantVelocity(), Far()).score(seen, commands).values[1:]
     outcomes = slow_values(seen, commands, Far())[1][1:, :, 0]
     assert set(outcomes.flat) == {Outcome.RUNNING, Outcome.SUCCESS, Outcome.COLLISION}
     assert (values[outcomes == Outcome.SUCCESS] == 1.0).all()
@@ -107,7 +107,7 @@ def test_the_planner_takes_the_reward_it_is_given():
     made = ValuePlanner(ConstantVelocity(), Far(), reward=lambda outcome, gap, dt: outcome * 10.0 + dt)
     outcomes = slow_values(seen, commands, Far())[1][:, :, 0]
     ended = outcomes != Outcome.RUNNING
-    assert np.array_equal(made.values(seen, commands)[ended], 10.0 * outcomes[ended] + DT)
+    assert np.array_equal(made.score(seen, commands).values[ended], 10.0 * outcomes[ended] + DT)
 
 
 @pytest.mark.parametrize(
@@ -133,12 +133,12 @@ def test_a_vehicle_alone_goes_straight_to_its_goal():
 def test_a_case_does_not_depend_on_its_batch():
     obs, made = crowded(8), ValuePlanner(Forks(2), network())
     commands = speeds_and_headings(obs.vehicle.preferred_speed)
-    together = made.values(scene(obs, made.predictor.predict(obs, 1)), commands)
+    together = made.score(scene(obs, made.predictor.predict(obs, 1)), commands).values
     alone = []
     for w in range(8):
         one = obs.take(np.array([w]))
         seen = scene(one, made.predictor.predict(one, 1))
-        np.testing.assert_allclose(made.values(seen, commands[w : w + 1])[0], together[w], rtol=0.0, atol=1e-5)
+        np.testing.assert_allclose(made.score(seen, commands[w : w + 1]).values[0], together[w], rtol=0.0, atol=1e-5)
         alone.append(made.plan(one)[0])
     assert_best(alone, commands, together)
 
@@ -253,7 +253,7 @@ def test_each_mode_goes_on_by_itself():
     commands = speeds_and_headings(obs.vehicle.preferred_speed)
     values, outcomes = slow_values(later, commands, net)
     assert (outcomes == Outcome.COLLISION).any()
-    np.testing.assert_allclose(made.values(later, commands), values, rtol=0.0, atol=1e-5)
+    np.testing.assert_allclose(made.score(later, commands).values, values, rtol=0.0, atol=1e-5)
 
 
 def test_the_crowd_of_a_later_step_comes_from_where_it_was_predicted():
@@ -261,3 +261,32 @@ def test_the_crowd_of_a_later_step_comes_from_where_it_was_predicted():
     # First it passes the goal, then it runs from there through the vehicle, who cannot get out of its way.
     made = ValuePlanner(Says([[[5.0, -5.0]], [[-5.0, 5.0]]]), Nearer())
     assert np.array_equal(made.plan_ahead(obs, 2), [[[1.0, 0.0], [0.0, 0.0]]])
+
+
+class Counting(ValueNetwork):
+    """Any network; it counts the states that it is given."""
+
+    def __init__(self, network):
+        super().__init__()
+        self.network, self.name, self.states = network, network.name, 0
+
+    def crowd(self, joint, present):
+        self.states += len(joint)
+        return self.network.crowd(joint, present)
+
+
+@pytest.mark.parametrize("shortlist", [None, 3])
+def test_commands_that_are_equal_are_evaluated_once(shortlist):
+    obs, once, thrice = crowded(), Counting(network()), Counting(network())
+
+    def around(scene, best):
+        return np.stack([best, best + 1e-12, 0.5 * best], axis=1)
+
+    def repeated(speed):
+        return np.repeat(speeds_and_headings(speed), 3, axis=1)
+
+    plain = ValuePlanner(Forks(2), once, explore=lambda scene, best: 0.5 * best[:, None], shortlist=shortlist)
+    made = ValuePlanner(Forks(2), thrice, repeated, explore=around, shortlist=shortlist and 3 * shortlist)
+    np.testing.assert_allclose(made.plan(obs), plain.plan(obs), rtol=0.0, atol=1e-9)
+    # The numbers of states are rounded up.
+    assert thrice.states <= 1.2 * once.states

@@ -82,7 +82,7 @@ def test_a_sequence_of_one_step_is_worth_what_the_lookahead_says():
     prediction = ConstantVelocity().predict(obs, 1)
     commands = lookahead.actions(obs.vehicle.preferred_speed)
     found = SequencePlanner(lookahead).values(scene_of(obs, prediction, 0, obs.vehicle), commands[:, :, None])
-    np.testing.assert_allclose(found, lookahead.values(scene(obs, prediction), commands), atol=1e-5)
+    np.testing.assert_allclose(found, lookahead.score(scene(obs, prediction), commands).values, atol=1e-5)
 
 
 def test_the_best_sequence_is_at_least_as_good_as_the_lookahead_s_and_as_any_constant_one():
