@@ -107,7 +107,7 @@ class CompiledStep:
         is_alone = isinstance(rules.dynamics, Holonomic) and rules.body == DISC and scenario.post_step_rule is None
         sees_all = rules.sensor.sees_all and not rules.sensor.nearest
         is_orca = [type(policy) for policy in scenario.policies.values()] == [ORCA]
-        everybody_sees = not rules.visible or rules.sees_vehicle >= 1.0
+        everybody_sees = not rules.visible or rules.attention is None
         is_small = world.radius.shape[1] < CELLS_FROM
         is_open = not (world.route.shape[2] or world.track.shape[1] or world.obstacles.shape[1])
         return is_usual and is_alone and sees_all and is_orca and everybody_sees and is_small and is_open

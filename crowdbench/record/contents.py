@@ -64,7 +64,7 @@ QUANTITIES = {
     "perceived": Quantity(PEDESTRIANS, np.nan, (2,)),
     "age": Quantity(PEDESTRIANS, np.inf),
     "group": Quantity(PEDESTRIANS, -1, is_held=True),
-    "sees_vehicle": Quantity(PEDESTRIANS, False, is_held=True),
+    "noticed": Quantity(PEDESTRIANS, False, is_held=True),
 }
 """The arrays of a trace that are recorded of every state or step, by name."""
 

@@ -281,6 +281,6 @@ def _draw_ending(agents: _Agents, contacts: Contacts) -> tuple[str, Chunk]:
     text = rr.Points2D.columns(positions=[above], labels=[sentence], colors=[color], radii=[width(0)])
     columns = [*rims.partition([len(sizes)]), *text.partition([1])]
     sentence = f"{sentence} after {steps * dt:g} s"
-    if trace.sees_vehicle is not None and contacts.agent[row]:
-        sentence += "; the pedestrian saw it" if contacts.saw[row] else "; the pedestrian did not see it"
+    if trace.noticed is not None and contacts.agent[row]:
+        sentence += "; the pedestrian had " + ("noticed it" if contacts.saw[row] else "not noticed it")
     return sentence, Chunk.from_columns("world/ending", moments(np.array([steps]), dt), columns)

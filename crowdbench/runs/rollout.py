@@ -19,11 +19,11 @@ from crowdbench.sim.episode import StepCheck
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import ages, observe
 from crowdbench.sim.simulator import (
+    ATTENTION,
     crowd_decisions,
-    differ_in_sight,
+    has_attention,
     init_memories,
     limit_velocities,
-    sees_vehicle,
     step,
     walk,
 )
@@ -193,6 +193,8 @@ class _TraceBuilder:
         self.names_of_state = [*states, *(people if changing else [])]
         if "age" in self.arrays:
             self.arrays["age"][:] = np.inf
+        if has_attention(start.rules):
+            self.arrays["noticed"] = np.zeros((worlds, steps + 1, agents - 1), bool)
         self._add_state(np.arange(worlds), 0, start)
 
     def _add_state(self, rows: Int[np.ndarray, "running"], t: int, world: World) -> None:
@@ -203,6 +205,8 @@ class _TraceBuilder:
             self.arrays["age"][rows, t] = age = ages(world)
             perceived = np.where(np.isinf(age)[..., None], np.nan, world.sight["state"][..., :2])
             self.arrays["perceived"][rows, t] = perceived
+        if "noticed" in self.arrays:
+            self.arrays["noticed"][rows, t] = world.memory[ATTENTION]["remaining"] > 0.0
 
     def add(
         self,
@@ -261,6 +265,8 @@ class _TraceBuilder:
         arrays = self.arrays
         if self.changing:
             arrays |= {name: arrays[name][self._last_states()] for name in (*_OF_PEOPLE, "group") if name in arrays}
+        if "noticed" in arrays:
+            arrays["noticed"] = arrays["noticed"][self._last_states()]
         for name in ("position", "velocity"):
             arrays[name][~arrays["present"]] = np.nan
         undisturbed = None
@@ -277,7 +283,6 @@ class _TraceBuilder:
             **arrays,
             preferred_speed=self.start.preferred_speed,
             seen=self._seen(),
-            sees_vehicle=self._sees_vehicle(),
             route=self.start.route[:, 0],
             obstacles=self.start.obstacles,
             rules=self.start.rules,
@@ -293,16 +298,6 @@ class _TraceBuilder:
         dt = self.start.rules.dt
         late = (self.start.rules.sensor.steps_delayed(dt) + 0.5) * dt
         return np.asarray(self.arrays["age"][self._last_states()] < late)
-
-    def _sees_vehicle(self) -> Bool[np.ndarray, "world time pedestrian"] | None:
-        """Who sees the vehicle; None where all are alike."""
-        if not differ_in_sight(self.start.rules):
-            return None
-        if not self.changing:
-            return self._always(sees_vehicle(self.start.key, self.start.person, self.start.rules))
-        person = self.arrays["person"]
-        key = np.repeat(self.start.key, person.shape[1])
-        return sees_vehicle(key, person.reshape(len(key), person.shape[2]), self.start.rules).reshape(person.shape)
 
     def _last_states(self) -> tuple[Int[np.ndarray, "world 1"], Int[np.ndarray, "world time"]]:
         """The indices by which the last state of each world is repeated beyond the end of its episode."""

@@ -265,8 +265,12 @@ def _rules(top: ScenarioSpec, file: Location) -> Rules:
         raise period.wrong(f"{change.period:g}", f"a multiple of dt, {top.dt:g} s")
     if _count_steps(top.sensor.delay, top.dt, delay) > MAX_DELAY:
         raise delay.wrong(f"{top.sensor.delay:g}", f"{MAX_DELAY * top.dt:g} s or less, {MAX_DELAY} steps")
-    if top.pedestrians.sees_vehicle < 1.0 and not vehicle.visible:
-        raise location.at("visible").wrong("false", "true where the key pedestrians.sees_vehicle says how many see it")
+    attention = top.pedestrians.attention
+    if attention is not None and not vehicle.visible:
+        raise location.at("visible").wrong("false", "true where there is a table [pedestrians.attention]")
+    if attention is not None and attention.ignores + attention.yields_late + attention.attracted > 1.0:
+        location = file.at("pedestrians", "attention")
+        raise location.wrong("a table with reactions of more than everybody", "one whose shares add up to 1 at most")
     limits = {key: value for key, value in further_keys(vehicle).items() if value is not None}
     with location.named():
         dynamics = DYNAMICS[vehicle.dynamics](**limits)
@@ -281,7 +285,7 @@ def _rules(top: ScenarioSpec, file: Location) -> Rules:
         time_limit=top.time_limit,
         collision=top.collision,
         visible=vehicle.visible,
-        sees_vehicle=top.pedestrians.sees_vehicle,
+        attention=attention,
         dynamics=dynamics,
         goal_tolerance=vehicle.goal_tolerance,
         body=_body(vehicle, dynamics, location),

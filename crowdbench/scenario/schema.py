@@ -15,6 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_m
 
 from crowdbench.core.dynamics import DYNAMICS
 from crowdbench.core.types import COLLISION_RULES
+from crowdbench.core.types.attention import Attention
 from crowdbench.plugins.options import PLAIN, REQUIRED, Option, read_options
 from crowdbench.scenario.clear_space import ClearSpace
 from crowdbench.scenario.groups import LARGEST
@@ -157,8 +158,7 @@ class SensorSpec(TomlTable):
 class PedestriansSpec(PoliciesSpec):
     """`[pedestrians]`, with a table for each policy besides; see `scenario_spec`.
 
-    `number` is the least and the largest number of pedestrians, `sees_vehicle` the share of those who see a visible
-    vehicle.
+    `number` is the least and the largest number of pedestrians.
     """
 
     number: Annotated[
@@ -175,7 +175,9 @@ class PedestriansSpec(PoliciesSpec):
         default=None,
         description=f"the shares of groups by their size, from 1 to {LARGEST}, such as {{ 1 = 0.4, 2 = 0.4, 3 = 0.2 }}",
     )
-    sees_vehicle: float = Field(default=1.0, ge=0, le=1, description="a share from 0 to 1")
+    attention: Attention | None = Field(
+        default=None, description="a table [pedestrians.attention] with the keys of { ignores = 0.1, delay = 0.4 }"
+    )
     arrival: str = choice(ARRIVALS, default="walk_on")
     goal_change: GoalChange | None = Field(
         default=None, description="a table with the keys of { period = 5.0, chance = 0.5 }"

@@ -116,8 +116,8 @@ def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Co
     row, agent = touches.row[order], touches.agent[order]
     contacts.fault[row], contacts.share[row], contacts.speed[row] = fault[order], share[order], speed[order]
     contacts.agent[row] = agent
-    last = trace.steps[row] - 1
-    contacts.saw[row] = trace.rules.visible if trace.sees_vehicle is None else trace.sees_vehicle[row, last, agent - 1]
+    last = trace.steps[row]
+    contacts.saw[row] = trace.rules.visible if trace.noticed is None else trace.noticed[row, last, agent - 1]
     return contacts
 
 

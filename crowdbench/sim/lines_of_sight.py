@@ -41,7 +41,7 @@ def is_hidden(seen, position, radius, present, obstacles):
         to_x, to_y = dx - side * across * dy, dy + side * across * dx
         if _is_behind_people(to_x, to_y, seen, position, radius, present):
             continue
-        if len(obstacles) == 0 or _share_to_walls(x, y, to_x, to_y, obstacles) == 1.0:
+        if len(obstacles) == 0 or share_to_walls(x, y, to_x, to_y, obstacles) == 1.0:
             return False
     return True
 
@@ -67,7 +67,7 @@ def _is_behind_people(dx, dy, seen, position, radius, present):
 
 @no_type_check
 @njit(error_model="numpy")
-def _share_to_walls(x, y, dx, dy, obstacles):
+def share_to_walls(x, y, dx, dy, obstacles):
     """The share of a line after which it first meets an edge; 1 if it meets none."""
     least = 1.0
     for polygon in obstacles:
@@ -111,7 +111,7 @@ def measure_all_beams(heading, position, radius, present, obstacles, reach, dist
         for k in range(distance.shape[1]):
             angle = heading[w] + 2.0 * math.pi * k / distance.shape[1]
             ux, uy = math.cos(angle), math.sin(angle)
-            least = reach * _share_to_walls(x, y, reach * ux, reach * uy, obstacles[w])
+            least = reach * share_to_walls(x, y, reach * ux, reach * uy, obstacles[w])
             for a in near[:number]:
                 dx, dy = position[w, a, 0] - x, position[w, a, 1] - y
                 along, aside = dx * ux + dy * uy, dx * uy - dy * ux

@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt
+from jaxtyping import Bool, Float, Int
 
-from crowdbench.core import rng
 from crowdbench.core.dynamics import DISC, hull
 from crowdbench.core.dynamics.motion import HOLONOMIC, Motion, drive, limit_speed
 from crowdbench.core.types import Outcome, RuleNumbers, Rules, World
+from crowdbench.sim.attention import AttentionState, approach_vehicle, init_attention, update_attention
 from crowdbench.sim.episode import StepCheck, check_disc, check_step
 from crowdbench.sim.kernels import FlatKernel
 from crowdbench.sim.obstacles import slide
@@ -29,8 +29,9 @@ See `crowdbench.scenario.post_step_rule`.
 """
 
 
-BLIND = "without the vehicle"
-"""Where a world's memory holds what policies remember of a crowd in which nobody sees the vehicle."""
+BLIND, ATTENTION = "without the vehicle", "attention"
+"""Where a world's memory holds what policies remember of a crowd in which nobody sees the vehicle, and where it holds
+the state of the pedestrians' attention."""
 
 
 def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Velocities:
@@ -38,35 +39,34 @@ def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> 
     return crowd_decisions(world, policies)[0]
 
 
-def crowd_decisions(
-    world: World, policies: Mapping[str, PedestrianPolicy], people: UInt[np.ndarray, "world"] | None = None
-) -> tuple[Velocities, World]:
+def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> tuple[Velocities, World]:
     """What the pedestrians' policies decide: the velocities that they ask for, and what they remember.
 
     Policies are asked only here, in a world in which an invisible vehicle is not `present`. There a visible one is the
-    smallest disc around its body. Where only some pedestrians see it, policies are asked once with the vehicle and once
-    without, and remember both by themselves.
+    smallest disc around its body. With a model of attention, policies are asked once with the vehicle and once without,
+    and remember both by themselves.
 
     Args:
         world: The worlds as they are now.
         policies: The scenario's policies by name.
-        people: The keys that say who sees the vehicle; those of the worlds if None.
 
     Returns:
         A velocity in m/s per pedestrian, by the pedestrian's own policy, and the worlds with the memories of the
-        policies after this decision.
+        policies and the attention after this decision.
 
     Raises:
         InputError: A policy raises an exception, does not return a finite velocity per pedestrian, or no memory.
     """
-    velocity, memories = _query_policies(_policy_view(world), policies)
-    if differ_in_sight(world.rules):
-        blind = world.replace(memory=world.memory[BLIND])
-        other, blind_memories = _query_policies(_without_vehicle(blind), policies)
-        sees = sees_vehicle(world.key if people is None else people, world.person, world.rules)
-        velocity = np.where(sees[:, :, None], velocity, other)
-        memories[BLIND] = {**blind.memory, **blind_memories}
-    return velocity, _with_memories(world, memories)
+    view = _policy_view(world)
+    if not has_attention(world.rules):
+        velocity, memories = _query_policies(view, policies)
+        return velocity, _with_memories(world, memories)
+    adapts, state = update_attention(view, AttentionState(**world.memory[ATTENTION]))
+    velocity, memories = _query_policies(approach_vehicle(view, state), policies)
+    blind = world.replace(memory=world.memory[BLIND])
+    other, blind_memories = _query_policies(_without_vehicle(blind), policies)
+    memories |= {BLIND: {**blind.memory, **blind_memories}, ATTENTION: state._asdict()}
+    return np.where(adapts[:, :, None], velocity, other), _with_memories(world, memories)
 
 
 def init_memories(world: World, policies: Mapping[str, PedestrianPolicy]) -> World:
@@ -85,23 +85,10 @@ def init_memories(world: World, policies: Mapping[str, PedestrianPolicy]) -> Wor
         return {name: init_memory(policy, name, view) for name, policy in remembering.items()}
 
     memories = memories_of(_policy_view(world))
-    if differ_in_sight(world.rules):
+    if has_attention(world.rules):
         memories[BLIND] = {**world.memory, **memories_of(_without_vehicle(world))}
+        memories[ATTENTION] = init_attention(world)._asdict()
     return _with_memories(world, memories)
-
-
-def sees_vehicle(
-    key: UInt[np.ndarray, "world"], person: Int[np.ndarray, "world pedestrian"], rules: Rules
-) -> Bool[np.ndarray, "world pedestrian"]:
-    """Who sees a vehicle that only a share of the pedestrians sees: the same people throughout a case.
-
-    Args:
-        key: The key of each case.
-        person: The number of each pedestrian as a person.
-        rules: The rules of the scenario, which say how large the share is.
-    """
-    draws = rng.uniforms(key, "sees_vehicle", np.zeros(len(key), np.int64), person)
-    return draws < rules.sees_vehicle
 
 
 def with_bounding_disc(world: World) -> World:
@@ -113,9 +100,9 @@ def with_bounding_disc(world: World) -> World:
     return world.replace(position=position, radius=radius)
 
 
-def differ_in_sight(rules: Rules) -> bool:
-    """Whether some pedestrians see the vehicle and others do not."""
-    return rules.visible and rules.sees_vehicle < 1.0
+def has_attention(rules: Rules) -> bool:
+    """Return whether pedestrians must notice the vehicle before they adapt to it."""
+    return rules.visible and rules.attention is not None
 
 
 def _query_policies(view: World, policies: Mapping[str, PedestrianPolicy]) -> tuple[Velocities, dict[str, Memory]]:

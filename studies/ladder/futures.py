@@ -22,7 +22,7 @@ class Simulated(Predictor):
     """Simulates the crowd ahead, with people who react to the vehicle where they see it.
 
     Everybody keeps policy, goal and what it remembers. Who comes in is not foreseen, and who leaves is gone. Of other
-    chance are turns and stops from now on; whoever stands as `distracted` does, begins its stops anew.
+    chance are turns and stops from now on; whoever stands as `stop_and_go` does, begins its stops anew.
 
     Args:
         scenario: The scenario.
@@ -47,7 +47,7 @@ class Simulated(Predictor):
         """See `Predictor`."""
         number = self.futures or 1
         row = np.tile(np.arange(len(obs)), number)
-        world, people, scenario = self._world.take(row), self._world.key[row], self.scenario
+        world, scenario = self._world.take(row), self.scenario
         if self.futures is not None:
             step = int(self._world.step[0])  # all worlds of a batch are in the same one
             keys = [rng.other_chance(self._world.key, step, future) for future in range(number)]
@@ -55,7 +55,7 @@ class Simulated(Predictor):
         before, person, position = world.position[:, 1:], world.person, []
         gone, everywhere = ~world.present[:, 1:], np.ones(len(world), bool)
         for t in range(steps):
-            crowd, world = crowd_decisions(world, scenario.policies, people)
+            crowd, world = crowd_decisions(world, scenario.policies)
             world, _ = move(world, plan[row, t], crowd)
             if scenario.post_step_rule is not None:
                 world = scenario.post_step_rule(world, everywhere)

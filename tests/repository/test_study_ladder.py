@@ -83,7 +83,7 @@ def test_who_leaves_is_far_away():
 @pytest.mark.slow
 def test_a_ladder_is_kept_and_drawn(tmp_path):
     (tmp_path / "own.toml").write_text(
-        'time_limit = 15.0\n[pedestrians]\nnumber = 3\npolicy = "distracted"\n[sensor]\nrange = 2.0\n'
+        'time_limit = 15.0\n[pedestrians]\nnumber = 3\npolicy = "stop_and_go"\n[sensor]\nrange = 2.0\n'
     )
     command = [str(tmp_path / "own.toml"), "--cases", "3", "--planner", "straight", "--planner", "orca"]
     command += ["--out", str(tmp_path / "runs")]

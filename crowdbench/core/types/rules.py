@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, FREE, Body, Dynamics
+from crowdbench.core.types.attention import Attention
 from crowdbench.utils.errors import InputError
 
 
@@ -157,7 +158,7 @@ class Rules:
             collision test alone, with its velocity before the step), or `crowdnav_plus` (positions before the step,
             for collision and arrival).
         visible: Whether pedestrians see the vehicle.
-        sees_vehicle: Of a visible vehicle, the share of the pedestrians who see it.
+        attention: How pedestrians notice a visible vehicle; None where all know it at any time.
         dynamics: How the vehicle moves.
         goal_tolerance: Distance in metres to its goal below which the vehicle has arrived; None stands for its radius.
         body: The discs that the vehicle consists of.
@@ -171,7 +172,7 @@ class Rules:
     time_limit: float = 25.0
     collision: str = "swept"
     visible: bool = False
-    sees_vehicle: float = 1.0
+    attention: Attention | None = None
     dynamics: Dynamics = FREE
     goal_tolerance: float | None = None
     body: Body = DISC
@@ -196,11 +197,13 @@ class Rules:
     def to_table(self) -> dict[str, Any]:
         """The rules as JSON has them. Of the vehicle, it has what differs from a holonomic disc with perfect sight."""
         table = dataclasses.asdict(self)
-        for field in ("sees_vehicle", "dynamics", "goal_tolerance", "body", "sensor"):
+        for field in ("attention", "dynamics", "goal_tolerance", "body", "sensor"):
             if getattr(self, field) == getattr(Rules, field):
                 del table[field]
         if "dynamics" in table:
             table["dynamics"]["name"] = self.dynamics.name
+        if self.attention is not None:
+            table["attention"] = self.attention.complete()
         return table
 
     @classmethod
@@ -210,6 +213,8 @@ class Rules:
         if "dynamics" in found:
             limits = dict(found["dynamics"])
             found["dynamics"] = DYNAMICS[limits.pop("name")](**limits)
+        if "attention" in found:
+            found["attention"] = Attention(**found["attention"])
         if "body" in found:
             found["body"] = tuple(found["body"])
         if "sensor" in found:

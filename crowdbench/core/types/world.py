@@ -51,7 +51,8 @@ class World:
         policy: The policy that moves each pedestrian, as an index into `parameters`.
         parameters: By policy and name, the parameters of the policies (column 0, the vehicle's, is not used).
         memory: By policy, arrays `[world, ...]` that a policy with a memory keeps between steps, in mappings that may
-            be nested; empty for other policies. See `crowdbench.sim.pedestrians.base.PolicyWithMemory`.
+            be nested; empty for other policies. See `crowdbench.sim.pedestrians.base.PolicyWithMemory`. With a model of
+            attention also its state, see `crowdbench.sim.attention`.
         rules: The rules of the scenario.
         sight: What the vehicle has seen of the pedestrians so far, see `crowdbench.sim.sight`; empty where it sees
             everybody exactly and at once.
@@ -183,7 +184,8 @@ class Trace:
             where nobody is recorded.
         group: Number of the group that each pedestrian walks with, unique within the case; -1 for those who walk alone.
             None where the scenario has no groups.
-        sees_vehicle: Whether each pedestrian sees the vehicle. None where all are alike: `rules.visible`.
+        noticed: Whether each pedestrian had noticed the vehicle in the step before each state. None without a model of
+            attention: then all know a visible vehicle.
         logs: What the planner logged, `[world, step, ...]` by name; NaN in steps in which it logged nothing.
     """
 
@@ -211,7 +213,7 @@ class Trace:
     age: Float[np.ndarray, "world time pedestrian"] | None = None
     block: Int[np.ndarray, "world"] | None = None
     group: Int[np.ndarray, "world time pedestrian"] | None = None
-    sees_vehicle: Bool[np.ndarray, "world time pedestrian"] | None = None
+    noticed: Bool[np.ndarray, "world time pedestrian"] | None = None
     logs: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:

@@ -110,7 +110,7 @@ def test_what_was_observed_stays_as_it_was():
         ("circle_crossing_5", {"vehicle.dynamics": "unicycle"}, {}),
         ("circle_crossing_5", {"sensor.range": 3.0}, {}),
         ("circle_crossing_5", {"pedestrians.policy": "social_force"}, {}),
-        ("circle_crossing_5_visible", {"pedestrians.sees_vehicle": 0.5}, {}),
+        ("circle_crossing_5_visible", {"pedestrians.attention": {"ignores": 0.5}}, {}),
         ("circle_crossing_5", {}, {"reward": "progress"}),
         ("circle_crossing_5", {}, {"observation": "dict"}),
         ("circle_crossing_5", {}, {"action": "goal_frame"}),

@@ -175,9 +175,9 @@ def test_many_episodes_have_the_shares_that_each_has_alone():
             np.testing.assert_array_equal(getattr(whole, name)[[row]], values)
 
 
-def test_the_trace_and_its_recording_say_who_saw_the_vehicle(tmp_path):
+def test_the_trace_and_its_recording_say_who_had_noticed_the_vehicle(tmp_path):
     some = drive("straight", "test:40", "groups_12")
-    assert some.sees_vehicle is not None
+    assert some.noticed is not None
     saw = find_contacts(some).saw
     seen = METRICS["at_fault_seen_rate"](some)
     assert seen.any()
@@ -185,5 +185,5 @@ def test_the_trace_and_its_recording_say_who_saw_the_vehicle(tmp_path):
     assert (saw | ~seen).all()
     for scenario, visible in (("circle_crossing_5", False), ("circle_crossing_5_visible", True)):
         alike = drive("straight", "test:30", scenario)
-        assert alike.sees_vehicle is None
+        assert alike.noticed is None
         assert (find_contacts(alike).saw == (visible & (alike.outcome == Outcome.COLLISION))).all()

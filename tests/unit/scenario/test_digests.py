@@ -66,13 +66,13 @@ def test_a_default_that_is_written_out_changes_no_digest(key):
 
 
 def test_every_other_value_than_a_default_has_a_digest_of_its_own():
-    # A length belongs to vehicles on wheels, and a share of those who see the vehicle to a visible one.
-    elsewhere = {"vehicle.length", "pedestrians.sees_vehicle"}
+    # A length belongs to vehicles on wheels, and attention to a visible vehicle.
+    elsewhere = {"vehicle.length", "pedestrians.attention"}
     changes = [{}, *({key: other(key)} for key in DEFAULTS if key not in elsewhere)]
     changes += [{"vehicle.dynamics": "unicycle", key: 1.0} for key in ("vehicle.length", "vehicle.max_angular_speed")]
     changes.append({"layout.generator": "square_crossing", "layout.square_width": 9.0})
-    changes.append({"vehicle.visible": True, "pedestrians.sees_vehicle": 0.5})
-    assert len(changes) == 43
+    changes += [{"vehicle.visible": True, "pedestrians.attention": {"ignores": share}} for share in (0.0, 0.1)]
+    assert len(changes) == 44
     assert len({all_defaults(change).digest for change in changes}) == len(changes)
 
 
@@ -103,8 +103,8 @@ SCENARIOS = {
     "circle_crossing_6_near": "c15ef1d2538e",
     "power_law_16": "30904399328a",
     "sizes_speeds_12": "a45cb1f8999b",
-    "office_8": "2aa0ea8280d2",
-    "shop_10": "d8846727d05b",
+    "office_8": "b12a95d0f5f2",
+    "shop_10": "9093801a782e",
     "dut_reactive": "a9aad5e68bd2",
     "dut_recorded": "1709cd62e8b8",
     "eth_reactive": "5797e5fed0cc",
@@ -117,31 +117,31 @@ SCENARIOS = {
     "zara1_recorded": "c0e0d53c162c",
     "zara2_reactive": "c3bf79e1dde7",
     "zara2_recorded": "4070a43d2e04",
-    "blind_corner_3": "320f4d0d9df7",
+    "blind_corner_3": "270863d8fbbe",
     "blocks_12": "eac301ef6890",
     "blocks_12_perfect_sight": "7df281aff3f7",
-    "car_12": "7b0c3beca6ca",
+    "car_12": "5bc01d9f1bbf",
     "circle_crossing_20": "09ffba132bd8",
-    "circle_crossing_20_seen": "5cc8370b1744",
-    "corridor_8": "3377215ee1fc",
-    "doorway_8": "af61d6395ba7",
-    "groups_12": "3f9b5a40cbd3",
+    "circle_crossing_20_seen": "6cf99c755f5d",
+    "corridor_8": "357d232de79b",
+    "doorway_8": "50d4687bae56",
+    "groups_12": "ecc872b9a1c2",
     "half_half_20": "58796bb0f339",
     "intersection_16": "1aa4e4bc7a9f",
-    "intersection_16_seen": "0f27d5bdca23",
+    "intersection_16_seen": "feb7ef9a6118",
     "noisy_10": "704763c54eb2",
-    "restless_20": "349d01cbd3ac",
+    "restless_20": "d4424a8530da",
     "unicycle_10": "c58f7c14f5f7",
     "thousand": "e36f380ce83f",
-    "car": "7a2a0eac0a3f",
+    "car": "0ffb32a6bd01",
     "circle_crossing_mixed": "d15147d2f474",
-    "corner": "8f17fe12a0e1",
-    "corridor": "a7f9c7aebffe",
-    "distracted": "04b9d917e670",
-    "door": "9526404a6d87",
-    "door_narrow": "0e830fe0ad8c",
+    "corner": "1d848f12007a",
+    "stop_and_go": "d27a10a7b9c6",
+    "corridor": "cebf88e02c14",
+    "door": "852ed69974de",
+    "door_narrow": "1afdc4039903",
     "far": "ac04c6b80e7b",
-    "groups": "be00d3bbb182",
+    "groups": "3742d262888e",
     "mixed": "959d723d8f3b",
     "near": "6242801fed00",
     "noise": "72578aa7c1c4",
@@ -151,9 +151,9 @@ SCENARIOS = {
     "room_open": "48d2face4790",
     "streams": "4187757bfe58",
     "streams_busy": "e4f82832b5dc",
-    "streams_narrow": "84af13396665",
-    "street": "a652bdf95284",
-    "street_narrow": "d54fbcf8092c",
+    "streams_narrow": "bc430c986657",
+    "street": "1b746bd6f773",
+    "street_narrow": "8f1a71bae16b",
     "unicycle": "3a447d8bd0a9",
     "unicycle_slow": "b3c16e44fe20",
 }

@@ -191,14 +191,14 @@ class Shy(PolicyWithMemory):
         return velocity * memory["pace"][..., None], memory
 
 
-@pytest.mark.parametrize("share", [1.0, 0.5])
-def test_the_undisturbed_crowd_remembers_nothing_of_the_vehicle(share, monkeypatch):
+@pytest.mark.parametrize("attention", [{}, {"pedestrians.attention": {"delay": 0.0}}])
+def test_the_undisturbed_crowd_remembers_nothing_of_the_vehicle(attention):
     def driven(**vehicle):
         place = load_scenario("circle_crossing_5", vehicle)
         shy = dataclasses.replace(place, policies={"orca": Shy()})
         return rollout(Driver(ORCAPlanner(), "orca"), shy, Cases.parse("20"))
 
-    seen = driven(**{"vehicle.visible": True, "pedestrians.sees_vehicle": share})
+    seen = driven(**{"vehicle.visible": True, **attention})
     unseen = driven(**{"vehicle.visible": False})
     assert not np.array_equal(seen.position[:, 4, 1:], unseen.position[:, 4, 1:])
     for w in range(20):

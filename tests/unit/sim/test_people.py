@@ -186,7 +186,7 @@ def test_a_crowd_without_groups_is_moved_as_before():
 def test_who_stops_and_goes_pauses_for_its_share_of_each_period():
     table = {"period": 4.0, "pause": 0.25}
     trace = drive(
-        Still(), "30", "circle_crossing_5", pedestrians__policy="distracted", pedestrians__distracted=table,
+        Still(), "30", "circle_crossing_5", pedestrians__policy="stop_and_go", pedestrians__stop_and_go=table,
         layout__circle_radius=30.0, time_limit=25.0,
     )  # fmt: skip
     stands = (trace.velocity[:, 1:, 1:] == 0.0).all(axis=3)[:, :96]
@@ -196,7 +196,7 @@ def test_who_stops_and_goes_pauses_for_its_share_of_each_period():
 
 
 def test_the_other_parameters_of_who_stops_and_goes_are_those_of_its_walk():
-    policy = PEDESTRIANS.load("distracted")[1]
+    policy = PEDESTRIANS.load("stop_and_go")[1]
     assert policy.parameters == {**ORCA.parameters, **HABITS}
 
 
@@ -207,7 +207,7 @@ def test_who_gives_way_to_nobody_walks_straight():
     assert trace.position[:, 12, 1:] == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("name", ["distracted", "straight", "standing"])
+@pytest.mark.parametrize("name", ["stop_and_go", "straight", "standing"])
 def test_policies_of_habits_pass(name):
     place = load_scenario("circle_crossing_mixed", {"vehicle.visible": True, "time_limit": 3.5}, name)
     subject = Subject(POLICY, lambda: PEDESTRIANS.load(name)[1], name, {"": place}, neural=False)

@@ -4,7 +4,7 @@ from crowdbench.sim.pedestrians import ORCA, StopAndGo
 
 
 def policy() -> StopAndGo:
-    """Make the policy. Its parameters are set in the scenario, in `[pedestrians.distracted]`.
+    """Make the policy. Its parameters are set in the scenario, in `[pedestrians.stop_and_go]`.
 
     Parameters:
         period: Time from one pause to the next [s].

@@ -1,0 +1,38 @@
+"""What a scenario says of the attention of pedestrians to a visible vehicle; the model is in `sim.attention`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import Field
+
+from crowdbench.utils.toml import TomlTable, number
+
+AVOIDS, IGNORES, YIELDS_LATE, ATTRACTED = 0, 1, 2, 3
+"""Reactions of pedestrians who have noticed the vehicle: as to anybody, not at all, just before they would touch it,
+and by coming to look at it. Agrawal et al. (PeRoI, arXiv:2503.16481) name avoidance, neutrality and attraction."""
+
+
+def _share(default: float) -> Any:
+    return Field(default=default, ge=0, le=1, description="a share from 0 to 1")
+
+
+class Attention(TomlTable):
+    """`[pedestrians.attention]`: how pedestrians notice and react to a visible vehicle.
+
+    Shares are of all pedestrians. Those who neither ignore the vehicle, nor yield late, nor are attracted, avoid it.
+
+    Attributes:
+        ignores: Share of those who never adapt to it.
+        yields_late: Share of those who adapt just before they would touch it.
+        attracted: Share of those who come to look at it.
+        distracted: Share of those who look away from time to time. Of 10,543 observed pedestrians 8 % were texting
+            while they walked (PMC5762430).
+        delay: Time in seconds from the first sight of the vehicle until it is noticed.
+    """
+
+    ignores: float = _share(0.0)
+    yields_late: float = _share(0.0)
+    attracted: float = _share(0.0)
+    distracted: float = _share(0.08)
+    delay: float = number(0.4, least=0.0, below=1e3)
