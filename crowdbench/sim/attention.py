@@ -1,8 +1,8 @@
 """Which pedestrians notice the vehicle, and which of them adapt to it: an assumed model of attention. Compiled.
 
 A pedestrian notices the vehicle when it has been in its field of view, not behind walls, for the delay of
-`crowdbench.core.types.Attention`, and keeps it in mind for `MEMORY` afterwards. One who has noticed it adapts where the
-vehicle will come near, as `crowdbench.core.types.attention.REACTIONS` says. `World.memory` keeps the state.
+`crowdbench.core.types.Attention`, and keeps it in mind for `MEMORY` afterwards. One who has noticed it adapts, by its
+own reaction, where the vehicle would otherwise come near. `World.memory` keeps the state.
 
 Sources: field of view and range are of Moussaid, Helbing and Theraulaz (PNAS 108:6884, 2011); the delay of Rio, Rhea
 and Warren (J. Vision 14(2):4, 2014); the distance of closest approach below which people adapt of Olivier, Marin,
@@ -44,6 +44,12 @@ LATE = 1.5
 LOOKS_AWAY, PERIOD = 4.0, 10.0
 """Distracted pedestrians look away for so many seconds in each period of so many seconds."""
 
+CLEARANCE = 0.2
+"""Pedestrians who adapt keep this distance between rims, in metres: the discomfort distance of Chen et al. (2019)."""
+
+STANDS = 0.2
+"""Below this speed in m/s the vehicle stands, and all who have noticed it walk around it."""
+
 INTEREST, STAND_OFF = 8.0, 1.2
 """Attracted pedestrians approach the vehicle for so many seconds, up to this distance between rims in metres."""
 
@@ -79,12 +85,13 @@ def init_attention(world: World) -> AttentionState:
 
 
 def update_attention(
-    world: World, state: AttentionState
+    world: World, intended: Float[np.ndarray, "world pedestrian 2"], state: AttentionState
 ) -> tuple[Bool[np.ndarray, "world pedestrian"], AttentionState]:
     """Update the attention of pedestrians to the vehicle.
 
     Args:
         world: The worlds as they are now, in which the vehicle is the smallest disc around its body.
+        intended: The velocities in m/s that pedestrians would take if the vehicle were not there.
         state: The state after the step before.
 
     Returns:
@@ -97,19 +104,25 @@ def update_attention(
     shares = attention.ignores, attention.yields_late, attention.attracted
     traits = (*np.cumsum(shares), attention.distracted, attention.delay, dt)
     scene = world.key, world.step, world.position, world.velocity, goals_on_way(world), world.radius, world.present
-    _update(adapts, traits, *scene, world.person, world.obstacles, *after)
+    _update(adapts, traits, intended, *scene, world.person, world.obstacles, *after)
     return adapts, after
 
 
-def approach_vehicle(world: World, state: AttentionState) -> World:
-    """Return worlds in which attracted pedestrians who have just noticed the vehicle have a goal beside it."""
+def adapted_view(world: World, state: AttentionState) -> World:
+    """Return worlds as pedestrians who adapt to the vehicle perceive them.
+
+    The vehicle is larger by `CLEARANCE`, and attracted pedestrians who have just noticed it have a goal beside it.
+    """
+    radius = world.radius.copy()
+    radius[:, 0] += CLEARANCE
+    world = world.replace(radius=radius)
     comes = (state.reaction == ATTRACTED) & (state.remaining > 0.0) & (state.known < INTEREST)
     if not comes.any():
         return world
     goal, waypoint = world.goal.copy(), world.waypoint.copy()
     away = world.position[:, 1:] - world.position[:, :1]
     distance = np.maximum(norm(away), 1e-9)
-    beside = STAND_OFF + world.radius[:, :1] + world.radius[:, 1:]
+    beside = STAND_OFF - CLEARANCE + world.radius[:, :1] + world.radius[:, 1:]
     near = world.position[:, :1] + away * np.minimum(beside / distance, 1.0)[..., None]
     goal[:, 1:] = np.where(comes[..., None], near, goal[:, 1:])
     waypoint[:, 1:] = np.where(comes, np.isfinite(world.route[:, 1:, :, 0]).sum(axis=2), waypoint[:, 1:])
@@ -118,7 +131,7 @@ def approach_vehicle(world: World, state: AttentionState) -> World:
 
 @no_type_check
 @njit(error_model="numpy")
-def _update(adapts, traits, key, step, position, velocity, ahead, radius, present, person, obstacles, *state):
+def _update(adapts, traits, intended, key, step, position, velocity, ahead, radius, present, person, obstacles, *state):
     """Fill who adapts, and update the fields of `AttentionState`; `ahead` has local goals `[world, agent, 2]`."""
     known_person, reaction, phase, facing, in_view, remaining, known = state
     ignores, yields_late, attracted, distracted, delay, dt = traits
@@ -152,9 +165,10 @@ def _update(adapts, traits, key, step, position, velocity, ahead, radius, presen
             else:
                 remaining[w, p] = max(remaining[w, p] - dt, 0.0)
             known[w, p] = known[w, p] + dt if remaining[w, p] > 0.0 else 0.0
-            if remaining[w, p] == 0.0 or reaction[w, p] == IGNORES:
+            is_moving = velocity[w, 0, 0] ** 2 + velocity[w, 0, 1] ** 2 > STANDS**2
+            if remaining[w, p] == 0.0 or (reaction[w, p] == IGNORES and is_moving):
                 continue
-            ux, uy = velocity[w, 0, 0] - vx, velocity[w, 0, 1] - vy
+            ux, uy = velocity[w, 0, 0] - intended[w, p, 0], velocity[w, 0, 1] - intended[w, p, 1]
             time = max(-(dx * ux + dy * uy), 0.0) / max(ux * ux + uy * uy, 1e-9)
             nearest = math.hypot(dx + time * ux, dy + time * uy) - max(radius[w, 0] - radius[w, a], 0.0)
             comes = reaction[w, p] == ATTRACTED and known[w, p] < INTEREST

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core.dynamics import DISC, hull
 from crowdbench.core.dynamics.motion import HOLONOMIC, Motion, drive, limit_speed
 from crowdbench.core.types import Outcome, RuleNumbers, Rules, World
-from crowdbench.sim.attention import AttentionState, approach_vehicle, init_attention, update_attention
+from crowdbench.sim.attention import AttentionState, adapted_view, init_attention, update_attention
 from crowdbench.sim.episode import StepCheck, check_disc, check_step
 from crowdbench.sim.kernels import FlatKernel
 from crowdbench.sim.obstacles import slide
@@ -61,12 +61,12 @@ def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> t
     if not has_attention(world.rules):
         velocity, memories = _query_policies(view, policies)
         return velocity, _with_memories(world, memories)
-    adapts, state = update_attention(view, AttentionState(**world.memory[ATTENTION]))
-    velocity, memories = _query_policies(approach_vehicle(view, state), policies)
     blind = world.replace(memory=world.memory[BLIND])
-    other, blind_memories = _query_policies(_without_vehicle(blind), policies)
+    intended, blind_memories = _query_policies(_without_vehicle(blind), policies)
+    adapts, state = update_attention(view, intended, AttentionState(**world.memory[ATTENTION]))
+    velocity, memories = _query_policies(adapted_view(view, state), policies)
     memories |= {BLIND: {**blind.memory, **blind_memories}, ATTENTION: state._asdict()}
-    return np.where(adapts[:, :, None], velocity, other), _with_memories(world, memories)
+    return np.where(adapts[:, :, None], velocity, intended), _with_memories(world, memories)
 
 
 def init_memories(world: World, policies: Mapping[str, PedestrianPolicy]) -> World:

@@ -23,7 +23,7 @@ class Attention(TomlTable):
     Shares are of all pedestrians. Those who neither ignore the vehicle, nor yield late, nor are attracted, avoid it.
 
     Attributes:
-        ignores: Share of those who never adapt to it.
+        ignores: Share of those who adapt to it only while it stands.
         yields_late: Share of those who adapt just before they would touch it.
         attracted: Share of those who come to look at it.
         distracted: Share of those who look away from time to time. Of 10,543 observed pedestrians 8 % were texting

@@ -13,7 +13,7 @@ from crowdbench.core.types.attention import ATTRACTED, AVOIDS, IGNORES, YIELDS_L
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.sim.attention import AttentionState, approach_vehicle, init_attention, update_attention
+from crowdbench.sim.attention import AttentionState, adapted_view, init_attention, update_attention
 from crowdbench.sim.pedestrians import ORCA
 from crowdbench.sim.simulator import ATTENTION, crowd_decisions, init_memories
 from crowdbench.utils.errors import InputError
@@ -35,7 +35,7 @@ def watch(world, steps, state=None):
     """Whether the pedestrian adapts in each of some steps in which nothing moves, and the state after them."""
     state, adapts = state or init_attention(world), []
     for step in range(steps):
-        adapt, state = update_attention(world.replace(step=world.step + step), state)
+        adapt, state = update_attention(world.replace(step=world.step + step), world.velocity[:, 1:], state)
         adapts.append(bool(adapt[0, 0]))
     return adapts, state
 
@@ -61,7 +61,7 @@ def test_a_vehicle_in_view_is_noticed_after_the_delay(vehicle, obstacles, is_not
         seen = seen.replace(obstacles=obstacles)
     remaining, state = [], init_attention(seen)
     for _ in range(4):
-        state = update_attention(seen, state)[1]
+        state = update_attention(seen, seen.velocity[:, 1:], state)[1]
         remaining.append(state.remaining[0, 0])
     # First seen at 0 s, and the delay of 0.4 s has passed at 0.5 s.
     assert remaining == ([0.0, 0.0, 5.0, 5.0] if is_noticed else [0.0] * 4)
@@ -113,8 +113,10 @@ def test_the_limit_of_the_approach_grows_with_the_vehicle():
     assert watch(large.replace(radius=radius), 3)[0][-1]
 
 
-def test_pedestrians_who_ignore_the_vehicle_never_adapt():
-    assert not any(watch(scene((1.0, 0.0), attention=Attention(ignores=1.0, distracted=0.0)), 8)[0])
+@pytest.mark.parametrize(("speed", "adapts"), [(0.25, False), (0.15, True)])
+def test_pedestrians_who_ignore_the_vehicle_adapt_only_where_it_stands(speed, adapts):
+    ignoring = Attention(ignores=1.0, distracted=0.0)
+    assert watch(scene((1.0, 0.0), (0.0, speed), ignoring), 3)[0] == [False, False, adapts]
 
 
 @pytest.mark.parametrize(("distance", "adapts"), [(3.1, False), (2.9, True)])
@@ -128,8 +130,8 @@ def test_attracted_pedestrians_come_and_lose_interest():
     state = init_attention(seen)
     goals = []
     for _ in range(40):
-        _, state = update_attention(seen, state)
-        goals.append(approach_vehicle(seen, state).goal[0, 1])
+        _, state = update_attention(seen, seen.velocity[:, 1:], state)
+        goals.append(adapted_view(seen, state).goal[0, 1])
     beside = np.array([5.0, 3.0]) * (1.0 - 1.8 / math.hypot(5.0, 3.0))  # 1.2 m between two rims of 0.3 m
     assert np.array_equal(goals[1], seen.goal[0, 1])
     np.testing.assert_allclose(goals[2:33], np.tile(beside, (31, 1)))
@@ -145,7 +147,7 @@ def test_traits_are_drawn_by_their_shares():
             "pedestrians.attention": {"ignores": 0.1, "yields_late": 0.2, "attracted": 0.3, "distracted": 0.25},
         },
     ).worlds(Cases.parse("val:40"))
-    state = update_attention(crowd, AttentionState(**crowd.memory[ATTENTION]))[1]
+    state = update_attention(crowd, crowd.velocity[:, 1:], AttentionState(**crowd.memory[ATTENTION]))[1]
     for reaction, share in ((AVOIDS, 0.4), (IGNORES, 0.1), (YIELDS_LATE, 0.2), (ATTRACTED, 0.3)):
         assert (state.reaction == reaction).mean() == pytest.approx(share, abs=0.04)
     is_distracted = ~np.isnan(state.phase)
@@ -157,7 +159,7 @@ def test_distracted_pedestrians_look_away_for_four_seconds_of_ten():
     beside = scene((3.0, 2.0), attention=Attention(distracted=1.0))  # at 34 degrees
     state, views = init_attention(beside), []
     for step in range(80):
-        state = update_attention(beside.replace(step=np.array([step])), state)[1]
+        state = update_attention(beside.replace(step=np.array([step])), beside.velocity[:, 1:], state)[1]
         views.append(state.in_view[0, 0] >= 0.0)
     assert np.mean(views) == pytest.approx(0.6, abs=0.03)
     ahead = scene((3.0, 0.0), attention=Attention(distracted=1.0))
@@ -173,6 +175,9 @@ def test_pedestrians_walk_as_in_a_crowd_with_the_vehicle_or_as_in_one_without_it
     for _ in range(3):
         velocity, before = crowd_decisions(before, {"orca": ORCA()})
         velocities.append(velocity)
+    radius = before.radius.copy()
+    radius[:, 0] += 0.2
+    before = before.replace(radius=radius)
     with_vehicle, without = (
         crowd_decisions(before.replace(rules=Rules(visible=visible)), {"orca": ORCA()})[0] for visible in (True, False)
     )
