@@ -8,7 +8,7 @@ A metric with booleans is a rate. To add a metric, write its function in the mod
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -128,6 +128,11 @@ def info_of(name: str, is_rate: bool = False, metric: Metric | None = None) -> M
     title, unit = name.removesuffix("_rate").replace("_", " "), read_unit(function) if function else ""
     info = getattr(function, "info", None) or MetricInfo(title, unit, needs=frozenset({UNDISTURBED}))
     return replace(info, share=True) if is_rate else info
+
+
+def need_undisturbed(metrics: Mapping[str, Metric]) -> bool:
+    """Return whether any of these metrics needs `Trace.undisturbed`."""
+    return any(UNDISTURBED in info_of(name, metric=metric).needs for name, metric in metrics.items())
 
 
 def no_metric(name: str, known: Collection[str]) -> str:

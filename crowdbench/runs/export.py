@@ -58,7 +58,7 @@ def export(run: RunResult, scenario: Scenario, folder: Path, progress: Progress 
 
     with contextlib.ExitStack() as stack:
         writer: pq.ParquetWriter | None = None
-        for trace in traces(run, scenario, progress=progress, watch=watch):
+        for trace in traces(run, scenario, undisturbed=False, progress=progress, watch=watch):
             cases += len(trace)
             for row, case in enumerate(trace.case.tolist()):
                 _write_tracks(trace, row, folder / TRACKS / f"{trace.split}-{case}.txt")

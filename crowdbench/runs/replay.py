@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.core.types import Observation, Trace, World
-from crowdbench.metrics import Metric
+from crowdbench.metrics import Metric, need_undisturbed
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.differences import Difference, Differences
@@ -121,7 +121,8 @@ def replay(
     differences.note(f"checks of {RESULT} fail", [run.broken] if run.broken else [], 1)
     parts: list[Episodes] = []
     wrong_states: list[str] = []
-    for trace in traces(run, scenario, progress=progress):
+    undisturbed = run.recording is not None or need_undisturbed(measured)
+    for trace in traces(run, scenario, undisturbed=undisturbed, progress=progress):
         parts.append(Episodes.of(trace, measured))
         if run.recording is not None and _kind(run.recording.trace) == _kind(trace):
             wrong_states += differences.compare_states(run.recording.trace, trace)
@@ -144,6 +145,7 @@ def traces(
     run: RunResult,
     scenario: Scenario,
     only: Collection[int] | None = None,
+    undisturbed: bool = True,
     progress: Progress | None = None,
     watch: Callable[[World], None] | None = None,
 ) -> Iterator[Trace]:
@@ -153,6 +155,7 @@ def traces(
         run: What the run has left.
         scenario: The scenario that its `result.json` describes, made again.
         only: The numbers of the wanted cases; None for every case that has commands.
+        undisturbed: See `rollout`.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
         watch: Called with the worlds before each step.
 
@@ -174,7 +177,7 @@ def traces(
             command = run.commands.pad(chosen, scenario.rules.max_steps)
             command[~possible[chosen]] = 0.0  # the driver would end the replay at them
             driver = Driver(Playback(command), "of the replay")
-            yield rollout(driver, scenario, part, progress=progress, watch=watch)
+            yield rollout(driver, scenario, part, undisturbed=undisturbed, progress=progress, watch=watch)
 
 
 def _possible(recorded: Commands, scenario: Scenario) -> Bool[np.ndarray, "case"]:

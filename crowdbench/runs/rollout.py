@@ -70,7 +70,7 @@ def rollout(
             called, and the commands are executed in open loop.
         keep_logs: Whether the trace keeps what the planner logs.
         undisturbed: Whether the trace tells where people who see the vehicle would walk without it, which some metrics
-            read (`MetricInfo.needs`), and which takes as long as simulating the crowd once more.
+            read (`MetricInfo.needs`). The crowd of each episode is then simulated once more.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
         watch: Called with the worlds before each step.
 
@@ -107,33 +107,37 @@ def rollout(
         if not len(rows):
             break
         world = after
-    alone = None
+    trace = builder.trace(cases.split, scenario.blocks(cases))
     if undisturbed and scenario.rules.visible:
-        alone = _walk_alone(scenario, start, int(builder.steps.max()))
-    return builder.trace(cases.split, alone, scenario.blocks(cases))
+        return dataclasses.replace(trace, undisturbed=_walk_alone(scenario, start, trace))
+    return trace
 
 
-_Alone = tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "world time pedestrian"]]
-"""Where the pedestrians would walk if the vehicle were not there, in metres, and their numbers as persons."""
-
-
-def _walk_alone(scenario: Scenario, world: World, steps: int) -> _Alone:
-    """Simulate the pedestrians from their start without the vehicle. What they remember follows from that alone, too.
+def _walk_alone(scenario: Scenario, world: World, trace: Trace) -> Float[np.ndarray, "world time pedestrian 2"]:
+    """Simulate the pedestrians of each episode to its end without the vehicle.
 
     Args:
         scenario: The scenario.
         world: The worlds at their start.
-        steps: The number of steps; NaN and -1 stand for what comes after them.
+        trace: The episodes with the vehicle.
+
+    Returns:
+        Positions in metres, NaN where the episode has ended, or has another person or nobody.
     """
+    # What the policies remember must follow from this crowd alone.
     world = init_memories(world.replace(rules=dataclasses.replace(world.rules, visible=False)), scenario.policies)
-    shape = len(world), scenario.rules.max_steps + 1, world.person.shape[1]
-    positions, persons = np.full((*shape, 2), np.nan), np.full(shape, -1)
-    for t in range(steps + 1):
-        positions[:, t], persons[:, t] = world.position[:, 1:], world.person
-        if t < steps:
-            crowd, world = crowd_decisions(world, scenario.policies)
-            world = walk(world, crowd, scenario.post_step_rule)
-    return positions, persons
+    positions, rows = np.full(trace.position[:, :, 1:].shape, np.nan), np.arange(len(world))
+    for t in range(scenario.rules.max_steps + 1):
+        same = trace.present[rows, t, 1:] & (world.person == trace.person[rows, t])
+        positions[rows, t] = np.where(same[..., None], world.position[:, 1:], np.nan)
+        running = trace.steps[rows] > t
+        if not running.any():
+            break
+        if not running.all():
+            world, rows = world.take(running), rows[running]
+        crowd, world = crowd_decisions(world, scenario.policies)
+        world = walk(world, crowd, scenario.post_step_rule)
+    return positions
 
 
 class _Shares:
@@ -260,7 +264,7 @@ class _TraceBuilder:
             with np.errstate(over="ignore"):
                 self.logs[name][rows, t] = values
 
-    def trace(self, split: str, alone: _Alone | None, block: Int[np.ndarray, "world"] | None) -> Trace:
+    def trace(self, split: str, block: Int[np.ndarray, "world"] | None) -> Trace:
         """The trace of all episodes, from the split of the cases and their blocks of recorded time."""
         arrays = self.arrays
         if self.changing:
@@ -269,12 +273,6 @@ class _TraceBuilder:
             arrays["noticed"] = arrays["noticed"][self._last_states()]
         for name in ("position", "velocity"):
             arrays[name][~arrays["present"]] = np.nan
-        undisturbed = None
-        if alone is not None:
-            undisturbed, persons = alone
-            # Somebody else there cannot be compared.
-            gone = np.isnan(arrays["position"][:, :, 1:]).any(axis=3)
-            undisturbed[gone | (persons != arrays["person"])] = np.nan
         return Trace(
             split=split,
             case=self.start.case,
@@ -286,7 +284,6 @@ class _TraceBuilder:
             route=self.start.route[:, 0],
             obstacles=self.start.obstacles,
             rules=self.start.rules,
-            undisturbed=undisturbed,
             block=block,
             logs=self.logs,
         )

@@ -16,7 +16,7 @@ from llvmlite.binding import get_host_cpu_name
 
 from crowdbench.catalog import PLANNERS
 from crowdbench.core.types import Trace, World
-from crowdbench.metrics import UNDISTURBED, Metric, info_of
+from crowdbench.metrics import Metric, need_undisturbed
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.identity import PlannerId, RunId, code, source_of
 from crowdbench.runs.recording import open_recorder, units_of
@@ -90,7 +90,6 @@ class Run:
     def _traces(self, cases: Cases, interrupts: Interrupts, progress: Progress | None) -> Iterator[Trace]:
         """The traces of all cases, batch by batch, in smaller ones where the planner's logs would take too much."""
         with_episodes = self.spec.record in WITH_EPISODES
-        of_others = any(UNDISTURBED in info_of(name, metric=metric).needs for name, metric in self.metrics.items())
         start, batch = cases.start, fit_batch(self.spec.batch, self.scenario)
         while start < cases.stop:
             seconds = self.driver.seconds
@@ -102,7 +101,7 @@ class Run:
                         Cases(cases.split, start, min(start + batch, cases.stop)),
                         replanning=self.spec.replanning,
                         keep_logs=with_episodes,
-                        undisturbed=with_episodes or of_others,
+                        undisturbed=with_episodes or need_undisturbed(self.metrics),
                         progress=progress,
                         watch=self.foresee,
                     )

@@ -175,7 +175,7 @@ class Trace:
         obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
         rules: The rules of the scenario.
         undisturbed: Where the pedestrians would walk without the vehicle, in metres, NaN where it would be somebody
-            else; None where they do not see it.
+            else; None where they do not see it, or where it was not asked for.
         perceived: Where the vehicle saw each pedestrian, or remembered it to be, in metres, as in its observation; NaN
             of the others. None where it saw everybody exactly and at once.
         age: Seconds since each pedestrian was where the vehicle last measured it, infinite of those that it neither saw

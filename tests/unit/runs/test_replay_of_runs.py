@@ -28,7 +28,7 @@ from crowdbench.runs.shards import find_finished
 from crowdbench.runs.spec import Replanning
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import step
+from crowdbench.sim.simulator import step, walk
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import plain
 
@@ -396,3 +396,19 @@ def test_the_name_of_a_directory_need_not_be_utf_8(tmp_path):
     directory = tmp_path / os.fsdecode(b"\xff")
     go(directory, cases="2", record="commands")
     assert not again(directory).differences
+
+
+@pytest.mark.parametrize(
+    ("names", "record", "expected"),
+    [(["jerk"], "commands", False), (["jerk", "deflection"], "commands", True), (["jerk"], "all", True)],
+)
+def test_a_replay_simulates_the_undisturbed_crowd_for_metrics_and_recordings(
+    names, record, expected, tmp_path, monkeypatch
+):
+    metrics = {name: METRICS[name] for name in names}
+    run = go(tmp_path / "run", cases="4", scenario="circle_crossing_5_visible", metrics=metrics, record=record)
+    walks = []
+    monkeypatch.setattr(rollouts, "walk", lambda *arguments: walks.append(arguments) or walk(*arguments))
+    found = again(run, metrics)
+    assert (found.differences, bool(walks)) == ([], expected)
+    assert found.recorded == (4 if record == "all" else 0)

@@ -8,12 +8,13 @@ from crowdbench.core.types import Outcome
 from crowdbench.envs.observations import flatten
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
+from crowdbench.runs import rollout as rollouts
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.sim.simulator import crowd_velocities, step, walk
 from crowdbench.utils.errors import InputError
 
 SCENARIOS = ["circle_crossing_5", *(f"circle_crossing_5_{kind}" for kind in ("visible", "gaussian", "social_force"))]
@@ -118,6 +119,20 @@ def test_the_undisturbed_crowd_is_the_crowd_of_an_invisible_vehicle():
     for w in range(30):
         assert np.array_equal(visible.undisturbed[w, : both[w] + 1], unseen.position[w, : both[w] + 1, 1:])
     assert unseen.undisturbed is None
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_the_undisturbed_crowd_is_simulated_to_the_end_of_each_episode_where_it_is_wanted(wanted, monkeypatch):
+    walks = []
+    monkeypatch.setattr(rollouts, "walk", lambda world, *others: walks.append(len(world)) or walk(world, *others))
+    driver, place = Driver(load_planner("orca")[1], "orca"), load_scenario("circle_crossing_5_visible")
+    trace = rollout(driver, place, Cases.parse("30"), undisturbed=wanted)
+    assert sum(walks) == (trace.steps.sum() if wanted else 0)
+    assert (trace.undisturbed is not None) == wanted
+    if wanted:
+        assert trace.steps.min() < trace.steps.max()
+        after = np.arange(trace.position.shape[1]) > trace.steps[:, None]
+        assert np.array_equal(np.isnan(trace.undisturbed).all(axis=(2, 3)), after)
 
 
 def test_what_a_planner_logs_lands_at_its_case_and_step():
