@@ -266,8 +266,6 @@ def _rules(top: ScenarioSpec, file: Location) -> Rules:
     if _count_steps(top.sensor.delay, top.dt, delay) > MAX_DELAY:
         raise delay.wrong(f"{top.sensor.delay:g}", f"{MAX_DELAY * top.dt:g} s or less, {MAX_DELAY} steps")
     attention = top.pedestrians.attention
-    if attention is not None and not vehicle.visible:
-        raise location.at("visible").wrong("false", "true where there is a table [pedestrians.attention]")
     if attention is not None and attention.ignores + attention.yields_late + attention.attracted > 1.0:
         location = file.at("pedestrians", "attention")
         raise location.wrong("a table with reactions of more than everybody", "one whose shares add up to 1 at most")
@@ -285,7 +283,7 @@ def _rules(top: ScenarioSpec, file: Location) -> Rules:
         time_limit=top.time_limit,
         collision=top.collision,
         visible=vehicle.visible,
-        attention=attention,
+        attention=attention if vehicle.visible else None,
         dynamics=dynamics,
         goal_tolerance=vehicle.goal_tolerance,
         body=_body(vehicle, dynamics, location),

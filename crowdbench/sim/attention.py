@@ -4,9 +4,8 @@ A pedestrian notices the vehicle when it has been in its field of view, not behi
 `crowdbench.core.types.Attention`, and keeps it in mind for `MEMORY` afterwards. One who has noticed it adapts, by its
 own reaction, where the vehicle would otherwise come near. `World.memory` keeps the state.
 
-Sources: field of view and range are of Moussaid, Helbing and Theraulaz (PNAS 108:6884, 2011); the delay of Rio, Rhea
-and Warren (J. Vision 14(2):4, 2014); the distance of closest approach below which people adapt of Olivier, Marin,
-Cretual and Pettre (Gait & Posture 36:399, 2012). All other numbers are assumptions.
+Sources: field of view and range are of Moussaïd et al. (2011), the delay of Rio et al. (2014), and the distance of
+closest approach below which people adapt of Olivier et al. (2012). All other numbers are assumptions.
 """
 
 from __future__ import annotations

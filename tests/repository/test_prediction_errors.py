@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import re
 
@@ -9,9 +10,9 @@ from crowdbench import load_scenario
 from crowdbench.cli import app, build_script
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle, Prediction, Predictor
 from crowdbench.predict.load import PREDICTORS
-from crowdbench.runs.rollout import _walk_alone
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import Tracks
+from crowdbench.sim.simulator import crowd_velocities, walk
 from crowdbench.utils.defaults import HORIZON
 from crowdbench.utils.errors import InputError
 from studies.social_gan import prediction_errors
@@ -166,8 +167,12 @@ def test_scenes_are_resampled_apart_from_each_other():
 def slowly(predict, scenario, cases, ahead):
     """ADE and FDE `[ahead]`: one pedestrian after the other, until it comes near its goal."""
     world = scenario.worlds(cases)
-    track, _ = _walk_alone(scenario, world, scenario.rules.max_steps)
-    errors = []
+    moving = world.replace(rules=dataclasses.replace(world.rules, visible=False))
+    positions, errors = [moving.position], []
+    for _ in range(scenario.rules.max_steps):
+        moving = walk(moving, crowd_velocities(moving, scenario.policies), scenario.post_step_rule)
+        positions.append(moving.position)
+    track = np.stack(positions, axis=1)[:, :, 1:]
     for w in range(len(world)):
         for p in np.flatnonzero(world.present[w, 1:]):
             own, goal, radius = track[w, :, p], world.goal[w, p + 1], world.radius[w, p + 1]

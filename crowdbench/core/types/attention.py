@@ -10,7 +10,7 @@ from crowdbench.utils.toml import TomlTable, number
 
 AVOIDS, IGNORES, YIELDS_LATE, ATTRACTED = 0, 1, 2, 3
 """Reactions of pedestrians who have noticed the vehicle: as to anybody, not at all, just before they would touch it,
-and by coming to look at it. Agrawal et al. (PeRoI, arXiv:2503.16481) name avoidance, neutrality and attraction."""
+and by coming to look at it. Agrawal et al. (2025) name avoidance, neutrality and attraction."""
 
 
 def _share(default: float) -> Any:
@@ -18,9 +18,10 @@ def _share(default: float) -> Any:
 
 
 class Attention(TomlTable):
-    """`[pedestrians.attention]`: how pedestrians notice and react to a visible vehicle.
+    """`[pedestrians.attention]`: how pedestrians notice a visible vehicle and react to it.
 
-    Shares are of all pedestrians. Those who neither ignore the vehicle, nor yield late, nor are attracted, avoid it.
+    It has no effect where the vehicle is not visible. Shares are of all pedestrians. Those who neither ignore the
+    vehicle, nor yield late, nor are attracted, avoid it.
 
     Attributes:
         ignores: Share of those who adapt to it only while it stands.
