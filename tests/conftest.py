@@ -3,6 +3,7 @@
 import os
 import pkgutil
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -47,6 +48,22 @@ def one_thread():
     yield
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)
+
+
+@pytest.fixture
+def call(monkeypatch, capfd):
+    """Run a command in this process, from its arguments to its exit status and all that it prints."""
+    from crowdbench import cli  # after the hook that checks shapes
+
+    monkeypatch.setattr(cli.interrupts, "handle", lambda: None)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["crowdbench", *arguments])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        return subprocess.CompletedProcess(sys.argv, stop.value.code or 0, *capfd.readouterr())
+
+    return run
 
 
 @pytest.fixture(scope="session")

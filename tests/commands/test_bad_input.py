@@ -1,5 +1,6 @@
 """What nobody should give gets one sentence: no traceback, no wait without an end, no wrong reason."""
 
+import io
 import os
 import subprocess
 import sys
@@ -26,16 +27,13 @@ def in_an_empty_folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def crowdbench(monkeypatch, capsys):
-    """Runs a command in this process: its exit status, what it prints, and its sentence about an error."""
-    monkeypatch.setattr(cli.interrupts, "handle", lambda: None)
+def crowdbench(call):
+    """Runs a command: its exit status, what it prints, and its sentence about an error."""
 
     def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["crowdbench", *arguments])
-        with pytest.raises(SystemExit) as stop:
-            cli.main()
-        out, err = capsys.readouterr()
-        return stop.value.code, out, [line for line in err.splitlines() if not line.startswith("compiling")]
+        done = call(*arguments)
+        errors = [line for line in done.stderr.splitlines() if not line.startswith("compiling")]
+        return done.returncode, done.stdout, errors
 
     return run
 
@@ -182,12 +180,12 @@ def test_a_run_without_standard_streams_keeps_its_result(tmp_path):
     assert read_result(tmp_path / "kept")["run"]["cases"] == "test:0:2"
 
 
-def test_what_ascii_lacks_is_printed_as_escapes():
-    code = "from crowdbench.cli import console; console.prepare_streams(); print('m/s³ \\udcff')"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, "PYTHONIOENCODING": "ascii"}, capture_output=True, timeout=60
-    )
-    assert done.stdout == b"m/s\\xb3 \\udcff\n"
+def test_what_ascii_lacks_is_printed_as_escapes(monkeypatch):
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
+    console.prepare_streams()
+    print("m/s³ \udcff", flush=True)
+    assert written.getvalue() == b"m/s\\xb3 \\udcff\n"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

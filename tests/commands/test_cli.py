@@ -1,4 +1,4 @@
-"""The command line as a user meets it: in processes of its own."""
+"""The command line from its arguments to its exit status; in a process of its own where that makes a difference."""
 
 import itertools
 import json
@@ -53,32 +53,27 @@ def in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def crowdbench(*arguments):
-    command = [sys.executable, "-m", "crowdbench", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120)
-
-
-def test_a_run_leaves_a_table_a_result_its_episodes_and_a_recording(tmp_path):
-    done = crowdbench("run", "--planner", "orca", "--cases", "12", "--record", "all")
+def test_a_run_leaves_a_table_a_result_its_episodes_and_a_recording(call, tmp_path):
+    done = call("run", "--planner", "orca", "--cases", "12", "--record", "all")
     assert done.returncode == 0, done.stderr
     assert "success_rate" in done.stdout
     run = tmp_path / "runs" / "orca-circle_crossing_5-12"
     files = {"result.json", "episodes.csv", "commands.parquet", "run.rrd"}
     assert {path.name for path in run.iterdir()} == files
-    again = crowdbench("run", "--planner", "orca", "--cases", "12")
+    again = call("run", "--planner", "orca", "--cases", "12")
     assert again.returncode == 1
     assert again.stderr.startswith("crowdbench: ")
     assert "--overwrite" in again.stderr
-    scored = crowdbench("score", str(run / "run.rrd"), "--json")
+    scored = call("score", str(run / "run.rrd"), "--json")
     result = json.loads((run / "result.json").read_text())
     for name, estimate in json.loads(scored.stdout)["metrics"].items():
         assert estimate == pytest.approx(result["metrics"][name], abs=1e-9, nan_ok=True), name
 
 
 @pytest.mark.slow
-def test_a_partial_recording_gives_its_cases_and_no_rates(tmp_path):
-    crowdbench("run", "--planner", "orca", "--cases", "15:40", "--out", "run")
-    scored = json.loads(crowdbench("score", "run", "--json").stdout)
+def test_a_partial_recording_gives_its_cases_and_no_rates(call, tmp_path):
+    call("run", "--planner", "orca", "--cases", "15:40", "--out", "run")
+    scored = json.loads(call("score", "run", "--json").stdout)
     assert "metrics" not in scored
     assert scored["cases"] == 25
     rows = {
@@ -96,8 +91,8 @@ def test_a_partial_recording_gives_its_cases_and_no_rates(tmp_path):
 
 
 @pytest.mark.slow
-def test_json_is_all_that_json_prints():
-    done = crowdbench("run", "--planner", "orca", "--cases", "3", "--json", "--set", "collision=crowdnav")
+def test_json_is_all_that_json_prints(call):
+    done = call("run", "--planner", "orca", "--cases", "3", "--json", "--set", "collision=crowdnav")
     result = json.loads(done.stdout)
     assert result["stated"]["overrides"] == {"collision": "crowdnav"}
     assert result["scenario"]["collision"] == "crowdnav"
@@ -134,21 +129,18 @@ def test_json_is_all_that_json_prints():
         (["run-board", "five"], "No such command 'run-board'"),
     ],
 )
-def test_bad_input_gets_one_sentence_and_a_non_zero_exit(tmp_path, monkeypatch, capsys, arguments, expected):
-    monkeypatch.setattr(sys, "argv", ["crowdbench", *arguments])
-    with pytest.raises(SystemExit) as stopped:
-        cli.main()
-    assert stopped.value.code not in (0, None)
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith("crowdbench: ")
-    assert said.err.count("\n") == 1
-    assert expected in said.err
+def test_bad_input_gets_one_sentence_and_a_non_zero_exit(call, tmp_path, arguments, expected):
+    said = call(*arguments)
+    assert said.returncode != 0
+    assert said.stdout == ""
+    assert said.stderr.startswith("crowdbench: ")
+    assert said.stderr.count("\n") == 1
+    assert expected in said.stderr
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_replay_refuses_tracks_that_its_scenario_does_not_need(tmp_path):
-    crowdbench("run", "--planner", "straight", "--cases", "1", "--out", str(tmp_path / "run"))
+def test_a_replay_refuses_tracks_that_its_scenario_does_not_need(call, tmp_path):
+    call("run", "--planner", "straight", "--cases", "1", "--out", str(tmp_path / "run"))
     done = CliRunner().invoke(app, ["score", str(tmp_path / "run"), "--replay", "--data", "."])
     assert "--data does not go with circle_crossing_5" in str(done.exception)
 
@@ -170,23 +162,23 @@ def planner():
 
 
 @pytest.mark.slow
-def test_a_run_that_replans_seldom_says_so_everywhere(tmp_path):
+def test_a_run_that_replans_seldom_says_so_everywhere(call, tmp_path):
     (tmp_path / "mine.py").write_text(AHEAD_PLANNER)
     arguments = ["run", "--planner", "./mine.py", "--cases", "3", "--record", "none"]
-    often, seldom = crowdbench(*arguments), crowdbench(*arguments, "--replan-every", "8")
+    often, seldom = call(*arguments), call(*arguments, "--replan-every", "8")
     assert seldom.stdout.splitlines()[0] == "mine (replan_every=8, look_first=8) on circle_crossing_5, cases test:0:3"
     assert often.stdout.splitlines()[0] == "mine on circle_crossing_5, cases test:0:3"
     runs = [f"runs/mine-circle_crossing_5-3{more}" for more in ("", "-replan_every=8-look_first=8")]
     assert [
         json.loads((tmp_path / run / "result.json").read_text())["run"]["replanning"].get("look_first") for run in runs
     ] == [None, 8]
-    title = crowdbench("compare", *runs).stdout.splitlines()[0]
+    title = call("compare", *runs).stdout.splitlines()[0]
     assert title == "mine and mine (replan_every=8, look_first=8): 3 shared cases, 0 solved by both"
 
 
 @pytest.mark.slow
-def test_a_planner_of_single_steps_does_not_run_ahead(tmp_path):
-    done = crowdbench("run", "--planner", "orca", "--cases", "2", "--replan-every", "8")
+def test_a_planner_of_single_steps_does_not_run_ahead(call, tmp_path):
+    done = call("run", "--planner", "orca", "--cases", "2", "--replan-every", "8")
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1] == (
         "crowdbench: planner orca decides one step at a time: "
@@ -196,7 +188,8 @@ def test_a_planner_of_single_steps_does_not_run_ahead(tmp_path):
 
 
 def test_debug_shows_the_traceback():
-    done = crowdbench("run", "--planner", "orka", "--debug")
+    command = [sys.executable, "-m", "crowdbench", "run", "--planner", "orka", "--debug"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode != 0
     assert "Traceback" in done.stderr
 
@@ -218,18 +211,18 @@ def test_the_help_groups_the_commands():
 
 
 @pytest.mark.slow
-def test_check_tells_by_its_exit_status(tmp_path):
-    good = crowdbench("check", "orca", "--cases", "val:3")
+def test_check_tells_by_its_exit_status(call, tmp_path):
+    good = call("check", "orca", "--cases", "val:3")
     assert good.returncode == 0, good.stderr
     (tmp_path / "mine.py").write_text(SLOW_PLANNER)
-    bad = crowdbench("check", "./mine.py", "--cases", "val:10:12", "--decision-limit", "0.2")
+    bad = call("check", "./mine.py", "--cases", "val:10:12", "--decision-limit", "0.2")
     assert bad.returncode == 1
     assert "took longer" in " ".join(bad.stdout.split())
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_run_keeps_its_finished_batches(tmp_path, number):
+def test_an_interrupted_run_keeps_its_finished_batches(call, tmp_path, number):
     (tmp_path / "slow.py").write_text(SLOW_PLANNER)
     command = ["run", "--planner", "./slow.py", "--cases", "30", "--batch", "10", "--record", "none", "--out", "kept"]
     # A process started in the background ignores SIGINT unless told otherwise.
@@ -246,13 +239,13 @@ def test_an_interrupted_run_keeps_its_finished_batches(tmp_path, number):
     assert "crowdbench: interrupted: 10 of 30 cases are kept in kept.parts-" in errors
     assert not (tmp_path / "kept").exists()
     [folder] = tmp_path.glob("kept.parts-*")
-    merged = crowdbench("merge", folder.name, "--out", "some")
+    merged = call("merge", folder.name, "--out", "some")
     assert merged.returncode == 0, merged.stderr
     assert json.loads((tmp_path / "some" / "result.json").read_text())["run"]["cases"] == "test:0:10"
 
 
 @pytest.mark.slow
-def test_a_killed_run_leaves_nothing_under_its_name(tmp_path):
+def test_a_killed_run_leaves_nothing_under_its_name(call, tmp_path):
     (tmp_path / "slow.py").write_text(SLOW_PLANNER)
     process = subprocess.Popen(
         [sys.executable, "-m", "crowdbench", "run", "--planner", "./slow.py", "--cases", "20", "--batch", "10"]
@@ -263,7 +256,7 @@ def test_a_killed_run_leaves_nothing_under_its_name(tmp_path):
     (partial,) = (tmp_path / "runs").glob("*.parts-*/.*.partial-*")
     name = partial.parent.name.partition(".parts-")[0]
     assert not (tmp_path / "runs" / name).exists()
-    done = crowdbench("run", "--planner", "orca", "--cases", "20", "--batch", "10", "--out", f"runs/{name}")
+    done = call("run", "--planner", "orca", "--cases", "20", "--batch", "10", "--out", f"runs/{name}")
     assert done.returncode == 0, done.stderr
     shown = sorted(path.name for path in (tmp_path / "runs").glob("[!.]*"))
     assert shown == [name, partial.parent.name]  # a part is kept, and its lock, for the same command to go on
@@ -283,7 +276,7 @@ def test_the_command_line_starts_without_what_it_does_not_need():
 
 
 @pytest.mark.slow
-def test_a_full_disk_is_told_and_leaves_nothing(tmp_path):
+def test_a_full_disk_is_told_and_leaves_nothing(call, tmp_path):
     if os.geteuid() != 0:
         pytest.skip("needs root to mount a small disk")
     (tmp_path / "disk").mkdir()
@@ -291,7 +284,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path):
         pytest.skip("cannot mount a small disk here")
     try:
         for record in ("none", "all"):
-            done = crowdbench("run", "--planner", "orca", "--cases", "400", "--record", record, "--out", "disk/run")
+            done = call("run", "--planner", "orca", "--cases", "400", "--record", record, "--out", "disk/run")
             assert done.returncode == 1
             *before, last = done.stderr.splitlines()
             assert "No space left on device" in last or "disk full" in last

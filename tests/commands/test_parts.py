@@ -241,16 +241,15 @@ def test_runs_that_do_not_fit_together_are_refused(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_command_line_merges_what_an_interrupt_has_kept(tmp_path):
+def test_the_command_line_merges_what_an_interrupt_has_kept(call, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         go(tmp_path / "a", planner=Stops(2), batch=4)
     [folder] = tmp_path.glob("a.parts-*")
-    command = [sys.executable, "-m", "crowdbench", "merge", str(folder), "--out", str(tmp_path / "b")]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = call("merge", str(folder), "--out", str(tmp_path / "b"))
     assert done.returncode == 0, done.stderr
     assert "mine on circle_crossing_5, cases test:0:8" in done.stdout
     assert json.loads((tmp_path / "b" / "result.json").read_text())["interrupted"]
-    refused = subprocess.run([*command[:4], str(tmp_path), *command[5:]], capture_output=True, text=True)
+    refused = call("merge", str(tmp_path), "--out", str(tmp_path / "b"))
     assert refused.returncode == 1
     assert refused.stderr.startswith("crowdbench: ")
     assert Path(folder / REQUEST).exists()
