@@ -3,13 +3,16 @@
 import functools
 import itertools
 import re
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import crowdbench
 from benchmarks import __main__ as command
-from benchmarks import commands, decisions, measurement, simulator, speed_ups
+from benchmarks import commands, decisions, first_runs, measurement, simulator, speed_ups
 from crowdbench import Cases, InputError, Planner
 
 
@@ -60,7 +63,7 @@ def test_every_measurement_is_in_the_table(monkeypatch):
             given = arguments.get(name.removeprefix("measure_"))
             work = list if given is None else functools.partial(getattr(module, name), *given)
             monkeypatch.setattr(module, name, work)
-    assert taken == 18
+    assert taken == 17
     lines = printed().splitlines()
     assert sum("SARL decision, 5 pedestrians" in line for line in lines) == 3
     assert sum("environment, 6 agents, per step" in line for line in lines) == 2
@@ -97,14 +100,36 @@ def test_the_operations_of_a_decision_are_those_of_its_layers():
 
 def test_a_command_is_timed_with_its_memory_and_without_that_of_its_parent():
     ballast = np.ones(60_000_000)
-    seconds, memory = commands.command("--help")
-    assert 0.0 < seconds < 60.0
-    assert 1e7 < memory < ballast.nbytes
+    usage = commands.command("--help")
+    assert 0.0 < usage.seconds < 60.0
+    assert 0.0 < usage.processor < 60.0
+    assert 1e7 < usage.memory < ballast.nbytes
 
 
 def test_a_command_that_fails_is_no_measurement(tmp_path):
     with pytest.raises(InputError, match=r"run --planner nobody.*no planner is called 'nobody'"):
         commands.command("run", "--planner", "nobody", "--out", str(tmp_path / "run"))
+
+
+COMPILES = """python -c "
+import crowdbench
+from crowdbench.utils.compiled import njit
+njit(lambda x: x + 1)(1)
+open('runs', 'a').write(crowdbench.__file__ + ' ')
+" """
+
+
+def test_a_command_compiles_in_the_first_of_two_clones_only(tmp_path):
+    for name in ("first", "second"):
+        shutil.copytree(Path(crowdbench.__file__).parent, tmp_path / name / "crowdbench")
+    ended = []
+    rows = list(first_runs.measure(COMPILES, 1, tmp_path, ended.append))
+    assert [row[1] for row in rows] == ["empty cache", "filled cache", "second clone, filled cache"]
+    assert [row[4] for row in rows] == ["1", "0", "0"]
+    assert ended == [1] * 3
+    for name, runs in (("first", 2), ("second", 1)):
+        package = tmp_path / name / "crowdbench" / "__init__.py"
+        assert (tmp_path / name / "runs").read_text() == f"{package} " * runs
 
 
 def test_works_that_are_compared_take_turns():

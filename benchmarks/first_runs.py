@@ -1,0 +1,92 @@
+"""Compares commands with an empty cache of kernels, with the filled one, and in a second clone that shares it.
+
+python -m benchmarks.first_runs
+python -m benchmarks.first_runs pytest 'bash .ci/run'
+
+Both clones hold the last commit, so that changes must be committed to be measured.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from statistics import median
+from typing import Annotated
+
+import typer
+
+from benchmarks.commands import Usage, run_timed
+from crowdbench.cli import main
+from crowdbench.cli.console import print_table, progress
+from crowdbench.utils.tables import Grid
+
+ROOT = Path(__file__).parents[1]
+
+COMMANDS = [
+    "crowdbench run --planner orca --cases 1 --overwrite",
+    "crowdbench run --planner sarl_sgan_kce --cases 1 --overwrite",
+    "crowdbench run --planner sarl_sgan_kce --overwrite",
+]
+
+STATES = {"empty cache": "first", "filled cache": "first", "second clone, filled cache": "second"}
+"""The clone that a command runs in, for each state of the cache, in this order."""
+
+
+def first_runs(
+    commands: Annotated[list[str] | None, typer.Argument(show_default="three runs")] = None, rounds: int = 1
+) -> None:
+    """Print processor time and elapsed time of commands with an empty and with a filled cache of kernels.
+
+    Args:
+        commands: Shell commands. They run in the root of a clone, with its package and with this Python's programs.
+        rounds: How many times each command runs in each state, by turns; medians are printed.
+    """
+    commands = commands or COMMANDS
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        progress(len(commands) * rounds * len(STATES), "of all runs") as tell,
+    ):
+        for clone in {Path(folder, clone) for clone in STATES.values()}:
+            subprocess.run(["git", "clone", "--quiet", ROOT, clone], check=True)
+            # As pip does: else the first run in each clone would take longer.
+            subprocess.run([sys.executable, "-m", "compileall", "-q", clone / "crowdbench"], check=True)
+        rows = [row for command in commands for row in measure(command, rounds, Path(folder), tell)]
+    heads = "command", "state", "processor time", "elapsed time", "kernels compiled"
+    print_table(Grid("First and later runs", heads, rows, align="llrrr"))
+
+
+def measure(command: str, rounds: int, folder: Path, progress: Callable[[float], None]) -> Iterator[list[str]]:
+    """Yield the rows of a command, one for each state.
+
+    Args:
+        command: The command.
+        rounds: How many times it runs in each state.
+        folder: The folder that holds the clones.
+        progress: Called with 1 after each run.
+    """
+    cache = folder / "cache"
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    found: dict[str, list[tuple[Usage, int]]] = {state: [] for state in STATES}
+    for _ in range(rounds):
+        shutil.rmtree(cache, ignore_errors=True)
+        before = 0
+        for state, name in STATES.items():
+            clone = folder / name
+            environment = {"PATH": path, "PYTHONPATH": str(clone), "NUMBA_CACHE_DIR": str(cache)}
+            usage = run_timed(["sh", "-c", command], command, clone, **environment)
+            kept = sum(file.is_file() for file in cache.rglob("*"))
+            found[state].append((usage, kept - before))
+            before = kept
+            progress(1)
+    for state, runs in found.items():
+        processor, elapsed = (median(getattr(usage, name) for usage, _ in runs) for name in ("processor", "seconds"))
+        yield [command, state, f"{processor:.3g} s", f"{elapsed:.3g} s", f"{max(kernels for _, kernels in runs)}"]
+
+
+if __name__ == "__main__":
+    main(first_runs)
