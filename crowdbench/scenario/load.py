@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
-from crowdbench.core.types import Rules, Sensor
+from crowdbench.core.types import Rules, Sensor, WalkingLimits
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.layouts.crossings import crowdnav_plus
 from crowdbench.scenario.placement import Layout, LayoutCall
@@ -83,7 +83,7 @@ def parse(
         model = scenario_spec(layout, names.vehicle.dynamics, parameters)
     spec = parse_table(model, table, file)
     _check_combinations(spec, file)
-    rules = _rules(spec, file)
+    rules = _rules(spec, [*policies, RECORDED].index(RECORDED), file)
     tracks = _tracks(spec, table, rules, data, file)
     complete = spec.complete()
     complete["layout"] |= {"generator": generator} | ({"generator_file": layout_file} if layout_file else {})
@@ -252,13 +252,14 @@ def _refuse_limits_of_others(table: Mapping[str, Any], dynamics: str, location: 
             raise location.at(key).wrong("given", right)
 
 
-def _rules(top: ScenarioSpec, file: Location) -> Rules:
-    """Return the rules of a scenario.
+def _rules(top: ScenarioSpec, recorded: int, file: Location) -> Rules:
+    """Return the rules of a scenario, in which the policy of recorded people has the index `recorded`.
 
     Raises InputError where keys of its vehicle contradict each other or the crowd's, or where the sensor's delay is no
     whole number of steps, or more than `MAX_DELAY` of them.
     """
     vehicle, location, delay = top.vehicle, file.at("vehicle"), file.at("sensor", "delay")
+    walking = top.pedestrians.limits
     period = file.at("pedestrians", "goal_change", "period")
     change = top.pedestrians.goal_change
     if change and not _count_steps(change.period, top.dt, period):
@@ -288,6 +289,7 @@ def _rules(top: ScenarioSpec, file: Location) -> Rules:
         goal_tolerance=vehicle.goal_tolerance,
         body=_body(vehicle, dynamics, location),
         sensor=Sensor.of_table(sensor),
+        walking=None if walking is None else WalkingLimits(**walking.complete(), exempt=recorded),
     )
 
 

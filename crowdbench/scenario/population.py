@@ -122,6 +122,21 @@ class GoalChange(TomlTable):
         return np.asarray(world.step % round(self.period / world.rules.dt) == 0)
 
 
+class Limits(TomlTable):
+    """`[pedestrians] limits`: how fast pedestrians can change their velocity, see `WalkingLimits`.
+
+    Attributes:
+        acceleration: In m/s^2; gaits start with 0.14 g on average (Fugger et al. 2000).
+        braking: In m/s^2; a rapid stop from 1.29 m/s takes 0.463 s (Tirosh and Sparrow 2004).
+        sideways: In m/s^2. The critical angular velocity falls with speed to the power -0.8 (Wang et al. 2025), so that
+            this limit would grow with speed to the power 0.2, which is left out.
+    """
+
+    acceleration: float = number(above=0.0, below=1e3)
+    braking: float = number(above=0.0, below=1e3)
+    sideways: float = number(above=0.0, below=1e3)
+
+
 @dataclass(frozen=True)
 class Crowd:
     """The pedestrians of a scenario.

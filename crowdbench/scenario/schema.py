@@ -21,7 +21,7 @@ from crowdbench.scenario.clear_space import ClearSpace
 from crowdbench.scenario.groups import LARGEST
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import Layout
-from crowdbench.scenario.population import ARRIVALS, Distribution, GoalChange, WholeDistribution
+from crowdbench.scenario.population import ARRIVALS, Distribution, GoalChange, Limits, WholeDistribution
 from crowdbench.utils.errors import InputError, is_integer
 from crowdbench.utils.toml import Flag, Name, Text, TomlTable, choice, integer, number, table
 
@@ -184,6 +184,9 @@ class PedestriansSpec(PoliciesSpec):
     )
     clear_space: ClearSpace | None = Field(
         default=None, description="a table with the keys of { distance = 1.5, time = 1.5 }"
+    )
+    limits: Limits | None = Field(
+        default=None, description="a table with the keys of { acceleration = 1.5, braking = 3.0, sideways = 2.0 }"
     )
 
 

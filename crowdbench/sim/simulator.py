@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.dynamics import DISC, hull
-from crowdbench.core.dynamics.motion import HOLONOMIC, Motion, drive, limit_speed
+from crowdbench.core.dynamics.motion import HOLONOMIC, Motion, drive, limit_change, limit_speed
 from crowdbench.core.types import Outcome, RuleNumbers, Rules, World
 from crowdbench.sim.attention import AttentionState, adapted_view, init_attention, update_attention
 from crowdbench.sim.episode import StepCheck, check_disc, check_step
@@ -142,6 +142,7 @@ class Before(NamedTuple):
     preferred_speed: Float[np.ndarray, "world agent"]
     radius: Float[np.ndarray, "world agent"]
     present: Bool[np.ndarray, "world agent"]
+    policy: Int[np.ndarray, "world pedestrian"]
     goal: Float[np.ndarray, "world agent 2"]
     history: Float[np.ndarray, "world time pedestrian 2"]
     obstacles: Float[np.ndarray, "world polygon corner 2"]
@@ -185,7 +186,8 @@ def step(
     Motion and the check of how it ended, then what becomes of people, and the vehicle's look around.
 
     The simulator limits speeds only here: an agent that is faster than its preferred speed is slowed down to it. In a
-    run the `Driver` has rejected such commands of a planner before. So are the vehicle's other limits enforced.
+    run the `Driver` has rejected such commands of a planner before. So are the vehicle's other limits enforced, and
+    those of pedestrians in `Rules.walking`: where they leave no room to keep apart, people overlap.
 
     Pedestrians cannot pass walls: whose rim touches one goes on along it, and has the velocity that this took. The
     vehicle is not stopped, because its episode ends there.
@@ -294,7 +296,7 @@ def _slide_pedestrians(dt, before, after):
 @no_type_check
 @njit(inline="always")
 def move_agents(rules, before, commands, after):
-    """Move all agents, limit their speeds, and update heading and history."""
+    """Move all agents, limit their speeds and how these change, and update heading and history."""
     worlds, agents = before.radius.shape
     dt, length = rules.dt, before.history.shape[1]
     for w in range(worlds):
@@ -318,6 +320,9 @@ def move_agents(rules, before, commands, after):
             if not before.present[w, a]:
                 vx, vy = 0.0, 0.0
             vx, vy = limit_speed(vx, vy, before.preferred_speed[w, a])
+            if before.present[w, a] and before.policy[w, a - 1] != rules.walking.exempt:
+                was_x, was_y = before.velocity[w, a, 0], before.velocity[w, a, 1]
+                vx, vy = limit_change(vx, vy, was_x, was_y, rules.walking, dt)
             x, y = before.position[w, a, 0] + vx * dt, before.position[w, a, 1] + vy * dt
             after.position[w, a, 0], after.position[w, a, 1] = x, y
             after.velocity[w, a, 0], after.velocity[w, a, 1] = vx, vy

@@ -128,6 +128,37 @@ def limit_speed(vx, vy, limit):
 
 @no_type_check
 @njit(nogil=True)
+def limit_change(vx, vy, before_x, before_y, limits, dt):
+    """Shorten the change of a pedestrian's velocity in a step to what its limits allow. Compiled.
+
+    The change keeps its direction. The largest changes form two halves of an ellipse around the direction of walking.
+    Somebody who stops within the step has the rest of it to accelerate. From standing, all directions are alike.
+
+    Args:
+        vx (float): x of the velocity that is asked for, in m/s.
+        vy (float): Its y.
+        before_x (float): x of the velocity before the step, in m/s.
+        before_y (float): Its y.
+        limits (WalkingLimits): The limits.
+        dt (float): Duration of the step in seconds.
+
+    Returns:
+        velocity (tuple): x and y.
+    """
+    if limits.acceleration == math.inf:
+        return vx, vy
+    dx, dy, speed = vx - before_x, vy - before_y, math.sqrt(before_x * before_x + before_y * before_y)
+    ux, uy = (before_x / speed, before_y / speed) if speed > 0.0 else (1.0, 0.0)
+    walks = min(speed / (limits.braking * dt), 1.0)
+    forward, left = dx * ux + dy * uy, dy * ux - dx * uy
+    behind = limits.acceleration + walks * (limits.braking - limits.acceleration)
+    beside = limits.acceleration + walks * (limits.sideways - limits.acceleration)
+    excess = math.hypot(forward / (limits.acceleration if forward > 0.0 else behind), left / beside) / dt
+    return (before_x + dx / excess, before_y + dy / excess) if excess > 1.0 else (vx, vy)
+
+
+@no_type_check
+@njit(nogil=True)
 def along_arc(x, y, heading, speed, turn_rate, time):
     """Where a vehicle with wheels is after some time at constant speed and turn rate. Compiled.
 

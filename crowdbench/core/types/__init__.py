@@ -19,6 +19,7 @@ from crowdbench.core.types.rules import (
     RuleNumbers,
     Rules,
     Sensor,
+    WalkingLimits,
 )
 from crowdbench.core.types.world import Trace, World
 
@@ -37,5 +38,6 @@ __all__ = [
     "Sensor",
     "Trace",
     "Vehicle",
+    "WalkingLimits",
     "World",
 ]

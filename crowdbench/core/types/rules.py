@@ -97,6 +97,22 @@ PERFECT = Sensor()
 """Sees everybody exactly and at once, and has no lidar."""
 
 
+class WalkingLimits(NamedTuple):
+    """How fast pedestrians can change their velocity; see `crowdbench.core.dynamics.motion.limit_change`.
+
+    Attributes:
+        acceleration: Largest acceleration forwards, and in any direction from standing, in m/s^2.
+        braking: Largest deceleration in m/s^2.
+        sideways: Largest acceleration across the direction of walking in m/s^2.
+        exempt: Index of the policy whose pedestrians have no limits, because they move as recorded.
+    """
+
+    acceleration: float
+    braking: float
+    sideways: float
+    exempt: int = -1
+
+
 HISTORY = 8
 """Number of positions in the history of a pedestrian, including the current one."""
 
@@ -136,6 +152,7 @@ class RuleNumbers(NamedTuple):
         collision: Index of the collision rule in `COLLISION_RULES`.
         dt: Length of a step in seconds.
         max_steps: Steps after which an episode times out.
+        walking: The limits of pedestrians; infinite without any.
     """
 
     code: int
@@ -145,6 +162,7 @@ class RuleNumbers(NamedTuple):
     collision: int
     dt: float
     max_steps: int
+    walking: WalkingLimits
 
 
 @dataclass(frozen=True)
@@ -163,6 +181,7 @@ class Rules:
         goal_tolerance: Distance in metres to its goal below which the vehicle has arrived; None stands for its radius.
         body: The discs that the vehicle consists of.
         sensor: What the vehicle sees of pedestrians.
+        walking: The limits of pedestrians; None where only their speed is limited.
 
     Raises:
         InputError: `collision` is not one of `COLLISION_RULES`.
@@ -177,6 +196,7 @@ class Rules:
     goal_tolerance: float | None = None
     body: Body = DISC
     sensor: Sensor = PERFECT
+    walking: WalkingLimits | None = None
 
     def __post_init__(self) -> None:
         if self.collision not in COLLISION_RULES:
@@ -192,12 +212,13 @@ class Rules:
     def numbers(self) -> RuleNumbers:
         """The rules as kernels take them."""
         vehicle = self.dynamics.code, self.dynamics.limits, np.array(self.body), self.goal_tolerance or 0.0
-        return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, self.max_steps)
+        walking = self.walking or WalkingLimits(math.inf, math.inf, math.inf)
+        return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, self.max_steps, walking)
 
     def to_table(self) -> dict[str, Any]:
-        """The rules as JSON has them. Of the vehicle, it has what differs from a holonomic disc with perfect sight."""
+        """The rules as JSON has them, of the vehicle and of walking what differs from the default."""
         table = dataclasses.asdict(self)
-        for field in ("attention", "dynamics", "goal_tolerance", "body", "sensor"):
+        for field in ("attention", "dynamics", "goal_tolerance", "body", "sensor", "walking"):
             if getattr(self, field) == getattr(Rules, field):
                 del table[field]
         if "dynamics" in table:
@@ -219,4 +240,6 @@ class Rules:
             found["body"] = tuple(found["body"])
         if "sensor" in found:
             found["sensor"] = Sensor.of_table(found["sensor"])
+        if "walking" in found:
+            found["walking"] = WalkingLimits(*found["walking"])
         return cls(**found)

@@ -49,6 +49,7 @@ OTHERS = {
     "pedestrians.arrival": "stop",
     "pedestrians.goal_change": {"period": 5.0, "chance": 0.5},
     "pedestrians.clear_space": {"distance": 1.5, "time": 1.5},
+    "pedestrians.limits": {"acceleration": 1.5, "braking": 3.0, "sideways": 2.0},
 }
 
 
@@ -72,7 +73,7 @@ def test_every_other_value_than_a_default_has_a_digest_of_its_own():
     changes += [{"vehicle.dynamics": "unicycle", key: 1.0} for key in ("vehicle.length", "vehicle.max_angular_speed")]
     changes.append({"layout.generator": "square_crossing", "layout.square_width": 9.0})
     changes += [{"vehicle.visible": True, "pedestrians.attention": {"ignores": share}} for share in (0.0, 0.1)]
-    assert len(changes) == 44
+    assert len(changes) == 45
     assert len({all_defaults(change).digest for change in changes}) == len(changes)
 
 
