@@ -40,18 +40,28 @@ def circle_crossing(
     *,
     circle_radius: float = 4.0,
     perturbation: float = 0.0,
+    goal_angle: float = 0.0,
 ) -> Placement:
-    """All agents walk from a point near a circle to the opposite point, the vehicle from bottom to top.
+    """All agents walk from a point near a circle to the opposite side, the vehicle from bottom to top.
 
     Args:
         circle_radius: Radius of the circle [m].
         perturbation: Standard deviation of Gaussian noise on each coordinate of the vehicle's start and of all goals;
             noise of more than two standard deviations is drawn again. The starts of pedestrians always have CrowdNav's
             uniform noise [m].
+        goal_angle: Largest angle around the centre between the goal of a pedestrian and the point opposite its start,
+            drawn uniformly [deg]. All cross in the centre where it is 0.
 
     Returns:
         See `Layout`, also for the parameters that all layouts have.
     """
+
+    def draw_goal(x: float, y: float) -> tuple[float, float]:
+        if goal_angle == 0.0:
+            return nudge(-x, -y)
+        angle = math.radians(rng.uniform(-goal_angle, goal_angle))
+        cos, sin = math.cos(angle), math.sin(angle)
+        return nudge(y * sin - x * cos, -x * sin - y * cos)
 
     def nudge(x: float, y: float) -> tuple[float, float]:
         if perturbation == 0.0:
@@ -71,8 +81,10 @@ def circle_crossing(
             angle = rng.random() * np.pi * 2
             x = circle_radius * math.cos(angle) + (rng.random() - 0.5) * speed
             y = circle_radius * math.sin(angle) + (rng.random() - 0.5) * speed
-            goal = nudge(-x, -y)
-            if placer.start.is_clear(x, y) and placer.goal.is_clear(x, y):
+            goal = draw_goal(x, y)
+            # Goals opposite of starts that are clear of each other are so too.
+            is_clear = goal_angle == 0.0 or placer.goal.is_clear(*goal)
+            if is_clear and placer.start.is_clear(x, y) and placer.goal.is_clear(x, y):
                 placer.add((x, y), goal)
                 return True
         return False

@@ -218,3 +218,26 @@ def test_solid_polygons_of_a_world_are_counter_clockwise(door):
     clockwise = "wall = np.array([[[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]]]); unused = np"
     (door / "door.py").write_text(DOOR.replace("wall = np", clockwise))
     assert scenario().worlds(Cases.parse("1")).obstacles[0, 0].tolist() == [[1, 0], [1, 1], [0, 1], [0, 0]]
+
+
+def turns(**changes):
+    """By how many degrees the goals of pedestrians are turned from the point opposite of the start, and the world."""
+    world = load_scenario("circle_crossing_20", {f"layout.{key}": value for key, value in changes.items()}).worlds(
+        Cases.parse("val:30")
+    )
+    start, goal = (array[:, 1:] @ np.array([1.0, 1.0j]) for array in (world.position, world.goal))
+    return np.degrees(np.angle(goal / -start)), world
+
+
+def test_goals_on_a_circle_are_turned_by_up_to_an_angle():
+    turned, world = turns(goal_angle=60.0)
+    assert 55.0 < turned.max() <= 60.0
+    assert -60.0 <= turned.min() < -55.0
+    assert abs(turned.mean()) < 5.0
+    assert np.linalg.norm(world.goal, axis=2) == pytest.approx(np.linalg.norm(world.position, axis=2))
+    apart = np.linalg.norm(world.goal[:, :, None] - world.goal[:, None], axis=3) + 9.0 * np.eye(21)
+    assert apart.min() >= 0.8
+    assert np.array_equal(world.goal[:, 0], -world.position[:, 0])
+    _, start = turns(goal_angle=0.0)
+    assert np.array_equal(start.goal, -start.position)
+    assert np.array_equal(start.position, turns()[1].position)

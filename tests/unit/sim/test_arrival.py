@@ -266,7 +266,7 @@ def test_no_line_of_a_picture_leads_from_one_person_to_another():
     assert max(steps) < 2.0 * 0.25 + 1e-6
 
 
-def draw_corner(rng, room, radius, preferred_speed, position, *, circle_radius=4.0, perturbation=0.0):
+def draw_corner(rng, room, radius, preferred_speed, position, *, circle_radius=4.0, **others):
     """Somebody new comes from the right, and all go far to the left."""
     start = np.array([circle_radius + rng.random(), 0.0]) if position is None else position
     return (start, np.array([-20.0, 0.0])) if room.is_clear(start, radius) or position is not None else None
