@@ -56,13 +56,6 @@ def circle_crossing(
         See `Layout`, also for the parameters that all layouts have.
     """
 
-    def draw_goal(x: float, y: float) -> tuple[float, float]:
-        if goal_angle == 0.0:
-            return nudge(-x, -y)
-        angle = math.radians(rng.uniform(-goal_angle, goal_angle))
-        cos, sin = math.cos(angle), math.sin(angle)
-        return nudge(y * sin - x * cos, -x * sin - y * cos)
-
     def nudge(x: float, y: float) -> tuple[float, float]:
         if perturbation == 0.0:
             return x, y
@@ -81,10 +74,14 @@ def circle_crossing(
             angle = rng.random() * np.pi * 2
             x = circle_radius * math.cos(angle) + (rng.random() - 0.5) * speed
             y = circle_radius * math.sin(angle) + (rng.random() - 0.5) * speed
-            goal = draw_goal(x, y)
-            # Goals opposite of starts that are clear of each other are so too.
-            is_clear = goal_angle == 0.0 or placer.goal.is_clear(*goal)
-            if is_clear and placer.start.is_clear(x, y) and placer.goal.is_clear(x, y):
+            goal = nudge(-x, -y)
+            if not (placer.start.is_clear(x, y) and placer.goal.is_clear(x, y)):
+                continue
+            if goal_angle > 0.0:  # goals opposite of starts that are clear of each other are so too
+                angle = math.radians(goal_angle * (2.0 * rng.random() - 1.0))
+                cos, sin = math.cos(angle), math.sin(angle)
+                goal = goal[0] * cos - goal[1] * sin, goal[0] * sin + goal[1] * cos
+            if goal_angle == 0.0 or placer.goal.is_clear(*goal):
                 placer.add((x, y), goal)
                 return True
         return False

@@ -1,0 +1,183 @@
+"""Measure how people move in scenarios without a vehicle, beside recorded people; prints motion.md beside this file."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import numpy as np
+import typer
+from jaxtyping import Float, Int
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.catalog import SCENARIOS, load_scenario
+from crowdbench.cli import main
+from crowdbench.cli.options import help_from_docstring
+from crowdbench.core.geometry import norm
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.scenario.tracks.eth_ucy import DT, FRAME_STEP, Tracks, read_tracks
+from crowdbench.sim.simulator import crowd_decisions, init_memories, walk
+from crowdbench.utils.tables import markdown, printed_by
+
+FOLDERS = ("suite", "generalisation", "maps")
+"""The folders whose scenarios are measured unless others are named."""
+
+MOVING, SHORTEST = 0.3, 1.0
+"""Speed in m/s of both steps of a reversal; length in metres of the path of somebody who does not just stand."""
+
+NEAR, MIDDLE = 2.0, 2.5
+"""Distances in metres: to others who count for the density, and to the middle of the crowd."""
+
+DENSITIES = (0, 3, 6, 1000)
+"""Bounds of the classes of how many others are near."""
+
+SHARES = (6, 10)
+"""The columns with shares, after that of names."""
+
+BRUSHING, RECORDED_RADIUS = 0.05, 0.2
+"""In metres: the largest overlap that does not count, and the radius of recorded people, which is unknown."""
+
+TEXT = f"""\
+People of the first {{cases}} validation cases of a scenario, up to its time limit and without a vehicle, beside people
+recorded in ETH/UCY (Pellegrini et al. 2009, Lerner et al. 2007). All are seen in steps of {DT:g} s. Those whose path is
+shorter than {SHORTEST:g} m stand, and are left out of accelerations and reversals.
+
+- acceleration: quantiles over all steps and the largest one, in m/s².
+- reversals: turns by more than 90° from one step to the next, both faster than {MOVING:g} m/s, per person and minute.
+- overlap: the largest one of two people in metres, and the share of people and steps with more than {BRUSHING:g} m. A
+  recorded person has a radius of {RECORDED_RADIUS:g} m, though its radius is not known.
+- speed: the mean in m/s where less than 3, 3 to 5, and 6 or more others are within {NEAR:g} m.
+- arrive: the share of all people who do, of those who are replaced too.
+- straight drive: how near a vehicle that drives straight to its goal comes to the mean position of the people, in
+  metres, and how many of them are within {MIDDLE:g} m of it then; means over cases.
+
+Tracks of UCY are interpolated, so their median acceleration is too small."""
+
+HEADER = "people|acceleration, 50 %|90 %|99 %|largest|reversals|overlap|share|speed, < 3|3 to 5|6 or more|arrive|\
+straight drive|near"
+
+
+class Walks(NamedTuple):
+    """Where people are, a row for each person and moment, ordered by person and then by time.
+
+    Attributes:
+        person: A number for each person of each world.
+        time: In seconds.
+        moment: A number for each moment of each world.
+        position: In metres.
+        radius: In metres.
+    """
+
+    person: Int[np.ndarray, "row"]
+    time: Float[np.ndarray, "row"]
+    moment: Int[np.ndarray, "row"]
+    position: Float[np.ndarray, "row 2"]
+    radius: Float[np.ndarray, "row"]
+
+
+def simulate(scenario: Scenario, cases: Cases) -> tuple[Walks, list[float]]:
+    """Simulate the people of a scenario up to its time limit as if there were no vehicle.
+
+    Returns:
+        Their walks; and the share of those who arrive, the nearest distance in metres of a straight drive to their mean
+        position, and how many are within `MIDDLE` of it then.
+    """
+    start, dt = scenario.worlds(cases), scenario.rules.dt
+    world = init_memories(start.replace(rules=dataclasses.replace(start.rules, visible=False)), scenario.policies)
+    states = []
+    for _ in range(scenario.rules.max_steps + 1):
+        states.append((world.position[:, 1:], np.where(world.present[:, 1:], world.person, -1), world.radius[:, 1:]))
+        crowd, world = crowd_decisions(world, scenario.policies)
+        world = walk(world, crowd, scenario.post_step_rule)
+    place, number, radius = map(np.array, zip(*states, strict=True))
+    at = step, case, column = np.array((number >= 0).nonzero())
+    person = (case * place.shape[2] + column) * (number.max() + 1) + number[step, case, column]
+    order = np.lexsort((step, person))
+    (step, case, column), person = at[:, order], person[order]
+    arrived = (step[np.flatnonzero(np.diff(person, append=-1))] < len(place) - 1).mean()
+    way = start.goal[:, 0] - start.position[:, 0]
+    driven = np.arange(len(place))[:, None] * dt * start.preferred_speed[:, 0] / norm(way)
+    present = (number >= 0)[..., None]
+    with np.errstate(invalid="ignore"):  # NaN where nobody is left
+        middle = (place * present).sum(axis=2) / present.sum(axis=2)
+    far = norm(middle - start.position[:, 0] - np.minimum(driven, 1.0)[..., None] * way)
+    near = ((norm(place - middle[:, :, None]) < MIDDLE) & present[..., 0]).sum(axis=2)
+    there = near[np.nanargmin(far, axis=0), np.arange(len(start))]
+    walks = Walks(person, step * dt, step * len(start) + case, place[step, case, column], radius[step, case, column])
+    return walks, [float(arrived), float(np.nanmin(far, axis=0).mean()), float(there.mean())]
+
+
+def recorded(tracks: Tracks) -> Walks:
+    """Return recorded people as walks."""
+    rows = tracks.frame / FRAME_STEP * DT, tracks.frame, tracks.position
+    return Walks(tracks.pedestrian, *rows, np.full(len(tracks.frame), RECORDED_RADIUS))
+
+
+def measure(walks: Walks) -> list[float]:
+    """Return what `TEXT` says of walks, from accelerations to speeds."""
+    change, turns, steps = [], 0, 0
+    for velocity in _velocities(walks):
+        fast = norm(velocity) > MOVING
+        change.append(norm(np.diff(velocity, axis=0)) / DT)
+        turns += int((((velocity[1:] * velocity[:-1]).sum(axis=1) < 0) & fast[1:] & fast[:-1]).sum())
+        steps += len(velocity)
+    overlap, near = np.zeros((2, len(walks.time)))
+    order = np.argsort(walks.moment, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(walks.moment[order])) + 1):
+        apart = norm(walks.position[rows][:, None] - walks.position[rows]) + np.diag(np.full(len(rows), np.inf))
+        overlap[rows] = (walks.radius[rows][:, None] + walks.radius[rows] - apart).max(axis=1)
+        near[rows] = (apart < NEAR).sum(axis=1)
+    same = np.diff(walks.person) == 0
+    speed = norm(np.diff(walks.position, axis=0))[same] / np.diff(walks.time)[same]
+    classes = np.digitize(near[:-1][same], DENSITIES[1:-1])
+    speeds = [speed[classes == c].mean() if (classes == c).any() else np.nan for c in range(len(DENSITIES) - 1)]
+    shares = [max(overlap.max(), 0.0), (overlap > BRUSHING).mean()]
+    return [*np.quantile(np.concatenate(change), [0.5, 0.9, 0.99, 1.0]), turns / (steps * DT / 60), *shares, *speeds]
+
+
+def _velocities(walks: Walks) -> Iterator[Float[np.ndarray, "step 2"]]:
+    """Yield the velocities in m/s of each person who walks, in steps of `DT`."""
+    for rows in np.split(np.arange(len(walks.time)), np.flatnonzero(np.diff(walks.person)) + 1):
+        time, position = walks.time[rows], walks.position[rows]
+        if norm(np.diff(position, axis=0)).sum() >= SHORTEST:
+            at = np.arange(time[0], time[-1] + 1e-9, DT)
+            yield np.diff([np.interp(at, time, xy) for xy in position.T], axis=1).T / DT
+
+
+def row(name: str, numbers: list[float]) -> list[str]:
+    """Return the row of a table, in the order of `HEADER`."""
+    shown = (f"{100 * number:.2f} %" if column in SHARES else f"{number:.2f}" for column, number in enumerate(numbers))
+    cells = ["-" if cell == "nan" else cell for cell in shown]
+    return [name, *cells, *["-"] * (HEADER.count("|") - len(cells))]
+
+
+@help_from_docstring
+def motion(
+    scenarios: Annotated[list[str] | None, typer.Argument(show_default=" ".join(FOLDERS))] = None,
+    data: Path | None = None,
+    cases: int = 100,
+) -> None:
+    """Measure accelerations, reversals, overlaps and speeds of people without a vehicle, and print a page of them.
+
+    Args:
+        scenarios: Scenarios, by name or file.
+        data: The folder with the tracks of ETH/UCY, to measure these too.
+        cases: How many validation cases of each scenario.
+    """
+    rows = [row(path.stem, measure(recorded(read_tracks(path)))) for path in sorted(data.glob("*.txt"))] if data else []
+    for name in scenarios or [path.stem for folder in FOLDERS for path in sorted((SCENARIOS / folder).glob("*.toml"))]:
+        walks, besides = simulate(load_scenario(name), Cases("val", 0, cases))
+        rows.append(row(name, [*measure(walks), *besides]))
+    asked = [*(scenarios or []), *["--data DIR"] * bool(data), *[f"--cases {cases}"] * (cases != 100)]
+    command = " ".join(["python studies/validity/motion.py", *asked])
+    print("# How people move", printed_by(command), TEXT.format(cases=cases), sep="\n\n", end="\n\n")
+    print(markdown(HEADER.split("|"), rows))
+
+
+if __name__ == "__main__":
+    main(motion)
