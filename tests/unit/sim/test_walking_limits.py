@@ -93,7 +93,7 @@ def excess(velocity, dt):
     return np.nanmax(np.linalg.norm(np.diff(velocity, axis=0), axis=-1)) / (LIMITS.braking * dt)
 
 
-@pytest.mark.parametrize("policy", ["orca", "social_force", "power_law", "distracted", "straight"])
+@pytest.mark.parametrize("policy", ["orca", "social_force", "power_law", "stop_and_go", "straight"])
 def test_every_policy_keeps_them_with_and_without_the_vehicle(policy):
     changes = {"pedestrians__policy": policy, "vehicle__visible": True}
     free = drive(Still(), "val:4", "circle_crossing_10", **changes)
