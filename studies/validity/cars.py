@@ -195,6 +195,7 @@ def move(windows: Windows, policy: str, parameters: Mapping[str, Any], data: Pat
         "dt": DT,
         "time_limit": SECONDS + 1.0 - DT,
         "vehicle.visible": False,
+        "pedestrians.attention": None,
         "pedestrians.policy": policy,
         "pedestrians.radius": RADIUS,
     }

@@ -1,5 +1,6 @@
 """Ladders: simulated futures, the command, and its figure."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.certified import Certified
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import InputError
 from studies.ladder.futures import AWAY, Simulated
@@ -124,6 +126,12 @@ def test_what_is_no_ladder_is_refused(arguments, sentence, tmp_path, monkeypatch
 
 def test_certificates_are_of_the_cases_that_were_examined():
     scenario = load_scenario("blocks_12")
-    assert find_certified(scenario, Cases("test", 0, 500)).all()
-    assert find_certified(scenario, Cases("test", 0, 10**6)) is None
-    assert find_certified(load_scenario("blocks_12", {"layout.blocks": 3}), Cases("test", 0, 5)) is None
+
+    def found(digest, number):
+        examined = {"scenario": digest, "margin": 0.1, "test": {"examined": 9, "uncertified": [2]}}
+        status = dataclasses.replace(scenario.certificates, certified=Certified.model_validate(examined))
+        return find_certified(dataclasses.replace(scenario, certificates=status), Cases("test", 0, number))
+
+    assert np.flatnonzero(~found(scenario.digest, 9)).tolist() == [2]
+    assert found(scenario.digest, 10) is None
+    assert found("another", 9) is None

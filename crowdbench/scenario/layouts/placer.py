@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import shapely
@@ -44,7 +44,7 @@ Areas = tuple[Area, Area]
 
 
 class Points:
-    """The starts of agents, or their goals, kept in cells, so that looking around one takes no longer among many.
+    """The starts of agents, or their goals, each in the nine cells around it, so that one cell has all that are near.
 
     Args:
         radius: Radii in metres of all agents.
@@ -62,21 +62,22 @@ class Points:
 
     def append(self, point: Point) -> None:
         """Add the point of the next agent, in metres."""
-        self._cells[self._cell(*point)].append(len(self.all))
+        for cell in self._cells_around(*point):
+            self._cells[cell].append(len(self.all))
         self.all.append(point)
 
     def pop(self) -> None:
         """Take the last point away."""
-        self._cells[self._cell(*self.all.pop())].pop()
+        for cell in self._cells_around(*self.all.pop()):
+            self._cells[cell].pop()
 
     def is_clear(self, x: float, y: float) -> bool:
         """Whether the next agent, at a point in metres, keeps `CLEARANCE` from the disc around each of the points."""
-        reach, (column, row) = self.radius[len(self.all)] + CLEARANCE, self._cell(x, y)
-        for cell in itertools.product((column - 1, column, column + 1), (row - 1, row, row + 1)):
-            for i in self._cells.get(cell, ()):
-                px, py = self.all[i]
-                if math.hypot(x - px, y - py) < reach + self.radius[i]:
-                    return False
+        reach = self.radius[len(self.all)] + CLEARANCE
+        for i in self._cells.get(self._cell(x, y), ()):
+            px, py = self.all[i]
+            if math.hypot(x - px, y - py) < reach + self.radius[i]:
+                return False
         return True
 
     def may_be_clear(self, points: Float[np.ndarray, "point 2"]) -> Bool[np.ndarray, "point"]:
@@ -85,6 +86,10 @@ class Points:
             return np.ones(len(points), bool)
         least = np.array(self.radius[: len(self.all)]) + self.radius[len(self.all)] + CLEARANCE - 1e-9
         return np.asarray((norm(points[:, None] - np.array(self.all)) >= least).all(axis=1))
+
+    def _cells_around(self, x: float, y: float) -> Iterator[tuple[int, int]]:
+        column, row = self._cell(x, y)
+        return itertools.product((column - 1, column, column + 1), (row - 1, row, row + 1))
 
     def _cell(self, x: float, y: float) -> tuple[int, int]:
         return math.floor(x / self._side), math.floor(y / self._side)

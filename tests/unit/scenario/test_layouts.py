@@ -240,4 +240,3 @@ def test_goals_on_a_circle_are_turned_by_up_to_an_angle():
     assert np.array_equal(world.goal[:, 0], -world.position[:, 0])
     _, start = turns(goal_angle=0.0)
     assert np.array_equal(start.goal, -start.position)
-    assert np.array_equal(start.position, turns()[1].position)
