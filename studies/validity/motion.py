@@ -107,9 +107,10 @@ def simulate(scenario: Scenario, cases: Cases) -> tuple[Walks, list[float]]:
         middle = (place * present).sum(axis=2) / present.sum(axis=2)
     far = norm(middle - start.position[:, 0] - np.minimum(driven, 1.0)[..., None] * way)
     near = ((norm(place - middle[:, :, None]) < MIDDLE) & present[..., 0]).sum(axis=2)
-    there = near[np.nanargmin(far, axis=0), np.arange(len(start))]
+    some = ~np.isnan(far).all(axis=0)
+    first = np.nanargmin(far[:, some], axis=0), np.flatnonzero(some)
     walks = Walks(person, step * dt, step * len(start) + case, place[step, case, column], radius[step, case, column])
-    return walks, [float(arrived), float(np.nanmin(far, axis=0).mean()), float(there.mean())]
+    return walks, [float(arrived), float(far[first].mean()), float(near[first].mean())]
 
 
 def recorded(tracks: Tracks) -> Walks:

@@ -20,7 +20,7 @@ from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit
 
 SUB_STEP = 0.05
-"""Longest step of the integration, in seconds."""
+"""Longest step of the integration in seconds, unless a model needs shorter ones."""
 
 BLOCK_PAIRS = 500
 """Pairs of agents that are worth a thread, which takes about 50 microseconds to hand them over."""
@@ -137,6 +137,7 @@ def integrate(
     time_step: float,
     noise: Float[np.ndarray, "world agent 2"] | None = None,
     group: Int[np.ndarray, "world agent"] | None = None,
+    longest: float | None = None,
 ) -> Float[np.ndarray, "world agent 2"]:
     """The velocity that each agent has at the end of the step.
 
@@ -150,12 +151,13 @@ def integrate(
         time_step: Length of the step in seconds.
         noise: What the model takes as noise.
         group: The number of each agent's group, negative for those who walk alone; None where all do.
+        longest: Longest sub-step in seconds; `SUB_STEP` if None.
 
     Returns:
         Velocities in m/s; 0 for agents that do not move.
     """
     worlds, agents = walkers.radius.shape
-    out, sub_steps = np.zeros((worlds, agents, 2)), max(1, math.ceil(time_step / SUB_STEP - 1e-9))
+    out, sub_steps = np.zeros((worlds, agents, 2)), max(1, math.ceil(time_step / (longest or SUB_STEP) - 1e-9))
     arrays = walkers, traits, noise, group, time_step, sub_steps, out
     in_blocks(lambda begin, end: model(begin, end, *arrays), worlds, BLOCK_PAIRS // (agents * agents) + 1, worlds)
     return out

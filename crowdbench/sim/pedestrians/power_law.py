@@ -33,6 +33,11 @@ from crowdbench.utils.compiled import njit
 _OVERLAPPING = 0.99
 """Discs that overlap count as if their radii added up to so much of the distance of their centres."""
 
+SUB_STEP = 0.0125
+"""Longest step of the integration in seconds. The force changes so fast near a collision that in steps of 0.05 s people
+tremble: in power_law_16 with antipodal goals and without limits, the 99th percentile of their acceleration is 1.9 m/s^2
+with 1.8 reversals per person and minute; 0.7 m/s^2 and none in these steps, and the same in steps of 0.003 s."""
+
 _SHORTEST = 1e-3
 """Shorter times to collision in seconds count as this one, where the force is beyond any bound."""
 
@@ -76,7 +81,7 @@ def power_law_velocities(
         Velocities in m/s; 0 for agents that do not move.
     """
     traits = fill_traits(PARAMETERS, parameters, walkers.radius.shape)
-    return integrate(_MODEL, walkers, traits, time_step)
+    return integrate(_MODEL, walkers, traits, time_step, longest=SUB_STEP)
 
 
 # Inlined: handing over its arrays takes 10 % of a step.
