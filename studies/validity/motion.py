@@ -53,13 +53,12 @@ shorter than {SHORTEST:g} m stand, and are left out of accelerations and reversa
   recorded person has a radius of {RECORDED_RADIUS:g} m, though its radius is not known.
 - speed: the mean in m/s where less than 3, 3 to 5, and 6 or more others are within {NEAR:g} m.
 - arrive: the share of all people who do, of those who are replaced too.
-- straight drive: how near a vehicle that drives straight to its goal comes to the mean position of the people, in
-  metres, and how many of them are within {MIDDLE:g} m of it then; means over cases.
+- drive: how near a vehicle that drives straight to its goal comes to the mean position of the people, in
+  metres, and how many of them are near it then, within {MIDDLE:g} m; means over cases.
 
 Tracks of UCY are interpolated, so their median acceleration is too small."""
 
-HEADER = "people|acceleration, 50 %|90 %|99 %|largest|reversals|overlap|share|speed, < 3|3 to 5|6 or more|arrive|\
-straight drive|near"
+HEADER = "people|acceleration 50 %|90 %|99 %|largest|reversals|overlap|share|speed < 3|3 to 5|6 on|arrive|drive|near"
 
 
 class Walks(NamedTuple):
@@ -123,9 +122,9 @@ def measure(walks: Walks) -> list[float]:
     """Return what `TEXT` says of walks, from accelerations to speeds."""
     change, turns, steps = [], 0, 0
     for velocity in _velocities(walks):
-        fast = norm(velocity) > MOVING
         change.append(norm(np.diff(velocity, axis=0)) / DT)
-        turns += int((((velocity[1:] * velocity[:-1]).sum(axis=1) < 0) & fast[1:] & fast[:-1]).sum())
+        fast = velocity * (norm(velocity) > MOVING)[:, None]
+        turns += int(((fast[1:] * fast[:-1]).sum(axis=1) < 0.0).sum())
         steps += len(velocity)
     overlap, near = np.zeros((2, len(walks.time)))
     order = np.argsort(walks.moment, kind="stable")
