@@ -126,6 +126,7 @@ PRINTED = {f"studies/{name}/README.md": f"python studies/run.py studies/{name}/s
 PRINTED["studies/recorded/README.md"] += " --data DIR"
 SCRIPTS = {"validity": " --data DIR", "transfer": " --data DIR", "ladder": "", "dials": "", "li2020": ""}
 PRINTED |= {f"studies/{name}/README.md": f"python studies/{name}/run.py{data}" for name, data in SCRIPTS.items()}
+PRINTED["studies/validity/motion.md"] = "python studies/validity/motion.py --data DIR"
 """The pages that a command prints from the first to the last line, and the command."""
 
 PAGES = sorted([*DOCS.glob("*.md"), *ROOT.glob("studies/*/*.md")])
