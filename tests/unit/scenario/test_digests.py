@@ -210,8 +210,9 @@ def later_defaults(monkeypatch):
         pedestrians: LaterPedestrians = table("pedestrians")
         tracks: LaterTracks | None = None
 
-    def later(rng, radius, preferred_speed, *, circle_radius=4.0, perturbation=0.0, walls=0.0):
-        return circle_crossing(rng, radius, preferred_speed, circle_radius=circle_radius, perturbation=perturbation)
+    def later(rng, radius, preferred_speed, *, circle_radius=4.0, perturbation=0.0, goal_angle=0.0, walls=0.0):
+        options = {"circle_radius": circle_radius, "perturbation": perturbation, "goal_angle": goal_angle}
+        return circle_crossing(rng, radius, preferred_speed, **options)
 
     for spec in (Later, LaterVehicle, LaterPedestrians):
         monkeypatch.setattr(schema, spec.__base__.__name__, spec)
