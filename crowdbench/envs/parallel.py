@@ -68,8 +68,9 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
       recorded people, the vehicle alone.
     - Observations: see `crowdbench.envs.views`. The vehicle sees by the scenario's sensor, pedestrians see everybody.
     - Actions: velocities `(vx, vy)` in m/s, along the axes of the world or in the frame of the agent's goal. An action
-      faster than the agent's preferred speed is slowed down to it. A pedestrian without an action, or with None,
-      follows the scenario's policy. The vehicle must have an action.
+      faster than the agent's preferred speed is slowed down to it, and a pedestrian changes its velocity no faster than
+      the scenario's `limits` allow. A pedestrian without an action, or with None, follows the scenario's policy. The
+      vehicle must have an action.
     - Rewards: see `crowdbench.envs.rewards`, of each agent's own outcome and gap (`crowdbench.envs.outcomes`) in its
       own world (`crowdbench.envs.observations.ego_views`).
     - Starting state: the case that `reset` is asked for, or else a training case drawn from the seed.
