@@ -12,6 +12,7 @@ from crowdbench.core.types import Rules, WalkingLimits
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim import kernels
+from crowdbench.sim.presence import track_at
 from crowdbench.sim.simulator import crowd_decisions, limit_velocities, walk
 from crowdbench.utils.errors import InputError
 
@@ -73,6 +74,19 @@ def test_only_pedestrians_who_are_present_and_not_recorded_have_limits():
     assert not advance(gone, np.ones((1, 3, 2))).velocity[0, 1:].any()
     free = advance(start.replace(rules=Rules()), np.full((1, 3, 2), [0.0, 1.0]))
     assert free.velocity[0].tolist() == [[0.0, 1.0]] * 3
+
+
+def test_recorded_cars_keep_to_their_tracks_among_people_with_limits(shared):
+    scenario = load_scenario("dut_reactive", data=shared / "data" / "dut")
+    now = scenario.worlds(Cases.parse("test:8:13"))
+    cars, seen = now.policy == scenario.rules.walking.exempt, 0
+    for _ in range(12):
+        crowd, now = crowd_decisions(now, scenario.policies)
+        now = walk(now, crowd, scenario.post_step_rule)
+        rows = cars & now.present[:, 1:]
+        assert now.position[:, 1:][rows] == pytest.approx(track_at(now, now.step)[rows], abs=1e-9)
+        seen += rows.sum()
+    assert seen > 12
 
 
 @pytest.mark.parametrize("name", ["half_half_20", "corridor_8", "thousand"])
