@@ -27,6 +27,8 @@ from crowdbench.utils.tables import markdown, printed_by
 FOLDERS = ("suite", "generalisation", "maps")
 """The folders whose scenarios are measured unless others are named."""
 
+Names = Annotated[list[str] | None, typer.Argument(show_default=" ".join(FOLDERS))]
+
 MOVING, SHORTEST = 0.3, 1.0
 """Speed in m/s of both steps of a reversal; length in metres of the path of somebody who does not just stand."""
 
@@ -36,27 +38,11 @@ NEAR, MIDDLE = 2.0, 2.5
 DENSITIES = (0, 3, 6, 1000)
 """Bounds of the classes of how many others are near."""
 
-SHARES = (6, 10)
-"""The columns with shares, after that of names."""
-
 BRUSHING, RECORDED_RADIUS = 0.05, 0.2
 """In metres: the largest overlap that does not count, and the radius of recorded people, which is unknown."""
 
-TEXT = f"""\
-People of the first {{cases}} validation cases of a scenario, up to its time limit and without a vehicle, beside people
-recorded in ETH/UCY (Pellegrini et al. 2009, Lerner et al. 2007). All are seen in steps of {DT:g} s. Those whose path is
-shorter than {SHORTEST:g} m stand, and are left out of accelerations and reversals.
-
-- acceleration: quantiles over all steps and the largest one, in m/s².
-- reversals: turns by more than 90° from one step to the next, both faster than {MOVING:g} m/s, per person and minute.
-- overlap: the largest one of two people in metres, and the share of people and steps with more than {BRUSHING:g} m. A
-  recorded person has a radius of {RECORDED_RADIUS:g} m, though its radius is not known.
-- speed: the mean in m/s where less than 3, 3 to 5, and 6 or more others are within {NEAR:g} m.
-- arrive: the share of all people who do, of those who are replaced too.
-- drive: how near a vehicle that drives straight to its goal comes to the mean position of the people, in
-  metres, and how many of them are near it then, within {MIDDLE:g} m; means over cases.
-
-Tracks of UCY are interpolated, so their median acceleration is too small."""
+TEXT = Path(__file__).with_suffix(".txt")
+"""What is measured, in Markdown, with names for the numbers above."""
 
 HEADER = "people|acceleration 50 %|90 %|99 %|largest|reversals|overlap|share|speed < 3|3 to 5|6 on|arrive|drive|near"
 
@@ -102,8 +88,7 @@ def simulate(scenario: Scenario, cases: Cases) -> tuple[Walks, list[float]]:
     way = start.goal[:, 0] - start.position[:, 0]
     driven = np.arange(len(place))[:, None] * dt * start.preferred_speed[:, 0] / norm(way)
     present = (number >= 0)[..., None]
-    with np.errstate(invalid="ignore"):  # NaN where nobody is left
-        middle = (place * present).sum(axis=2) / present.sum(axis=2)
+    middle = (place * present).sum(axis=2) / np.where(present.any(axis=2), present.sum(axis=2), np.nan)
     far = norm(middle - start.position[:, 0] - np.minimum(driven, 1.0)[..., None] * way)
     near = ((norm(place - middle[:, :, None]) < MIDDLE) & present[..., 0]).sum(axis=2)
     some = ~np.isnan(far).all(axis=0)
@@ -119,13 +104,12 @@ def recorded(tracks: Tracks) -> Walks:
 
 
 def measure(walks: Walks) -> list[float]:
-    """Return what `TEXT` says of walks, from accelerations to speeds."""
-    change, turns, steps = [], 0, 0
-    for velocity in _velocities(walks):
-        change.append(norm(np.diff(velocity, axis=0)) / DT)
-        fast = velocity * (norm(velocity) > MOVING)[:, None]
-        turns += int(((fast[1:] * fast[:-1]).sum(axis=1) < 0.0).sum())
-        steps += len(velocity)
+    """Return what the page shows of walks, from accelerations to speeds."""
+    velocities = list(_velocities(walks))
+    change = np.concatenate([norm(np.diff(velocity, axis=0)) / DT for velocity in velocities])
+    fast = [velocity * (norm(velocity) > MOVING)[:, None] for velocity in velocities]
+    turns = sum(int(((each[1:] * each[:-1]).sum(axis=1) < 0.0).sum()) for each in fast)
+    minutes = sum(map(len, velocities)) * DT / 60
     overlap, near = np.zeros((2, len(walks.time)))
     order = np.argsort(walks.moment, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(walks.moment[order])) + 1):
@@ -137,7 +121,7 @@ def measure(walks: Walks) -> list[float]:
     classes = np.digitize(near[:-1][same], DENSITIES[1:-1])
     speeds = [speed[classes == c].mean() if (classes == c).any() else np.nan for c in range(len(DENSITIES) - 1)]
     shares = [max(overlap.max(), 0.0), (overlap > BRUSHING).mean()]
-    return [*np.quantile(np.concatenate(change), [0.5, 0.9, 0.99, 1.0]), turns / (steps * DT / 60), *shares, *speeds]
+    return [*np.quantile(change, [0.5, 0.9, 0.99, 1.0]), turns / minutes, *shares, *speeds]
 
 
 def _velocities(walks: Walks) -> Iterator[Float[np.ndarray, "step 2"]]:
@@ -151,17 +135,13 @@ def _velocities(walks: Walks) -> Iterator[Float[np.ndarray, "step 2"]]:
 
 def row(name: str, numbers: list[float]) -> list[str]:
     """Return the row of a table, in the order of `HEADER`."""
-    shown = (f"{100 * number:.2f} %" if column in SHARES else f"{number:.2f}" for column, number in enumerate(numbers))
+    shown = (f"{100 * number:.2f} %" if column in (6, 10) else f"{number:.2f}" for column, number in enumerate(numbers))
     cells = ["-" if cell == "nan" else cell for cell in shown]
     return [name, *cells, *["-"] * (HEADER.count("|") - len(cells))]
 
 
 @help_from_docstring
-def motion(
-    scenarios: Annotated[list[str] | None, typer.Argument(show_default=" ".join(FOLDERS))] = None,
-    data: Path | None = None,
-    cases: int = 100,
-) -> None:
+def motion(scenarios: Names = None, data: Path | None = None, cases: int = 100) -> None:
     """Measure accelerations, reversals, overlaps and speeds of people without a vehicle, and print a page of them.
 
     Args:
@@ -175,7 +155,9 @@ def motion(
         rows.append(row(name, [*measure(walks), *besides]))
     asked = [*(scenarios or []), *["--data DIR"] * bool(data), *[f"--cases {cases}"] * (cases != 100)]
     command = " ".join(["python studies/validity/motion.py", *asked])
-    print("# How people move", printed_by(command), TEXT.format(cases=cases), sep="\n\n", end="\n\n")
+    numbers = {"near": NEAR, "middle": MIDDLE, "brushing": BRUSHING, "radius": RECORDED_RADIUS, "shortest": SHORTEST}
+    text = TEXT.read_text(encoding="utf-8").strip().format(cases=cases, dt=DT, moving=MOVING, **numbers)
+    print("# How people move", printed_by(command), text, sep="\n\n", end="\n\n")
     print(markdown(HEADER.split("|"), rows))
 
 

@@ -34,20 +34,7 @@ DOOR_FLOW = {0.8: 1.61, 1.0: 1.90, 1.2: 1.97}
 SOURCES = Path(__file__).with_name("sources.txt")
 """The full references, in Markdown."""
 
-LIMITS = {
-    "orca": """\
-ORCA keeps people from colliding, and knows no other wish for distance. Those with the same
-preferred speed do not slow down until they are packed so tightly that they can hardly start, and those with different
-speeds slow down much less than people do. In two directions they form lanes where there is room, and otherwise a jam,
-which nobody has seen with people. Those of radius 0.2 m go through a door about as fast as people do; those of radius
-0.3 m hold each other up before a door through which only one fits at a time.""",
-    "social_force": """\
-Its people keep too much distance. The repulsion has the strength of the paper (Helbing and
-Molnár 1995), but where the paper has the distance between the centres of two people, here it is that between their
-rims, and what pushes from behind counts half. In a dense crowd people are therefore pushed back more than they want to
-go on, and walk backwards; points, as in the paper, slow down as people do, or more. In two directions no lanes form,
-not even of points. Walls repel too, so that few get through a narrow door.""",
-}
+LIMITS = {name: SOURCES.with_name(name + ".txt").read_text("utf-8").strip() for name in ("orca", "social_force")}
 """What the policies that ship can and cannot do, each after its name."""
 
 INTRODUCTION = """\
