@@ -115,3 +115,16 @@ def test_draws_together_place_as_draws_one_by_one(side, monkeypatch):
     assert all(together[0]) == (side == 2.5)
     monkeypatch.setattr("crowdbench.scenario.layouts.placer.ALONE", TRIES)
     assert together == place()
+
+
+@pytest.mark.parametrize("name", WALLED)
+def test_walls_enclose_everybody_far_behind_starts_and_goals(name):
+    start = load_scenario(fixture(name)).worlds(Cases.parse("5"))
+    for case in range(len(start)):
+        edges = shapely.get_parts(shapely.unary_union(walls(start.obstacles[case])))
+        faces = shapely.get_parts(shapely.polygonize(edges))
+        points = shapely.points(np.concatenate([start.position[case], start.goal[case]]))
+        around = [face for face in faces if face.contains(points).all()]
+        assert len(around) == 1
+        if name not in ("room", "doorway"):  # there is a lane, in which people push the vehicle back beyond their goals
+            assert shapely.get_coordinates(points)[:, 1].min() - around[0].bounds[1] >= 2.0
