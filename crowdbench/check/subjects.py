@@ -29,7 +29,6 @@ from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.placement import Placement, check_routes
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.scenario.visibility_graph import who
 from crowdbench.sim.pedestrians.base import (
     Memory,
     Parameters,
@@ -40,6 +39,7 @@ from crowdbench.sim.pedestrians.base import (
     query_policy,
 )
 from crowdbench.sim.routes import goals_on_way
+from crowdbench.sim.visibility_graph import who
 from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.toml import Location
 
