@@ -36,6 +36,8 @@ class Straight(Planner):
 class ORCAPlanner(Planner):
     """Optimal reciprocal collision avoidance (van den Berg et al. 2011), with the parameters of CrowdNav's robot.
 
+    The margin is kept from people alone: a margin to walls would close a door that the vehicle fits through.
+
     Attributes:
         safety_space: Margin that is added to every radius [m].
     """
@@ -49,6 +51,9 @@ class ORCAPlanner(Planner):
         preferred = np.zeros_like(position)
         preferred[:, 0] = toward_goal(vehicle.position, vehicle.local_goal, vehicle.preferred_speed)
         radius = radius + (ORCA_MARGIN + self.safety_space)
+        if obs.obstacles.shape[1]:  # the whole margin goes to the others' radii, so that none is left for walls
+            radius[:, 0] -= self.safety_space
+            radius[:, 1:] += self.safety_space
         speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
         agents, walls, moves = (position, velocity, preferred, radius, speed), obs.obstacles, _vehicle_alone(present)
         velocities = orca_velocities(
@@ -63,7 +68,8 @@ class SocialForcePlanner(Planner):
     """The social force model with the parameters of Helbing and Molnár (1995).
 
     It assumes that the other agents keep their velocities. Differs from the pedestrians' model because it adds no
-    fluctuation: a planner's command is not noisy. Where a wall stands in the way it goes along it, as pedestrians do.
+    fluctuation: a planner's command is not noisy. Walls do not repel it, because with the paper's parameters the posts
+    of a door of 1 m stop a vehicle at 1 m/s in front of it. Where a wall stands in the way it goes along it.
 
     Attributes:
         safety_space: Margin that is added to every radius [m].
@@ -79,7 +85,7 @@ class SocialForcePlanner(Planner):
         goal[:, 0] = vehicle.local_goal
         speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
         agents = position, velocity, goal, radius + self.safety_space, np.maximum(speed, TINY), present
-        walkers = Walkers(*map(writable, (*agents, _vehicle_alone(present), obs.obstacles)))
+        walkers = Walkers(*map(writable, (*agents, _vehicle_alone(present), obs.obstacles[:, :0])))
         return along_walls(obs, social_force_velocities(walkers, np.zeros_like(position), time_step=obs.dt)[:, 0])
 
 
