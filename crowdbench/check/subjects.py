@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.check.contract import PADDING, Broken, Procedure, Record, Subject, WithPadding
+from crowdbench.check.worlds import check_worlds
 from crowdbench.core.dynamics import reach
 from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation, Outcome, Trace, World
@@ -271,4 +272,4 @@ PREDICTOR = Procedure(
 )
 METRIC = Procedure(_drive_metric, "values")
 REWARD = Procedure(_drive_reward, "rewards")
-SCENARIO = Procedure(_drive_scenario, "starts and episodes", repeat=1)
+SCENARIO = Procedure(_drive_scenario, "starts and episodes", repeat=1, further=check_worlds)

@@ -119,15 +119,9 @@ def next_waypoints(
     return _advance(position, goal, route, waypoint, radius, obstacles)[0]
 
 
-def _advance(
-    position: np.ndarray,
-    goal: np.ndarray,
-    route: np.ndarray,
-    waypoint: np.ndarray,
-    radius: np.ndarray,
-    obstacles: np.ndarray,
-) -> tuple[Int[np.ndarray, "world agent"], Bool[np.ndarray, "world agent"]]:
-    """Return the indices of `next_waypoints`, and which agents have none in sight."""
+def _advance(*state: np.ndarray) -> tuple[Int[np.ndarray, "world agent"], Bool[np.ndarray, "world agent"]]:
+    """Return the indices of `next_waypoints`, of its arguments, and which agents have none in sight."""
+    position, goal, route, waypoint, radius, obstacles = state
     lost = np.zeros(waypoint.shape, np.bool_)
     if not route.shape[2] and not obstacles.shape[1]:
         return waypoint, lost
