@@ -74,22 +74,25 @@ def _check_arrivals(scenario: Scenario, world: World) -> CheckResult:
 
 
 def _check_symmetry(world: World) -> CheckResult:
-    """Look for a turn that maps starts and goals of all agents, or of all pedestrians, onto each other."""
+    """Look for a turn that maps starts and goals of all agents, or of all pedestrians, onto each other.
+
+    Two who meet head-on do not count: rounding decides on which side they pass.
+    """
     for row, first in np.ndindex(len(world), 2):
         agents = np.flatnonzero(world.present[row])[first:]
-        if order := _find_order(world, row, agents):
+        if len(agents) > 2 and (order := _find_order(world, row, agents)):
             found = f"in case {world.case[row]}, a turn by {360.0 / order:.3g} degrees maps {len(agents)} agents onto"
             return CheckResult("symmetry", False, f"{found} each other, who may stand for ever: draw some noise")
     return CheckResult("symmetry", True, "no turn maps starts and goals onto each other")
 
 
 def _find_order(world: World, row: int, agents: Int[np.ndarray, "agent"]) -> int:
-    """Return the number of such turns in a full one, 0 where there are none. Two who meet head-on do not count."""
+    """Return the number of such turns in a full one, 0 where there are none."""
     start, goal = (points[row, agents] @ [1.0, 1.0j] for points in (world.position, world.goal))
     traits = [start - start.mean(), goal - start.mean(), world.radius[row, agents], world.preferred_speed[row, agents]]
     one = np.stack(traits, axis=1)
     for order in range(min(len(agents), MOST_TURNS), 1, -1):
         turned = one * np.exp([2j * np.pi / order, 2j * np.pi / order, 0.0, 0.0])
-        if len(agents) > 2 and all((np.abs(each - one).max(axis=1) < _TOLERANCE).any() for each in turned):
+        if all((np.abs(each - one).max(axis=1) < _TOLERANCE).any() for each in turned):
             return order
     return 0
