@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -44,14 +45,12 @@ def _check_bounds(world: World) -> CheckResult:
         if not hull.contains(shapely.Point(start[0])):
             continue
         outside = corners.max(axis=0, keepdims=True) + 2.0 * world.radius[row, 0] + 1.0
-        try:
+        with contextlib.suppress(InputError):  # there is no way
             way = np.concatenate([find_routes(start, outside, world.radius[row, :1], walls)[0], outside])
-        except InputError:
-            enclosed += 1
-            continue
-        x, y = way[~shapely.contains_xy(hull, *way.T)][0]
-        found = f"in case {world.case[row]}, the vehicle can leave the walls around it, at ({x:.3g}, {y:.3g})"
-        return CheckResult("bounds", False, f"{found}: people may push it out, so close them")
+            x, y = way[~shapely.contains_xy(hull, *way.T)][0]
+            found = f"in case {world.case[row]}, the vehicle can leave the walls around it, at ({x:.3g}, {y:.3g})"
+            return CheckResult("bounds", False, f"{found}: people may push it out, so close them")
+        enclosed += 1
     return CheckResult("bounds", True, f"walls enclose the vehicle in {enclosed} of {len(world)} cases")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import no_type_check
 
@@ -68,8 +69,7 @@ class SocialForcePlanner(Planner):
     """The social force model with the parameters of Helbing and Molnár (1995).
 
     It assumes that the other agents keep their velocities. Differs from the pedestrians' model because it adds no
-    fluctuation: a planner's command is not noisy. Walls do not repel it, because with the paper's parameters the posts
-    of a door of 1 m stop a vehicle at 1 m/s in front of it. Where a wall stands in the way it goes along it.
+    fluctuation: a planner's command is not noisy. Where a wall stands in the way it goes along it, as pedestrians do.
 
     Attributes:
         safety_space: Margin that is added to every radius [m].
@@ -85,8 +85,13 @@ class SocialForcePlanner(Planner):
         goal[:, 0] = vehicle.local_goal
         speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
         agents = position, velocity, goal, radius + self.safety_space, np.maximum(speed, TINY), present
-        walkers = Walkers(*map(writable, (*agents, _vehicle_alone(present), obs.obstacles[:, :0])))
-        return along_walls(obs, social_force_velocities(walkers, np.zeros_like(position), time_step=obs.dt)[:, 0])
+        walkers = Walkers(*map(writable, (*agents, _vehicle_alone(present), obs.obstacles)))
+        noise, traits = np.zeros_like(position), self.parameters(obs)
+        return along_walls(obs, social_force_velocities(walkers, noise, time_step=obs.dt, parameters=traits)[:, 0])
+
+    def parameters(self, obs: Observation) -> Mapping[str, Float[np.ndarray, "world 1"]]:
+        """Return the parameters of `social_force_velocities` that differ from the paper's here and now: none."""
+        return {}
 
 
 def _vehicle_alone(agents: Bool[np.ndarray, "world agent"]) -> Bool[np.ndarray, "world agent"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import no_type_check
 
@@ -71,11 +72,9 @@ def follow_routes(
     route = route.copy()
     for w, agent in np.argwhere(lost & present).tolist():
         start, end, size = position[w, agent, None], goal[w, agent, None], radius[w, agent, None]
-        try:
-            points = find_routes(start, end, size, obstacles[w])[0]
-        except InputError:
-            continue
-        route, following[w, agent] = with_route(route, w, agent, points), 0
+        with contextlib.suppress(InputError):  # no way is wide enough
+            route = with_route(route, w, agent, find_routes(start, end, size, obstacles[w])[0])
+            following[w, agent] = 0
     return route, following
 
 

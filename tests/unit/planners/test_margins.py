@@ -1,9 +1,10 @@
-"""Margins of reactive planners: kept from people, and none from walls, so that a door they fit through is open."""
+"""Margins of reactive planners: none from walls, or one that follows the width, so that no door is closed by it."""
 
 import numpy as np
 import pytest
 from helpers import drive, world
 
+from crowdbench.catalog import load_planner
 from crowdbench.core.types import Outcome
 from crowdbench.planners.reactive import ORCAPlanner, SocialForcePlanner
 from crowdbench.sim.sensor import observe
@@ -26,3 +27,30 @@ def test_walls_far_away_leave_the_margin_to_people_as_it_is(make):
         np.testing.assert_allclose(planner.plan(observe(walled)), planner.plan(observe(open_world)), atol=1e-9)
     near, far = (make(safety_space=margin).plan(observe(walled)) for margin in (0.0, 0.5))
     assert np.abs(near - far).max() > 0.05
+
+
+def box(x, y, half=0.5):
+    return [[x - half, y - half], [x + half, y - half], [x + half, y + half], [x - half, y + half]]
+
+
+@pytest.mark.parametrize(
+    ("obstacles", "width"),
+    [
+        ([], None),
+        ([[[-9.0, 0.5], [9.0, 0.5]]], None),  # a single wall
+        ([[[-9.0, 0.3], [9.0, 0.3]], [[-9.0, -0.5], [9.0, -0.5]]], 0.8),
+        ([[[0.6, 0.45], [0.6, 9.0]], [[0.6, -0.45], [0.6, -9.0]]], 0.9),  # a door ahead
+        ([[[0.3, 0.3], [0.3, 9.0]], [[0.3, 0.3], [9.0, 0.3]]], None),  # an outer corner
+        ([box(0.0, 1.0), box(0.0, -1.1)], 1.1),
+        ([box(1.0, 1.0), box(1.0, 2.1)], None),  # both ahead
+        ([[[-9.0, 2.0], [9.0, 2.0]], [[-9.0, -2.0], [9.0, -2.0]]], None),  # wide
+    ],
+)
+def test_the_force_of_walls_follows_the_free_width(obstacles, width):
+    rows = [np.concatenate([each, np.full((5 - len(each), 2), np.nan)]) for each in obstacles]
+    walls = np.array(rows).reshape(1, -1, 5, 2)
+    padded = np.concatenate([walls, np.full((1, 2, 5, 2), np.nan)], axis=1)
+    for polygons in (walls, padded):
+        seen = observe(world([[0.0, 0.0], [5.0, 5.0]]).replace(obstacles=polygons))
+        share = load_planner("social_force")[1].parameters(seen)["wall_range"][0, 0] / 0.2
+        assert share == pytest.approx(1.0 if width is None else width / 1.28)
