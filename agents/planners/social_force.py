@@ -6,8 +6,12 @@ posts of a door of 1 m would stop a vehicle in front of it.
 Helbing and Molnár, "Social force model for pedestrian dynamics", Physical Review E 51, 1995.
 """
 
-import numpy as np
+from collections.abc import Mapping
 
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.core.types import Observation
 from crowdbench.planners.reactive import SocialForcePlanner
 from crowdbench.sim.pedestrians.social_force import PARAMETERS
 
@@ -22,13 +26,15 @@ SAME_SIDE = 0.5
 class SocialForceInPassages(SocialForcePlanner):
     """Strength and range of the force of walls shrink with the free width: a narrow passage is like a wide one."""
 
-    def parameters(self, obs):
+    def parameters(self, obs: Observation) -> Mapping[str, Float[np.ndarray, "world 1"]]:
         """See `SocialForcePlanner`."""
         share = np.minimum(free_width(obs.vehicle.position, obs.obstacles) / WIDTH, 1.0)[:, None]
         return {name: share * PARAMETERS[name] for name in ("wall_strength", "wall_range")}
 
 
-def free_width(position, obstacles):
+def free_width(
+    position: Float[np.ndarray, "world 2"], obstacles: Float[np.ndarray, "world polygon corner 2"]
+) -> Float[np.ndarray, "world"]:
     """Return the smallest distance between the nearest points of two obstacles that are not on the same side.
 
     Args:
@@ -50,7 +56,7 @@ def free_width(position, obstacles):
     offset, distance = np.take_along_axis(offset, nearest, axis=2)[:, :, 0], distance.min(axis=2)
     one, other = offset[:, :, None], offset[:, None]
     are_apart = (one * other).sum(axis=3) < SAME_SIDE * distance[:, :, None] * distance[:, None]
-    return np.where(are_apart, np.linalg.norm(one - other, axis=3), np.inf).min(axis=(1, 2))
+    return np.asarray(np.where(are_apart, np.linalg.norm(one - other, axis=3), np.inf).min(axis=(1, 2)))
 
 
 def planner(safety_space: float = 0.0) -> SocialForcePlanner:
