@@ -153,12 +153,14 @@ class Procedure(NamedTuple):
         repeat: Number of times that the plug-in gets each input when it is called again. A plug-in that may not keep
             anything gets it twice.
         padding: How errors describe padding; empty where answers are not compared with more absent pedestrians.
+        further: Makes further checks of a plug-in that keeps its contract.
     """
 
     drive: Callable[[Subject, Any, Scenario, Cases, Record], None]
     answers: str
     repeat: int = 2
     padding: str = ""
+    further: Callable[[Subject, Cases], list[CheckResult]] = lambda subject, cases: []
 
 
 @dataclass(frozen=True)
@@ -230,6 +232,7 @@ def check_plugin(subject: Subject, cases: Cases) -> list[CheckResult]:
         CheckResult("answers", True, observation),
         _compare("repeatable", repeatable, subject, cases, first.answers),
         _compare("independent", independent, subject, cases, first.answers),
+        *subject.procedure.further(subject, cases),
     ]
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.check.contract import PADDING, Broken, Procedure, Record, Subject, WithPadding
+from crowdbench.check.worlds import check_worlds
 from crowdbench.core.dynamics import reach
 from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation, Outcome, Trace, World
@@ -29,7 +30,6 @@ from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.placement import Placement, check_routes
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.scenario.visibility_graph import who
 from crowdbench.sim.pedestrians.base import (
     Memory,
     Parameters,
@@ -40,6 +40,7 @@ from crowdbench.sim.pedestrians.base import (
     query_policy,
 )
 from crowdbench.sim.routes import goals_on_way
+from crowdbench.sim.visibility_graph import who
 from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.toml import Location
 
@@ -271,4 +272,4 @@ PREDICTOR = Procedure(
 )
 METRIC = Procedure(_drive_metric, "values")
 REWARD = Procedure(_drive_reward, "rewards")
-SCENARIO = Procedure(_drive_scenario, "starts and episodes", repeat=1)
+SCENARIO = Procedure(_drive_scenario, "starts and episodes", repeat=1, further=check_worlds)

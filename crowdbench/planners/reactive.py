@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import no_type_check
 
@@ -36,6 +37,8 @@ class Straight(Planner):
 class ORCAPlanner(Planner):
     """Optimal reciprocal collision avoidance (van den Berg et al. 2011), with the parameters of CrowdNav's robot.
 
+    The margin is kept from people alone: a margin to walls would close a door that the vehicle fits through.
+
     Attributes:
         safety_space: Margin that is added to every radius [m].
     """
@@ -49,6 +52,9 @@ class ORCAPlanner(Planner):
         preferred = np.zeros_like(position)
         preferred[:, 0] = toward_goal(vehicle.position, vehicle.local_goal, vehicle.preferred_speed)
         radius = radius + (ORCA_MARGIN + self.safety_space)
+        if obs.obstacles.shape[1]:  # the whole margin goes to the others' radii, so that none is left for walls
+            radius[:, 0] -= self.safety_space
+            radius[:, 1:] += self.safety_space
         speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
         agents, walls, moves = (position, velocity, preferred, radius, speed), obs.obstacles, _vehicle_alone(present)
         velocities = orca_velocities(
@@ -80,7 +86,12 @@ class SocialForcePlanner(Planner):
         speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
         agents = position, velocity, goal, radius + self.safety_space, np.maximum(speed, TINY), present
         walkers = Walkers(*map(writable, (*agents, _vehicle_alone(present), obs.obstacles)))
-        return along_walls(obs, social_force_velocities(walkers, np.zeros_like(position), time_step=obs.dt)[:, 0])
+        noise, traits = np.zeros_like(position), self.parameters(obs)
+        return along_walls(obs, social_force_velocities(walkers, noise, time_step=obs.dt, parameters=traits)[:, 0])
+
+    def parameters(self, obs: Observation) -> Mapping[str, Float[np.ndarray, "world 1"]]:
+        """Return the parameters of `social_force_velocities` that differ from the paper's here and now: none."""
+        return {}
 
 
 def _vehicle_alone(agents: Bool[np.ndarray, "world agent"]) -> Bool[np.ndarray, "world agent"]:

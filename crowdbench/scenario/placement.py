@@ -11,15 +11,11 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from crowdbench.core.geometry import pad_points
-from crowdbench.scenario.visibility_graph import edges_of, find_routes, who
+from crowdbench.sim.visibility_graph import edges_of, find_routes, who
 from crowdbench.utils.errors import InputError
 
 EXTENT = 1e6
 """Coordinates are at most so many metres from zero."""
-
-SPACING = 1.0
-"""Waypoints of a shortest way are at most this far apart, in metres."""
 
 _TOLERANCE = 1e-9
 
@@ -165,7 +161,7 @@ def add_routes(placement: Placement, radius: PerAgent) -> Placement:
         if placement.obstacles is None:
             return placement
         route = find_routes(placement.start, placement.goal, radius, placement.obstacles)
-        return dataclasses.replace(placement, route=_add_marks(placement.start, placement.goal, route))
+        return dataclasses.replace(placement, route=route)
     route = route.copy()
     for points, goal in zip(route, placement.goal, strict=True):
         last = len(_points(points)) - 1
@@ -178,22 +174,6 @@ def add_routes(placement: Placement, radius: PerAgent) -> Placement:
 def _points(row: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point_there 2"]:
     """The points of a row, without the padding."""
     return row[np.isfinite(row[:, 0])]
-
-
-def _add_marks(
-    start: Float[np.ndarray, "agent 2"], goal: Float[np.ndarray, "agent 2"], route: Float[np.ndarray, "agent corner 2"]
-) -> Float[np.ndarray, "agent waypoint 2"]:
-    """Routes with waypoints at most `SPACING` apart, so that whoever has been pushed off its way sees one of them."""
-    routes = []
-    for agent, corners in enumerate(route):
-        points = np.concatenate([start[agent, None], _points(corners), goal[agent, None]])
-        legs = np.ceil(np.hypot(*np.diff(points, axis=0).T) / SPACING).astype(int)
-        parts = [
-            first + np.arange(1, n + 1)[:, None] / n * (last - first)
-            for first, last, n in zip(points[:-1], points[1:], legs, strict=True)
-        ]
-        routes.append(np.concatenate([np.empty((0, 2)), *parts])[:-1])
-    return pad_points(routes)
 
 
 def check_routes(placement: Placement, radius: PerAgent) -> Placement:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm, pad_points
@@ -15,6 +15,7 @@ from crowdbench.scenario.groups import group_reach, spread
 from crowdbench.scenario.placement import LayoutCall, Position
 from crowdbench.scenario.population import Crowd, Traits
 from crowdbench.scenario.respawn import Room, draw_again
+from crowdbench.sim.routes import with_route
 
 
 @dataclass(frozen=True)
@@ -104,8 +105,9 @@ class LayoutPostStepRule:
         if traits is not None:
             for i, member in enumerate(members.tolist()):
                 replace_person(world, row, member, traits, i, start[i], self.crowd.number[1])
+        world.waypoint[row, agents] = 0
         for agent, route in zip(agents.tolist(), routes, strict=True):
-            world = _with_route(world, row, agent, route)
+            world = world.replace(route=with_route(world.route, row, agent, route))
         return world
 
 
@@ -156,18 +158,6 @@ def replace_person(
     for name, table in traits.parameters.items():
         for parameter, values in table.items():
             world.parameters[name][parameter][row, agent] = values[index]
-
-
-def _with_route(world: World, row: int, agent: int, waypoints: Float[np.ndarray, "waypoint 2"]) -> World:
-    """Worlds in which an agent has another route, with longer arrays of routes where they are too short."""
-    route = world.route
-    if len(waypoints) > route.shape[2]:
-        longer = [(0, 0), (0, 0), (0, len(waypoints) - route.shape[2]), (0, 0)]
-        route = np.pad(route, longer, constant_values=np.nan)
-    route[row, agent] = np.nan
-    route[row, agent, : len(waypoints)] = waypoints
-    world.waypoint[row, agent] = 0
-    return world.replace(route=route)
 
 
 def _stop(world: World, arrived: Bool[np.ndarray, "world pedestrian"]) -> None:

@@ -17,7 +17,7 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import World
 from crowdbench.scenario.layouts.placer import CLEARANCE, WALL_CLEARANCE
 from crowdbench.scenario.placement import Layout, LayoutCall, Placement, Position, Way, add_routes, check_shape
-from crowdbench.scenario.visibility_graph import edges_of, nearest_on, solids
+from crowdbench.sim.visibility_graph import edges_of, nearest_on, solids
 from crowdbench.utils.errors import InputError, plugin_errors
 
 TRIES = 20

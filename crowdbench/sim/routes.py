@@ -1,17 +1,20 @@
-"""Routes: which waypoint an agent heads for. Compiled."""
+"""Routes: which waypoint an agent heads for, and new routes for agents that have lost sight of theirs. Compiled."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.geometry import local_goals
 from crowdbench.core.types import Trace, World
 from crowdbench.sim.obstacles import touches_in_step
+from crowdbench.sim.visibility_graph import find_routes
 from crowdbench.utils.compiled import njit
+from crowdbench.utils.errors import InputError
 
 SIGHT_GAP = 0.01
 """A waypoint is in sight where the straight way to it passes all walls with this gap, in metres."""
@@ -28,16 +31,62 @@ def goals_on_way(world: World) -> Float[np.ndarray, "world agent 2"]:
 def goals_in_trace(trace: Trace) -> Float[np.ndarray, "world time 2"]:
     """The vehicle's local goal in metres in every state of a trace; the goal after an episode's end."""
     goal = trace.goal[:, :, 0]
-    if trace.route.shape[1] == 0:
+    if not trace.route.shape[1] and not trace.obstacles.shape[1]:
         return goal
-    goals, waypoint = goal.copy(), np.zeros((len(trace), 1), np.int64)
+    goals, waypoint, route = goal.copy(), np.zeros((len(trace), 1), np.int64), trace.route[:, None]
     for t in range(trace.steps.max() + 1):
-        rows = np.flatnonzero(trace.steps >= t)
-        vehicle = trace.position[rows, t, :1], goal[rows, t, None], trace.route[rows, None]
+        runs, vehicle = trace.steps >= t, (trace.position[:, t, :1], goal[:, t, None])
         if t > 0:
-            waypoint[rows] = next_waypoints(*vehicle, waypoint[rows], trace.radius[rows, t, :1], trace.obstacles[rows])
-        goals[rows, t] = local_goals(*vehicle, waypoint[rows])[:, 0]
+            sizes = trace.radius[:, t, :1], trace.obstacles, runs[:, None]
+            route, waypoint = follow_routes(*vehicle, route, waypoint, *sizes)
+        goals[runs, t] = local_goals(*vehicle, route, waypoint)[runs, 0]
     return goals
+
+
+def follow_routes(
+    position: Float[np.ndarray, "world agent 2"],
+    goal: Float[np.ndarray, "world agent 2"],
+    route: Float[np.ndarray, "world agent waypoint 2"],
+    waypoint: Int[np.ndarray, "world agent"],
+    radius: Float[np.ndarray, "world agent"],
+    obstacles: Float[np.ndarray, "world polygon corner 2"],
+    present: Bool[np.ndarray, "world agent"],
+) -> tuple[Float[np.ndarray, "world agent waypoint_after 2"], Int[np.ndarray, "world agent"]]:
+    """Return the routes of agents after a step, and the waypoint that each heads for next.
+
+    An agent among obstacles that sees no point of its route, because others have pushed it off, takes the shortest way
+    from where it is. Without a way that is wide enough it keeps its route.
+
+    Args:
+        position: As `next_waypoints` has it, and so have the following.
+        goal: Goals in metres.
+        route: Waypoints in metres.
+        waypoint: Indices of waypoints.
+        radius: Radii in metres.
+        obstacles: Polygons in metres.
+        present: Whether the agent is there.
+    """
+    following, lost = _advance(position, goal, route, waypoint, radius, obstacles)
+    if not (lost & present).any():
+        return route, following
+    route = route.copy()
+    for w, agent in np.argwhere(lost & present).tolist():
+        start, end, size = position[w, agent, None], goal[w, agent, None], radius[w, agent, None]
+        with contextlib.suppress(InputError):  # no way is wide enough
+            route = with_route(route, w, agent, find_routes(start, end, size, obstacles[w])[0])
+            following[w, agent] = 0
+    return route, following
+
+
+def with_route(
+    route: Float[np.ndarray, "world agent waypoint 2"], row: int, agent: int, points: Float[np.ndarray, "point 2"]
+) -> Float[np.ndarray, "world agent waypoint_after 2"]:
+    """Give one agent other waypoints, in metres: in this array, or in a longer one where they have no room."""
+    if (longer := len(points) - route.shape[2]) > 0:
+        route = np.pad(route, [(0, 0), (0, 0), (0, longer), (0, 0)], constant_values=np.nan)
+    route[row, agent] = np.nan
+    route[row, agent, : len(points)] = points
+    return route
 
 
 def next_waypoints(
@@ -66,17 +115,24 @@ def next_waypoints(
     Returns:
         Indices of waypoints; the number of waypoints of the route for the goal.
     """
-    if route.shape[2] == 0:
-        return waypoint
+    return _advance(position, goal, route, waypoint, radius, obstacles)[0]
+
+
+def _advance(*state: np.ndarray) -> tuple[Int[np.ndarray, "world agent"], Bool[np.ndarray, "world agent"]]:
+    """Return the indices of `next_waypoints`, of its arguments, and which agents have none in sight."""
+    position, goal, route, waypoint, radius, obstacles = state
+    lost = np.zeros(waypoint.shape, np.bool_)
+    if not route.shape[2] and not obstacles.shape[1]:
+        return waypoint, lost
     following = waypoint.copy()
-    _next_waypoints(*map(np.ascontiguousarray, (position, goal, route, radius, obstacles)), following)
-    return following
+    _next_waypoints(*map(np.ascontiguousarray, (position, goal, route, radius, obstacles)), following, lost)
+    return following, lost
 
 
 @no_type_check
 @njit
-def _next_waypoints(position, goal, route, radius, obstacles, waypoint):
-    """Update `waypoint`, see `next_waypoints`."""
+def _next_waypoints(position, goal, route, radius, obstacles, waypoint, lost):
+    """Update `waypoint`, and fill `lost`; see `next_waypoints`."""
     worlds, agents = waypoint.shape
     for w in range(worlds):
         walled = obstacles.shape[1] > 0 and not math.isnan(obstacles[w, 0, 0, 0])
@@ -90,6 +146,7 @@ def _next_waypoints(position, goal, route, radius, obstacles, waypoint):
                 visible = _last_in_sight(x, y, radius[w, i] + SIGHT_GAP, goal[w, i], route[w, i], last, obstacles[w])
                 if visible < 0:
                     visible = _last_in_sight(x, y, 0.0, goal[w, i], route[w, i], last, obstacles[w])
+                lost[w, i] = visible < 0
                 if visible >= 0:
                     waypoint[w, i] = visible
             else:

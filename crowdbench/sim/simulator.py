@@ -18,7 +18,7 @@ from crowdbench.sim.kernels import FlatKernel
 from crowdbench.sim.obstacles import slide
 from crowdbench.sim.pedestrians import Memory, PedestrianPolicy, PolicyWithMemory
 from crowdbench.sim.pedestrians.base import Velocities, init_memory, query_policy
-from crowdbench.sim.routes import next_waypoints
+from crowdbench.sim.routes import follow_routes
 from crowdbench.sim.sight import look
 from crowdbench.utils.compiled import njit
 
@@ -208,9 +208,9 @@ def step(
 def move(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[World, StepCheck]:
     """The first part of a step: motion, and the check of how it ended; see `step`."""
     after, check = _motion(world, command, crowd)
-    routes = world.goal, world.route, world.waypoint
-    waypoint = next_waypoints(after.position, *routes, world.radius, world.obstacles)
-    return world.replace(**after._asdict(), waypoint=waypoint), check
+    routes, sizes = (world.goal, world.route, world.waypoint), (world.radius, world.obstacles, world.present)
+    route, waypoint = follow_routes(after.position, *routes, *sizes)
+    return world.replace(**after._asdict(), route=route, waypoint=waypoint), check
 
 
 def finish_step(after: World, check: StepCheck, post_step_rule: PostStepRule | None) -> World:

@@ -12,11 +12,11 @@ from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.utils.errors import InputError
 
 BEYOND = 4.0
-"""Distance in metres from the vehicle's start and goal to the ends of a corridor or of streets that cross. Goals of
-pedestrians are beyond those of the vehicle, so that nobody stands in its way."""
+"""Distance in metres from the vehicle's start and goal to the last starts and goals of pedestrians, in a corridor or in
+streets that cross. Goals of pedestrians are beyond those of the vehicle, so that nobody stands in its way."""
 
 BEHIND = 2.0
-"""Distance in metres from the vehicle's start and goal to the wall of the room behind it, where there is a doorway."""
+"""Distance in metres from the last starts and goals to the wall behind them, which nobody passes."""
 
 MARGIN = 1.0
 """In a room, distance in metres of the vehicle's start and goal from the walls, and of blocks from these two."""
@@ -44,7 +44,7 @@ def corridor(
         See `Layout`, also for the parameters that all layouts have.
     """
     side, end, arrival = width / 2, distance + BEYOND, distance + BEYOND / 4
-    placer = Placer(radius, [[(-side, -end), (-side, end)], [(side, -end), (side, end)]])
+    placer = Placer(radius, _box(side, end + BEHIND))
     placer.add((0.0, -distance), (0.0, distance))
     up = _band(side, -end, -distance / 4), _band(side, arrival, end)
     down = _band(side, distance / 4, end), _band(side, -end, -arrival)
@@ -76,7 +76,7 @@ def traffic(
     if against > 1.0:
         raise InputError(f"layout.against is {against:g}, but must be a share from 0 to 1")
     side, end, arrival = width / 2, distance + 2 * BEYOND, distance + BEYOND
-    placer = Placer(radius, [[(-side, -end), (-side, end)], [(side, -end), (side, end)]])
+    placer = Placer(radius, _box(side, end + BEHIND))
     placer.add((0.0, -distance), (0.0, distance))
     towards = _band(side, -distance / 2, arrival), _band(side, -end, -arrival)
     along = _band(side, -distance - BEYOND, distance / 2), _band(side, arrival, end)
@@ -109,7 +109,7 @@ def doorway(
         raise InputError(f"layout.door_width is {door_width:g} m, but must be below layout.width, {width:g} m")
     side, back = width / 2, distance + BEHIND
     doors = [[(-side, 0.0), (-door_width / 2, 0.0)], [(door_width / 2, 0.0), (side, 0.0)]]
-    placer = Placer(radius, doors + _walls([(-side, -back), (side, -back), (side, back), (-side, back)]))
+    placer = Placer(radius, doors + _box(side, back))
     placer.add((0.0, -distance), (0.0, distance))
     # Goals are well behind the door, so that nobody stands in it.
     up = _band(side, -back, -distance / 4), _band(side, distance / 2, back)
@@ -130,9 +130,9 @@ def blind_corner(
         See `Layout`, also for the parameters that all layouts have.
     """
     side, end, arrival = width / 2, distance + BEYOND, distance + BEYOND / 4
-    outer = [[(-side, -end), (-side, side)], [(-side, side), (end, side)]]
-    inner = [[(side, -end), (side, -side)], [(side, -side), (end, -side)]]
-    placer = Placer(radius, outer + inner)
+    far = end + BEHIND
+    outer, inner = [(-side, -far), (-side, side), (far, side)], [(far, -side), (side, -side), (side, -far)]
+    placer = Placer(radius, _walls(outer + inner))
     placer.add((0.0, -distance), (distance, 0.0))
     along = _band(side, -end, -side), ((arrival, -side), (end, side))
     back = ((side, -side), (end, side)), _band(side, -end, -arrival)
@@ -152,8 +152,11 @@ def intersection(
         See `Layout`, also for the parameters that all layouts have.
     """
     side, end, arrival = width / 2, distance + BEYOND, distance + BEYOND / 4
-    signs, block = ((1, 1), (-1, 1), (-1, -1), (1, -1)), ((side, side), (end, side), (end, end), (side, end))
-    placer = Placer(radius, [[(x * a, y * b) for a, b in block] for x, y in signs])
+    far = end + BEHIND
+    signs, block = ((1, 1), (-1, 1), (-1, -1), (1, -1)), ((side, side), (far, side), (far, far), (side, far))
+    blocks = [[(x * a, y * b) for a, b in block] for x, y in signs]
+    ends = [[(x * side, y * far) for x in (-1, 1)] for y in (-1, 1)]
+    placer = Placer(radius, blocks + ends + [[(y, x) for x, y in wall] for wall in ends])
     placer.add((0.0, -distance), (0.0, distance))
     starts, goals = ([_arm(turn, side, near, end) for turn in range(4)] for near in (side, arrival))
     trips = [(starts[arm], goals[(arm + 2) % 4]) for arm in range(4)]
@@ -179,13 +182,12 @@ def room(
     """
     side = width / 2
     start, goal = (0.0, MARGIN - side), (0.0, side - MARGIN)
-    corners = [(-side, -side), (side, -side), (side, side), (-side, side)]
-    placer = Placer(radius, _walls(corners) + _draw_blocks(rng, side, blocks, shapely.MultiPoint([start, goal])))
+    placer = Placer(radius, _box(side, side) + _draw_blocks(rng, side, blocks, shapely.MultiPoint([start, goal])))
     placer.add(start, goal)
 
     def place_next() -> bool:
         for _ in range(100):
-            if not placer.draw(rng, (corners[0], corners[2]), (corners[0], corners[2])):
+            if not placer.draw(rng, _band(side, -side, side), _band(side, -side, side)):
                 return False
             if math.dist(placer.start.all[-1], placer.goal.all[-1]) >= WAY * width:
                 return True
@@ -212,6 +214,11 @@ def _draw_blocks(rng: np.random.Generator, side: float, number: int, free: shape
             f"block {len(placed) + 1} of {number} finds no room: lower layout.blocks or raise layout.width"
         )
     return [list(block.exterior.coords)[:-1] for block in placed]
+
+
+def _box(side: float, end: float) -> list[list[Point]]:
+    """The walls of a room, half as wide and half as long as these, in metres."""
+    return _walls([(-side, -end), (side, -end), (side, end), (-side, end)])
 
 
 def _walls(corners: list[Point]) -> list[list[Point]]:

@@ -242,8 +242,9 @@ def test_frozen_is_who_stands_although_the_way_is_open():
     # Beyond the goal, or after 2 s, nobody is in the way.
     assert frozen(walk([2.0, 0], [0, 0], 12), goal=(1.0, 0)) == 5 * 0.25
     assert frozen(walk([2.9, 0], [0, 0], 12)) == 5 * 0.25
-    wall = np.array([[[[1.0, -1.0], [1.0, 1.0]]]])
-    assert frozen(walk(FAR, [0, 0], 12), obstacles=wall) == 0.0
+    around = np.array([[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])
+    walls = np.stack([around, np.roll(around, 1, axis=0)], axis=1)[None]
+    assert frozen(walk(FAR, [0, 0], 12), obstacles=walls) == 0.0
     moving = trace(together(walk([0, 0], [1, 0], 12), walk(FAR, [0, 0], 12)), goal=[[9.0, 0], FAR])
     assert value("frozen_time", moving) == 0.0
 

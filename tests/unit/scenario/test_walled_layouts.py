@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import shapely
-from helpers import fixture
+from helpers import drive, fixture
 
 from crowdbench.catalog import load_scenario
 from crowdbench.scenario.cases import Cases
@@ -115,3 +115,35 @@ def test_draws_together_place_as_draws_one_by_one(side, monkeypatch):
     assert all(together[0]) == (side == 2.5)
     monkeypatch.setattr("crowdbench.scenario.layouts.placer.ALONE", TRIES)
     assert together == place()
+
+
+def faces_around(points, obstacles):
+    """What edges enclose all of these points."""
+    faces = shapely.polygonize(shapely.get_parts(shapely.unary_union(walls(obstacles))))
+    return [face for face in shapely.get_parts(faces) if face.contains(points).all()]
+
+
+@pytest.mark.parametrize("name", WALLED)
+def test_walls_enclose_everybody_far_behind_starts_and_goals(name):
+    start = load_scenario(fixture(name)).worlds(Cases.parse("5"))
+    for case in range(len(start)):
+        points = shapely.points(np.concatenate([start.position[case], start.goal[case]]))
+        around = faces_around(points, start.obstacles[case])
+        assert len(around) == 1
+        if name not in ("room", "doorway"):  # there is a lane, in which people push the vehicle back beyond their goals
+            assert shapely.get_coordinates(points)[:, 1].min() - around[0].bounds[1] >= 2.0
+
+
+@pytest.mark.parametrize(
+    ("planner", "name", "cases"),
+    [
+        ("orca_margin", "corridor_8", "val:30"),
+        ("orca_margin", "blind_corner_3", "val:10"),
+        ("orca_margin", "intersection_16", "val:1:2"),
+        ("dwa", "corridor_8", "val:5:8"),
+    ],
+)
+def test_a_vehicle_that_people_push_back_stays_in_its_world(planner, name, cases):
+    trace = drive(planner, cases, name)
+    for row, steps in enumerate(trace.steps):
+        assert faces_around(shapely.points(trace.position[row, : steps + 1, 0]), trace.obstacles[row])

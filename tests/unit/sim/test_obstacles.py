@@ -1,6 +1,8 @@
+import dataclasses
+
 import numpy as np
 import pytest
-from helpers import with_walkers, world
+from helpers import trace, with_walkers, world
 
 from crowdbench.core.geometry import local_goals, polygons
 from crowdbench.core.reward import reward
@@ -8,7 +10,7 @@ from crowdbench.core.types import Outcome
 from crowdbench.sim.episode import stopping_gap
 from crowdbench.sim.obstacles import slide, touches_in_step, wall_gap_in_step
 from crowdbench.sim.pedestrians import ORCA, social_force
-from crowdbench.sim.routes import next_waypoints
+from crowdbench.sim.routes import follow_routes, goals_in_trace, next_waypoints
 from crowdbench.sim.simulator import step
 
 
@@ -196,3 +198,56 @@ def test_who_touches_a_wall_looks_along_the_line_of_its_centre():
     assert found == 0
     ahead = local_goals(beside, goal, route, found)
     assert ahead[0, 0, 0] > 0.0 > ahead[0, 0, 1]
+
+
+BEHIND = np.array([[[[-20.0, 1.0], [6.0, 1.0]]]])
+"""A wall; the route leads along its lower side, and from its upper side nothing of it is in sight."""
+START, GOAL, ROUTE = np.array([[[0.0, 2.0]]]), np.array([[[4.0, 0.0]]]), np.array([[[[-1.0, 0.0], [1.0, 0.0]]]])
+SIZES = np.array([[0.3]]), BEHIND, np.array([[True]])
+
+
+def way_from(position, route):
+    """The positions of a disc that follows its route for 20 s at 1 m/s, and its local goals."""
+    waypoint, positions, goals = np.array([[0]]), [], []
+    for _ in range(80):
+        positions.append(position[0])
+        goals.append(local_goals(position, GOAL, route, waypoint)[0])
+        offset = goals[-1] - position if len(goals) > 1 else np.zeros((1, 1, 2))
+        position = position + 0.25 * offset / max(np.linalg.norm(offset), 0.25)
+        route, waypoint = follow_routes(position, GOAL, route, waypoint, *SIZES)
+    return np.array(positions), np.array(goals)
+
+
+def test_who_is_pushed_behind_a_wall_plans_the_route_anew():
+    positions, goals = way_from(START, ROUTE)
+    assert np.linalg.norm(positions[-1] - GOAL[0]) < 0.1
+    assert min(wall_gap_in_step(*point[0], 0.0, 0.0, 0.3, BEHIND[0]) for point in positions) > 0.0
+    assert np.isnan(ROUTE).sum() == 0  # the old route is as it was
+    # The trace holds the route at the start alone.
+    made = dataclasses.replace(trace(positions, goal=GOAL[0]), route=ROUTE[0], obstacles=BEHIND)
+    np.testing.assert_array_equal(goals_in_trace(made)[0, : len(goals)], goals[:, 0])
+
+
+def test_a_route_is_planned_anew_in_a_batch_as_alone():
+    three = [np.concatenate([array, array + 0.0, array]) for array in (START, GOAL, ROUTE)]
+    three[0][1] = [[0.0, 0.0]]  # sees its route
+    three[2][1] += [[[0.5, 0.0]]]
+    arguments = [np.zeros((3, 1), int), np.full((3, 1), 0.3), np.repeat(BEHIND, 3, axis=0), np.ones((3, 1), bool)]
+    route, waypoint = follow_routes(*three, *arguments)
+    for w in range(3):
+        alone, at = follow_routes(*(array[w : w + 1] for array in (*three, *arguments)))
+        np.testing.assert_array_equal(route[w, :, : alone.shape[2]], alone[0])
+        assert np.isnan(route[w, :, alone.shape[2] :]).all()
+        assert at == waypoint[w]
+    assert route.shape[2] > 2
+    assert waypoint[:, 0].tolist() == [0, 2, 0]
+
+
+def test_who_finds_no_way_or_is_not_there_keeps_the_route():
+    closed = np.concatenate([BEHIND, [[[[-20.0, 1.0], [-20.0, 9.0]], [[-20.0, 9.0], [6.0, 9.0]]]]], axis=1)
+    closed = np.concatenate([closed, [[[[6.0, 1.0], [6.0, 9.0]]]]], axis=1)
+    for obstacles, there in ((closed, True), (BEHIND, False)):
+        sizes = SIZES[0], obstacles, np.array([[there]])
+        route, waypoint = follow_routes(START, GOAL, ROUTE, np.array([[1]]), *sizes)
+        np.testing.assert_array_equal(route, ROUTE)
+        assert waypoint == 1

@@ -27,6 +27,9 @@ CLEARANCE = 0.2
 LEAST_CLEARANCE = 0.02
 """The same in a gap that is too narrow for more. Through a narrower gap leads no way."""
 
+SPACING = 1.0
+"""Waypoints are at most this far apart, in metres."""
+
 SIDES = 16
 """Sides of the polygon around a corner. A way half around a corner is longer than the arc by 1.3 %."""
 
@@ -48,7 +51,7 @@ def find_routes(
         obstacles: Polygons in metres, NaN beyond the last corner of each; two corners are a wall.
 
     Returns:
-        Waypoints in metres, NaN beyond the last one of an agent, which is before its goal.
+        Waypoints in metres, at most `SPACING` apart, NaN beyond the last one of an agent, which is before its goal.
 
     Raises:
         InputError: No way leads an agent to its goal.
@@ -67,7 +70,7 @@ def find_routes(
                         f"it needs gaps of at least {2 * (size + LEAST_CLEARANCE):.3g} m"
                     )
                 routes[agent] = route
-    return pad_points(routes)
+    return _add_marks(start, goal, routes)
 
 
 def who(agent: int) -> str:
@@ -104,6 +107,22 @@ def nearest_on(
     first, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     share = ((points[:, None] - first) * along).sum(2) / np.maximum((along**2).sum(1), np.finfo(float).tiny)
     return first + np.clip(share, 0.0, 1.0)[..., None] * along
+
+
+def _add_marks(
+    start: Float[np.ndarray, "agent 2"], goal: Float[np.ndarray, "agent 2"], routes: list[Float[np.ndarray, "corner 2"]]
+) -> Float[np.ndarray, "agent waypoint 2"]:
+    """Routes with waypoints at most `SPACING` apart, so that whoever has been pushed off its way sees one of them."""
+    marked = []
+    for agent, corners in enumerate(routes):
+        points = np.concatenate([start[agent, None], corners, goal[agent, None]])
+        legs = np.ceil(np.hypot(*np.diff(points, axis=0).T) / SPACING).astype(int)
+        parts = [
+            first + np.arange(1, n + 1)[:, None] / n * (last - first)
+            for first, last, n in zip(points[:-1], points[1:], legs, strict=True)
+        ]
+        marked.append(np.concatenate([np.empty((0, 2)), *parts])[:-1])
+    return pad_points(marked)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,97 @@
+"""What is found in the worlds of a scenario: ways out of their walls, people who never arrive, exact symmetry."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+
+import numpy as np
+import shapely
+from jaxtyping import Int
+
+from crowdbench.check.contract import CheckResult, Subject
+from crowdbench.core.types import World
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.post_step_rule import find_arrived, find_walking
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.simulator import crowd_decisions, init_memories, move
+from crowdbench.sim.visibility_graph import find_routes
+from crowdbench.utils.errors import InputError
+
+ARRIVALS = 0.5
+"""The share of people, at least, who arrive where no vehicle is."""
+
+MOST_TURNS = 24
+"""Symmetry is searched for up to a 24th of a turn."""
+
+_TOLERANCE = 1e-6
+
+
+def check_worlds(subject: Subject, cases: Cases) -> list[CheckResult]:
+    """Check the worlds of a scenario; nothing where people are recorded."""
+    scenario = subject.scenarios[""]
+    if scenario.layout is None:
+        return []
+    world = scenario.worlds(cases)
+    return [_check_bounds(world), _check_arrivals(scenario, world), _check_symmetry(world)]
+
+
+def _check_bounds(world: World) -> CheckResult:
+    """Look for a way that leads the vehicle out of the walls around its start."""
+    enclosed = 0
+    for row, walls in enumerate(world.obstacles):
+        start, corners = world.position[row, :1], walls[np.isfinite(walls[:, :, 0])]
+        hull = shapely.MultiPoint(corners).convex_hull
+        if not hull.contains(shapely.Point(start[0])):
+            continue
+        outside = corners.max(axis=0, keepdims=True) + 2.0 * world.radius[row, 0] + 1.0
+        with contextlib.suppress(InputError):  # there is no way
+            way = np.concatenate([find_routes(start, outside, world.radius[row, :1], walls)[0], outside])
+            x, y = way[~shapely.contains_xy(hull, *way.T)][0]
+            found = f"in case {world.case[row]}, the vehicle can leave the walls around it, at ({x:.3g}, {y:.3g})"
+            return CheckResult("bounds", False, f"{found}: people may push it out, so close them")
+        enclosed += 1
+    return CheckResult("bounds", True, f"walls enclose the vehicle in {enclosed} of {len(world)} cases")
+
+
+def _check_arrivals(scenario: Scenario, world: World) -> CheckResult:
+    """Let the people of all cases walk without a vehicle until the time limit, and count who arrives."""
+    world = init_memories(world.replace(rules=dataclasses.replace(world.rules, visible=False)), scenario.policies)
+    case, everywhere, rule = world.case, np.ones(len(world), bool), scenario.post_step_rule
+    walking = find_walking(world, everywhere) & ~scenario.crowd.stands[world.policy]
+    arrived = np.zeros_like(walking)
+    for _ in range(world.rules.max_steps):
+        crowd, world = crowd_decisions(world, scenario.policies)
+        world, _ = move(world, np.zeros((len(world), 2)), crowd)
+        arrived |= find_arrived(world, everywhere)
+        world = world if rule is None else rule(world, everywhere)
+    number, most = (arrived & walking).sum(axis=1), walking.sum(axis=1)
+    worst, passed = (number - most).argmin(), bool(number.sum() >= ARRIVALS * most.sum())
+    found = f"{number.sum()} of {most.sum()} people arrive in time where no vehicle is, in case {case[worst]} "
+    blocked = "" if passed else ": they block each other, or have too little time"
+    return CheckResult("arrivals", passed, f"{found}{number[worst]} of {most[worst]}{blocked}")
+
+
+def _check_symmetry(world: World) -> CheckResult:
+    """Look for a turn that maps starts and goals of all agents, or of all pedestrians, onto each other.
+
+    Two who meet head-on do not count: rounding decides on which side they pass.
+    """
+    for row, first in np.ndindex(len(world), 2):
+        agents = np.flatnonzero(world.present[row])[first:]
+        if len(agents) > 2 and (order := _find_order(world, row, agents)):
+            found = f"in case {world.case[row]}, a turn by {360.0 / order:.3g} degrees maps {len(agents)} agents onto"
+            return CheckResult("symmetry", False, f"{found} each other, who may stand for ever: draw some noise")
+    return CheckResult("symmetry", True, "no turn maps starts and goals onto each other")
+
+
+def _find_order(world: World, row: int, agents: Int[np.ndarray, "agent"]) -> int:
+    """Return the number of such turns in a full one, 0 where there are none."""
+    start, goal = (points[row, agents] @ [1.0, 1.0j] for points in (world.position, world.goal))
+    traits = [start - start.mean(), goal - start.mean(), world.radius[row, agents], world.preferred_speed[row, agents]]
+    one = np.stack(traits, axis=1)
+    for order in range(min(len(agents), MOST_TURNS), 1, -1):
+        turned = one * np.exp([2j * np.pi / order, 2j * np.pi / order, 0.0, 0.0])
+        if all((np.abs(each - one).max(axis=1) < _TOLERANCE).any() for each in turned):
+            return order
+    return 0
