@@ -11,12 +11,11 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from crowdbench.catalog import load_scenario, scenario_path
 from crowdbench.core.types.rules import COLLISION_RULES
 from crowdbench.metrics import METRICS, Metric
-from crowdbench.metrics.summary import Scale
 from crowdbench.plugins.load import ROOT as PACKAGE_ROOT
 from crowdbench.runs.identity import code, digest, source_of
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
@@ -53,17 +52,10 @@ MEASURED = (
 """The metrics that boards show."""
 
 _NO_RULES = {"title", "description", "position", "recorded", "ranked"}
-"""Keys of a board that are not in its digest, because no figure and no score depends on them."""
+"""Keys of a board that are not in its digest, because no figure depends on them."""
 
 ROOT = PACKAGE_ROOT / "leaderboards"
 """The folder of the boards that ship."""
-
-
-def _rising(scale: list[float]) -> list[float]:
-    slow, quick = scale
-    if not 0.0 <= slow < quick <= 1.0:
-        raise ValueError
-    return scale
 
 
 class BoardSpec(TomlTable):
@@ -71,8 +63,7 @@ class BoardSpec(TomlTable):
 
     `position` orders boards in lists. `recorded` says that the scenarios need recorded tracks. `ranked` says whether
     entries have ranks. `public_cases` is the number of known cases of each scenario, and `cases` the number of those of
-    a season, which rank. `sct_scale` has the SCT at which speed adds nothing to a score, and the SCT at which it adds
-    most.
+    a season, which rank entries by success.
     """
 
     title: Name
@@ -89,9 +80,6 @@ class BoardSpec(TomlTable):
     replan_every: int = integer(1, least=1, most=1000)
     look_first: int = integer(LOOK_FIRST, least=1, most=1000)
     collision: str = choice(COLLISION_RULES, default="swept")
-    sct_scale: Annotated[list[float], AfterValidator(_rising)] = Field(
-        default=[0.0, 1.0], description="two numbers from 0 to 1, the smaller one first"
-    )
 
 
 @dataclass(frozen=True)
@@ -111,7 +99,7 @@ class Board:
 
     @functools.cached_property
     def parts(self) -> dict[str, Any]:
-        """Return what figures, scores and ranks depend on: rules, scenarios, metrics, and the simulator's code."""
+        """Return what figures and ranks depend on: rules, scenarios, metrics, and the simulator's code."""
         if self.spec.recorded:
             scenarios = {name: _recorded_digest(name) for name in self.scenarios}
         else:
@@ -163,11 +151,6 @@ class Board:
         """Return the weights of the scenarios, of sum 1: equal for all families, and in a family for all scenarios."""
         families = self.spec.families
         return np.array([1.0 / (len(families) * len(names)) for names in families.values() for _ in names])
-
-    @property
-    def scale(self) -> Scale:
-        """Return the scale of the score."""
-        return Scale(*self.spec.sct_scale)
 
     def overrides(self, seed: int | None) -> dict[str, Any]:
         """Return the changes of scenarios by the board, for the cases of a seed; None for the public ones."""

@@ -1,15 +1,10 @@
-"""From one value per episode to means with 95 % intervals, and to the score by which planners stand in an order.
-
-The score is U = S + 0.005 g: S is the success rate, and g = clip((Q - a) / (b - a), 0, 1) says how quick a planner is.
-Q is its success weighted by completion time (SCT), and a and b are fixed beforehand.
-"""
+"""Means of one value per episode, with 95 % intervals."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
@@ -23,9 +18,6 @@ Resampled = Float[np.ndarray, "*resample case"]
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000
-
-DELTA = 0.005
-"""The share of success that being quick is worth, at most."""
 
 _SEED = 0
 """Of the bootstrap: fixed, so that the same episodes have the same interval."""
@@ -190,19 +182,3 @@ def interval(values: Float[np.ndarray, "resample"]) -> tuple[float, float]:
     """The bounds between which 95 % of the resampled values lie."""
     low, high = np.quantile(values, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2])
     return float(low), float(high)
-
-
-class Scale(NamedTuple):
-    """The SCT at which being quick is worth nothing, and the one at which it is worth `DELTA`."""
-
-    slow: float = 0.0
-    quick: float = 1.0
-
-    @property
-    def slope(self) -> float:
-        """What a score gains where SCT is larger by 1."""
-        return DELTA / (self.quick - self.slow)
-
-    def score(self, success: float, sct: float) -> float:
-        """The score of means over a board."""
-        return success + self.slope * min(max(sct - self.slow, 0.0), self.quick - self.slow)

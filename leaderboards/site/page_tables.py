@@ -45,10 +45,12 @@ def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
     return low, mean, max(high - low, 1.0)
 
 
-def undecided(table: Standings, one: Standing) -> list[str]:
-    """The names of ranked entries that an entry neither beats nor is beaten by; none where it has no rank."""
-    pairs = [(pair.higher, pair.lower) for pair in table.pairs if not pair.is_decided]
-    return [name for pair in pairs if one.entry.name in pair for name in pair if name != one.entry.name]
+def near(table: Standings, one: Standing) -> tuple[list[str], list[str]]:
+    """Return the names of the ranked entries that an entry is equivalent to, and of those not told apart from it."""
+    pairs = [pair for pair in table.pairs if one.name in (pair.higher, pair.lower)]
+    other = {pair: pair.higher if pair.lower == one.name else pair.lower for pair in pairs}
+    unclear = [other[pair] for pair in pairs if not pair.is_sure and not pair.is_equivalent]
+    return [other[pair] for pair in pairs if pair.is_equivalent], unclear
 
 
 def pair_table(table: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
@@ -62,12 +64,13 @@ def pair_table(table: Standings) -> list[tuple[Standing, list[dict[str, str] | N
 
 
 def _pair_cell(pair: Pair, verdict: str, sign: float) -> dict[str, str]:
-    """The texts of a cell: the verdict, and the difference in score, row minus column, in points."""
-    text = number(100.0 * sign * pair.difference, 2)
+    """Return the verdict, and the difference in success with its half width, row minus column, in points."""
+    text = number(100.0 * sign * pair.difference, 1)
+    signed = text if text.startswith("\N{MINUS SIGN}") else f"+{text}"
     return {
-        "verdict": verdict if pair.is_decided else "",
-        "surely": "surely " if pair.is_sure else "",
-        "difference": text if text.startswith("\N{MINUS SIGN}") else f"+{text}",
+        "style": verdict if pair.is_sure else "",
+        "verdict": verdict if pair.is_sure else "as good" if pair.is_equivalent else "not decided",
+        "difference": f"{signed} \N{PLUS-MINUS SIGN} {number(100.0 * pair.error, 1)}",
     }
 
 

@@ -6,24 +6,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Float, Int, Shaped
 
 RESAMPLES = 2000
 
 _SEED = 0
 """The same entries have the same ranks."""
-
-
-class Differences(NamedTuple):
-    """Differences of pairs of entries in the cases of a scenario.
-
-    Attributes:
-        value: The first entry's value minus the second's.
-        discordant: Whether only one of the entries succeeds.
-    """
-
-    value: Float[np.ndarray, "pair case"]
-    discordant: Bool[np.ndarray, "pair case"]
 
 
 class Studentised(NamedTuple):
@@ -40,7 +28,7 @@ class Studentised(NamedTuple):
 
 
 def studentise(
-    scenarios: Sequence[Differences],
+    scenarios: Float[np.ndarray, "scenario pair case"],
     weights: Float[np.ndarray, "scenario"],
     blocks: Sequence[Int[np.ndarray, "case"]] | None = None,
 ) -> Studentised:
@@ -50,18 +38,18 @@ def studentise(
     may differ by chance.
 
     Args:
-        scenarios: The differences in each scenario.
+        scenarios: The differences in success in each case of each scenario: 1, 0 or -1.
         weights: The weight of each scenario; the sum is 1.
         blocks: The block of each case of each scenario, where those of the same block are not independent: then they
             are resampled together.
     """
     draws = np.random.default_rng(_SEED)
-    shape = 1 + RESAMPLES, len(scenarios[0].value)
+    shape = 1 + RESAMPLES, scenarios.shape[1]
     deviation, variance, least = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     for number, (scenario, weight) in enumerate(zip(scenarios, weights, strict=True)):
-        block = np.arange(scenario.value.shape[1]) if blocks is None else blocks[number]
+        block = np.arange(scenario.shape[1]) if blocks is None else blocks[number]
         index, size = np.unique(block, return_inverse=True, return_counts=True)[1:]
-        residual = _over_blocks(scenario.value - scenario.value.mean(axis=1, keepdims=True), index)
+        residual = _over_blocks(scenario - scenario.mean(axis=1, keepdims=True), index)
         # The sample itself comes first.
         times = np.ones((shape[0], len(residual)))
         times[1:] = draws.multinomial(len(residual), np.full(len(residual), 1.0 / len(residual)), size=RESAMPLES)
@@ -71,7 +59,7 @@ def studentise(
         squares += off**2 * (times @ size**2)[:, None]
         deviation += weight * off
         variance += weight**2 * squares / cases**2 * len(size) / max(len(size) - 1, 1)
-        one_more = times @ _over_blocks(scenario.discordant, index) + 1.0 / len(scenarios)
+        one_more = times @ _over_blocks(scenario != 0.0, index) + 1.0 / len(scenarios)
         least += weight**2 * one_more / cases**2
     error = np.sqrt(np.maximum(variance, least))
     return Studentised(error[0], deviation[1:] / error[1:])

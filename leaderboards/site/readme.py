@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from page_tables import near
+from ranking import MARGIN
 from standings import Standing, Standings, standings
 
 from crowdbench.boards.board import read_boards
@@ -26,15 +28,15 @@ Made by `python leaderboards/site/readme.py` from the entries in these folders; 
 DIR` makes pages with figures from them. [docs/boards.md](../docs/boards.md) says how to enter a planner and what a rank
 means.
 
-Entries are sorted by score: success in per cent, and up to half a point for short times. A new rank begins where an
-entry is worse than one of the present rank by more than chance explains; in brackets is the range of its true rank,
-with a confidence of 95 % for the whole board. Figures have 95 % intervals. "method" is the rank of the method, by the
-mean over networks that were trained with other seeds, and its success with an interval for other networks and other
-cases. SCT is success weighted by completion time. "imposed delay" is the total extra travel time of all pedestrians of
-a case, where they see the vehicle. "decision" is the 99th percentile of the time for a decision in one world, on one
-core of the machine of reference. An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
-Entries that are "reported only" have no rank: their figures are those of their authors, of the public cases. A
-"pending" entry was made for other rules, scenarios or code.
+Success is the primary endpoint of each board. The rank is an interval: with a confidence of 95 % it contains the true
+ranks of all entries of a board together. Entries of the same rank are listed by SCT, success weighted by completion
+time, which is an order and no rank. "As good as" are the entries from which one surely differs by less than
+{margin:g} points of success. Figures have 95 % intervals. "method" is the mean success over networks that were
+trained with other seeds, with an interval for other networks and other cases. "imposed delay" is the total extra
+travel time of all pedestrians of a case, where they see the vehicle. "decision" is the 99th percentile of the time
+for a decision in one world, on one core of the machine of reference. An asterisk marks the Pareto set: no ranked
+entry succeeds more often and is quicker. Entries that are "reported only" have no rank: their figures are those of
+their authors, of the public cases. A "pending" entry was made for other rules, scenarios or code.
 
 Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
 the digests of all entries and from round {season.round} of drand.
@@ -58,7 +60,7 @@ def write_readme(root: Path) -> Path:
     season = read_season(root)
     rehearsal = ", a rehearsal: its round was known before it closed" if season.spec.rehearsal else ""
     tables = [standings(board, read_entries(board, root), season) for board in read_boards(root)]
-    introduction = INTRODUCTION.format(season=season.spec, rehearsal=rehearsal)
+    introduction = INTRODUCTION.format(season=season.spec, rehearsal=rehearsal, margin=100.0 * MARGIN)
     filling = [] if any(table.entries for table in tables) else [f"{FILLING}\n"]
     with files.whole(root / README) as partial:
         partial.write_text("\n".join([introduction, *filling, *map(section, tables)]), encoding="utf-8")
@@ -75,26 +77,25 @@ def section(table: Standings) -> str:
     if table.ranked:
         blocks = sum(len(set(block.tolist())) for block in table.ranked[0].blocks.values())
         of_time = f", {blocks} blocks of recorded time in all" if blocks else ""
-        lines += ["", f"{table.board.spec.cases} cases of each scenario{of_time}."]
+        lines += ["", f"Ranked by success in {table.board.spec.cases} cases of each scenario{of_time}."]
     return "\n".join([*lines, ""])
 
 
 def _cells(table: Standings, entry: Standing) -> dict[str, str]:
     """Return the cells of an entry, by the headings of the columns of its board."""
-    figures, speed, method, rank = entry.figures, entry.decision_time, entry.method, entry.rank
+    figures, speed, method = entry.figures, entry.decision_time, entry.method
     pareto = " \\*" if entry.is_pareto else ""
     cells = {
-        "rank": "" if rank is None else f"{rank.rank} ({rank.first} to {rank.last})",
+        "rank": str(entry.rank or ""),
         "entry": f"{entry.name}{pareto}, {entry.entry.spec.submitted_by}",
         SUCCESS.heading: SUCCESS.estimate(figures["success_rate"]),
-        "score": f"{100.0 * entry.score:.2f}" if rank else "",
+        "as good as": ", ".join(near(table, entry)[0]),
     }
     if table.has_methods:
-        success = "as the entry"
+        cells["method"] = ""
         if method:
             mean = SUCCESS.estimate(method.metrics["success_rate"].estimate, with_unit=True)
-            success = f"{mean}, {method.networks} networks"
-        cells["method"] = f"{entry.method_rank}: {success}" if entry.method_rank else ""
+            cells["method"] = f"{mean}, {method.networks} networks"
     for metric in table.shown:
         info = info_of(metric)
         cells[info.heading] = info.estimate(figures[metric])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
-from ranking import SCT, SUCCESS, Columns, Pair, Rank, compare_all, pareto, rank_by_bounds, ranks, scores
+from ranking import Pair, Rank, compare_all, pareto, ranks, tiers
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.board_runs import read_episodes
@@ -49,7 +49,6 @@ class Standing:
         verification: The verification of the season; None if none counts.
         outcomes: The outcome of each case of the season, or else of each public case; `RUNNING` in scenarios that the
             planner cannot drive.
-        columns: The metrics that rank, in the same cases.
         blocks: The blocks of recorded time of these cases, by scenario; none if nobody was recorded.
         scenarios: The means with their intervals by scenario and metric; none for scenarios that the planner cannot
             drive.
@@ -59,15 +58,12 @@ class Standing:
         reason: Why it has no rank, in a few words; empty if it has a rank.
         explanation: The same in a sentence.
         rank: Its rank.
-        score: Its score; undefined if it has no rank.
-        method_rank: The rank of its method; None if unknown.
         is_pareto: Whether no ranked entry succeeds more often and is quicker.
     """
 
     entry: Entry
     verification: Verification | None
     outcomes: Int[np.ndarray, "scenario case"]
-    columns: Columns
     blocks: Mapping[str, Int[np.ndarray, "case"]]
     scenarios: Estimates
     figures: Mapping[str, Estimate]
@@ -76,8 +72,6 @@ class Standing:
     reason: str
     explanation: str
     rank: Rank | None = None
-    score: float = np.nan
-    method_rank: int | None = None
     is_pareto: bool = False
 
     @property
@@ -108,7 +102,7 @@ class Standings:
     Attributes:
         board: The board.
         season: The name of the season.
-        ranked: The ranked entries, the best first.
+        ranked: The ranked entries by their ranks; those of the same rank by SCT.
         others: The others, by name.
         pairs: The ranked entries compared with each other.
     """
@@ -135,9 +129,10 @@ class Standings:
         """Check if the method of some entry was measured."""
         return any(entry.method for entry in self.entries)
 
-    def is_tied(self, standing: Standing) -> bool:
-        """Check if another entry has the same rank."""
-        return [entry.rank and entry.rank.rank for entry in self.ranked].count(standing.rank and standing.rank.rank) > 1
+    @property
+    def tiers(self) -> Sequence[bool]:
+        """Return which ranked entries begin a tier."""
+        return tiers([entry.rank for entry in self.ranked if entry.rank])
 
 
 def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> Standings:
@@ -153,47 +148,21 @@ def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> 
     """
     all_entries = _limit_ranked([_standing(board, entry, season) for entry in entries])
     candidates = {entry.name: entry for entry in all_entries if not entry.reason}
-    columns = {name: entry.columns for name, entry in candidates.items()}
-    score = scores(columns, board.weights, board.scale)
-    pairs = compare_all(columns, board.weights, board.scale, _blocks([*candidates.values()]))
-    rank = ranks(score, pairs)
+    successes = {name: (entry.outcomes == Outcome.SUCCESS).astype(float) for name, entry in candidates.items()}
+    pairs = compare_all(successes, board.weights, _blocks([*candidates.values()]))
+    rank = ranks([*candidates], pairs)
     costs = [
         (-entry.figures["success_rate"].mean, entry.figures["navigation_time"].mean) for entry in candidates.values()
     ]
     # A time that is undefined, because no case succeeds, is the longest.
     best = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf)).tolist()
+    order = sorted(
+        candidates, key=lambda name: (rank[name].first, rank[name].last, -candidates[name].figures["sct"].mean, name)
+    )
     is_pareto = dict(zip(candidates, best, strict=True))
-    methods = rank_methods(board, [*candidates.values()])
-    ranked = [
-        replace(
-            candidates[name],
-            rank=rank[name],
-            score=score[name],
-            method_rank=methods.get(name),
-            is_pareto=is_pareto[name],
-        )
-        for name in score
-    ]
+    ranked = [replace(candidates[name], rank=rank[name], is_pareto=is_pareto[name]) for name in order]
     others = sorted((entry for entry in all_entries if entry.reason), key=lambda entry: entry.name)
     return Standings(board, season.spec.name if season else "", ranked, others, pairs)
-
-
-def rank_methods(board: Board, entries: Sequence[Standing]) -> dict[str, int]:
-    """Return the rank of the method of each entry by name: of the mean over networks, or of the entry itself.
-
-    Entries that were trained and have too few networks have none.
-    """
-    score, error = {}, {}
-    for entry in entries:
-        if entry.method is None and entry.entry.card.training_seeds > 0:
-            continue
-        figures = entry.figures
-        if entry.method is not None:
-            figures = {name: figure.estimate for name, figure in entry.method.metrics.items()}
-        success = figures["success_rate"]
-        score[entry.name] = board.scale.score(success.mean, figures["sct"].mean)
-        error[entry.name] = (success.high - success.low) / 2.0
-    return rank_by_bounds(score, error)
 
 
 def _blocks(entries: Sequence[Standing]) -> Sequence[Int[np.ndarray, "case"]] | None:
@@ -232,7 +201,7 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
     reason, explanation = _why_unranked(board, entry, pending, verification or doubt)
     measured: Estimates = {}
     if season and verification and verification.figures:
-        runs = _read_runs(board, verification_folder(entry, season), board.spec.cases, {SCT})
+        runs = _read_runs(board, verification_folder(entry, season), board.spec.cases, set())
         measured = {
             scenario: {metric: figure.estimate for metric, figure in figures.items()}
             for scenario, figures in verification.figures.items()
@@ -244,16 +213,14 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
         runs = {}
     cases = board.spec.cases if verification and verification.figures else board.spec.public_cases
     outcomes = np.full((len(board.scenarios), cases), Outcome.RUNNING, np.int64)
-    sct = np.zeros(outcomes.shape)
     for row, name in enumerate(board.scenarios):
         if name in runs:
-            outcomes[row], sct[row] = runs[name].outcome, runs[name].columns[SCT]
+            outcomes[row] = runs[name].outcome
     scenarios = {name: measured.get(name, {}) for name in board.scenarios}
     return Standing(
         entry,
         verification,
         outcomes,
-        {SUCCESS: (outcomes == Outcome.SUCCESS).astype(float), SCT: sct},
         {name: run.block for name, run in runs.items() if run.block is not None},
         scenarios,
         dict.fromkeys(board.metrics, UNDEFINED) if pending else board_figures(board, scenarios),

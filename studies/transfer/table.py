@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
-from crowdbench.metrics.summary import Estimate, Scale, interval
+from crowdbench.metrics.summary import Estimate, interval
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases as CaseRange
@@ -120,11 +120,10 @@ class RankingsTable:
 def _read_cases(runs: Sequence[Run], out: Path) -> Cases:
     """What the planners did in a scenario."""
     found = [read_episodes(run, out) for run in runs]
-    slope = Scale().slope
-    score = np.stack([each.columns[SUCCESS_RATE] + slope * each.columns["sct"] for each in found])
+    success = np.stack([each.columns[SUCCESS_RATE].astype(float) for each in found])
     block, tracks = found[0].block, runs[0].scenario.tracks
     source = tracks.scene if tracks else runs[0].scenario.name
-    return Cases(source, score, np.arange(score.shape[1]) if block is None else block)
+    return Cases(source, success, np.arange(success.shape[1]) if block is None else block)
 
 
 @dataclasses.dataclass(frozen=True)

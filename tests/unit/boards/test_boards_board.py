@@ -68,7 +68,6 @@ def test_a_text_or_a_default_in_a_board_changes_no_digest(tmp_path, old, new):
         ("cases = 4", "cases = 4\npublic_cases = 7"),
         ("cases = 4", "cases = 4\nreplan_every = 7"),
         ("cases = 4", 'cases = 4\ncollision = "crowdnav"'),
-        ("cases = 4", "cases = 4\nsct_scale = [0.2, 0.4]"),
         ('square = ["square_crossing_5"]', ""),
         ("circle_crossing_10", "circle_crossing_5_visible"),
     ],
@@ -128,16 +127,6 @@ def test_a_board_of_recorded_people_has_a_digest_without_their_tracks(tmp_path, 
             r"^five/board\.toml: in families, no scenario is called 'nowhere'; there",
         ),
         ("square_crossing_5", "circle_crossing_5", r"^five/board\.toml: the scenario circle_crossing_5 is in two fam"),
-        (
-            "cases = 4",
-            "sct_scale = [0.9, 0.2]",
-            r"sct_scale is .*, but must be two numbers from 0 to 1, the smaller one first$",
-        ),
-        (
-            "cases = 4",
-            "sct_scale = [0.2]",
-            r"sct_scale is .*, but must be two numbers from 0 to 1, the smaller one first$",
-        ),
     ],
 )
 def test_what_is_wrong_in_a_board_gets_one_sentence(old, new, sentence, tmp_path):
