@@ -50,13 +50,16 @@ def simulate(entries, rate, correlation, repetitions, better=0.0, cases=CASES, s
 
 def main(repetitions=1000):
     """Print the shares of boards for equal entries, and for one that is better by 2 points."""
-    for entries in (2, 3, 7, 12):
+    for entries in (3, 7, 12):
         for rate, correlation in ((0.97, 0.3), (0.99, 0.2)):
             for better in (0.0, BETTER) if rate == 0.97 else (0.0,):
                 for cases in (500, 1000):
                     found = simulate(entries, rate, correlation, repetitions, better, cases)
                     said = ", ".join(f"{name} {share:.3f}" for name, share in found.items())
-                    print(f"{entries} entries, {rate}, correlation {correlation}, {cases} cases, +{better}: {said}")
+                    print(
+                        f"{entries} entries, {rate}, correlation {correlation}, {cases} cases, +{better}: {said}",
+                        flush=True,
+                    )
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""A ladder: how much of the failures in a scenario is due to perception, to prediction, to luck, and to the planner."""
+"""A ladder: the success of one search with ever more knowledge of the crowd."""

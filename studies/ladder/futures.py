@@ -1,7 +1,9 @@
-"""The futures of a crowd, simulated from its true state: the true one, or several with other chance."""
+"""The futures of a crowd, simulated from its true state with some of the knowledge that the simulator has."""
 
 from __future__ import annotations
 
+import dataclasses
+import enum
 from typing import ClassVar
 
 import numpy as np
@@ -12,27 +14,50 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import Observation, World
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import crowd_decisions, move
+from crowdbench.sim.attention import init_attention
+from crowdbench.sim.pedestrians import ORCA
+from crowdbench.sim.simulator import ATTENTION, crowd_decisions, has_attention, move
 
 AWAY = 1e3
-"""Who has left goes so many metres straight away from the vehicle, so that no sequence of commands meets it."""
+"""Pedestrians who have left go so many metres straight away from the vehicle, so that no sequence meets them."""
+
+FUTURES = 8
+"""Number of futures where something is left to chance."""
+
+ASSUMED = "assumed"
+"""The policy of all pedestrians for those who know only their goals: ORCA with its default parameters."""
+
+
+class Knowledge(enum.IntEnum):
+    """What is known of the crowd beside its true state; each kind includes those before it.
+
+    `GOALS`: goals and preferred speeds. `POLICIES`: policies with their parameters, and that people react to the
+    vehicle. `ATTENTION`: who has noticed the vehicle, and how each person reacts. `ALL`: the true future.
+    """
+
+    GOALS = 0
+    POLICIES = 1
+    ATTENTION = 2
+    ALL = 3
 
 
 class Simulated(Predictor):
-    """Simulates the crowd ahead, with people who react to the vehicle where they see it.
+    """Simulates the crowd ahead. Nobody predicts pedestrians that spawn later, and pedestrians who leave are gone.
 
-    Everybody keeps policy, goal and what it remembers. Who comes in is not foreseen, and who leaves is gone. Of other
-    chance are turns and stops from now on; whoever stands as `stop_and_go` does, begins its stops anew.
+    Without knowledge of policies all walk by ORCA and ignore the vehicle; those who stand go on standing. Without
+    knowledge of attention nobody has noticed the vehicle yet, and reactions are drawn anew in each future. Turns and
+    stops from now on are drawn anew too, except in the true future.
 
     Args:
         scenario: The scenario.
-        futures: Number of futures with other chance each; None for the true one [1].
+        knows: What is known.
     """
 
     privileged: ClassVar[bool] = True
 
-    def __init__(self, scenario: Scenario, futures: int | None) -> None:
-        self.scenario, self.futures = scenario, futures
+    def __init__(self, scenario: Scenario, knows: Knowledge) -> None:
+        self.scenario, self.knows = scenario, knows
+        self.futures = FUTURES if has_chance(scenario, knows) else 1
         self._world: World
 
     def foresee(self, world: World) -> None:
@@ -45,29 +70,71 @@ class Simulated(Predictor):
 
     def predict_given(self, obs: Observation, steps: int, plan: Float[np.ndarray, "world time 2"]) -> Prediction:
         """See `Predictor`."""
-        number = self.futures or 1
-        row = np.tile(np.arange(len(obs)), number)
-        world, scenario = self._world.take(row), self.scenario
-        if self.futures is not None:
-            step = int(self._world.step[0])  # all worlds of a batch are in the same one
-            keys = [rng.other_chance(self._world.key, step, future) for future in range(number)]
-            world = world.replace(key=np.concatenate(keys))
-        before, person, position = world.position[:, 1:], world.person, []
+        row = np.tile(np.arange(len(obs)), self.futures)
+        world, position = self._known(self._world.take(row)), []
+        policies = {ASSUMED: ORCA()} if self.knows == Knowledge.GOALS else self.scenario.policies
+        before, person = world.position[:, 1:], world.person
         gone, everywhere = ~world.present[:, 1:], np.ones(len(world), bool)
         for t in range(steps):
-            crowd, world = crowd_decisions(world, scenario.policies)
-            world, _ = move(world, plan[row, t], crowd)
-            if scenario.post_step_rule is not None:
-                world = scenario.post_step_rule(world, everywhere)
+            crowd, world = crowd_decisions(world, policies)
+            stands = self.scenario.crowd.stands[world.policy]
+            world, _ = move(world, plan[row, t], np.where(stands[..., None], 0.0, crowd))
+            if self.scenario.post_step_rule is not None:
+                world = self.scenario.post_step_rule(world, everywhere)
             leaves = ~gone & (~world.present[:, 1:] | (world.person != person))
             gone |= leaves
             before = np.where(gone[..., None], before, world.position[:, 1:])
             before = np.where(leaves[..., None], _away(before, world.position[:, :1]), before)
             position.append(before)
-        shape = (number, len(obs), steps, *before.shape[1:])
+        shape = (self.futures, len(obs), steps, *before.shape[1:])
         found = np.stack(position, axis=1).reshape(shape).swapaxes(0, 1)
         start = np.broadcast_to(obs.pedestrians.position[:, None, None], (*found.shape[:2], 1, *found.shape[3:]))
         return Prediction(found, np.diff(found, axis=2, prepend=start) / obs.dt)
+
+    def _known(self, world: World) -> World:
+        """Return the worlds of all futures as far as they are known."""
+        if self.knows < Knowledge.ALL:
+            step = int(self._world.step[0])  # all worlds of a batch are in the same one
+            keys = [rng.other_chance(self._world.key, step, future) for future in range(self.futures)]
+            world = world.replace(key=np.concatenate(keys))
+        if self.knows == Knowledge.GOALS:
+            usual = {name: np.full(world.radius.shape, float(value)) for name, value in ORCA.parameters.items()}
+            rules = dataclasses.replace(world.rules, visible=False)
+            return world.replace(rules=rules, parameters={**world.parameters, ASSUMED: usual})
+        if self.knows == Knowledge.POLICIES and has_attention(world.rules):
+            return world.replace(memory={**world.memory, ATTENTION: init_attention(world)._asdict()})
+        return world
+
+
+def has_chance(scenario: Scenario, knows: Knowledge) -> bool:
+    """Return whether futures of a crowd can differ."""
+    if knows == Knowledge.ALL:
+        return False
+    crowd = scenario.crowd
+    if crowd.goal_change is not None or crowd.arrival not in ("walk_on", "stop", "leave"):
+        return True
+    if knows == Knowledge.GOALS:
+        return False
+    policies = scenario.policies.values()
+    is_certain = all(isinstance(policy, ORCA) or policy.stands for policy in policies)
+    return not is_certain or (knows == Knowledge.POLICIES and has_attention(scenario.rules))
+
+
+def adds_nothing(scenario: Scenario, knows: Knowledge) -> bool:
+    """Return whether a kind of knowledge gives the same futures as the one before it, by construction."""
+    if knows == Knowledge.POLICIES:
+        usual = ORCA.parameters
+        return not scenario.rules.visible and all(
+            scenario.policies[name].stands
+            or (
+                isinstance(scenario.policies[name], ORCA)
+                and all(usual[key] == value.low == value.high for key, value in table.items())
+            )
+            for name, table in scenario.crowd.parameters.items()
+        )
+    if knows == Knowledge.ATTENTION:
+        return not has_attention(scenario.rules)
+    return knows == Knowledge.ALL and not has_chance(scenario, Knowledge.ATTENTION)
 
 
 def _away(

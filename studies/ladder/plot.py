@@ -1,4 +1,4 @@
-"""The figure of ladders: a bar for each scenario, whose parts are what ever more foresight is worth."""
+"""The figure of ladders: a bar for each scenario, whose parts are the gains with ever more knowledge."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from crowdbench.figures.style import COLOURS, axes
 from studies.pages import read_kept
 
 FIRST = "#bbbbbb"
-"""The colour of what the lowest rung succeeds in."""
+"""The colour of the success of the lowest rung."""
 
-REASONS = dict(zip(("perception", "prediction", "luck", "search"), COLOURS, strict=False))
-"""The colours of what separates the rungs."""
+KNOWLEDGE = dict(zip(("perception", "goals", "policies", "attention", "chance", "search"), COLOURS, strict=False))
+"""The colours of the gains."""
 
 COMMAND = "python studies/ladder/run.py"
 """Writes the files."""
@@ -35,7 +35,7 @@ def plot_ladders(paths: Sequence[Path], out: Path) -> None:
         InputError: One of them is no such file, or the figure cannot be written.
     """
     found = [
-        read_kept(path, COMMAND, ("success", "P0", "mean"), ("best_success", "mean"), ("steps", 0, "reason"))
+        read_kept(path, COMMAND, ("success", "P0", "mean"), ("best_success", "mean"), ("steps", 0, "knowledge"))
         for path in paths
     ]
     lowest = 100.0
@@ -48,7 +48,7 @@ def plot_ladders(paths: Sequence[Path], out: Path) -> None:
                 loses = after < before
                 # A loss is narrower, and in front: what a later rung gains lies in the same place.
                 height, hatch, order = (0.25, "////", 4) if loses else (0.6, None, 3)
-                bar = ax.barh(place, width, left=left, height=height, color=REASONS[step["reason"]], zorder=order)
+                bar = ax.barh(place, width, left=left, height=height, color=KNOWLEDGE[step["knowledge"]], zorder=order)
                 bar.patches[0].set(hatch=hatch, edgecolor="white")
             ax.plot([100.0 * each["best_success"]["mean"]], [place], "k*", ms=5, zorder=5, clip_on=False)
             lowest = min(lowest, *rates, 100.0 * each["best_success"]["mean"])
@@ -56,11 +56,11 @@ def plot_ladders(paths: Sequence[Path], out: Path) -> None:
         ax.set_yticks(range(len(found)), names, fontsize=6)
         ax.set(xlabel="success, %", xlim=(max(0.0, lowest - lowest % 10.0 - 10.0), 101))
         ax.grid(visible=False, axis="y")
-        bars = [ax.barh(0, 0, color=colour, label=reason) for reason, colour in REASONS.items()]
+        bars = [ax.barh(0, 0, color=colour, label=name) for name, colour in KNOWLEDGE.items()]
         star = ax.plot([], [], "k*", ms=5, label="best planner")
         ax.legend(
             handles=[*bars, *star],
-            ncols=3,
+            ncols=4,
             loc="lower center",
             bbox_to_anchor=(0.3, 1.0),
             fontsize=6,

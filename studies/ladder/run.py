@@ -1,4 +1,4 @@
-"""Show causes of failure in scenarios, by one search with ever more foresight. Prints README.md beside this file."""
+"""Show what a search gains with ever more knowledge in scenarios. Prints README.md beside this file."""
 
 from __future__ import annotations
 
@@ -36,9 +36,10 @@ def ladder(
     as_json: bool = False,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Show causes of failure in scenarios: perception, prediction, luck, or the search. Without any print the page.
+    """Show what a search gains with ever more knowledge in scenarios. Without any print the page.
 
-    The same search drives with ever more foresight. Finished runs are kept, and the same command goes on after them.
+    The same search drives with perception, goals, policies, attention and chance known. Finished runs are kept, and the
+    same command goes on after them.
 
     Args:
         scenarios: Scenarios.

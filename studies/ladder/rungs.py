@@ -1,4 +1,4 @@
-"""The rungs of a ladder: the same search with ever more foresight, and certificates."""
+"""The rungs of a ladder: the same search with ever more knowledge, and certificates."""
 
 from __future__ import annotations
 
@@ -25,25 +25,30 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from studies.certificates.certificate import CODE, certificates, play_back
 from studies.ladder import futures
-from studies.ladder.futures import Simulated
+from studies.ladder.futures import Knowledge, Simulated
 
 SECONDS = 5.0
 """How far ahead the search looks."""
 
-FUTURES, WORST = 8, 0.25
-"""The futures of rung P2, and the share of them, the worst for a sequence of commands, that count (CVaR)."""
+WORST = 0.25
+"""The share of the futures, the worst for a sequence of commands, that count (CVaR)."""
 
 LIMIT = 3600.0
 """Seconds that a decision may take, for all worlds of a batch together; rungs are no planners that must be fast."""
 
 RUNGS = {
-    "P0": "what the vehicle senses; people at constant velocity",
-    "P1": "the true state; people at constant velocity",
-    "P2": "the true state, goals and policies, not chance",
-    "P3": "the true future",
+    "P0": "sensed state; people at constant velocity",
+    "P1": "true state; people at constant velocity",
+    "P2": "true goals; people walk by ORCA and ignore the vehicle",
+    "P3": "true goals and policies, not who notices the vehicle",
+    "P4": "everything but chance",
+    "P5": "the true future",
     "C": "a certificate",
 }
-"""What each rung knows."""
+"""The knowledge of each rung."""
+
+KNOWLEDGE = dict(zip(("P2", "P3", "P4", "P5"), Knowledge, strict=True))
+"""The knowledge of the rungs that simulate the crowd."""
 
 
 class CertifiedPlanner(Planner):
@@ -75,7 +80,7 @@ class CertifiedPlanner(Planner):
 
 
 def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run:
-    """The run of a rung.
+    """Plan the run of a rung.
 
     Args:
         rung: One of `RUNGS`.
@@ -95,8 +100,8 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
         foresee = certified.foresee
     else:
         predictor: Predictor = ConstantVelocity()
-        if rung in ("P2", "P3"):
-            predictor = simulated = Simulated(scenario, FUTURES if rung == "P2" else None)
+        if rung in KNOWLEDGE:
+            predictor = simulated = Simulated(scenario, KNOWLEDGE[rung])
             foresee = simulated.foresee
         planner = MPPIPlanner(predictor, horizon=max(1, round(SECONDS / scenario.rules.dt)), worst=WORST)
         if scenario.rules.sensor != PERFECT:

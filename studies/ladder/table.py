@@ -1,4 +1,4 @@
-"""`[[ladders]]`: one search with ever more foresight in scenarios, beside the certificates and the best planner."""
+"""`[[ladders]]`: one search with ever more knowledge in scenarios, beside the certificates and the best planner."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic import Field
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types import PERFECT
-from crowdbench.metrics.summary import Estimate, bootstrap, wilson
+from crowdbench.metrics.summary import Estimate, around, wilson
 from crowdbench.runs.load import load_run
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
@@ -21,23 +21,28 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.study.schema import CasesText, Planners, PlannerSpec, StudyHead
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location, Name, Names, TomlTable
-from studies.ladder.rungs import RUNGS, load_rung
+from studies.ladder.futures import adds_nothing
+from studies.ladder.rungs import KNOWLEDGE, RUNGS, load_rung
 from studies.pages import SUCCESS, draw_bar, read_successes
 
 CHOICE = Cases("val", 0, 50)
 """The cases that choose the best planner."""
 
-STEPS = {"P1": "perception", "P2": "prediction", "P3": "luck", "C": "search"}
-"""What separates a rung from the one below."""
+STEPS = {"P1": "perception", "P2": "goals", "P3": "policies", "P4": "attention", "P5": "chance", "C": "search"}
+"""The knowledge that a rung has and the one below lacks."""
 
 NOTES = (
-    "All rungs are the same search, MPPI with a horizon of 5 s that replans in every step. **P0** plans with what the "
-    "vehicle senses (through a Kalman filter where that is not exact) and people at constant velocity; **P1** with the "
-    "true state, and people at constant velocity; **P2** with the true state, goals and policies of people, in 8 "
-    "futures of other chance, by the mean of the 2 worst; **P3** with the true future; **C** is the share of the cases "
-    "with a certificate. Between two rungs stands by how much the upper one succeeds more often, in points with the "
-    "95 % interval of a bootstrap over cases. The search is no optimum: each rung is a lower bound of what is possible "
-    "with what it knows. Who comes in later is foreseen by none. The best planner was chosen on val:0:50."
+    "All rungs are the same search, MPPI with a horizon of 5 s that replans in every step. **P0** plans with the "
+    "sensed state (through a Kalman filter where that is not exact) and people at constant velocity; **P1** with the "
+    "true state and people at constant velocity; **P2** with the true goals, people by ORCA who ignore the vehicle; "
+    "**P3** with the true goals and policies, in futures in which the reaction of each person is drawn anew and "
+    "nobody has noticed the vehicle yet; **P4** with the attention and the reaction of each person too; **P5** with "
+    "the true future. Where something is left to chance there are 8 futures, and the mean of the 2 worst counts. "
+    "**C** is the share of the cases with a certificate. Between two rungs are the points of success gained by this "
+    "search with the knowledge of the right one. Their 95 % intervals are paired by case, with one discordant case "
+    "added on each side (Bonett and Price 2012). A dash is between rungs that are equal by construction. Another "
+    "search may gain more or less, and gains do not add up to causes: each rung is a lower bound of what is possible "
+    "with its knowledge. No rung predicts pedestrians that spawn later. The best planner was chosen on val:0:50."
 )
 
 CANDIDATES = [
@@ -70,7 +75,7 @@ class Ladder:
 
     Attributes:
         scenario: The scenario.
-        rungs: The runs by the names of their rungs. Where the vehicle sees everything exactly, P0 is P1.
+        rungs: The runs by the names of their rungs. Rungs that are equal by construction have the same run.
         choices: Runs of the planners on `CHOICE`.
         certified: Which of the cases have a certificate; None where it is not known of each.
     """
@@ -85,9 +90,10 @@ class Ladder:
         """Plan the runs in a scenario; raises InputError where it or a planner cannot be loaded."""
         sensed = load_scenario(name)
         base = RunSpec("", name, spec.cases, record="none")
-        rungs = {rung: load_rung(rung, base, sensed) for rung in ("P0", "P1", "P2", "P3")}
-        if sensed.rules.sensor == PERFECT:
-            rungs["P0"] = rungs["P1"]
+        first = load_rung("P1", base, sensed)
+        rungs = {"P0": first if sensed.rules.sensor == PERFECT else load_rung("P0", base, sensed), "P1": first}
+        for below, (rung, knows) in zip(("P1", *KNOWLEDGE), KNOWLEDGE.items(), strict=False):
+            rungs[rung] = rungs[below] if adds_nothing(sensed, knows) else load_rung(rung, base, sensed)
         choices = [
             dataclasses.replace(base, planner=each.planner, options=each.options, cases=CHOICE)
             for each in spec.planners
@@ -109,10 +115,10 @@ class Ladder:
 
 @dataclasses.dataclass(frozen=True)
 class Step:
-    """By how much a rung succeeds more often than the one below: a share of the cases, with its 95 % interval."""
+    """The share of the cases that a rung gains over the one below, with its 95 % interval; None if they are equal."""
 
-    reason: str
-    gain: Estimate
+    knowledge: str
+    gain: Estimate | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,7 +129,7 @@ class FilledLadder:
         scenario: The scenario.
         cases: The cases.
         success: The success rate at each rung.
-        steps: What the steps between them cost.
+        steps: The gains between them.
         best: The planner that was best on `CHOICE`.
         best_success: Its success rate.
     """
@@ -143,15 +149,15 @@ class FilledLadder:
             outcomes["C"] = ladder.certified
         names, steps = list(outcomes), []
         for below, above in itertools.pairwise(names):
-            gain = outcomes[above].astype(float) - outcomes[below]
-            steps.append(Step(STEPS[above], bootstrap(gain, np.ones(len(gain)))))
+            is_equal = above != "C" and ladder.rungs[above] is ladder.rungs[below]
+            steps.append(Step(STEPS[above], None if is_equal else paired_gain(outcomes[above], outcomes[below])))
         best, cases = ladder.best(out), ladder.rungs["P0"].spec.cases
         success = {rung: wilson(each) for rung, each in outcomes.items()}
         return cls(ladder.scenario.name, str(cases), success, steps, best.label, wilson(read_successes(best, out)))
 
     def bars(self) -> Grid:
         """A row for each rung, with a bar, and one for the best planner."""
-        gains = ["", *(f"{_say_points(step.gain)}, {step.reason}" for step in self.steps)]
+        gains = ["", *(f"{_say_points(step.gain)}, {step.knowledge}" for step in self.steps)]
         rows = [
             [rung, SUCCESS.estimate(each, with_unit=True), draw_bar(each.mean), RUNGS[rung], gain]
             for (rung, each), gain in zip(self.success.items(), gains, strict=True)
@@ -159,7 +165,7 @@ class FilledLadder:
         best = SUCCESS.estimate(self.best_success, with_unit=True), draw_bar(self.best_success.mean)
         rows.append(["best", *best, self.best, ""])
         title = f"{self.scenario}, cases {self.cases}"
-        return Grid(title, ["rung", "success", "", "knows", "points above the rung below, due to"], rows, align="lrlll")
+        return Grid(title, ["rung", "success", "", "knows", "points gained by this search, with"], rows, align="lrlll")
 
     def cells(self) -> list[str]:
         """Its row in a table."""
@@ -168,7 +174,7 @@ class FilledLadder:
             cells.append(SUCCESS.amount(self.success[rung].mean) if rung in self.success else "-")
             if rung != "C":
                 cells.append(_say_points(step.gain) if step else "-")
-        weak = ", above P2: the search is too weak here" if self.best_success.mean > self.success["P2"].mean else ""
+        weak = ", above P4: the search is too weak here" if self.best_success.mean > self.success["P4"].mean else ""
         return [*cells, f"{SUCCESS.amount(self.best_success.mean)} ({self.best}{weak})"]
 
 
@@ -235,8 +241,21 @@ class FilledLaddersTable:
         return [NOTES]
 
 
-def _say_points(gain: Estimate) -> str:
-    return f"{100 * gain.mean:+.0f} ({100 * gain.low:+.0f} to {100 * gain.high:+.0f})"
+def paired_gain(above: Bool[np.ndarray, "case"], below: Bool[np.ndarray, "case"]) -> Estimate:
+    """Return the gain in success of one run over another in the same cases, with its 95 % interval.
+
+    One discordant case is added to each side, so that the interval has a width where no case differs: the adjusted Wald
+    interval of Bonett and Price (2012), Journal of Educational and Behavioral Statistics 37(4), 479-488.
+    """
+    n = len(above) + 2
+    gained, lost = (int(np.sum(x & ~y)) + 1 for x, y in ((above, below), (below, above)))
+    centre, width = (gained - lost) / n, 1.96 * np.sqrt(gained + lost - (gained - lost) ** 2 / n) / n
+    mean = float(above.mean() - below.mean())
+    return Estimate(mean, *around(mean, max(centre - width, -1.0), min(centre + width, 1.0)), len(above), 1.0)
+
+
+def _say_points(gain: Estimate | None) -> str:
+    return f"{100 * gain.mean:+.0f} ({100 * gain.low:+.0f} to {100 * gain.high:+.0f})" if gain else "-"
 
 
 def find_certified(scenario: Scenario, cases: Cases) -> Bool[np.ndarray, "case"] | None:

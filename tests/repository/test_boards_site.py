@@ -210,7 +210,8 @@ def test_everything_is_there_without_javascript(site):
 PROBE = """<script>
 const head = [...document.querySelectorAll("th[data-sort]")].find(each => each.textContent.startsWith("time"));
 head.querySelector("button").click();
-const times = [...document.querySelector("table[data-sortable]").tBodies[0].rows].map(row => row.cells[head.cellIndex].dataset.v);
+const rows = [...document.querySelector("table[data-sortable]").tBodies[0].rows];
+const times = rows.map(row => row.cells[head.cellIndex].dataset.v);
 parent.document.title = JSON.stringify({
   page: document.documentElement.scrollWidth, window: innerWidth, sort: head.getAttribute("aria-sort"), times});
 </script>"""

@@ -17,10 +17,10 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.certified import Certified
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import InputError
-from studies.ladder.futures import AWAY, Simulated
+from studies.ladder.futures import AWAY, FUTURES, Knowledge, Simulated, adds_nothing, has_chance
 from studies.ladder.plot import plot
 from studies.ladder.run import ladder
-from studies.ladder.table import find_certified
+from studies.ladder.table import find_certified, paired_gain
 
 STEPS = 12
 
@@ -32,10 +32,10 @@ class Standing(Planner):
         return np.zeros((len(obs), 2))
 
 
-def foreseen(name, futures, *, start=4, cases=3, **overrides):
+def foreseen(name, knows, *, start=4, cases=3, command=(0.0, 0.0), **overrides):
     """What is predicted after some steps in which the vehicle stands, and the trace of what came true."""
     scenario = load_scenario(name, {"vehicle.preferred_speed": 1.0, **overrides})
-    predictor, seen = Simulated(scenario, futures), []
+    predictor, seen = Simulated(scenario, knows), []
 
     def look(world):
         seen.append(world)
@@ -43,7 +43,8 @@ def foreseen(name, futures, *, start=4, cases=3, **overrides):
     trace = rollout(Driver(Standing(), "standing"), scenario, Cases("test", 0, cases), undisturbed=False, watch=look)
     world = seen[start]
     predictor.foresee(world)
-    return world, predictor.predict(observe(world), STEPS).position, trace
+    plan = np.broadcast_to(command, (cases, STEPS, 2))
+    return world, predictor.predict_given(observe(world), STEPS, plan).position, trace
 
 
 def came_true(world, trace):
@@ -57,7 +58,7 @@ def came_true(world, trace):
 
 @pytest.mark.parametrize("name", ["restless_20", "intersection_16", "circle_crossing_20_seen", "groups_12"])
 def test_the_true_future_comes_true(name):
-    world, predicted, trace = foreseen(name, None)
+    world, predicted, trace = foreseen(name, Knowledge.ALL)
     row, position, stays = came_true(world, trace)
     assert stays.any()
     everywhere = np.broadcast_to(stays[:, None], position.shape[:3])
@@ -65,17 +66,71 @@ def test_the_true_future_comes_true(name):
 
 
 def test_futures_differ_by_what_is_chance_alone():
-    predicted = foreseen("restless_20", 4)[1]
+    predicted = foreseen("restless_20", Knowledge.ATTENTION)[1]
+    assert predicted.shape[1] == FUTURES
     assert (np.abs(predicted - predicted[:, :1]).max(axis=(2, 3, 4))[:, 1:] > 0.1).all()
-    for name in ("circle_crossing_20", "circle_crossing_20_seen"):  # who sees the vehicle stays the same
-        _, predicted, _ = foreseen(name, 4)
-        np.testing.assert_array_equal(predicted, np.repeat(predicted[:, :1], 4, axis=1))
-    again = foreseen("restless_20", 4, cases=2)[1]
-    np.testing.assert_array_equal(again, foreseen("restless_20", 4)[1][:2])
+    again = foreseen("restless_20", Knowledge.ATTENTION, cases=2)[1]
+    np.testing.assert_array_equal(again, predicted[:2])
+
+
+@pytest.mark.parametrize("name", ["circle_crossing_20", "circle_crossing_20_seen"])
+def test_knowledge_of_chance_adds_nothing_where_there_is_none(name):
+    assert adds_nothing(load_scenario(name), Knowledge.ALL)
+    np.testing.assert_array_equal(foreseen(name, Knowledge.ATTENTION)[1], foreseen(name, Knowledge.ALL)[1])
+
+
+def test_knowledge_of_policies_adds_nothing_where_all_walk_by_orca_and_ignore_the_vehicle():
+    same, other = "circle_crossing_20", "half_half_20"
+    assert adds_nothing(load_scenario(same), Knowledge.POLICIES)
+    np.testing.assert_array_equal(foreseen(same, Knowledge.GOALS)[1], foreseen(same, Knowledge.POLICIES)[1])
+    assert not adds_nothing(load_scenario(other), Knowledge.POLICIES)
+    assert not adds_nothing(load_scenario("circle_crossing_20_seen"), Knowledge.POLICIES)
+    assert not adds_nothing(load_scenario(same, {"pedestrians.orca.safety_space": 0.2}), Knowledge.POLICIES)
+    goals, policies = (foreseen(other, knows)[1][:, 0] for knows in (Knowledge.GOALS, Knowledge.POLICIES))
+    assert np.abs(goals - policies).max() > 0.1
+
+
+def test_futures_without_knowledge_of_attention_differ_where_people_may_notice_the_vehicle():
+    """The vehicle drives into the crowd, where some give way to it and some ignore it."""
+    name = "circle_crossing_20_seen"
+    changes = {"pedestrians.attention.ignores": 0.5}
+    scenario = load_scenario(name, changes)
+    assert has_chance(scenario, Knowledge.POLICIES)
+    assert not has_chance(scenario, Knowledge.ATTENTION)
+    predicted = foreseen(name, Knowledge.POLICIES, start=8, command=(0.0, 1.0), **changes)[1]
+    assert np.abs(predicted - predicted[:, :1]).max() > 0.1
+    assert adds_nothing(load_scenario("circle_crossing_20"), Knowledge.ATTENTION)
+
+
+def test_those_who_stand_go_on_standing():
+    world, predicted, _ = foreseen("groups_12", Knowledge.GOALS)
+    stands = load_scenario("groups_12").crowd.stands[world.policy] & world.present[:, 1:]
+    assert stands.any()
+    position = np.broadcast_to(world.position[:, None, None, 1:], predicted.shape)
+    np.testing.assert_array_equal(predicted[:, 0, :].swapaxes(1, 2)[stands], position[:, 0].swapaxes(1, 2)[stands])
+
+
+@pytest.mark.parametrize(("gained", "lost"), [(0.01, 0.01), (0.02, 0.0), (0.04, 0.0), (0.1, 0.02), (0.2, 0.1)])
+def test_an_interval_of_a_gain_contains_the_true_gain_in_95_percent_of_studies(gained, lost):
+    draws, covered = np.random.default_rng(7), []
+    for _ in range(3000):
+        kind = draws.random(200)
+        only_above, only_below = kind < gained, kind > 1.0 - lost
+        estimate = paired_gain(~only_below, ~only_above)
+        covered.append(estimate.low <= gained - lost <= estimate.high)
+    print(f"coverage {np.mean(covered):.3f}")
+    assert np.mean(covered) > 0.94
+
+
+def test_a_gain_of_nothing_has_a_width():
+    both = np.ones(200, bool)
+    estimate = paired_gain(both, both)
+    assert estimate.mean == 0.0
+    assert estimate.high == -estimate.low == pytest.approx(1.96 * np.sqrt(2) / 202)
 
 
 def test_who_leaves_is_far_away():
-    world, predicted, _ = foreseen("circle_crossing_20", None, start=30)
+    world, predicted, _ = foreseen("circle_crossing_20", Knowledge.ALL, start=30)
     here = world.present[:, 1:]
     away = np.linalg.norm(predicted[:, 0, -1] - world.position[:, :1], axis=2) > 0.9 * AWAY
     assert (away & here).any()
@@ -91,12 +146,13 @@ def test_a_ladder_is_kept_and_drawn(tmp_path):
     command += ["--out", str(tmp_path / "runs")]
     result = CliRunner().invoke(build_script(ladder), command)
     assert result.exit_code == 0, result.output
-    assert "points above the rung below, due to" in result.stdout
+    assert "points gained by this search, with" in result.stdout
     again = CliRunner().invoke(build_script(ladder), [*command, "--json"])
     assert "run 1" not in again.output  # all are kept
     (found,) = json.loads(again.stdout)
-    assert list(found["success"]) == ["P0", "P1", "P2", "P3"]  # nobody looked for certificates
-    assert [step["reason"] for step in found["steps"]] == ["perception", "prediction", "luck"]
+    assert list(found["success"]) == ["P0", "P1", "P2", "P3", "P4", "P5"]  # nobody looked for certificates
+    assert [step["knowledge"] for step in found["steps"]] == ["perception", "goals", "policies", "attention", "chance"]
+    assert [step["gain"] is None for step in found["steps"]] == [False, False, False, True, False]
     file, figure = tmp_path / "runs" / "own.json", tmp_path / "ladder.svg"
     assert json.loads(file.read_text()) == found
     assert CliRunner().invoke(build_script(plot), [str(file), "--out", str(figure)]).exit_code == 0
