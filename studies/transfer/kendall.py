@@ -14,10 +14,10 @@ from jaxtyping import Bool, Float, Int
 RESAMPLES = 2000
 
 CERTAIN = 1.96
-"""A pair is decided where its scores differ by more than so many standard errors."""
+"""A pair is decided where its rates differ by more than so many standard errors."""
 
-Scores = Float[np.ndarray, "*resample planner"]
-"""The scores of planners; in resamples, those of cases that were drawn with replacement."""
+Rates = Float[np.ndarray, "*resample planner"]
+"""The success rates of planners; in resamples, those of cases that were drawn with replacement."""
 
 
 @dataclass(frozen=True)
@@ -27,35 +27,29 @@ class Cases:
     Attributes:
         source: Where its people come from: scenarios of the same recording have it in common. Their blocks are drawn
             together.
-        score: The score of each planner in each case.
+        success: Whether each planner succeeds in each case, 1 or 0.
         block: The block of each case. Those of the same block are drawn together.
     """
 
     source: str
-    score: Float[np.ndarray, "planner case"]
+    success: Float[np.ndarray, "planner case"]
     block: Int[np.ndarray, "case"]
 
-    def half(self, odd: bool) -> Cases:
-        """Every second block of it."""
-        _, number = np.unique(self.block, return_inverse=True)
-        chosen = number % 2 == odd
-        return Cases(self.source, self.score[:, chosen], self.block[chosen])
-
-    def resample(self) -> Scores:
-        """The mean score of each planner in the cases, which comes first, and in `RESAMPLES` resamples."""
+    def resample(self) -> Rates:
+        """Return the success rate of each planner in the cases, which comes first, and in `RESAMPLES` resamples."""
         _, number = np.unique(self.block, return_inverse=True)
         blocks = int(number.max()) + 1
         # Keyed by the source: two scenarios of one recording have the same hours drawn.
         draws = np.random.default_rng([*self.source.encode()])
         times = np.ones((1 + RESAMPLES, blocks))
         times[1:] = draws.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=RESAMPLES)
-        sums = np.zeros((blocks, len(self.score)))
-        np.add.at(sums, number, self.score.T)
+        sums = np.zeros((blocks, len(self.success)))
+        np.add.at(sums, number, self.success.T)
         return times @ sums / (times @ np.bincount(number))[:, None]
 
 
-def mean_scores(scenarios: list[Cases]) -> Scores:
-    """The scores over scenarios that count alike, first those of all cases and then of the resamples."""
+def mean_rates(scenarios: list[Cases]) -> Rates:
+    """Return the rates over scenarios that count alike, first those of all cases and then of the resamples."""
     return np.mean([each.resample() for each in scenarios], axis=0)
 
 
@@ -76,12 +70,12 @@ def draw_families(family: Int[np.ndarray, "planner"]) -> Float[np.ndarray, "resa
     return np.where(family[one] == family[other], of_one, of_one * of_other)
 
 
-def kendall(a: Scores, b: Scores, times: Float[np.ndarray, "*resample pair"]) -> Float[np.ndarray, "*resample"]:
+def kendall(a: Rates, b: Rates, times: Float[np.ndarray, "*resample pair"]) -> Float[np.ndarray, "*resample"]:
     """Kendall's tau of two rankings.
 
     Args:
-        a: The scores of one.
-        b: The scores of the other.
+        a: The rates of one.
+        b: The rates of the other.
         times: How often each pair counts.
 
     Returns:
@@ -93,25 +87,25 @@ def kendall(a: Scores, b: Scores, times: Float[np.ndarray, "*resample pair"]) ->
         return (times * same).sum(axis=-1) / pairs
 
 
-def decided(scores: Scores) -> Bool[np.ndarray, "pair"]:
-    """Which pairs differ by more than `CERTAIN` standard errors; `scores` as `mean_scores` gives them."""
-    one, other = np.triu_indices(scores.shape[-1], 1)
-    differences = scores[:, one] - scores[:, other]
+def decided(rates: Rates) -> Bool[np.ndarray, "pair"]:
+    """Which pairs differ by more than `CERTAIN` standard errors; `rates` as `mean_rates` gives them."""
+    one, other = np.triu_indices(rates.shape[-1], 1)
+    differences = rates[:, one] - rates[:, other]
     return np.abs(differences[0]) > CERTAIN * differences[1:].std(axis=0)
 
 
-def agreement(a: Scores, b: Scores) -> tuple[int, int]:
+def agreement(a: Rates, b: Rates) -> tuple[int, int]:
     """Of the pairs that are decided in two rankings, how many stand in the same order in both, and how many there are.
 
     Args:
-        a: The scores of one, as `mean_scores` gives them.
-        b: The scores of the other.
+        a: The rates of one, as `mean_rates` gives them.
+        b: The rates of the other.
     """
     both = decided(a) & decided(b)
     same = _signs(a[0]) == _signs(b[0])
     return int((both & same).sum()), int(both.sum())
 
 
-def _signs(scores: Scores) -> Float[np.ndarray, "*resample pair"]:
-    one, other = np.triu_indices(scores.shape[-1], 1)
-    return np.sign(scores[..., one] - scores[..., other])
+def _signs(rates: Rates) -> Float[np.ndarray, "*resample pair"]:
+    one, other = np.triu_indices(rates.shape[-1], 1)
+    return np.sign(rates[..., one] - rates[..., other])

@@ -25,6 +25,7 @@ def transfer(
     shard: ShardOption = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
+    power: bool = False,
     format: Format = Format.MARKDOWN,
 ) -> None:
     """Measure whether the order of planners in a suite of scenarios holds in other worlds. Run it in the clone's root.
@@ -32,14 +33,19 @@ def transfer(
     Args:
         file: The suite, the worlds, and the planners by families.
         out: Folder that keeps the runs.
+        power: Print the power of the study, and make no runs.
     """
     use_threads(None if is_on_ray(on) else threads)
     from studies.pages import print_page, read_file
-    from studies.transfer.table import RankingsTable, TransferStudy
+    from studies.transfer.table import RankingsTable, TransferStudy, say_power
 
     spec, location = read_file(file, TransferStudy), Location(file.name)
     folder = data.absolute() if data else None
     tables = [RankingsTable.of(each, location.at("rankings", i), folder) for i, each in enumerate(spec.rankings)]
+    if power:
+        for table in tables:
+            print(f"{table.spec.title}. {say_power(table.power())}")
+        return
     command = f"python studies/transfer/run.py{' --data DIR' if data else ''}"
     make = functools.partial(make_runs, out=out, shard=shard, on=on, threads=threads)
     print_page(spec, tables, command, out, make, format)

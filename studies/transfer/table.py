@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from pydantic import Field
 
 from crowdbench.metrics.summary import Estimate, interval
@@ -21,27 +20,28 @@ from crowdbench.study.schema import CasesText, Planners, StudyHead
 from crowdbench.study.study import load_runs
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location, Name, Names, TomlTable, number
-from studies.pages import SUCCESS_RATE
-from studies.transfer.kendall import Cases, Scores, agreement, draw_families, kendall, mean_scores
+from studies.pages import SUCCESS, SUCCESS_RATE
+from studies.transfer.kendall import Cases, agreement, draw_families, kendall, mean_rates
+from studies.transfer.power import TRUE_TAUS, power
 
 SUITE = "suite"
 """What the scenarios are called whose order is to hold elsewhere."""
 
 NOTES = (
-    "Planners stand in the order of their score in the mean over scenarios: success, and 0.005 times success weighted "
-    "by completion time. **tau** is Kendall's tau-a of the suite's order with that of a world, with the 95 % interval "
-    "of a bootstrap that draws families of planners and cases, or blocks of recorded time, with replacement. *Decided* "
-    "are pairs of planners whose scores differ by more than 1.96 standard errors in the suite and in the world. "
-    "*Corrected* is tau over the root of the product of two split-half taus, that of the suite and that of the world, "
-    "each between the even and the odd blocks."
+    "Planners stand in the order of their success in the mean over scenarios. **tau** is Kendall's tau-a of the "
+    "suite's order with that of a world, with the 95 % interval of a bootstrap that draws families of planners and "
+    "cases, or blocks of recorded time, with replacement. *Decided* are pairs of planners whose success differs by "
+    "more than 1.96 standard errors in the suite and in the world. Power is the share of simulated studies of this "
+    "size that meet the criterion, see `studies/transfer/power.py`; `--power` prints it without any run."
 )
 
 
 class RankingsSpec(TomlTable):
     """`[[rankings]]`: planners by families, a suite that ranks them, and worlds in which that order is to hold.
 
-    `worlds` has the scenarios of each. `alone` is a scenario that is looked at in the place of the suite, `without` has
-    families that are left out in a second look, and `criterion` is what the lower bound of Kendall's tau is to exceed.
+    `worlds` has the scenarios of each. `alone` is a scenario that is looked at in the place of the suite, in
+    `alone_cases`. `without` has families that are left out in a second look, and `criterion` is what the lower bound of
+    Kendall's tau is to exceed.
     """
 
     title: Name
@@ -49,6 +49,7 @@ class RankingsSpec(TomlTable):
     suite: Names
     worlds: Annotated[dict[str, Names], Field(min_length=1, description="a table of worlds, each a list of scenarios")]
     alone: Name
+    alone_cases: CasesText = CaseRange.parse("test:2000")
     without: Names = Field(default=[])
     criterion: float = number(0.3, least=-1.0, below=1.0)
     cases: CasesText = CaseRange.parse("test:100")
@@ -93,9 +94,13 @@ class RankingsTable:
         planners = [each for members in spec.families.values() for each in members]
         family = np.repeat(np.arange(len(spec.families)), [len(members) for members in spec.families.values()])
         worlds = {SUITE: spec.suite, **spec.worlds, spec.alone: [spec.alone]}
+        cases = {spec.alone: spec.alone_cases}
         with location.named():
             runs = {
-                world: [load_runs(planners, RunSpec("", name, spec.cases, record="none", data=data)) for name in names]
+                world: [
+                    load_runs(planners, RunSpec("", name, cases.get(world, spec.cases), record="none", data=data))
+                    for name in names
+                ]
                 for world, names in worlds.items()
             }
         labels = [run.label for run in runs[SUITE][0]]
@@ -108,13 +113,18 @@ class RankingsTable:
         """All runs that it needs."""
         return [run for scenarios in self.runs_by_world.values() for runs in scenarios for run in runs]
 
+    def power(self) -> dict[str, float]:
+        """Return the share of simulated studies that meet the criterion, by the true tau."""
+        cases = [len(self.spec.cases) * len(names) for names in (self.spec.suite, *self.spec.worlds.values())]
+        return {f"{tau:g}": power(tau, self.family, cases, self.spec.criterion) for tau in TRUE_TAUS}
+
     def fill(self, out: Path) -> FilledRankings:
         """The table with the figures of the runs in the folder `out`; raises InputError where one is not there."""
         cases = {
             world: [_read_cases(runs, out) for runs in scenarios] for world, scenarios in self.runs_by_world.items()
         }
         planners = [run.label for run in self.runs_by_world[SUITE][0]]
-        return FilledRankings.of(self.spec, planners, self.family, cases)
+        return FilledRankings.of(self.spec, planners, self.family, cases, self.power())
 
 
 def _read_cases(runs: Sequence[Run], out: Path) -> Cases:
@@ -136,9 +146,8 @@ class Agreement:
         agree: The pairs decided in both that stand in the same order.
         decided: The pairs that are decided in both.
         without: Tau without some families.
-        within: Tau of pairs of the same family alone.
         alone: Tau of a single scenario in the place of the suite.
-        corrected: Tau, corrected for what chance does in the suite and in the world.
+        more: The difference between the taus of the suite and of the single scenario.
     """
 
     world: str
@@ -146,15 +155,13 @@ class Agreement:
     agree: int
     decided: int
     without: float
-    within: float
-    alone: float
-    corrected: float
+    alone: Estimate
+    more: Estimate
 
     def cells(self) -> list[str]:
-        """Its row in a table."""
+        """Return its row in a table."""
         share = f"{self.agree} of {self.decided}"
-        rest = (self.without, self.within, self.alone, self.corrected)
-        return [self.world, _say(self.tau), share, *(f"{tau:+.2f}" for tau in rest)]
+        return [self.world, _say(self.tau), share, f"{self.without:+.2f}", _say(self.alone), _say(self.more)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,17 +170,19 @@ class FilledRankings:
 
     Attributes:
         spec: What was asked for.
-        planners: The planners, the highest score in the suite first.
-        scores: Their scores in the suite and in the worlds.
+        planners: The planners, the highest success in the suite first.
+        rates: Their success in the suite and in the worlds.
         worlds: How far each world agrees.
         mean: The mean of tau over the worlds.
+        power: The share of simulated studies that meet the criterion, by the true tau.
     """
 
     spec: RankingsSpec
     planners: list[str]
-    scores: dict[str, list[float]]
+    rates: dict[str, list[float]]
     worlds: list[Agreement]
     mean: Estimate
+    power: dict[str, float]
 
     @classmethod
     def of(
@@ -182,6 +191,7 @@ class FilledRankings:
         planners: Sequence[str],
         family: Int[np.ndarray, "planner"],
         cases: Mapping[str, list[Cases]],
+        power: dict[str, float],
     ) -> FilledRankings:
         """Compare the order of planners in the suite with those in the worlds.
 
@@ -190,28 +200,30 @@ class FilledRankings:
             planners: The planners.
             family: The number of each one's family.
             cases: What they did in each scenario of the suite, the worlds and the scenario that stands alone.
+            power: The power of the study.
         """
-        scores = {world: mean_scores(scenarios) for world, scenarios in cases.items()}
+        rates = {world: mean_rates(scenarios) for world, scenarios in cases.items()}
         times = draw_families(family)
         left_out = [number for number, name in enumerate(spec.families) if name in spec.without]
-        pairs = _Pairs.of(family, left_out)
-        taus = {world: kendall(scores[SUITE], scores[world], times) for world in spec.worlds}
+        one, other = (family[each] for each in np.triu_indices(len(family), 1))
+        kept = (~(np.isin(one, left_out) | np.isin(other, left_out))).astype(float)
+        taus = {world: kendall(rates[SUITE], rates[world], times) for world in spec.worlds}
+        alone = {world: kendall(rates[spec.alone], rates[world], times) for world in spec.worlds}
         worlds = [
             Agreement(
                 world,
                 _estimate(tau),
-                *agreement(scores[SUITE], scores[world]),
-                without=_tau(scores[SUITE], scores[world], pairs.kept),
-                within=_tau(scores[SUITE], scores[world], pairs.related),
-                alone=_tau(scores[spec.alone], scores[world], pairs.all),
-                corrected=float(tau[0] / np.sqrt(_reliability(cases[SUITE]) * _reliability(cases[world]))),
+                *agreement(rates[SUITE], rates[world]),
+                without=float(kendall(rates[SUITE][0], rates[world][0], kept)),
+                alone=_estimate(alone[world]),
+                more=_estimate(tau - alone[world]),
             )
             for world, tau in taus.items()
         ]
-        order = np.argsort(-scores[SUITE][0], kind="stable")
-        ordered = {world: scores[world][0][order].tolist() for world in (SUITE, *spec.worlds)}
+        order = np.argsort(-rates[SUITE][0], kind="stable")
+        ordered = {world: rates[world][0][order].tolist() for world in (SUITE, *spec.worlds)}
         mean = _estimate(np.mean(list(taus.values()), axis=0))
-        return cls(spec, [planners[each] for each in order], ordered, worlds, mean)
+        return cls(spec, [planners[each] for each in order], ordered, worlds, mean, power)
 
     @property
     def verdict(self) -> str:
@@ -220,7 +232,7 @@ class FilledRankings:
         said = "Met" if met else "Not met"
         return (
             f"The mean of tau over the worlds is {_say(self.mean)}. The criterion was a lower bound above "
-            f"{self.spec.criterion:g}. **{said}.**"
+            f"{self.spec.criterion:g}. **{said}.** {say_power(self.power)}"
         )
 
     def markdown(self) -> str:
@@ -231,15 +243,15 @@ class FilledRankings:
     def grids(self) -> list[Grid]:
         """A row for each world, then one for each planner."""
         without = f"without {', '.join(self.spec.without)}"
-        header = ["world", "tau", "decided pairs that agree", without, "within families"]
-        header += [f"{self.spec.alone} for the suite", "corrected"]
-        scores = [
-            [name, *(f"{100 * each[number]:.1f}" for each in self.scores.values())]
+        alone = f"{self.spec.alone} ({len(self.spec.alone_cases)} cases) for the suite"
+        header = ["world", "tau", "decided pairs that agree", without, alone, "difference"]
+        rates = [
+            [name, *(SUCCESS.amount(each[number]) for each in self.rates.values())]
             for number, name in enumerate(self.planners)
         ]
         return [
             Grid(self.spec.title, header, [each.cells() for each in self.worlds], self.worlds),
-            Grid("Scores", ["score x 100", *self.scores], scores, self.planners),
+            Grid("Success", ["success", *self.rates], rates, self.planners),
         ]
 
     def notes(self) -> list[str]:
@@ -247,31 +259,10 @@ class FilledRankings:
         return [NOTES]
 
 
-@dataclasses.dataclass(frozen=True)
-class _Pairs:
-    """Which pairs of planners count: all, those without some families, those of the same family."""
-
-    all: Float[np.ndarray, "pair"]
-    kept: Bool[np.ndarray, "pair"]
-    related: Bool[np.ndarray, "pair"]
-
-    @classmethod
-    def of(cls, family: Int[np.ndarray, "planner"], left_out: Sequence[int]) -> _Pairs:
-        one, other = (family[each] for each in np.triu_indices(len(family), 1))
-        kept = ~(np.isin(one, left_out) | np.isin(other, left_out))
-        return cls(np.ones(len(one)), kept, one == other)
-
-
-def _tau(a: Scores, b: Scores, pairs: Float[np.ndarray, "pair"] | Bool[np.ndarray, "pair"]) -> float:
-    """Tau of the sample alone."""
-    return float(kendall(a[0], b[0], pairs.astype(float)))
-
-
-def _reliability(scenarios: list[Cases]) -> float:
-    """Tau between even and odd blocks, 0 at least."""
-    even, odd = (np.mean([each.half(odd).resample()[0] for each in scenarios], axis=0) for odd in (False, True))
-    count = len(list(itertools.combinations(even, 2)))
-    return max(float(kendall(even, odd, np.ones(count))), 0.0)
+def say_power(power: Mapping[str, float]) -> str:
+    """Return the power of a study in words."""
+    shares = ", ".join(f"{100 * share:.0f} % at a true tau of {tau}" for tau, share in power.items())
+    return f"Power: {shares}."
 
 
 def _estimate(tau: Float[np.ndarray, "resample"]) -> Estimate:

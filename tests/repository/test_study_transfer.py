@@ -1,5 +1,6 @@
 """Whether the order of planners holds elsewhere: Kendall's tau, its interval, and the study's table."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ from scipy.stats import kendalltau
 from typer.testing import CliRunner
 
 from crowdbench.cli import build_script
-from studies.transfer.kendall import Cases, agreement, draw_families, kendall, mean_scores
+from studies.transfer.kendall import Cases, agreement, draw_families, kendall, mean_rates
+from studies.transfer.power import lower_bounds, power
 from studies.transfer.run import transfer
 
 FAMILIES = np.repeat(np.arange(9), 3)
@@ -19,6 +21,7 @@ title = "Order"
 cases = "test:6"
 suite = ["circle_crossing_5"]
 alone = "square_crossing_5"
+alone_cases = "test:8"
 without = ["floor"]
 
 [rankings.families]
@@ -46,7 +49,7 @@ def measure(seed, shared):
         own = draws.normal(size=9)[FAMILIES] + 0.5 * draws.normal(size=27)
         return 1.0 / (1.0 + np.exp(-(shared * common + np.sqrt(1.0 - shared**2) * own)))
 
-    a, b = (mean_scores([scenario(draws, skill(), f"{seed}{name}")]) for name in "ab")
+    a, b = (mean_rates([scenario(draws, skill(), f"{seed}{name}")]) for name in "ab")
     taus = kendall(a, b, draw_families(FAMILIES))
     return np.quantile(taus[1:], 0.025), taus[0]
 
@@ -70,18 +73,11 @@ def test_families_that_are_drawn_twice_make_no_pairs_with_themselves():
 
 def test_recordings_in_common_have_the_same_hours_drawn():
     blocks = np.repeat(np.arange(6), 10)
-    hours = blocks[None].astype(float)  # a score that says which hours were drawn
+    hours = blocks[None].astype(float)  # a rate that says which hours were drawn
     one, same, other = (Cases(source, hours, blocks).resample()[:, 0] for source in ("eth", "eth", "hotel"))
     assert one[0] == blocks.mean()
     assert (one == same).all()
     assert (one != other).mean() > 0.5
-
-
-def test_halves_are_every_second_block():
-    blocks = np.array([4, 4, 7, 7, 9])
-    cases = Cases("a", np.arange(5.0)[None], blocks)
-    assert cases.half(odd=False).block.tolist() == [4, 4, 9]
-    assert cases.half(odd=True).score.tolist() == [[2.0, 3.0]]
 
 
 def test_pairs_agree_only_where_both_decide():
@@ -90,6 +86,20 @@ def test_pairs_agree_only_where_both_decide():
     assert agreement(good, good) == (3, 3)
     assert agreement(good, -good) == (0, 3)
     assert agreement(good, noise)[1] < 3
+
+
+def test_power_grows_with_tau_and_with_the_planners():
+    cases, criterion, studies = [900, 300, 300], 0.3, 30
+    few, many = np.arange(6), np.arange(20)
+    taus = [power(tau, many, cases, criterion, studies) for tau in (0.3, 0.6, 0.95)]
+    assert taus == sorted(taus)
+    assert taus[0] < 0.2
+    assert taus[2] > 0.9
+    assert power(0.6, few, cases, criterion, studies) < taus[1]
+
+
+def test_a_true_tau_of_the_criterion_meets_it_as_rarely_as_the_bound_says():
+    assert np.mean(lower_bounds(0.3, np.arange(11), [1500, 500, 500], 200) > 0.3) <= 0.05
 
 
 @pytest.mark.slow
@@ -107,9 +117,14 @@ def test_a_ranking_that_holds_meets_the_criterion():
 def test_the_study_prints_its_verdict(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("order.toml").write_text(STUDY)
-    printed = CliRunner().invoke(build_script(transfer), ["--file", "order.toml"]).output
+    command = ["--file", "order.toml"]
+    printed = CliRunner().invoke(build_script(transfer), command).output
     assert "The criterion was a lower bound above 0.3" in printed
-    assert "| world | tau | decided pairs that agree | without floor | within families |" in printed
+    header = "| world | tau | decided pairs that agree | without floor | square_crossing_5 (8 cases) for the suite |"
+    assert header in printed
+    assert "Power: " in printed
+    (said,) = re.findall("Power: .*", CliRunner().invoke(build_script(transfer), [*command, "--power"]).output)
+    assert said in printed
     Path("order.toml").write_text(STUDY.replace('without = ["floor"]', 'without = ["roof"]'))
     wrong = CliRunner().invoke(build_script(transfer), ["--file", "order.toml"])
     assert wrong.exit_code
