@@ -39,15 +39,15 @@ LIMIT = 3600.0
 RUNGS = {
     "P0": "sensed state; people at constant velocity",
     "P1": "true state; people at constant velocity",
-    "P2": "true goals; people walk by ORCA and ignore the vehicle",
-    "P3": "true goals and policies, not who notices the vehicle",
-    "P4": "everything but chance",
-    "P5": "the true future",
+    "G": "true goals; people walk by ORCA and ignore the vehicle",
+    "GP": "true goals and policies, not who notices the vehicle",
+    "P2": "everything but chance",
+    "P3": "the true future",
     "C": "a certificate",
 }
 """The knowledge of each rung."""
 
-KNOWLEDGE = dict(zip(("P2", "P3", "P4", "P5"), Knowledge, strict=True))
+KNOWLEDGE = dict(zip(("G", "GP", "P2", "P3"), Knowledge, strict=True))
 """The knowledge of the rungs that simulate the crowd."""
 
 
