@@ -18,13 +18,12 @@ BETTER = 0.02
 
 
 def simulate(entries, rate, correlation, repetitions, better=0.0, cases=CASES, seed=0):
-    """Return shares of boards with a false statement, with a false tier, and in which the better entry is found.
+    """Return shares of boards on which something is said, of pairs called equivalent, and the mean width of a rank.
 
-    The first entry succeeds more often than the others by `better`. The other shares are the mean share of the pairs of
-    equal entries that are called equivalent, and the mean width of a rank.
+    The first entry succeeds more often than the others by `better`.
     """
     draws = np.random.default_rng([seed, entries])
-    wrong, tier, found, equivalent, width = np.zeros((5, repetitions))
+    wrong, tier, found, equivalent, unequal, width = np.zeros((6, repetitions))
     for repetition in range(repetitions):
         own = draws.random((entries, cases)) < rate
         shared = draws.random((entries, cases)) < np.sqrt(correlation)
@@ -37,13 +36,15 @@ def simulate(entries, rate, correlation, repetitions, better=0.0, cases=CASES, s
         wrong[repetition] = any(pair.is_sure for pair in equal)
         tier[repetition] = sum(tiers(sorted(rank.values(), key=lambda each: (each.first, each.last)))) > 1
         found[repetition] = rank["0"].last == 1
-        equivalent[repetition] = np.mean([pair.is_equivalent for pair in equal]) if equal else np.nan
+        equivalent[repetition] = np.mean([pair.is_equivalent for pair in equal])
+        unequal[repetition] = any(pair.is_equivalent for pair in pairs if pair not in equal)
         width[repetition] = np.mean([each.last - each.first for each in rank.values()])
     return {
         "a false sure pair": wrong.mean(),
         "a tier": tier.mean(),
         "the first is the only best": found.mean(),
         "equal pairs called equivalent": equivalent.mean(),
+        "the first is called equivalent": unequal.mean(),
         "width of a rank": width.mean(),
     }
 

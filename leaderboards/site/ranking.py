@@ -120,8 +120,13 @@ def ranks(names: Sequence[str], pairs: Iterable[Pair]) -> dict[str, Rank]:
     return {name: Rank(1 + better[name], len(names) - worse[name]) for name in names}
 
 
+def sort_entries(rank: Mapping[str, Rank], sct: Mapping[str, float]) -> list[str]:
+    """Return the names of entries by rank, and those of the same rank by SCT, the largest first."""
+    return sorted(rank, key=lambda name: (rank[name].first, rank[name].last, -sct[name], name))
+
+
 def tiers(order: Sequence[Rank]) -> list[bool]:
-    """Return which entries begin a tier; the ranks in the order of their first places."""
+    """Return which entries begin a tier; the ranks in the order of `sort_entries`."""
     # So many entries are surely better than this one, and than the following ones, as stand before it.
     return [rank.first == place for place, rank in enumerate(order, start=1)]
 

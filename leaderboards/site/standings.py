@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
-from ranking import Pair, Rank, compare_all, pareto, ranks, tiers
+from ranking import Pair, Rank, compare_all, pareto, ranks, sort_entries, tiers
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.board_runs import read_episodes
@@ -156,9 +156,7 @@ def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> 
     ]
     # A time that is undefined, because no case succeeds, is the longest.
     best = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf)).tolist()
-    order = sorted(
-        candidates, key=lambda name: (rank[name].first, rank[name].last, -candidates[name].figures["sct"].mean, name)
-    )
+    order = sort_entries(rank, {name: entry.figures["sct"].mean for name, entry in candidates.items()})
     is_pareto = dict(zip(candidates, best, strict=True))
     ranked = [replace(candidates[name], rank=rank[name], is_pareto=is_pareto[name]) for name in order]
     others = sorted((entry for entry in all_entries if entry.reason), key=lambda entry: entry.name)

@@ -5,20 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from boards import card, write_board
-from standings import SHOWN, Standings, rank_methods, success_by_family
+from standings import SHOWN, Standings, success_by_family
 
 from crowdbench.boards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
 from crowdbench.boards.entry import read_card
 from crowdbench.boards.means import range_over_networks, weighted_mean
 from crowdbench.boards.submission import Submission, rehearse
-from crowdbench.boards.verdict import Figure, Method
 from crowdbench.catalog import load_planner
 from crowdbench.metrics.summary import Estimate
 from crowdbench.plugins.new_planner import make_planner
 from crowdbench.runs.results import Episodes
 from crowdbench.utils.errors import InputError
-
-NOTHING_QUICK = Estimate(0.0, 0.0, 0.0, 500, 0.0)
 
 FAMILIES = """
 title = "Two"
@@ -108,27 +105,6 @@ def test_the_interval_of_a_method_has_a_width_and_ends_at_1(shares):
     found = range_over_networks(np.array(shares, float))
     assert 0.0 < found.low < found.mean <= found.high <= 1.0
     assert found.high - found.low > 0.004
-
-
-def test_the_method_of_who_was_trained_ranks_by_its_networks_and_that_of_others_by_itself(tmp_path):
-    def figures(success, half):
-        return {"success_rate": Estimate(success, success - half, success + half, 500, 1.0), "sct": NOTHING_QUICK}
-
-    def method(success, half):
-        share = Figure(mean=success, low=success - half, high=success + half, n=250, max=1.0)
-        zero = Figure(mean=0.0, low=0.0, high=0.0, n=250, max=0.0)
-        return Method(networks=5, cases=250, metrics={"success_rate": share, "sct": zero})
-
-    def entry(name, seeds, method, figures):
-        card = SimpleNamespace(training_seeds=seeds)
-        return SimpleNamespace(name=name, entry=SimpleNamespace(card=card), method=method, figures=figures)
-
-    ranked = [
-        entry("lucky", 5, method(0.6, 0.1), figures(0.99, 0.01)),
-        entry("alone", 1, None, figures(0.98, 0.01)),
-        entry("fixed", 0, None, figures(0.9, 0.02)),
-    ]
-    assert rank_methods(write_board(tmp_path), ranked) == {"fixed": 1, "lucky": 2}
 
 
 def test_a_profile_has_the_success_in_each_family(tmp_path):
