@@ -23,7 +23,7 @@ def simulate(entries, rate, correlation, repetitions, better=0.0, cases=CASES, s
     The first entry succeeds more often than the others by `better`.
     """
     draws = np.random.default_rng([seed, entries])
-    wrong, tier, found, equivalent, unequal, width = np.zeros((6, repetitions))
+    wrong, tier, found, better_than, equivalent, unequal, width = np.zeros((7, repetitions))
     for repetition in range(repetitions):
         own = draws.random((entries, cases)) < rate
         shared = draws.random((entries, cases)) < np.sqrt(correlation)
@@ -32,17 +32,20 @@ def simulate(entries, rate, correlation, repetitions, better=0.0, cases=CASES, s
         names = [str(number) for number in range(entries)]
         pairs = compare_all(dict(zip(names, success[:, None].astype(float), strict=True)), np.ones(1))
         rank = ranks(names, pairs)
-        equal = [pair for pair in pairs if better == 0.0 or "0" not in (pair.higher, pair.lower)]
+        other = [pair for pair in pairs if better > 0.0 and "0" in (pair.higher, pair.lower)]
+        equal = [pair for pair in pairs if pair not in other]
         wrong[repetition] = any(pair.is_sure for pair in equal)
         tier[repetition] = sum(tiers(sorted(rank.values(), key=lambda each: (each.first, each.last)))) > 1
         found[repetition] = rank["0"].last == 1
         equivalent[repetition] = np.mean([pair.is_equivalent for pair in equal])
-        unequal[repetition] = any(pair.is_equivalent for pair in pairs if pair not in equal)
+        unequal[repetition] = any(pair.is_equivalent for pair in other)
+        better_than[repetition] = np.mean([pair.is_sure and pair.higher == "0" for pair in other or pairs])
         width[repetition] = np.mean([each.last - each.first for each in rank.values()])
     return {
         "a false sure pair": wrong.mean(),
         "a tier": tier.mean(),
         "the first is the only best": found.mean(),
+        "the first is surely better than another": better_than.mean(),
         "equal pairs called equivalent": equivalent.mean(),
         "the first is called equivalent": unequal.mean(),
         "width of a rank": width.mean(),

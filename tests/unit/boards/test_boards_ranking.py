@@ -144,8 +144,9 @@ def test_equal_entries_are_told_apart_on_at_most_5_percent_of_boards(entries, ra
 @pytest.mark.slow
 def test_a_better_entry_is_found_with_the_power_that_is_printed():
     found = {cases: simulate(3, 0.97, 0.3, 60, BETTER, cases) for cases in (500, 1000)}
-    print({cases: each["the first is the only best"] for cases, each in found.items()})
-    assert found[1000]["the first is the only best"] > found[500]["the first is the only best"]
+    power = {cases: each["the first is surely better than another"] for cases, each in found.items()}
+    print(f"power for {100 * BETTER:g} points by the number of cases: {power}")
+    assert power[1000] > max(power[500], 0.7)
     assert max(each["a false sure pair"] for each in found.values()) <= 0.1
     assert found[1000]["the first is called equivalent"] <= 0.1  # it differs by the margin
 
