@@ -31,20 +31,8 @@ CHOICE = Cases("val", 0, 50)
 STEPS = {"P1": "perception", "G": "goals", "GP": "policies", "P2": "attention", "P3": "chance", "C": "search"}
 """The knowledge that a rung has and the one below lacks."""
 
-NOTES = (
-    "All rungs are the same search, MPPI with a horizon of 5 s that replans in every step. **P0** plans with the "
-    "sensed state (through a Kalman filter where that is not exact) and people at constant velocity; **P1** with "
-    "the true state and people at constant velocity; **G** with the true goals, people by ORCA who ignore the "
-    "vehicle; **GP** with the true goals and policies, in futures in which the reaction of each person is drawn "
-    "anew and nobody has noticed the vehicle yet; **P2** with the attention and the reaction of each person too; "
-    "**P3** with the true future. Where something is left to chance there are 8 futures, and the mean of the 2 "
-    "worst counts. **C** is the share of the cases with a certificate. Between two rungs are the points of success "
-    "gained by this search with the knowledge of the right one. Their 95 % intervals are paired by case, with one "
-    "discordant case added on each side (Bonett and Price 2012). A dash is between rungs that are equal by "
-    "construction. Another search may gain more or less, and gains do not add up to causes: each rung is a lower "
-    "bound of what is possible with its knowledge. No rung predicts pedestrians that spawn later. The best planner "
-    "was chosen on val:0:50."
-)
+NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
+"""The notes below the table."""
 
 CANDIDATES = [
     PlannerSpec(planner="mppi", options={"filter": "kalman"}),

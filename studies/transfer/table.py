@@ -27,21 +27,15 @@ from studies.transfer.power import TRUE_TAUS, power
 SUITE = "suite"
 """What the scenarios are called whose order is to hold elsewhere."""
 
-NOTES = (
-    "Planners stand in the order of their success in the mean over scenarios. **tau** is Kendall's tau-a of the "
-    "suite's order with that of a world, with the 95 % interval of a bootstrap that draws families of planners and "
-    "cases, or blocks of recorded time, with replacement. *Decided* are pairs of planners whose success differs by "
-    "more than 1.96 standard errors in the suite and in the world. Power is the share of simulated studies of this "
-    "size that meet the criterion, see `studies/transfer/power.py`; `--power` prints it without any run."
-)
+NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
+"""The notes below the table."""
 
 
 class RankingsSpec(TomlTable):
     """`[[rankings]]`: planners by families, a suite that ranks them, and worlds in which that order is to hold.
 
     `worlds` has the scenarios of each. `alone` is a scenario that is looked at in the place of the suite, in
-    `alone_cases`. `without` has families that are left out in a second look, and `criterion` is what the lower bound of
-    Kendall's tau is to exceed.
+    `alone_cases`. `criterion` is the bound that the lower end of the interval of Kendall's tau is to exceed.
     """
 
     title: Name
@@ -50,7 +44,6 @@ class RankingsSpec(TomlTable):
     worlds: Annotated[dict[str, Names], Field(min_length=1, description="a table of worlds, each a list of scenarios")]
     alone: Name
     alone_cases: CasesText = CaseRange.parse("test:2000")
-    without: Names = Field(default=[])
     criterion: float = number(0.3, least=-1.0, below=1.0)
     cases: CasesText = CaseRange.parse("test:100")
 
@@ -85,12 +78,8 @@ class RankingsTable:
             data: The folder with the recorded tracks that its scenarios need.
 
         Raises:
-            InputError: A planner or a scenario does not exist, two planners have the same name and options, or a
-                family that is left out does not exist.
+            InputError: A planner or a scenario does not exist, or two planners have the same name and options.
         """
-        for name in spec.without:
-            if name not in spec.families:
-                raise location.at("without").wrong(repr(name), f"one of {', '.join(spec.families)}")
         planners = [each for members in spec.families.values() for each in members]
         family = np.repeat(np.arange(len(spec.families)), [len(members) for members in spec.families.values()])
         worlds = {SUITE: spec.suite, **spec.worlds, spec.alone: [spec.alone]}
@@ -145,7 +134,6 @@ class Agreement:
         tau: Kendall's tau, with its interval.
         agree: The pairs decided in both that stand in the same order.
         decided: The pairs that are decided in both.
-        without: Tau without some families.
         alone: Tau of a single scenario in the place of the suite.
         more: The difference between the taus of the suite and of the single scenario.
     """
@@ -154,14 +142,13 @@ class Agreement:
     tau: Estimate
     agree: int
     decided: int
-    without: float
     alone: Estimate
     more: Estimate
 
     def cells(self) -> list[str]:
         """Return its row in a table."""
         share = f"{self.agree} of {self.decided}"
-        return [self.world, _say(self.tau), share, f"{self.without:+.2f}", _say(self.alone), _say(self.more)]
+        return [self.world, _say(self.tau), share, _say(self.alone), _say(self.more)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -204,9 +191,6 @@ class FilledRankings:
         """
         rates = {world: mean_rates(scenarios) for world, scenarios in cases.items()}
         times = draw_families(family)
-        left_out = [number for number, name in enumerate(spec.families) if name in spec.without]
-        one, other = (family[each] for each in np.triu_indices(len(family), 1))
-        kept = (~(np.isin(one, left_out) | np.isin(other, left_out))).astype(float)
         taus = {world: kendall(rates[SUITE], rates[world], times) for world in spec.worlds}
         alone = {world: kendall(rates[spec.alone], rates[world], times) for world in spec.worlds}
         worlds = [
@@ -214,7 +198,6 @@ class FilledRankings:
                 world,
                 _estimate(tau),
                 *agreement(rates[SUITE], rates[world]),
-                without=float(kendall(rates[SUITE][0], rates[world][0], kept)),
                 alone=_estimate(alone[world]),
                 more=_estimate(tau - alone[world]),
             )
@@ -242,9 +225,8 @@ class FilledRankings:
 
     def grids(self) -> list[Grid]:
         """A row for each world, then one for each planner."""
-        without = f"without {', '.join(self.spec.without)}"
         alone = f"{self.spec.alone} ({len(self.spec.alone_cases)} cases) for the suite"
-        header = ["world", "tau", "decided pairs that agree", without, alone, "difference"]
+        header = ["world", "tau", "decided pairs that agree", alone, "difference"]
         rates = [
             [name, *(SUCCESS.amount(each[number]) for each in self.rates.values())]
             for number, name in enumerate(self.planners)
