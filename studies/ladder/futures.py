@@ -42,7 +42,7 @@ class Knowledge(enum.IntEnum):
 
 
 class Simulated(Predictor):
-    """Simulates the crowd ahead. Nobody predicts pedestrians that spawn later, and pedestrians who leave are gone.
+    """Simulates the crowd ahead. Pedestrians that spawn later are not predicted, and those who leave are gone.
 
     Without knowledge of policies all walk by ORCA and ignore the vehicle; those who stand go on standing. Without
     knowledge of attention nobody has noticed the vehicle yet, and reactions are drawn anew in each future. Turns and

@@ -160,9 +160,9 @@ class FilledLadder:
         """Its row in a table."""
         cells = [self.scenario]
         for rung, step in itertools.zip_longest(RUNGS, self.steps):
-            cells.append(SUCCESS.amount(self.success[rung].mean) if rung in self.success else "-")
+            cells.append(SUCCESS.amount(self.success[rung].mean) if rung in self.success else "")
             if rung != "C":
-                cells.append(_say_points(step.gain) if step else "-")
+                cells.append(_say_points(step.gain) if step else "")
         weak = ", above P2: the search is too weak here" if self.best_success.mean > self.success["P2"].mean else ""
         return [*cells, f"{SUCCESS.amount(self.best_success.mean)} ({self.best}{weak})"]
 
