@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # the aliases tell type checkers, and `public_names`, that th
     from crowdbench.core.types import World as World
     from crowdbench.envs.observations import flatten as flatten
     from crowdbench.envs.parallel import parallel_env as parallel_env
+    from crowdbench.envs.policy_planner import PolicyPlanner as PolicyPlanner
     from crowdbench.metrics import METRICS as METRICS
     from crowdbench.networks.policy import Encoder as Encoder
     from crowdbench.networks.value import load_network as load_network
@@ -42,6 +43,7 @@ if TYPE_CHECKING:  # the aliases tell type checkers, and `public_names`, that th
     from crowdbench.scenario.scenario import Scenario as Scenario
     from crowdbench.sim.pedestrians.base import PedestrianPolicy as PedestrianPolicy
     from crowdbench.sim.pedestrians.base import PolicyWithMemory as PolicyWithMemory
+    from crowdbench.train.policy_export import export_policy as export_policy
     from crowdbench.utils.errors import InputError as InputError
 
 envs.register()

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,12 @@ def _check_parameters(name: str, policy: PedestrianPolicy) -> None:
 
 
 PLANNERS = Kind(
-    "planner", "planner", folder=ROOT / "agents" / "planners", entry_points="crowdbench.planners", makes=Planner
+    "planner",
+    "planner",
+    folder=ROOT / "agents" / "planners",
+    entry_points="crowdbench.planners",
+    makes=Planner,
+    reader=EntryPoint("onnx", "crowdbench.envs.onnx_policy:load_onnx", "crowdbench.planners"),
 )
 PEDESTRIANS = Kind(
     "pedestrian policy",
@@ -57,7 +63,7 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
     """Find a planner and construct it.
 
     Args:
-        spec: The name of a built-in or installed planner, `file.py` or `file.py:function`.
+        spec: The name of a built-in or installed planner, `file.py`, `file.py:function` or `policy.onnx`.
         options: Arguments of the planner's function, as they are written in TOML. Every planner has one more,
             `filter`: see `crowdbench.planners.filtered`.
 

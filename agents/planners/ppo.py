@@ -5,10 +5,10 @@ policy maps what the vehicle sees, in the frame of its goal, to a velocity: it p
 once per decision.
 """
 
-from crowdbench.planners.policy import PolicyPlanner, load_policy
+from crowdbench.planners.policy import NetworkPlanner, load_policy
 
 
-def planner(weights: str = "ppo", device: str = "cpu", encoder: str | None = None) -> PolicyPlanner:
+def planner(weights: str = "ppo", device: str = "cpu", encoder: str | None = None) -> NetworkPlanner:
     """Make the planner.
 
     Args:

@@ -5,7 +5,7 @@ Attention-Based Interaction Graph", ICRA 2023, arXiv:2203.01821. The policy is s
 of everybody, walls and its own motion, attends among people and from the vehicle to them, and remembers.
 """
 
-from crowdbench.planners.policy import PolicyPlanner, load_policy
+from crowdbench.planners.policy import NetworkPlanner, load_policy
 
 
 def planner(
@@ -13,7 +13,7 @@ def planner(
     device: str = "cpu",
     predictor: str = "constant_velocity",
     encoder: str | None = None,
-) -> PolicyPlanner:
+) -> NetworkPlanner:
     """Make the planner.
 
     Args:

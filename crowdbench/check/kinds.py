@@ -100,7 +100,7 @@ def find_kind(plugin: str) -> str:
         return "scenarios"
     file, function = file_and_function(plugin)
     functions = {definition.function: kind for kind, definition in KINDS.items()}
-    if file is None or function:
+    if file is None or function or file.suffix != ".py":
         return functions.get(function, "planners")
     module = load_module(file)
     defined = [name for name in functions if callable(getattr(module, name, None))]

@@ -76,11 +76,7 @@ class View:
     nearest: int = NEAREST
 
     def __post_init__(self) -> None:
-        for name, known in (("observation", OBSERVATIONS), ("action", ACTIONS)):
-            if (value := getattr(self, name)) not in known:
-                raise InputError(f"{name} is {value!r}, but must be one of {', '.join(known)}")
-        if not (isinstance(self.nearest, int) and self.nearest >= 1):
-            raise InputError(f"nearest is {self.nearest!r}, but must be a whole number of pedestrians, 1 or more")
+        check_view(self.observation, self.action, self.nearest)
 
     @property
     def observation_space(self) -> spaces.Space[Any]:
@@ -117,17 +113,7 @@ class View:
 
     def encode(self, obs: Observation) -> Observed:
         """What a policy is shown of what a planner sees."""
-        if self.observation == "flat":
-            return flatten(obs)
-        numbers = features(obs, self.nearest)
-        mask = numbers.seen.astype(np.float64)
-        if self.observation == "goal_frame":
-            pedestrians = np.concatenate([numbers.pedestrians, mask[..., None]], axis=2)
-            return np.concatenate([numbers.vehicle, pedestrians.reshape(len(obs), -1)], axis=1)
-        parts = {"vehicle": numbers.vehicle, "pedestrians": numbers.pedestrians, "mask": mask}
-        if obs.lidar is not None:
-            parts["lidar"] = obs.lidar
-        return {**parts, "history": histories(obs, numbers)}
+        return encode(obs, self.observation, self.nearest)
 
     def commands(
         self,
@@ -150,6 +136,36 @@ class View:
             return velocity
         state = State(worlds.position[:, 0], worlds.velocity[:, 0], worlds.heading, worlds.angular_speed)
         return worlds.rules.dynamics.follow(state, velocity, worlds.preferred_speed[:, 0], worlds.rules.dt)
+
+
+def check_view(observation: str, action: str, nearest: int) -> None:
+    """Raise InputError where there is no such observation or action, or `nearest` is no number of pedestrians."""
+    for name, value, known in (("observation", observation, OBSERVATIONS), ("action", action, ACTIONS)):
+        if value not in known:
+            raise InputError(f"{name} is {value!r}, but must be one of {', '.join(known)}")
+    if not (isinstance(nearest, int) and nearest >= 1):
+        raise InputError(f"nearest is {nearest!r}, but must be a whole number of pedestrians, 1 or more")
+
+
+def encode(obs: Observation, observation: str, nearest: int) -> Observed:
+    """Return what a policy is shown of what a planner sees.
+
+    Args:
+        obs: What the planner sees.
+        observation: One of `OBSERVATIONS`.
+        nearest: How many pedestrians are shown in the frame of the goal, at most.
+    """
+    if observation == "flat":
+        return flatten(obs)
+    numbers = features(obs, nearest)
+    mask = numbers.seen.astype(np.float64)
+    if observation == "goal_frame":
+        pedestrians = np.concatenate([numbers.pedestrians, mask[..., None]], axis=2)
+        return np.concatenate([numbers.vehicle, pedestrians.reshape(len(obs), -1)], axis=1)
+    parts = {"vehicle": numbers.vehicle, "pedestrians": numbers.pedestrians, "mask": mask}
+    if obs.lidar is not None:
+        parts["lidar"] = obs.lidar
+    return {**parts, "history": histories(obs, numbers)}
 
 
 def row_of(seen: Observed, index: int) -> Observed:

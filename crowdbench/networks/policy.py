@@ -100,7 +100,7 @@ class Policy(nn.Module):
         encoder: Encodes what the vehicle sees.
         memory: A gated recurrent unit (Cho et al. 2014) after the encoder; None in a policy that only sees the present.
         hidden: Layers between the code and the action.
-        action: The last layer: a velocity in the frame of the goal in m/s, or what `PolicyPlanner` makes of it.
+        action: The last layer: a velocity in the frame of the goal in m/s, or what `NetworkPlanner` makes of it.
 
     Args:
         encoder: The encoder.

@@ -71,7 +71,7 @@ class PolicyInterface:
 
 
 @dataclass(eq=False)
-class PolicyPlanner(Planner):
+class NetworkPlanner(Planner):
     """Drives with the mean action of a policy: no lookahead, no randomness.
 
     Attributes:
@@ -97,7 +97,7 @@ class PolicyPlanner(Planner):
         self.facts = {**of_predictor, "network": self.network, "weights": digest(self.policy)}
         self.reset(np.arange(0))
 
-    def for_held_out_scene(self, scene: str) -> PolicyPlanner:
+    def for_held_out_scene(self, scene: str) -> NetworkPlanner:
         """See `Planner`."""
         if self.interface.predictor is None:
             return self
@@ -132,7 +132,7 @@ class PolicyPlanner(Planner):
 
 def load_policy(
     weights: str, device: str = "cpu", predictor: str = "constant_velocity", encoder: str | None = None
-) -> PolicyPlanner:
+) -> NetworkPlanner:
     """A planner with a trained policy.
 
     Args:
@@ -158,7 +158,7 @@ def load_policy(
     if not is_integer(nearest) or nearest < 1:
         raise InputError(f"the card of the weights {path} does not say how many pedestrians the policy is shown")
     interface = PolicyInterface(int(nearest), load_predictor(predictor)[1] if policy.remembered else None)
-    return PolicyPlanner(policy, interface, network, _most_pedestrians(training), training_dt(card))
+    return NetworkPlanner(policy, interface, network, _most_pedestrians(training), training_dt(card))
 
 
 def _check_encoder(weights: Path, trained: object, encoder: str | None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import hashlib
 import importlib.metadata
 import importlib.util
@@ -27,6 +28,9 @@ _PACKAGE = Path(__file__).parent.parent
 ROOT = _PACKAGE if (_PACKAGE / "agents").is_dir() else _PACKAGE.parent
 """Where the folders `agents` and `scenarios` lie: inside the package in a wheel, beside it in a checkout."""
 
+FORMATS = ".onnx", ".zip", ".pt", ".pth"
+"""Suffixes of files other than Python that a kind may have a reader for, which may only say why it reads them not."""
+
 Source = Callable[..., Any] | Path | EntryPoint
 """Where a plug-in comes from: a function, a file, or an installed package."""
 
@@ -43,6 +47,7 @@ class Kind:
         entry_points: The group of entry points by which installed packages offer others, if they can.
         makes: What its function makes; None where the function itself is the plug-in.
         validate: Raises InputError where a plug-in that was made, with its name, breaks a rule of its kind.
+        reader: Where the function lies that makes one of a file that is not Python, if there is any.
     """
 
     word: str
@@ -52,6 +57,7 @@ class Kind:
     entry_points: str = ""
     makes: type | None = None
     validate: Callable[[str, Any], None] | None = None
+    reader: EntryPoint | None = None
 
     def built_in(self) -> dict[str, Source]:
         """Return where each built-in plug-in comes from, by name: `name.py`, or `name/name.py` with files beside it."""
@@ -78,7 +84,7 @@ class Kind:
         """A plug-in's name and function.
 
         Args:
-            spec: A name, `file.py` or `file.py:function`.
+            spec: A name, `file.py` or `file.py:function`, or a file that the `reader` reads.
 
         Raises:
             InputError: There is none, or it cannot be loaded.
@@ -86,6 +92,8 @@ class Kind:
         file, function = file_and_function(spec)
         hint = ", or give a file: ./mine.py"
         source = file or self.built_in().get(spec) or find_named(self.word, spec, self.sources(), hint)
+        if isinstance(source, Path) and (reader := self._reader_of(source)):
+            return plugin_name(spec), functools.partial(reader.load(), source)
         if isinstance(source, Path):
             loaded = getattr(load_module(source), function or self.function, None)
             if not callable(loaded):
@@ -143,7 +151,8 @@ class Kind:
 
     def docstring(self, spec: str) -> str:
         """Return the docstring of the file of a plug-in that `find` finds, or of its function, empty without one."""
-        return _docstring(self._source(spec))
+        reader = self._reader_of(source := self._source(spec))
+        return importlib.import_module(reader.module).__doc__ or "" if reader else _docstring(source)
 
     def files(self, spec: str) -> PluginFiles:
         """Read the files of a plug-in that `find` finds, or of a program. None is run.
@@ -152,13 +161,18 @@ class Kind:
         """
         source = self._source(spec)
         if isinstance(source, Path):
-            return read_files(source)
+            reader, found = self._reader_of(source), read_files(source)
+            return found._replace(imports={reader.module}) if reader else found
         module = _find_module(source.module) if isinstance(source, EntryPoint) else None
         if module is None or module.origin is None:
             return PluginFiles({}, set())
         parts, origin = tuple(module.name.split(".")), Path(module.origin).resolve()
         depth = len(parts) if module.submodule_search_locations is not None else len(parts) - 1
         return read_module(origin.parents[depth], parts, parts[0])
+
+    def _reader_of(self, source: Source) -> EntryPoint | None:
+        """Return the reader of a file that is not Python; None for other sources."""
+        return self.reader if isinstance(source, Path) and source.suffix in FORMATS else None
 
     def _source(self, spec: str) -> Source:
         """Return where a plug-in comes from; the path of a program."""
@@ -177,6 +191,8 @@ def _find_module(name: str) -> ModuleSpec | None:
 
 def file_and_function(spec: str) -> tuple[Path | None, str]:
     """The file and the function, perhaps empty, of `file.py:function`; no file where the spec is a name."""
+    if Path(spec).suffix in FORMATS:
+        return Path(spec), ""
     match = re.fullmatch(r"(.+\.py)(?::(\w+))?", spec)
     return (Path(match[1]), match[2] or "") if match else (None, "")
 
@@ -206,8 +222,8 @@ def load_module(path: Path) -> ModuleType:
     # Known to the interpreter under a name of its own: dataclasses and pickle look it up.
     name = f"crowdbench_plugin_{path.stem}_{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None  # its name ends in .py
-    assert spec.loader is not None
+    if spec is None or spec.loader is None:
+        raise InputError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     if str(path.parent) not in sys.path:

@@ -27,7 +27,7 @@ from crowdbench.envs.views import View
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.policy import ActorCritic, Memory, Policy, Seen
 from crowdbench.networks.threads import in_chunks, one_torch_thread
-from crowdbench.planners.policy import PolicyInterface, PolicyPlanner
+from crowdbench.planners.policy import NetworkPlanner, PolicyInterface
 from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function
 from crowdbench.plugins.options import Option
@@ -157,9 +157,9 @@ class PPOTraining(DrivingTraining[Policy]):
         self.generator = torch.Generator()
         self.returns: list[float] = []
 
-    def planner(self, network: Policy) -> PolicyPlanner:
+    def planner(self, network: Policy) -> NetworkPlanner:
         """See `DrivingTraining`."""
-        return PolicyPlanner(network, self.interface, self.config.network)
+        return NetworkPlanner(network, self.interface, self.config.network)
 
     def conditions(self) -> dict[str, Any]:
         """See `DrivingTraining`."""

@@ -27,7 +27,7 @@ from crowdbench.envs.views import ACTIONS, OBSERVATIONS
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.features import features, in_disc, to_world
 from crowdbench.networks.policy import Seen
-from crowdbench.planners.policy import PolicyInterface, PolicyPlanner
+from crowdbench.planners.policy import NetworkPlanner, PolicyInterface
 from crowdbench.plugins.load import load_module
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
@@ -390,7 +390,7 @@ def test_a_policy_drives_as_it_was_trained(speed):
     with torch.no_grad():
         shown = Seen(*inputs, torch.as_tensor(seen["mask"] > 0.5))
         action = policy(shown, policy.initial_memory(len(shown.mask)))[0].double().numpy()
-    command = PolicyPlanner(policy, PolicyInterface(5)).plan(observe(env._running.worlds))
+    command = NetworkPlanner(policy, PolicyInterface(5)).plan(observe(env._running.worlds))
     env.step_async(action)
     env.step_wait()
     np.testing.assert_allclose(env._running.worlds.velocity[:, 0], command, atol=1e-6)

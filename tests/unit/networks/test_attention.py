@@ -16,7 +16,7 @@ from crowdbench.networks.features import VEHICLE_FEATURES, features
 from crowdbench.networks.features_ahead import REACH, STEPS, WALLS
 from crowdbench.networks.policy import Seen
 from crowdbench.planners.driver import Driver
-from crowdbench.planners.policy import PolicyInterface, PolicyPlanner
+from crowdbench.planners.policy import NetworkPlanner, PolicyInterface
 from crowdbench.predict import ConstantVelocity
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
@@ -123,7 +123,7 @@ def test_an_episode_is_the_same_alone_and_in_company(network):
     torch.manual_seed(0)
     scenario = load_scenario("unicycle_10", {"time_limit": 4.0, "pedestrians.number": 3})
     policy = make_policy(network)
-    planner = PolicyPlanner(policy, PolicyInterface(3, ConstantVelocity() if policy.remembered else None))
+    planner = NetworkPlanner(policy, PolicyInterface(3, ConstantVelocity() if policy.remembered else None))
     together = rollout(Driver(planner, "policy"), scenario, Cases("val", 0, 4))
     alone = rollout(Driver(planner, "policy"), scenario, Cases("val", 2, 3))
     np.testing.assert_allclose(together.command[2], alone.command[0], atol=1e-5)

@@ -1,0 +1,107 @@
+"""Drives with the policy in an ONNX file, `--planner policy.onnx`, which is read without running code.
+
+`crowdbench.export_policy` writes such files, whose metadata say how the policy was trained. In files of others, the
+batch axis of each input must be dynamic. There is one input, or one for each key of an observation `dict`. Inputs whose
+name begins with `state` are the memory of a recurrent policy. The first output is the action, the others are the new
+memory, in the order of these inputs.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from crowdbench.envs.policy_planner import PolicyPlanner
+from crowdbench.envs.views import NEAREST
+from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.files import read_regular
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
+
+METADATA = "crowdbench"
+"""The key of a file's metadata that says how the policy was trained.
+
+JSON of a table with `observation`, `action` and `nearest` (see `PolicyPlanner`), `scenario` (its name), `dynamics` (of
+the vehicle), `dt` (in seconds), and `pedestrians` (their largest number). Each may be missing. Normalisation and
+squashing are in the graph.
+"""
+
+STATE = "state"
+"""How the names of inputs begin that hold the memory of a recurrent policy."""
+
+TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
+
+
+def load_onnx(
+    file: Path,
+    observation: str | None = None,
+    action: str | None = None,
+    nearest: int | None = None,
+    dynamics: str | None = None,
+) -> PolicyPlanner:
+    """Make the planner of a policy in an ONNX file.
+
+    Args:
+        file: The file.
+        observation: What the policy observes: flat, goal_frame or dict; left out: as the file says.
+        action: What its actions are: world, goal_frame or native; left out: as the file says.
+        nearest: How many pedestrians it observes, at most; left out: as the file says, or 10.
+        dynamics: The vehicles that it may drive: holonomic, unicycle or bicycle; left out: as the file says, or any.
+
+    Raises:
+        InputError: The file cannot be read, or an option is missing.
+    """
+    if file.suffix != ".onnx":
+        model, onnx = f"PPO.load({str(file)!r})" if file.suffix == ".zip" else "model", str(file.with_suffix(".onnx"))
+        raise InputError(
+            f"{file} holds code, which crowdbench does not run: in Python, crowdbench.export_policy({model}, {onnx!r}, "
+            f"env) exports the policy for --planner {onnx}"
+        )
+    session, trained = _read(file)
+    given = {"observation": observation, "action": action, "nearest": nearest, "dynamics": dynamics}
+    trained |= {name: value for name, value in given.items() if value is not None}
+    if missing := [name for name in ("observation", "action") if name not in trained]:
+        options = " ".join(f"--option {name}=goal_frame" for name in missing)
+        raise InputError(f"{file} does not say how it was trained: give {options}; see crowdbench list planners {file}")
+    state = [tuple(one.shape[1:]) for one in session.get_inputs() if one.name.startswith(STATE)]
+    view = trained["observation"], trained["action"], trained.get("nearest", NEAREST)
+    planner = PolicyPlanner(_function(file, session), *view, state, trained.get("dynamics"))
+    planner.trained_pedestrians = int(trained["pedestrians"]) if "pedestrians" in trained else None
+    planner.trained_dt = float(trained["dt"]) if "dt" in trained else None
+    return planner
+
+
+def _read(file: Path) -> tuple[InferenceSession, dict[str, Any]]:
+    """Read a file and its metadata. Data beside it are not read: results have the digest of this file alone."""
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # it would send what it runs
+    try:
+        import onnxruntime
+    except ImportError:
+        raise InputError(f"{file} needs ONNX Runtime: pip install 'crowdbench[onnx]'") from None
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # errors are raised
+    with plugin_errors(f"{file} cannot be read as an ONNX file:"):
+        session = onnxruntime.InferenceSession(read_regular(file), options, providers=["CPUExecutionProvider"])
+        return session, dict(json.loads(session.get_modelmeta().custom_metadata_map.get(METADATA, "{}")))
+
+
+def _function(file: Path, session: InferenceSession) -> Callable[..., Any]:
+    """Return a network as the function of a `PolicyPlanner`."""
+    types = {one.name: TYPES.get(one.type, np.float32) for one in session.get_inputs()}
+    memory = [name for name in types if name.startswith(STATE)]
+
+    def act(observed: Any, *state: np.ndarray) -> Any:
+        shown = observed if isinstance(observed, dict) else dict.fromkeys(types, observed)
+        arrays = {**shown, **dict(zip(memory, state, strict=True))}
+        with plugin_errors(f"{file} does not fit the scenario, or option observation or nearest:"):
+            answer = session.run(None, {name: arrays[name].astype(kind) for name, kind in types.items()})
+        return answer if state else answer[0]
+
+    return act

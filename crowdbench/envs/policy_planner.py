@@ -1,0 +1,87 @@
+"""The planner of a policy that observes and acts as in the environments: any function of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from crowdbench.core.dynamics import FREE
+from crowdbench.core.types import Observation
+from crowdbench.envs.views import NEAREST, check_view, encode
+from crowdbench.networks.features import direction, in_disc, to_world
+from crowdbench.planners.base import Planner
+from crowdbench.planners.contract import Fault, validate_array
+from crowdbench.utils.errors import InputError
+
+
+@dataclass(eq=False)
+class PolicyPlanner(Planner):
+    """Drives with the actions of a function, such as the mean action of a trained policy.
+
+    An action is clipped to the action space of the vehicle, and its velocity limited to the preferred speed, as in the
+    environments. Nothing is corrected along walls.
+
+    Attributes:
+        function: Returns the actions `[world, 2]` of many worlds for what they show: an array `[world, features]`, or
+            a dictionary of arrays `[world, ...]`. With a `state`, it is called as `function(observed, *state)` and
+            returns `(actions, *state)`.
+        observation: What it observes: `flat`, `goal_frame` or `dict`, see `crowdbench.envs.views`.
+        action: What its actions are: `world`, `goal_frame` or `native`.
+        nearest: How many pedestrians it observes in the frame of the goal, at most.
+        state: The shapes of the arrays that a recurrent policy remembers of one world; zeros where an episode starts.
+        dynamics: The dynamics of the vehicles that it may drive, such as `holonomic`; any if None.
+
+    Raises:
+        InputError: There is no such observation or action.
+    """
+
+    function: Callable[..., Any]
+    observation: str
+    action: str
+    nearest: int = NEAREST
+    state: Sequence[tuple[int, ...]] = ()
+    dynamics: str | None = None
+
+    def __post_init__(self) -> None:
+        check_view(self.observation, self.action, self.nearest)
+        self.native = self.action == "native"
+        self.reset(np.arange(0))
+
+    def reset(self, rows: Int[np.ndarray, "world"]) -> None:
+        """See `Planner`."""
+        self.memory = [np.zeros((len(rows), *shape), np.float32) for shape in self.state]
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        vehicle = obs.vehicle
+        if self.dynamics not in (None, vehicle.dynamics.name):
+            raise InputError(
+                f"the policy was trained with dynamics {self.dynamics}, but the vehicle of the scenario is "
+                f"{vehicle.dynamics.name}: --option dynamics={vehicle.dynamics.name} drives it all the same"
+            )
+        action = validate_array(answer := self._act(obs), len(obs))
+        if isinstance(action, Fault) or not np.isfinite(action).all():
+            return answer  # for the driver, which names the case
+        speed, dynamics = vehicle.preferred_speed, vehicle.dynamics if self.native else FREE
+        action = np.clip(action, *dynamics.space(speed))
+        if dynamics.name != FREE.name:
+            return action
+        if self.action == "goal_frame":
+            action = to_world(action, direction(vehicle.position, vehicle.local_goal))
+        return in_disc(action, speed)
+
+    def _act(self, obs: Observation) -> Any:
+        """Return what the function answers, and keep its state."""
+        observed = encode(obs, self.observation, self.nearest)
+        if not self.state:
+            return self.function(observed)
+        if len(self.memory[0]) <= obs.row.max():  # asked without a reset
+            self.reset(np.arange(obs.row.max() + 1))
+        answer, *states = self.function(observed, *(memory[obs.row] for memory in self.memory))
+        for memory, state in zip(self.memory, states, strict=True):
+            memory[obs.row] = state
+        return answer

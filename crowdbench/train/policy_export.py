@@ -1,0 +1,144 @@
+"""Exports trained policies of stable-baselines3 and of torch as ONNX files, which `crowdbench run --planner` drives."""
+
+from __future__ import annotations
+
+import json
+import logging
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from torch import Tensor, nn
+
+from crowdbench.envs.onnx_policy import METADATA, STATE
+from crowdbench.envs.views import View
+from crowdbench.utils.errors import InputError, plugin_errors
+
+EXAMPLES = 3
+"""Worlds in the example that is traced. With one, the exporter takes the batch axis for a constant."""
+
+
+def export_policy(model: Any, file: str | Path, env: Any, state: Sequence[tuple[int, ...]] = ()) -> None:
+    """Write the mean action of a policy as an ONNX file, which `crowdbench run --planner policy.onnx` drives.
+
+    The graph takes and returns float32. It contains the running normalisation of observations, if a wrapper has one,
+    and squashing. The metadata say what the policy observes, what its actions are, and in which scenario it was
+    trained. Needs `pip install 'crowdbench[onnx]'`.
+
+    Args:
+        model: A model of stable-baselines3 or sb3-contrib with an actor (PPO, A2C, SAC, TD3, RecurrentPPO, ...), or a
+            torch module that maps observations, `[world, features]` or a dictionary, to actions `[world, 2]`.
+        file: The file to write.
+        env: The environment that it was trained in, with its wrappers: `CrowdVecEnv`, `crowdbench/Vehicle-v0`, or many
+            of it. Give the `VecNormalize` of the training: a model that is loaded without one is exported without one.
+        state: Of a recurrent module, the shapes of the arrays that it remembers of one world. It is called as
+            `module(observed, *state)` and returns `(action, *state)`.
+
+    Raises:
+        InputError: The environment is not one of crowdbench's, the model is none of these or was trained with other
+            observations or actions, or a package is missing.
+    """
+    layers = [*_layers(env), *_layers(getattr(model, "env", None))]
+    view: View | None = next((layer.view for layer in layers if hasattr(layer, "view")), None)
+    if view is None:
+        raise InputError(f"env is a {type(env).__name__}, but must be crowdbench/Vehicle-v0 or CrowdVecEnv, or wrap it")
+    module, space, scenario = model, view.observation_space, view.scenario
+    if policy := getattr(model, "policy", None):
+        if model.action_space != view.action_space:
+            raise InputError("the model has other actions than env: wrappers that change actions are not exported")
+        module = _MeanAction(policy)
+        if lstm := getattr(policy, "lstm_actor", None):
+            state = [(lstm.num_layers, lstm.hidden_size)] * 2
+    parts = space.spaces if isinstance(space, spaces.Dict) else {"observation": space}
+    shapes = {key: part.shape or () for key, part in parts.items()}
+    shapes |= {f"{STATE}_{number}": shape for number, shape in enumerate(state)}
+    metadata = {"observation": view.observation, "action": view.action, "nearest": view.nearest}
+    metadata |= {"scenario": scenario.name, "dynamics": scenario.rules.dynamics.name}
+    metadata |= {"dt": scenario.rules.dt, "pedestrians": scenario.max_agents - 1}
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it warns that torchvision is missing
+    device, is_training = next((array.device for array in module.parameters()), torch.device("cpu")), module.training
+    has_statistics = (layer for layer in layers if getattr(layer, "obs_rms", None) and getattr(layer, "norm_obs", True))
+    normaliser = next(has_statistics, None)
+    outputs = ["action", *[f"next_{name}" for name in shapes if name not in parts]]
+    with warnings.catch_warnings(), plugin_errors("the policy cannot be exported (is crowdbench[onnx] installed?):"):
+        warnings.simplefilter("ignore")  # the exporter's own deprecations
+        program = torch.onnx.export(
+            _Normalised(module, list(parts), isinstance(space, spaces.Dict), normaliser, device).eval(),
+            tuple(torch.zeros(EXAMPLES, *shape, device=device) for shape in shapes.values()),
+            input_names=list(shapes),
+            output_names=outputs,
+            dynamic_shapes=(tuple({0: torch.export.Dim("world")} for _ in shapes),),
+            dynamo=True,
+            verbose=False,
+        )
+        program.model.metadata_props[METADATA] = json.dumps(metadata)  # type: ignore[union-attr]  # dynamo returns one
+        program.save(file, external_data=False)  # type: ignore[union-attr]
+    module.train(is_training)
+
+
+def _layers(env: Any) -> Iterator[Any]:
+    """Yield an environment and what it wraps, of several that it holds the first."""
+    while env is not None:
+        yield env
+        env = getattr(env, "venv", None) or getattr(env, "env", None) or next(iter(getattr(env, "envs", ())), None)
+
+
+class _Normalised(nn.Module):
+    """A policy with the normalisation of its observations. Its inputs are the observations, then the state.
+
+    Args:
+        policy: The policy.
+        keys: The names of the observations.
+        is_dict: Whether the policy takes them as a dictionary.
+        layer: The wrapper that normalises them; None without one.
+        device: The device of the policy.
+    """
+
+    def __init__(self, policy: nn.Module, keys: list[str], is_dict: bool, layer: Any, device: Any) -> None:
+        super().__init__()
+        self.policy, self.keys, self.is_dict = policy, keys, is_dict
+        self.statistics: dict[str, tuple[Tensor, Tensor, float]] = {}
+        running = getattr(layer, "obs_rms", {})
+        for key, one in (running if isinstance(running, dict) else {keys[0]: running}).items():
+            scale = np.stack([one.mean, np.sqrt(one.var + layer.epsilon)])
+            mean, deviation = torch.as_tensor(scale, dtype=torch.float32, device=device)
+            self.statistics[key] = mean, deviation, getattr(layer, "clip_obs", np.inf)
+
+    def forward(self, *arrays: Tensor) -> Any:
+        observed = dict(zip(self.keys, arrays, strict=False))
+        for key, (mean, deviation, most) in self.statistics.items():
+            observed[key] = torch.clamp((observed[key] - mean) / deviation, -most, most)
+        return self.policy(observed if self.is_dict else observed[self.keys[0]], *arrays[len(observed) :])
+
+
+class _MeanAction(nn.Module):
+    """The mean action of a policy of stable-baselines3. Its `_predict` makes a distribution, which is not exported."""
+
+    def __init__(self, policy: Any) -> None:
+        super().__init__()
+        self.policy = policy
+        bounds = np.stack([policy.action_space.low, policy.action_space.high])
+        self.low, self.high = torch.as_tensor(bounds, dtype=torch.float32, device=policy.device)
+
+    def forward(self, observed: Any, *state: Tensor) -> Any:
+        policy = self.policy
+        if hasattr(policy, "actor"):  # SAC and TD3, whose actions are within -1 and 1
+            squashed = getattr(policy.actor, "get_action_dist_params", None)
+            action = torch.tanh(squashed(observed)[0]) if squashed else policy.actor(observed)
+        else:
+            features = policy.extract_features(observed)
+            features = features[0] if isinstance(features, tuple) else features  # the others are the critic's
+            if state:
+                # [world, layer, unit] here, and [layer, world, unit] there, whose sequence has one step.
+                hidden = tuple(array.transpose(0, 1).contiguous() for array in state)
+                sequence, hidden = policy.lstm_actor(features[None], hidden)
+                features, state = sequence[0], tuple(array.transpose(0, 1) for array in hidden)
+            action = policy.action_net(policy.mlp_extractor.forward_actor(features))
+            action = torch.tanh(action) if policy.squash_output else action
+        if policy.squash_output:
+            action = self.low + 0.5 * (action + 1.0) * (self.high - self.low)
+        return (action, *state) if state else action
