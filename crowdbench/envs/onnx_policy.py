@@ -79,7 +79,7 @@ def load_onnx(
 
 def _read(file: Path) -> tuple[InferenceSession, dict[str, Any]]:
     """Read a file and its metadata. Data beside it are not read: results have the digest of this file alone."""
-    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # it would send what it runs
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # otherwise it sends usage data
     try:
         import onnxruntime
     except ImportError:

@@ -49,6 +49,9 @@ from crowdbench.utils.errors import InputError, is_number
 OBSERVATIONS = ("flat", "goal_frame", "dict")
 ACTIONS = ("world", "goal_frame", "native")
 
+KEYS = ("vehicle", "pedestrians", "mask", "lidar", "history")
+"""The keys of a dictionary that is observed, in its order; that of its space is alphabetical."""
+
 NEAREST = 10
 """Pedestrians that are seen in the frame of the goal, where the scenario has more."""
 
@@ -109,11 +112,9 @@ class View:
 
     def observe(self, worlds: World) -> Observed:
         """What the vehicle sees in each world."""
-        return flatten_vehicle(worlds) if self.observation == "flat" else self.encode(observe(worlds))
-
-    def encode(self, obs: Observation) -> Observed:
-        """What a policy is shown of what a planner sees."""
-        return encode(obs, self.observation, self.nearest)
+        if self.observation == "flat":
+            return flatten_vehicle(worlds)
+        return encode(observe(worlds), self.observation, self.nearest)
 
     def commands(
         self,

@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from gymnasium import spaces
 from torch import Tensor, nn
 
 from crowdbench.envs.onnx_policy import METADATA, STATE
-from crowdbench.envs.views import View
+from crowdbench.envs.views import KEYS
 from crowdbench.utils.errors import InputError, plugin_errors
 
 EXAMPLES = 3
@@ -43,7 +42,7 @@ def export_policy(model: Any, file: str | Path, env: Any, state: Sequence[tuple[
             observations or actions, or a package is missing.
     """
     layers = [*_layers(env), *_layers(getattr(model, "env", None))]
-    view: View | None = next((layer.view for layer in layers if hasattr(layer, "view")), None)
+    view: Any = next((layer.view for layer in layers if hasattr(layer, "view")), None)
     if view is None:
         raise InputError(f"env is a {type(env).__name__}, but must be crowdbench/Vehicle-v0 or CrowdVecEnv, or wrap it")
     module, space, scenario = model, view.observation_space, view.scenario
@@ -53,30 +52,27 @@ def export_policy(model: Any, file: str | Path, env: Any, state: Sequence[tuple[
         module = _MeanAction(policy)
         if lstm := getattr(policy, "lstm_actor", None):
             state = [(lstm.num_layers, lstm.hidden_size)] * 2
-    parts = space.spaces if isinstance(space, spaces.Dict) else {"observation": space}
+    parts = {key: space[key] for key in KEYS if key in getattr(space, "spaces", ())} or {"observation": space}
     shapes = {key: part.shape or () for key, part in parts.items()}
     shapes |= {f"{STATE}_{number}": shape for number, shape in enumerate(state)}
-    metadata = {"observation": view.observation, "action": view.action, "nearest": view.nearest}
+    metadata = {name: getattr(view, name) for name in ("observation", "action", "nearest")}
     metadata |= {"scenario": scenario.name, "dynamics": scenario.rules.dynamics.name}
     metadata |= {"dt": scenario.rules.dt, "pedestrians": scenario.max_agents - 1}
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it warns that torchvision is missing
     device, is_training = next((array.device for array in module.parameters()), torch.device("cpu")), module.training
     has_statistics = (layer for layer in layers if getattr(layer, "obs_rms", None) and getattr(layer, "norm_obs", True))
     normaliser = next(has_statistics, None)
-    outputs = ["action", *[f"next_{name}" for name in shapes if name not in parts]]
+    names: Any = {"input_names": list(shapes)}
+    names["output_names"] = ["action", *[f"next_{name}" for name in shapes if name not in parts]]
+    axes = (tuple({0: torch.export.Dim("world")} for _ in shapes),)
     with warnings.catch_warnings(), plugin_errors("the policy cannot be exported (is crowdbench[onnx] installed?):"):
         warnings.simplefilter("ignore")  # the exporter's own deprecations
-        program = torch.onnx.export(
-            _Normalised(module, list(parts), isinstance(space, spaces.Dict), normaliser, device).eval(),
-            tuple(torch.zeros(EXAMPLES, *shape, device=device) for shape in shapes.values()),
-            input_names=list(shapes),
-            output_names=outputs,
-            dynamic_shapes=(tuple({0: torch.export.Dim("world")} for _ in shapes),),
-            dynamo=True,
-            verbose=False,
-        )
-        program.model.metadata_props[METADATA] = json.dumps(metadata)  # type: ignore[union-attr]  # dynamo returns one
-        program.save(file, external_data=False)  # type: ignore[union-attr]
+        network = _Normalised(module, list(parts), normaliser, device).eval()
+        example = tuple(torch.zeros(EXAMPLES, *shape, device=device) for shape in shapes.values())
+        network(*example)  # whose errors are shorter than those of the exporter
+        program: Any = torch.onnx.export(network, example, dynamic_shapes=axes, dynamo=True, verbose=False, **names)
+        program.model.metadata_props[METADATA] = json.dumps(metadata)
+        program.save(file, external_data=False)
     module.train(is_training)
 
 
@@ -92,15 +88,14 @@ class _Normalised(nn.Module):
 
     Args:
         policy: The policy.
-        keys: The names of the observations.
-        is_dict: Whether the policy takes them as a dictionary.
+        keys: The names of the observations, which the policy takes as a dictionary if there are several.
         layer: The wrapper that normalises them; None without one.
         device: The device of the policy.
     """
 
-    def __init__(self, policy: nn.Module, keys: list[str], is_dict: bool, layer: Any, device: Any) -> None:
+    def __init__(self, policy: nn.Module, keys: list[str], layer: Any, device: Any) -> None:
         super().__init__()
-        self.policy, self.keys, self.is_dict = policy, keys, is_dict
+        self.policy, self.keys = policy, keys
         self.statistics: dict[str, tuple[Tensor, Tensor, float]] = {}
         running = getattr(layer, "obs_rms", {})
         for key, one in (running if isinstance(running, dict) else {keys[0]: running}).items():
@@ -112,7 +107,7 @@ class _Normalised(nn.Module):
         observed = dict(zip(self.keys, arrays, strict=False))
         for key, (mean, deviation, most) in self.statistics.items():
             observed[key] = torch.clamp((observed[key] - mean) / deviation, -most, most)
-        return self.policy(observed if self.is_dict else observed[self.keys[0]], *arrays[len(observed) :])
+        return self.policy(observed if len(self.keys) > 1 else observed[self.keys[0]], *arrays[len(observed) :])
 
 
 class _MeanAction(nn.Module):

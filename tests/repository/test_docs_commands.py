@@ -89,6 +89,7 @@ def where_else(arguments):
         "weights=runs": ".ci/train",
         "--data": "tests/unit/scenario/test_recorded.py",
         "number=10000": "tests/unit/sim/test_thousands.py",
+        ".onnx": "tests/unit/envs/test_policy_planner.py and tests/unit/envs/test_envs_vehicle.py",
         "clone=": "tests/parity/test_crowdnav_planner.py and tests/parity/test_crowdnav_plus_planner.py",
         "$": "nowhere, because a shell has to fill in what it stands for",
     }

@@ -8,9 +8,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from helpers import drive
-from safetensors.torch import save_file
+from stable_baselines3 import PPO
 
-from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.catalog import load_scenario
 from crowdbench.core.types import Outcome
 from crowdbench.drawing import LIGHT
 from crowdbench.envs.vector import VehicleVectorEnv
@@ -142,21 +142,16 @@ def test_where_autoreset_is_disabled_an_ended_world_waits_for_its_reset():
     envs.step(np.zeros((2, 2)))
 
 
-@pytest.fixture(scope="module")
-def saved_policy(tmp_path_factory):
-    path = tmp_path_factory.mktemp("ppo") / "ppo.safetensors"
-    policy = load_module(EXAMPLES / "train_ppo.py").train(1000, "circle_crossing_5", seed=0, worlds=16).policy
-    save_file({name: tensor.clone() for name, tensor in policy.state_dict().items()}, path)
-    return path
-
-
 @pytest.mark.slow
-def test_stable_baselines_trains_on_it_and_its_policy_drives_as_a_planner(saved_policy):
-    _, planner = load_planner(str(EXAMPLES / "ppo_planner.py"), {"path": str(saved_policy)})
-    trace = drive(planner, "6")
+def test_stable_baselines_trains_on_it_and_its_exported_policy_drives_as_a_planner(tmp_path):
+    pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed: pip install 'crowdbench[onnx]'")
+    train = load_module(EXAMPLES / "train_ppo.py").train
+    train(10**9, "circle_crossing_5", 0, tmp_path / "ppo.onnx", worlds=16, minutes=0.05)
+    trace = drive(str(tmp_path / "ppo.onnx"), "6")
     assert (trace.outcome != Outcome.RUNNING).all()
     speed = np.hypot(*np.moveaxis(trace.velocity[:, 1:, 0], -1, 0))
     assert 0.0 < np.nanmax(speed) <= 1.0 + 1e-6
+    assert PPO.load(tmp_path / "ppo.zip").num_timesteps > 0
 
 
 def test_pictures_pass_at_the_pace_of_the_scenario():

@@ -14,7 +14,7 @@ from crowdbench.core.types import HISTORY, PERFECT, Lidar, Noise, Rules, Sensor
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
-from crowdbench.envs.views import View, row_of
+from crowdbench.envs.views import View, encode, row_of
 from crowdbench.planners.base import Planner
 from crowdbench.predict.linear import ConstantVelocity, Linear
 from crowdbench.record.contents import read
@@ -433,7 +433,7 @@ def test_environments_see_through_the_sensor(observation):
     both, _ = many.reset(options={"case": ["val/0", "val/1"]})
     view, now = View(place, observation), place.worlds(Cases("val", 1, 2))
     for _ in range(20):
-        expected = row_of(view.encode(observe(now)), 0)
+        expected = row_of(encode(observe(now), view.observation, view.nearest), 0)
         for found in (shown, row_of(both, 1)):
             assert env.observation_space.contains(found)
             for one, two in zip(parts(found), parts(expected), strict=True):

@@ -1,0 +1,340 @@
+"""Policies as planners: functions, and networks in ONNX files."""
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+from helpers import drive
+from torch import nn
+
+from crowdbench import InputError, Planner, PolicyPlanner, export_policy, load_planner, load_scenario
+from crowdbench.catalog import planner_code, planner_files
+from crowdbench.envs import stepping
+from crowdbench.envs.stable_baselines import CrowdVecEnv
+from crowdbench.envs.vehicle import VehicleEnv
+from crowdbench.sim.sensor import observe
+from crowdbench.utils.files import sha256
+
+NEAREST = 3
+CASES = 12
+
+
+def start(scenario="circle_crossing_5", **overrides):
+    return observe(stepping.start(load_scenario(scenario, overrides), [f"test/{case}" for case in range(4)]))
+
+
+def constant(*action):
+    return lambda observed: np.tile(np.array(action, float), (len(observed), 1))
+
+
+def test_an_action_is_clipped_to_its_space_and_then_to_the_preferred_speed():
+    command = PolicyPlanner(constant(5.0, -5.0), "flat", "world").plan(start())
+    np.testing.assert_allclose(command, np.tile([0.5**0.5, -(0.5**0.5)], (4, 1)))
+    np.testing.assert_allclose(PolicyPlanner(constant(0.5, 9.0), "flat", "world").plan(start())[:, 0], 0.5 / 1.25**0.5)
+
+
+def test_an_action_in_the_frame_of_the_goal_is_turned():
+    obs = start()
+    way = obs.vehicle.local_goal - obs.vehicle.position
+    command = PolicyPlanner(constant(0.5, 0.0), "goal_frame", "goal_frame").plan(obs)
+    np.testing.assert_allclose(command, 0.5 * way / np.linalg.norm(way, axis=1)[:, None])
+
+
+def test_native_actions_are_clipped_to_the_limits_of_the_dynamics():
+    obs = start(**{"vehicle.dynamics": "unicycle"})
+    planner = PolicyPlanner(constant(-1.0, 9.0), "goal_frame", "native")
+    assert planner.native
+    np.testing.assert_array_equal(planner.plan(obs), np.tile([0.0, obs.vehicle.dynamics.max_angular_speed], (4, 1)))
+
+
+def test_a_state_belongs_to_its_world_and_is_zero_where_an_episode_starts():
+    seen = []
+
+    def count(observed, steps):
+        seen.append(steps[:, 0].tolist())
+        return np.zeros((len(observed), 2)), steps + 1
+
+    planner, obs = PolicyPlanner(count, "flat", "world", state=[(1,)]), start()
+    planner.reset(np.arange(4))
+    planner.plan(obs)
+    planner.plan(obs.take(np.array([1, 3])))
+    planner.plan(obs)
+    planner.reset(np.arange(4))
+    planner.plan(obs)
+    assert seen == [[0, 0, 0, 0], [1, 1], [1, 2, 1, 2], [0, 0, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        (constant(np.nan, 0.0), "must be finite .case 0, step 0"),
+        (constant(np.inf, 0.0), "returned .inf, 0.0., but a command must be finite"),
+        (constant(1.0, 0.0, 0.0), "returned shape .1, 3. instead of .1, 2."),
+        (lambda observed: "left", "returned a str"),
+        (lambda observed: 1 / 0, "raised ZeroDivisionError"),
+    ],
+)
+def test_a_function_that_gives_no_actions_gets_one_sentence(function, said):
+    with pytest.raises(InputError, match=said):
+        drive(PolicyPlanner(function, "flat", "world"), "1")
+
+
+def test_a_policy_for_other_dynamics_is_refused():
+    obs = start(**{"vehicle.dynamics": "unicycle"})
+    with pytest.raises(InputError, match=r"trained with dynamics holonomic.*unicycle: --option dynamics=unicycle"):
+        PolicyPlanner(constant(0.0, 0.0), "flat", "world", dynamics="holonomic").plan(obs)
+    PolicyPlanner(constant(0.0, 0.0), "flat", "world", dynamics="unicycle").plan(obs)
+
+
+def test_a_model_with_code_is_answered_with_the_line_that_exports_it():
+    with pytest.raises(InputError, match=r"export_policy\(PPO.load\('runs/a.zip'\), 'runs/a.onnx', env\)"):
+        load_planner("runs/a.zip")
+    with pytest.raises(InputError, match=r"export_policy\(model, 'a.onnx', env\)"):
+        load_planner("a.pt")
+
+
+def test_without_onnxruntime_a_sentence_says_how_it_is_installed(monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(InputError, match=r"pip install 'crowdbench\[onnx\]'"):
+        load_planner("a.onnx")
+
+
+class Linear(nn.Module):
+    """The first two numbers of a linear map; of the parts of a dictionary one after the other."""
+
+    def __init__(self, features):
+        super().__init__()
+        torch.manual_seed(0)
+        self.layer = nn.Linear(features, 2)
+
+    def forward(self, observed):
+        parts = observed.values() if isinstance(observed, dict) else [observed]
+        return self.layer(torch.cat([part.flatten(1) for part in parts], 1))
+
+
+@pytest.fixture(scope="module")
+def onnx():
+    pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed: pip install 'crowdbench[onnx]'")
+    pytest.importorskip("onnxscript", reason="torch's exporter is not installed: pip install 'crowdbench[onnx]'")
+    return pytest.importorskip("onnx")
+
+
+def make(**view):
+    return CrowdVecEnv(8, nearest=NEAREST, **view)
+
+
+def randomised(model):
+    """A model whose actions differ from world to world, without training it."""
+    torch.manual_seed(1)
+    with torch.no_grad():
+        for array in model.policy.parameters():
+            array.add_(0.2 * torch.randn_like(array))
+    return model
+
+
+def make_ppo():
+    from stable_baselines3 import PPO
+
+    return randomised(PPO("MultiInputPolicy", env := make(), device="cpu")), env, ()
+
+
+def make_normalised():
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    env = VecNormalize(make(observation="goal_frame"), clip_obs=1.5)
+    env.reset()
+    for _ in range(5):
+        env.step(np.zeros((8, 2)))
+    return randomised(PPO("MlpPolicy", env, device="cpu", policy_kwargs={"share_features_extractor": False})), env, ()
+
+
+def make_squashed():
+    from stable_baselines3 import PPO
+
+    env = make(observation="flat", action="world")
+    return randomised(PPO("MlpPolicy", env, use_sde=True, device="cpu", policy_kwargs={"squash_output": True})), env, ()
+
+
+def make_sac():
+    from stable_baselines3 import SAC
+
+    env = make(observation="goal_frame", action="native", scenario=load_scenario("circle_crossing_5", UNICYCLE))
+    return randomised(SAC("MlpPolicy", env, device="cpu", buffer_size=10)), env, ()
+
+
+def make_recurrent():
+    contrib = pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed: pip install sb3-contrib")
+    model = contrib.RecurrentPPO(
+        "MlpLstmPolicy", env := make(observation="goal_frame"), device="cpu", policy_kwargs={"lstm_hidden_size": 8}
+    )
+    return randomised(model), env, [(1, 8), (1, 8)]
+
+
+UNICYCLE = {"vehicle.dynamics": "unicycle"}
+MODELS = [make_ppo, make_normalised, make_squashed, make_sac, make_recurrent]
+
+
+def reference(model, env, state):
+    """The planner that asks the model itself."""
+
+    def predict(observed, *memory):
+        observed = env.normalize_obs(observed) if hasattr(env, "normalize_obs") else observed
+        if not memory:
+            return model.predict(observed, deterministic=True)[0]
+        action, memory = model.predict(observed, tuple(part.swapaxes(0, 1) for part in memory), deterministic=True)
+        return action, *(part.swapaxes(0, 1) for part in memory)
+
+    view = env.get_attr("view")[0]
+    return PolicyPlanner(predict, view.observation, view.action, NEAREST, state)
+
+
+class Both(Planner):
+    """Drives with one planner, and asks another one too."""
+
+    def __init__(self, planner, other):
+        self.planner, self.other, self.native, self.difference = planner, other, planner.native, 0.0
+
+    def reset(self, rows):
+        self.planner.reset(rows)
+        self.other.reset(rows)
+
+    def plan(self, obs):
+        command = self.planner.plan(obs)
+        self.difference = max(self.difference, np.abs(command - self.other.plan(obs)).max())
+        return command
+
+
+@pytest.mark.parametrize("make_model", MODELS)
+def test_an_exported_model_drives_as_the_model_does_and_alone_as_in_a_batch(make_model, onnx, tmp_path):
+    pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
+    model, env, state = make_model()
+    export_policy(model, tmp_path / "a.onnx", env)
+    overrides = {"vehicle__dynamics": "unicycle"} if make_model is make_sac else {}
+    name, planner = load_planner(str(tmp_path / "a.onnx"))
+    assert name == "a"
+    both = Both(planner, reference(model, env, state))
+    trace = drive(both, f"{CASES}", **overrides)
+    assert both.difference < 2e-4
+    assert np.nanstd(trace.command) > 0.05
+    for case in range(0, CASES, 5):
+        alone = drive(planner, f"test/{case}", **overrides)
+        steps = alone.command.shape[1]
+        np.testing.assert_array_equal(alone.command[0], trace.command[case, :steps])
+
+
+@pytest.mark.parametrize("observation", ["flat", "goal_frame", "dict"])
+def test_a_torch_module_is_exported_as_it_is_trained(observation, onnx, tmp_path):
+    env = VehicleEnv(observation=observation, action="goal_frame", nearest=NEAREST)
+    module = Linear(spaces.flatdim(env.observation_space)).train()
+    export_policy(module, tmp_path / "a.onnx", env)
+    assert module.training
+    obs = start()
+    planner = load_planner(str(tmp_path / "a.onnx"))[1]
+    expected = PolicyPlanner(lambda seen: module(tensors(seen)).detach().numpy(), observation, "goal_frame", NEAREST)
+    np.testing.assert_allclose(planner.plan(obs), expected.plan(obs), atol=1e-5)
+    assert (planner.dynamics, planner.trained_pedestrians, planner.trained_dt) == ("holonomic", 5, 0.25)
+
+
+def tensors(observed):
+    if isinstance(observed, dict):
+        return {name: torch.from_numpy(part).float() for name, part in observed.items()}
+    return torch.from_numpy(observed).float()
+
+
+class Remembers(nn.Module):
+    def forward(self, observed, speed):
+        speed = speed + 0.1
+        return torch.cat([speed, 0.0 * observed[:, :1]], 1), speed
+
+
+def test_a_recurrent_module_remembers_until_the_reset(onnx, tmp_path):
+    env = VehicleEnv(observation="goal_frame", action="goal_frame")
+    export_policy(Remembers(), tmp_path / "a.onnx", env, state=[(1,)])
+    planner, obs = load_planner(str(tmp_path / "a.onnx"))[1], start()
+    for speed in (0.1, 0.2):
+        np.testing.assert_allclose(np.linalg.norm(planner.plan(obs), axis=1), speed, rtol=1e-6)
+    planner.reset(np.arange(4))
+    np.testing.assert_allclose(np.linalg.norm(planner.plan(obs), axis=1), 0.1, rtol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def file_of_linear(onnx, tmp_path_factory):
+    file = tmp_path_factory.mktemp("linear") / "a.onnx"
+    env = VehicleEnv(observation="goal_frame", action="goal_frame", nearest=NEAREST)
+    export_policy(Linear(5 + 9 * NEAREST), file, env)
+    return file
+
+
+@pytest.fixture
+def exported(file_of_linear, tmp_path):
+    return Path(shutil.copy(file_of_linear, tmp_path))
+
+
+def with_metadata(onnx, file, text):
+    model = onnx.load(file)
+    del model.metadata_props[:]
+    if text is not None:
+        onnx.helper.set_model_props(model, {"crowdbench": text})
+    onnx.save(model, file)
+    return str(file)
+
+
+def test_a_file_without_metadata_asks_for_the_options_by_name(onnx, exported):
+    file = with_metadata(onnx, exported, None)
+    with pytest.raises(InputError, match="give --option observation=goal_frame --option action=goal_frame;"):
+        load_planner(file)
+    with pytest.raises(InputError, match="give --option action=goal_frame;"):
+        load_planner(file, {"observation": "goal_frame"})
+    options = {"observation": "goal_frame", "action": "goal_frame"}
+    with pytest.raises(InputError, match=r"does not fit the scenario.*Got: 95 Expected: 32"):
+        load_planner(file, options)[1].plan(start())
+    assert load_planner(file, {**options, "nearest": NEAREST})[1].plan(start()).shape == (4, 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[1", "cannot be read as an ONNX file: JSONDecodeError"),
+        ('{"observation": "radar", "action": "world"}', "observation is 'radar', but must be one of"),
+        ('{"observation": "flat", "action": 3}', "action is 3, but must be one of"),
+        ('{"observation": "flat", "action": "world", "dt": "long"}', "could not convert string to float: 'long'"),
+    ],
+)
+def test_wrong_metadata_get_one_sentence(onnx, exported, text, said):
+    with pytest.raises(InputError, match=said):
+        load_planner(with_metadata(onnx, exported, text))
+
+
+def test_a_broken_or_missing_file_gets_one_sentence(onnx, tmp_path):
+    (tmp_path / "a.onnx").write_text("network")
+    with pytest.raises(InputError, match="cannot be read as an ONNX file"):
+        load_planner(str(tmp_path / "a.onnx"))
+    with pytest.raises(InputError, match="No such file"):
+        load_planner(str(tmp_path / "b.onnx"))
+
+
+def test_the_file_and_the_code_that_reads_it_identify_a_policy(exported):
+    assert planner_files(str(exported), {}) == {"planner": {"a.onnx": sha256(exported)}}
+    assert planner_code(str(exported), {}) != planner_code("orca", {})
+
+
+def test_the_metadata_say_how_a_policy_was_trained(onnx, exported):
+    (entry,) = onnx.load(exported).metadata_props
+    view = {"observation": "goal_frame", "action": "goal_frame", "nearest": NEAREST}
+    trained = {"scenario": "circle_crossing_5", "dynamics": "holonomic", "dt": 0.25, "pedestrians": 5}
+    assert json.loads(entry.value) == view | trained
+
+
+def test_what_cannot_be_exported_gets_one_sentence(onnx, tmp_path):
+    env = VehicleEnv(observation="goal_frame", nearest=NEAREST)
+    with pytest.raises(InputError, match="env is a str"):
+        export_policy(Linear(3), tmp_path / "a.onnx", "env")
+    with pytest.raises(InputError, match="cannot be exported"):
+        export_policy(Linear(3), tmp_path / "a.onnx", env)
+    assert not (tmp_path / "a.onnx").exists()
