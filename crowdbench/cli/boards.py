@@ -58,7 +58,7 @@ def submit(
     """Make an entry of a leaderboard: check the planner, copy its files, run the public cases with the copy.
 
     Args:
-        planner: Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.
+        planner: Name of a planner, or a file of your own: ./mine.py, ./mine.py:factory or policy.onnx.
         board: The name of a board: one in the folder of boards, or one that ships.
         card: The card that says what the planner is. Its first author submits the entry.
         name: The name of the entry.

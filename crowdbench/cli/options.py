@@ -29,7 +29,7 @@ SHARED = {
     "`list predictors NAME` show them.",
     "overrides": "Change a key of the scenario, such as vehicle.visible=true. Repeatable.",
     "overwrite": "Replace the directory of an earlier run.",
-    "planner": "Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.",
+    "planner": "Name of a planner, or a file of your own: ./mine.py, ./mine.py:factory or policy.onnx.",
     "root": "The folder of boards and entries.",
     "scenario": "Name of a scenario, or a file of your own: ./mine.toml.",
     "threads": "Number of threads.",

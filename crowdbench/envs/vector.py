@@ -35,6 +35,10 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
     Observations, actions, rewards, terminations, truncations and infos of each world are those of a `VehicleEnv` with
     the same seed.
 
+    All worlds are simulated at once. `vectorization_mode="sync"` steps them one after the other: with 128 worlds this
+    takes about twice as long where observations are `flat`, and eight times as long elsewhere. With stable-baselines3,
+    `CrowdVecEnv` is as fast as this environment.
+
     Args:
         num_envs: Number of worlds.
         scenario: The name of a scenario, the path of its file, or a `Scenario`.

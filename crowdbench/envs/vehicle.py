@@ -19,6 +19,8 @@ from crowdbench.scenario.scenario import Scenario
 class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
     """The vehicle in one world of a scenario, `crowdbench/Vehicle-v0`.
 
+    `gymnasium.make("crowdbench:crowdbench/Vehicle-v0")` also works in a program that does not import crowdbench.
+
     - Observation: see `crowdbench.envs.views`.
     - Action: a velocity `(vx, vy)` in m/s. If it is faster than the vehicle's preferred speed, it is slowed down to it.
     - Reward: see `crowdbench.envs.rewards`.

@@ -38,6 +38,25 @@ def crowdbench(call):
     return run
 
 
+def test_a_model_that_holds_code_and_a_file_of_no_network_are_refused(crowdbench):
+    for name in ("model.zip", "model.pt", "model.pth", "broken.onnx"):
+        Path(name).write_text("network")
+    for name in ("./model.zip", "model.pt", "model.pth"):
+        for command in (["run", "--planner", name], ["check", name]):
+            status, _, errors = crowdbench(*command)
+            assert (status, len(errors)) == (1, 1)
+            assert "holds code, which crowdbench does not run" in errors[0]
+            assert "crowdbench.export_policy(" in errors[0]
+    for option in ("--pedestrians", "--metric"):
+        status, _, errors = crowdbench("run", "--planner", "orca", option, "model.zip")
+        assert (status, len(errors)) == (1, 1)
+        assert "model.zip is not a Python file" in errors[0]
+    pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed: pip install 'crowdbench[onnx]'")
+    status, _, errors = crowdbench("run", "--planner", "broken.onnx")
+    assert (status, len(errors)) == (1, 1)
+    assert "broken.onnx cannot be read as an ONNX file" in errors[0]
+
+
 @pytest.mark.parametrize(
     ("value", "right"),
     [

@@ -98,6 +98,13 @@ def test_a_model_with_code_is_answered_with_the_line_that_exports_it():
         load_planner("a.pt")
 
 
+def test_the_options_of_a_policy_are_listed(call):
+    listed = call("list", "planners", "a.onnx").stdout
+    assert listed.startswith("Drives with the policy in an ONNX file")
+    for option in ("observation", "action", "nearest", "dynamics"):
+        assert f"\n{option} " in listed
+
+
 def test_without_onnxruntime_a_sentence_says_how_it_is_installed(monkeypatch):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(InputError, match=r"pip install 'crowdbench\[onnx\]'"):
