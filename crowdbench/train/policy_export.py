@@ -59,7 +59,6 @@ def export_policy(model: Any, file: str | Path, env: Any, state: Sequence[tuple[
     metadata |= {"scenario": scenario.name, "dynamics": scenario.rules.dynamics.name}
     metadata |= {"dt": scenario.rules.dt, "pedestrians": scenario.max_agents - 1}
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it warns that torchvision is missing
-    device, is_training = next((array.device for array in module.parameters()), torch.device("cpu")), module.training
     has_statistics = (layer for layer in layers if getattr(layer, "obs_rms", None) and getattr(layer, "norm_obs", True))
     normaliser = next(has_statistics, None)
     names: Any = {"input_names": list(shapes)}
@@ -67,13 +66,15 @@ def export_policy(model: Any, file: str | Path, env: Any, state: Sequence[tuple[
     axes = (tuple({0: torch.export.Dim("world")} for _ in shapes),)
     with warnings.catch_warnings(), plugin_errors("the policy cannot be exported (is crowdbench[onnx] installed?):"):
         warnings.simplefilter("ignore")  # the exporter's own deprecations
+        is_training = module.training
+        device = next((part.device for part in module.parameters()), torch.device("cpu"))
         network = _Normalised(module, list(parts), normaliser, device).eval()
         example = tuple(torch.zeros(EXAMPLES, *shape, device=device) for shape in shapes.values())
         network(*example)  # whose errors are shorter than those of the exporter
         program: Any = torch.onnx.export(network, example, dynamic_shapes=axes, dynamo=True, verbose=False, **names)
         program.model.metadata_props[METADATA] = json.dumps(metadata)
         program.save(file, external_data=False)
-    module.train(is_training)
+        module.train(is_training)
 
 
 def _layers(env: Any) -> Iterator[Any]:

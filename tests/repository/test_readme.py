@@ -6,11 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import drive, failed_checks
+from torch import nn
 
+from crowdbench import export_policy
 from crowdbench.catalog import PEDESTRIANS, load_planner, load_scenario
 from crowdbench.check.contract import Subject
 from crowdbench.check.subjects import PLANNER, POLICY, SCENARIO
 from crowdbench.cli import app
+from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.plugins.options import read_options
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts import LAYOUTS
@@ -87,6 +90,13 @@ def test_the_reward_of_the_docs_pays(tmp_path):
     assert difference > 0.0
 
 
+def test_the_function_of_the_docs_drives():
+    (text,) = [block for block in blocks("docs/plugins.md") if "PolicyPlanner(" in block]
+    names = {}
+    exec(text, names)
+    assert names["result"].metrics["timeout_rate"].mean == 0.0  # it drives to the goal, or into somebody
+
+
 COMMANDS = [
     command
     for page in ("README.md", "docs/commands.md")
@@ -98,6 +108,11 @@ COMMANDS = [
 def test_the_runs_that_are_shown_run(command, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(blocks("README.md")[0])
+    if "policy.onnx" in command:
+        for package in ("onnxruntime", "onnxscript"):
+            pytest.importorskip(package, reason=f"{package} is not installed: pip install 'crowdbench[onnx]'")
+        env = VehicleEnv()
+        export_policy(nn.Linear(*env.observation_space.shape, 2), "policy.onnx", env)
     app([*command.split(), "--cases", "val:3", "--record", "none"], standalone_mode=False)
     assert "success_rate" in capsys.readouterr().out
     assert len(list(Path("runs").glob("*/episodes.csv"))) == 1

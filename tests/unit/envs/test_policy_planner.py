@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from gymnasium.wrappers import RescaleAction
 from helpers import drive
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.vec_env import VecNormalize
 from torch import nn
 
 from crowdbench import InputError, Planner, PolicyPlanner, export_policy, load_planner, load_scenario
@@ -145,15 +148,10 @@ def randomised(model):
 
 
 def make_ppo():
-    from stable_baselines3 import PPO
-
     return randomised(PPO("MultiInputPolicy", env := make(), device="cpu")), env, ()
 
 
 def make_normalised():
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.vec_env import VecNormalize
-
     env = VecNormalize(make(observation="goal_frame"), clip_obs=1.5)
     env.reset()
     for _ in range(5):
@@ -162,15 +160,11 @@ def make_normalised():
 
 
 def make_squashed():
-    from stable_baselines3 import PPO
-
     env = make(observation="flat", action="world")
     return randomised(PPO("MlpPolicy", env, use_sde=True, device="cpu", policy_kwargs={"squash_output": True})), env, ()
 
 
 def make_sac():
-    from stable_baselines3 import SAC
-
     env = make(observation="goal_frame", action="native", scenario=load_scenario("circle_crossing_5", UNICYCLE))
     return randomised(SAC("MlpPolicy", env, device="cpu", buffer_size=10)), env, ()
 
@@ -219,7 +213,6 @@ class Both(Planner):
 
 @pytest.mark.parametrize("make_model", MODELS)
 def test_an_exported_model_drives_as_the_model_does_and_alone_as_in_a_batch(make_model, onnx, tmp_path):
-    pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
     model, env, state = make_model()
     export_policy(model, tmp_path / "a.onnx", env)
     overrides = {"vehicle__dynamics": "unicycle"} if make_model is make_sac else {}
@@ -342,6 +335,10 @@ def test_what_cannot_be_exported_gets_one_sentence(onnx, tmp_path):
     env = VehicleEnv(observation="goal_frame", nearest=NEAREST)
     with pytest.raises(InputError, match="env is a str"):
         export_policy(Linear(3), tmp_path / "a.onnx", "env")
-    with pytest.raises(InputError, match="cannot be exported"):
-        export_policy(Linear(3), tmp_path / "a.onnx", env)
+    for model in (Linear(3), "model"):
+        with pytest.raises(InputError, match="cannot be exported"):
+            export_policy(model, tmp_path / "a.onnx", env)
+    scaled = RescaleAction(VehicleEnv(scenario="unicycle_10", action="native"), -1, 1)
+    with pytest.raises(InputError, match="wrappers that change actions are not exported"):
+        export_policy(PPO("MlpPolicy", scaled, device="cpu"), tmp_path / "a.onnx", scaled)
     assert not (tmp_path / "a.onnx").exists()
