@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,7 @@ from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, Grid, format_tables, plain
 
 if TYPE_CHECKING:
+    from crowdbench.metrics.info import Metric
     from crowdbench.runs.results import Episodes
     from crowdbench.runs.store import RunResult
     from crowdbench.scenario.scenario import Scenario
@@ -142,7 +144,12 @@ def score(
         layout: With --replay: the file of a layout of your own that the run had, ./mine.py.
     """
     if replay:
-        _replay(recording, metric, pedestrians, layout, data, as_json)
+        from crowdbench.metrics.load import load_metrics
+        from crowdbench.runs.store import RunResult
+
+        announce_compilation()
+        run = RunResult.read_unchecked(recording)
+        _replay(run, _load_scenario(run, pedestrians, layout, data), load_metrics(metric or []), as_json)
         return
     for flag, value, recorded in (
         ("--layout", layout, "where everybody started"),
@@ -192,25 +199,12 @@ def _episodes_table(cases: int, episodes: Episodes) -> Grid:
     return Grid(title, header, rows, align="rl".ljust(len(header), "r"))
 
 
-def _replay(
-    directory: Path,
-    metrics: list[str] | None,
-    pedestrians: list[str] | None,
-    layout: str | None,
-    data: Path | None,
-    as_json: bool,
-) -> None:
+def _replay(run: RunResult, scenario: Scenario, metrics: Mapping[str, Metric], as_json: bool) -> None:
     """Print what a replay finds, and exit with 1 if anything differs."""
-    from crowdbench.metrics.load import load_metrics
     from crowdbench.runs.replay import replay
-    from crowdbench.runs.store import RunResult
 
-    announce_compilation()
-    measured = load_metrics(metrics or [])
-    run = RunResult.read_unchecked(directory)
-    scenario = _load_scenario(run, pedestrians, layout, data)
     with progress(len(run.commands.case)) as report:
-        result = replay(run, scenario, measured, report)
+        result = replay(run, scenario, metrics, report)
     print(json.dumps(result.to_json(), indent=2) if as_json else result)
     if result.differences:
         sys.exit(1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -83,7 +83,6 @@ def run(
         refuse_other_options(context)
         run_board(board, planner, option or [], cases, data, out, as_json)
         return
-    from crowdbench.runs.result_file import read_result
     from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
 
@@ -106,7 +105,7 @@ def run(
     loaded, directory = make_one_run(spec, out, shard, overwrite, (threads or 1) if on_ray else None)
     changes = "".join(f", {key}={value}" for key, value in spec.changes.items())
     title = f"{loaded.label} on {loaded.scenario.name}{changes}"
-    print_result(title, read_result(directory), loaded.metrics, directory, as_json, all_metrics)
+    print_result(title, directory, loaded.metrics, as_json, all_metrics)
 
 
 def make_one_run(
@@ -189,33 +188,27 @@ def merge(
         if not is_whole:
             say("crowdbench: parts are missing: what is merged ends before the first of them")
     result = merge_runs(runs, out, overwrite, interrupted=not is_whole)
-    print_result(f"{result_label(result)} on {result['scenario']['name']}", result, metrics, out, as_json, all_metrics)
+    print_result(f"{result_label(result)} on {result['scenario']['name']}", out, metrics, as_json, all_metrics)
 
 
-def print_result(
-    title: str,
-    result: Mapping[str, Any],
-    metrics: Mapping[str, Metric],
-    directory: Path,
-    as_json: bool,
-    all_metrics: bool,
-) -> None:
+def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_json: bool, all_metrics: bool) -> None:
     """Print the table of a run, how to see its failures, and where its files are, or its result as JSON.
 
     Args:
         title: The title of the table.
-        result: The run's `result.json`.
+        directory: Where the run's files are.
         metrics: The metrics that it has, by name.
-        directory: Where its files are.
         as_json: Whether to print JSON.
         all_metrics: Whether all metrics are printed.
     """
-    if as_json:
-        print(json.dumps(result, indent=2))
-        return
+    from crowdbench.runs.result_file import read_result
     from crowdbench.runs.results import read_estimate
     from crowdbench.runs.table import metric_grid
 
+    result = read_result(directory)
+    if as_json:
+        print(json.dumps(result, indent=2))
+        return
     title = f"{title}, cases {result['run']['cases']}"
     estimates = {name: read_estimate(table) for name, table in result["metrics"].items()}
     print_table(metric_grid(title, estimates, result["rates"], metrics, all_metrics))

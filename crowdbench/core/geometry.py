@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from crowdbench.utils.compiled import njit
 
@@ -143,6 +143,15 @@ def pad_points(points: Sequence[Any]) -> Float[np.ndarray, "row point 2"]:
     padded = np.full((len(points), max(map(len, points), default=0), 2), np.nan)
     for row, each in zip(padded, points, strict=True):
         row[: len(each)] = each
+    return padded
+
+
+def pad_arrays(arrays: Sequence[np.ndarray], fill: Any, rows: int | None = None) -> Shaped[np.ndarray, "array row ..."]:
+    """Return arrays of different sizes in one, each with as many rows as the longest or with `rows`, padded."""
+    shape = np.max([array.shape for array in arrays], axis=0)
+    padded = np.full((len(arrays), shape[0] if rows is None else rows, *shape[1:]), fill)
+    for row, array in zip(padded, arrays, strict=True):
+        row[tuple(map(slice, array.shape))] = array
     return padded
 
 

@@ -26,7 +26,6 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 from gymnasium.spaces import Box
-from jaxtyping import Float
 
 from crowdbench.core.dynamics import SPEED_TOLERANCE, State
 from crowdbench.core.rng import MOST_NORMAL
@@ -35,6 +34,7 @@ from crowdbench.envs.observations import AGENT_FEATURES, flatten, flatten_vehicl
 from crowdbench.networks.features import (
     PEDESTRIAN_FEATURES,
     VEHICLE_FEATURES,
+    Vectors,
     direction,
     features,
     histories,
@@ -116,12 +116,7 @@ class View:
             return flatten_vehicle(worlds)
         return encode(observe(worlds), self.observation, self.nearest)
 
-    def commands(
-        self,
-        position: Float[np.ndarray, "world 2"],
-        goal: Float[np.ndarray, "world 2"],
-        action: Float[np.ndarray, "world 2"],
-    ) -> Float[np.ndarray, "world 2"]:
+    def commands(self, position: Vectors, goal: Vectors, action: Vectors) -> Vectors:
         """The velocities in m/s, along the axes of the world, that actions ask for; native actions as they are.
 
         Args:
@@ -131,7 +126,7 @@ class View:
         """
         return to_world(action, direction(position, goal)) if self.action == "goal_frame" else action
 
-    def to_command(self, worlds: World, velocity: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
+    def to_command(self, worlds: World, velocity: Vectors) -> Vectors:
         """The commands that drive the vehicles of worlds at velocities in m/s; native commands as they are."""
         if self.action == "native":
             return velocity

@@ -10,6 +10,9 @@ from jaxtyping import Float
 from crowdbench.core.types import Trace
 from crowdbench.drawing import LIGHT, Disc, Shape, Text
 
+Point = Float[np.ndarray, "2"]
+Points = Float[np.ndarray, "point 2"]
+
 SECONDS = 2.0
 """The time between two marks."""
 
@@ -69,13 +72,7 @@ def _spread(position: Float[np.ndarray, "time agent 2"], apart: float) -> Float[
     return points[np.isfinite(points[:, 0])]
 
 
-def _free_place(
-    mark: Float[np.ndarray, "2"],
-    radius: float,
-    half: Float[np.ndarray, "2"],
-    taken: Float[np.ndarray, "point 2"],
-    bounds: Float[np.ndarray, "2 2"],
-) -> Float[np.ndarray, "2"]:
+def _free_place(mark: Point, radius: float, half: Point, taken: Points, bounds: Float[np.ndarray, "2 2"]) -> Point:
     """Where a text is centred that is `half` as wide and high, and covers the fewest points that are taken."""
     shares = np.where(DIRECTIONS.all(axis=1), 0.8, 1.0)[:, None]
     positions = mark + 1.2 * radius * AWAY + half * np.sign(DIRECTIONS) * shares

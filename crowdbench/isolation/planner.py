@@ -25,7 +25,7 @@ from crowdbench.isolation.protocol import (
     read_commands,
     to_json,
 )
-from crowdbench.planners.base import OneStepOnly, Planner
+from crowdbench.planners.base import AheadPlanner, OneStepOnly
 from crowdbench.planners.contract import Fault
 from crowdbench.planners.driver import FaultyAnswer, TimeLimit
 from crowdbench.plugins.files import read_files
@@ -57,7 +57,7 @@ LIMITS = Limits()
 """The limits where no others are given."""
 
 
-class IsolatedPlanner(Planner):
+class IsolatedPlanner(AheadPlanner):
     """A planner in a process of its own. What it logs is not recorded.
 
     Its code is never loaded by the process that makes this, which it could change.
@@ -129,10 +129,6 @@ class IsolatedPlanner(Planner):
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         """See `Planner`."""
         self._ask(bytes, "in reset()", self.limits.decision, Kind.RESET, np.int64(len(rows)).tobytes())
-
-    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """See `Planner`."""
-        return self.plan_ahead(obs, 1)[:, 0]
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """See `Planner`."""

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import abc
+import dataclasses
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.core.types import Observation
+from crowdbench.predict.base import Predictor
 
 
 class OneStepOnly(NotImplementedError):
@@ -83,6 +87,31 @@ class Planner(abc.ABC):
         Args:
             rows: The rows that `Observation.row` will have: 0, 1, 2, ...
         """
+
+
+class AheadPlanner(Planner):
+    """Plans several steps in the same way as one, whose command is the first of a plan."""
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        return self.plan_ahead(obs, 1)[:, 0]
+
+
+@dataclass(eq=False)
+class PredictingPlanner(Planner):
+    """Plans with predicted pedestrians, and gives commands of the vehicle's dynamics.
+
+    Attributes:
+        predictor: Predicts the pedestrians.
+    """
+
+    predictor: Predictor
+
+    native = True
+
+    def for_held_out_scene(self, scene: str) -> Self:
+        """See `Planner`: with the predictor that was not trained on the scene."""
+        return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
 
 
 class OneWorldPlanner(Planner):

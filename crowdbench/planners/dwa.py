@@ -9,11 +9,10 @@ from jaxtyping import Float
 
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Observation, Outcome
-from crowdbench.planners.base import Planner
+from crowdbench.planners.base import PredictingPlanner
 from crowdbench.planners.filtered import radius_inflation
 from crowdbench.planners.scene import Commands, Velocities, scene_of
 from crowdbench.planners.trials import time_left, try_sequences
-from crowdbench.predict import Predictor
 from crowdbench.predict.base import predict
 from crowdbench.utils.errors import require, require_count, require_not_negative
 
@@ -53,14 +52,13 @@ OBJECTIVE = Objective()
 
 
 @dataclasses.dataclass(eq=False)
-class DWAPlanner(Planner):
+class DWAPlanner(PredictingPlanner):
     """Takes the best of the commands that the vehicle can reach in a step and could keep.
 
     People move on as predicted. A command is admissible where the vehicle, if it keeps it for a step, can still stop
     before it would touch somebody or a wall. Where no command is, it brakes as hard as it can.
 
     Attributes:
-        predictor: Predicts the pedestrians.
         objective: What makes a command good.
         horizon: Number of steps for which a command is kept [1].
 
@@ -68,19 +66,12 @@ class DWAPlanner(Planner):
         InputError: `horizon` is not a whole number above 0.
     """
 
-    predictor: Predictor
     objective: Objective = OBJECTIVE
     horizon: int = 14
-
-    native = True
 
     def __post_init__(self) -> None:
         require_count("horizon", self.horizon)
         self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
-
-    def for_held_out_scene(self, scene: str) -> DWAPlanner:
-        """See `Planner`."""
-        return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
 
     def plan(self, obs: Observation) -> Velocities:
         """See `Planner`."""

@@ -9,8 +9,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.core.types import HISTORY, Observation, Pedestrians
-from crowdbench.planners.base import Planner
-from crowdbench.planners.scene import Sequence, Velocities
+from crowdbench.planners.base import AheadPlanner, Planner
+from crowdbench.planners.scene import Sequence
+
+Means = Float[np.ndarray, "world pedestrian 4"]
+Covariances = Float[np.ndarray, "world pedestrian 3"]
+Estimates = tuple[Means, Covariances]
 
 ACCELERATION = 0.1
 """How people change their velocities: spectral density of white acceleration, in m^2/s^3."""
@@ -88,11 +92,7 @@ class KalmanFilter:
         return dataclasses.replace(obs, pedestrians=_estimated(obs, mean, covariance, age, radius))
 
 
-def _move_on(
-    mean: Float[np.ndarray, "world pedestrian 4"],
-    covariance: Float[np.ndarray, "world pedestrian 3"],
-    time: Float[np.ndarray, "world #pedestrian"],
-) -> tuple[np.ndarray, np.ndarray]:
+def _move_on(mean: Means, covariance: Covariances, time: Float[np.ndarray, "world #pedestrian"]) -> Estimates:
     """Estimates after some seconds at constant velocity, with white acceleration."""
     p, c, v = np.moveaxis(covariance, -1, 0)
     q = ACCELERATION * time
@@ -101,12 +101,7 @@ def _move_on(
     return np.concatenate([position, mean[..., 2:]], axis=-1), np.stack(later, axis=-1)
 
 
-def _measure(
-    mean: Float[np.ndarray, "world pedestrian 4"],
-    covariance: Float[np.ndarray, "world pedestrian 3"],
-    values: Float[np.ndarray, "world pedestrian 4"],
-    variance: Float[np.ndarray, "2"],
-) -> tuple[np.ndarray, np.ndarray]:
+def _measure(mean: Means, covariance: Covariances, values: Means, variance: Float[np.ndarray, "2"]) -> Estimates:
     """Estimates after a measurement of position and velocity, whose errors have these variances."""
     p, c, v = np.moveaxis(covariance, -1, 0)
     a, b = p + variance[0], v + variance[1]
@@ -155,7 +150,7 @@ def radius_inflation(obs: Observation, steps: int, sigma_factor: float) -> Radiu
     return sigma_factor * np.hypot(position, obs.dt * np.arange(1, steps + 1)[:, None] * velocity)
 
 
-class FilteredPlanner(Planner):
+class FilteredPlanner(AheadPlanner):
     """A planner that is shown what a filter makes of observations.
 
     Args:
@@ -176,10 +171,6 @@ class FilteredPlanner(Planner):
         """See `Planner`."""
         self.filter.reset(rows)
         self.planner.reset(rows)
-
-    def plan(self, obs: Observation) -> Velocities:
-        """See `Planner`."""
-        return self.plan_ahead(obs, 1)[:, 0]
 
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`. Until the first measurements can have arrived, the vehicle stands."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -18,12 +17,12 @@ from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.threads import CHUNK, in_chunks
 from crowdbench.networks.value import ValueNetwork, evaluate
 from crowdbench.networks.weights import digest
-from crowdbench.planners.base import Planner
+from crowdbench.planners.base import AheadPlanner, PredictingPlanner
 from crowdbench.planners.kce import Limits, Shaping
 from crowdbench.planners.scene import Commands, Scene, Sequence, Velocities, mean_future, scene_of
 from crowdbench.planners.trials import propagate_vehicle, try_commands
-from crowdbench.predict import Prediction, Predictor
-from crowdbench.predict.base import validate_prediction
+from crowdbench.predict import Prediction
+from crowdbench.predict.base import predict
 from crowdbench.utils.errors import require_count
 
 Actions = Callable[[Float[np.ndarray, "world"]], Commands]
@@ -57,13 +56,12 @@ class ScoredActions(NamedTuple):
 
 
 @dataclass(eq=False)
-class ValuePlanner(Planner):
+class ValuePlanner(PredictingPlanner, AheadPlanner):
     """Takes the command with the largest reward of the next step plus discounted value of the state after it.
 
     Its methods stand in the order in which a decision calls them.
 
     Attributes:
-        predictor: Predicts the pedestrians.
         value: The value network.
         actions: Makes the commands to choose from, in m/s, from preferred speeds in m/s. A vehicle on wheels has the
             commands of its dynamics instead.
@@ -81,7 +79,6 @@ class ValuePlanner(Planner):
         InputError: `shortlist` is not a whole number above 0.
     """
 
-    predictor: Predictor
     value: ValueNetwork
     actions: Actions = speeds_and_headings
     reward: Reward = reward
@@ -90,8 +87,6 @@ class ValuePlanner(Planner):
     explore: Explore | None = None
     shortlist: int | None = None
 
-    native = True
-
     def __post_init__(self) -> None:
         if self.shortlist is not None:
             require_count("shortlist", self.shortlist)
@@ -99,25 +94,13 @@ class ValuePlanner(Planner):
         self.privileged, self.trained_dt = self.predictor.privileged, self.value.trained_dt
         self.facts = {"network": self.value.name, "weights": digest(self.value), **self.predictor.facts}
 
-    def for_held_out_scene(self, scene: str) -> ValuePlanner:
-        """See `Planner`: with the predictor that was not trained on the scene."""
-        return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
-
-    def plan(self, obs: Observation) -> Velocities:
-        """See `Planner`."""
-        return self.plan_ahead(obs, 1)[:, 0]
-
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`. The crowd is predicted once for all steps; the vehicle follows its earlier commands."""
-        prediction = self.predict(obs, steps)
+        prediction = predict(self.predictor, obs, steps)
         commands, first = self.follow(obs, prediction)
         if obs.logs is not None:
             self._log(obs, prediction, first)
         return commands
-
-    def predict(self, obs: Observation, steps: int) -> Prediction:
-        """The pedestrians' next steps. Raises InputError where the predictor breaks its contract."""
-        return validate_prediction(self.predictor.predict(obs, steps), type(self.predictor).__name__, obs, steps)
 
     def follow(self, obs: Observation, prediction: Prediction) -> tuple[Sequence, ScoredActions]:
         """The commands for the steps of a prediction, each decided where the earlier ones have led.
@@ -227,7 +210,7 @@ class ValuePlanner(Planner):
         """Log the predicted crowd, all commands, the value of the state after the chosen one, and the attention."""
         velocities = scene_of(obs, prediction, 0, obs.vehicle).velocities(scored.commands)
         best = np.arange(len(obs)), scored.values.argmax(axis=1)
-        shown = prediction if prediction.position.shape[2] >= SHOWN else self.predict(obs, SHOWN)
+        shown = prediction if prediction.position.shape[2] >= SHOWN else predict(self.predictor, obs, SHOWN)
         obs.log("commands", np.dstack([velocities, scored.values]))
         obs.log("predicted", shown.position)
         obs.log("value", scored.later[best])

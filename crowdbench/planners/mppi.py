@@ -11,13 +11,13 @@ from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.networks.threads import CHUNK, in_chunks
-from crowdbench.planners.base import Planner
+from crowdbench.planners.base import AheadPlanner, PredictingPlanner
 from crowdbench.planners.filtered import NO_INFLATION, RadiusInflation, radius_inflation
 from crowdbench.planners.hidden import hidden_scene
 from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
 from crowdbench.planners.trials import SequenceResult, limit_commands, propagate_vehicle, time_left, try_sequences
-from crowdbench.predict import Prediction, Predictor
+from crowdbench.predict import Prediction
 from crowdbench.predict.base import predict
 from crowdbench.utils.errors import is_number, require, require_count, require_not_negative, require_positive
 
@@ -102,13 +102,12 @@ SEARCH, WEIGHTS = Search(), Weights()
 
 
 @dataclasses.dataclass(eq=False)
-class MPPIPlanner(Planner):
+class MPPIPlanner(PredictingPlanner, AheadPlanner):
     """Drives the cost-weighted mean of sampled command sequences, or the best of them where that costs less.
 
     Each decision starts from the rest of the last plan, the way straight to the goal, and constant commands.
 
     Attributes:
-        predictor: Predicts the pedestrians.
         search: How sequences are sampled.
         weights: What they cost.
         horizon: Number of steps of a sequence [1].
@@ -118,13 +117,10 @@ class MPPIPlanner(Planner):
         InputError: `horizon` is not a whole number above 0, or `worst` is no share.
     """
 
-    predictor: Predictor
     search: Search = SEARCH
     weights: Weights = WEIGHTS
     horizon: int = 18
     worst: float = 1.0
-
-    native = True
 
     def __post_init__(self) -> None:
         require_count("horizon", self.horizon)
@@ -132,17 +128,9 @@ class MPPIPlanner(Planner):
         self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
         self.last = LastPlans(self.horizon)
 
-    def for_held_out_scene(self, scene: str) -> MPPIPlanner:
-        """See `Planner`."""
-        return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
-
     def reset(self, rows: np.ndarray) -> None:
         """See `Planner`."""
         self.last.reset(rows)
-
-    def plan(self, obs: Observation) -> Velocities:
-        """See `Planner`."""
-        return self.plan_ahead(obs, 1)[:, 0]
 
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`."""

@@ -13,12 +13,13 @@ from crowdbench.core.types import Observation, Outcome
 from crowdbench.networks.joint_state import joint_states
 from crowdbench.networks.threads import CHUNK, in_chunks
 from crowdbench.networks.value import evaluate
-from crowdbench.planners.base import Planner
+from crowdbench.planners.base import AheadPlanner
 from crowdbench.planners.filtered import NO_INFLATION
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
+from crowdbench.planners.scene import Scene, Sequence, Sequences, scene_of
 from crowdbench.planners.trials import limit_commands, route_from, try_sequences
 from crowdbench.predict import Prediction
+from crowdbench.predict.base import predict
 from crowdbench.utils.errors import require, require_count, require_not_negative, require_positive
 
 Noise = Float[np.ndarray, "world round sample time 2"]
@@ -58,7 +59,7 @@ SEARCH = CrossEntropy()
 
 
 @dataclasses.dataclass(eq=False)
-class SequencePlanner(Planner):
+class SequencePlanner(AheadPlanner):
     """Takes the sequence of commands with the largest discounted reward and value at its end, over all futures.
 
     The first guess is what the one-step lookahead would do, step by step, in the mean of the futures. The first
@@ -85,21 +86,16 @@ class SequencePlanner(Planner):
     def __post_init__(self) -> None:
         require_count("horizon", self.horizon)
         require_not_negative("margin", self.margin)
-        self.privileged = self.lookahead.privileged
-        self.facts = self.lookahead.facts
+        self.privileged, self.facts = self.lookahead.privileged, self.lookahead.facts
 
     def for_held_out_scene(self, scene: str) -> SequencePlanner:
         """See `Planner`."""
         return dataclasses.replace(self, lookahead=self.lookahead.for_held_out_scene(scene))
 
-    def plan(self, obs: Observation) -> Velocities:
-        """See `Planner`."""
-        return self.plan_ahead(obs, 1)[:, 0]
-
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`."""
         horizon = max(steps, self.horizon)
-        prediction = self.lookahead.predict(obs, horizon)
+        prediction = predict(self.lookahead.predictor, obs, horizon)
         guess, _ = self.lookahead.follow(obs, _mean(prediction))
         noise = self._noise(obs, horizon)
         best, path = np.empty((2, len(obs), horizon, 2))

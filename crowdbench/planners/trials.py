@@ -40,7 +40,7 @@ def route_from(
     """Return goal and route of the vehicle of each world at several positions, and the waypoint that is next there."""
     fields = vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius
     goal, route, waypoint, radius = (np.repeat(values[:, None], position.shape[1], axis=1) for values in fields)
-    return goal, route, next_waypoints(position, goal, route, waypoint, radius, obstacles)
+    return goal, route, next_waypoints(position, goal, route, waypoint, radius, obstacles)[0]
 
 
 _NOT_LAST = np.bool_(False)

@@ -20,6 +20,7 @@ import pyarrow as pa
 from jaxtyping import Float, Shaped
 from rerun.chunk import Chunk, RrdReader, StoreEntry
 
+from crowdbench.core.geometry import pad_arrays, pad_points
 from crowdbench.core.types import Rules, Trace
 from crowdbench.record import rrd
 from crowdbench.utils.errors import InputError
@@ -237,18 +238,17 @@ def _to_trace(path: Path, episodes: Sequence[Episode]) -> tuple[Trace, dict[str,
     episodes = sorted(episodes, key=lambda episode: int(episode["case_outcome_steps"][0]))
     case, outcome, steps = np.array([episode["case_outcome_steps"] for episode in episodes]).T.copy()
     rules = Rules.of_table(facts["rules"])
-    agents = max(len(episode["preferred_speed"]) for episode in episodes)
     arrays: dict[str, Any] = {}
     for name, quantity in QUANTITIES.items():
         if name not in episodes[0]:
             continue
         times = rules.max_steps if quantity.is_of_steps else rules.max_steps + 1
         in_time = [_in_time(episode, name, times) for episode in episodes]
-        padded = _pad(in_time, quantity.padding, (times, len(range(agents)[quantity.of]), *quantity.shape))
+        padded = pad_arrays(in_time, quantity.padding, times)
         arrays[name] = padded[:, :, 0] if quantity.of == VEHICLE else padded
-    arrays["preferred_speed"] = _pad([episode["preferred_speed"] for episode in episodes], 1.0)
-    arrays["route"] = _pad([episode.get("route", np.empty(0)).reshape(-1, 2) for episode in episodes], np.nan)
-    arrays["obstacles"] = _pad([_obstacles(episode) for episode in episodes], np.nan)
+    arrays["preferred_speed"] = pad_arrays([episode["preferred_speed"] for episode in episodes], 1.0)
+    arrays["route"] = pad_points([episode.get("route", np.empty(0)).reshape(-1, 2) for episode in episodes])
+    arrays["obstacles"] = pad_arrays([_obstacles(episode) for episode in episodes], np.nan)
     if "block" in episodes[0]:
         arrays["block"] = np.array([int(episode["block"][0]) for episode in episodes])
     return Trace(split=facts["split"], case=case, outcome=outcome, steps=steps, rules=rules, **arrays), facts
@@ -269,14 +269,3 @@ def _obstacles(episode: Episode) -> Float[np.ndarray, "polygon corner 2"]:
     if "obstacles" not in episode:
         return np.empty((0, 0, 2))
     return episode["obstacles"].reshape(-1, int(episode["corners"][0]), 2)
-
-
-def _pad(
-    arrays: Sequence[np.ndarray], padding: float, shape: tuple[int, ...] | None = None
-) -> Shaped[np.ndarray, "row *shape"]:
-    """Arrays in the corners of larger ones, in rows; these are of the given shape, or just large enough."""
-    padded = np.full((len(arrays), *(shape or np.max([array.shape for array in arrays], axis=0))), padding)
-    for row, values in enumerate(arrays):
-        corner: tuple[int | slice, ...] = (row, *(slice(n) for n in values.shape))
-        padded[corner] = values
-    return padded

@@ -29,6 +29,9 @@ from crowdbench.sim.simulator import (
 )
 from crowdbench.utils.errors import InputError
 
+Rows = Int[np.ndarray, "running"]
+Velocities = Float[np.ndarray, "running 2"]
+
 LOG_MEMORY = 256e6
 """Bytes that the logs of a batch may take, unless it is of one world."""
 
@@ -150,7 +153,7 @@ class _Shares:
         self.progress = progress
         self.share = np.zeros(worlds)
 
-    def add(self, rows: Int[np.ndarray, "running"], after: World, running: Bool[np.ndarray, "running"]) -> None:
+    def add(self, rows: Rows, after: World, running: Bool[np.ndarray, "running"]) -> None:
         """Tell what a step added.
 
         Args:
@@ -201,7 +204,7 @@ class _TraceBuilder:
             self.arrays["noticed"] = np.zeros((worlds, steps + 1, agents - 1), bool)
         self._add_state(np.arange(worlds), 0, start)
 
-    def _add_state(self, rows: Int[np.ndarray, "running"], t: int, world: World) -> None:
+    def _add_state(self, rows: Rows, t: int, world: World) -> None:
         """Keep state `t` of the worlds in these rows, and what the vehicles see in it."""
         for name in self.names_of_state:
             self.arrays[name][rows, t] = getattr(world, name)
@@ -212,14 +215,7 @@ class _TraceBuilder:
         if "noticed" in self.arrays:
             self.arrays["noticed"][rows, t] = world.memory[ATTENTION]["remaining"] > 0.0
 
-    def add(
-        self,
-        rows: Int[np.ndarray, "running"],
-        t: int,
-        command: Float[np.ndarray, "running 2"],
-        after: World,
-        check: StepCheck,
-    ) -> None:
+    def add(self, rows: Rows, t: int, command: Velocities, after: World, check: StepCheck) -> None:
         """Keep a step.
 
         Args:
@@ -235,7 +231,7 @@ class _TraceBuilder:
         self.outcome[rows] = check.outcome
         self.steps[rows] = t + 1
 
-    def log(self, rows: Int[np.ndarray, "running"], t: int, logs: Mapping[str, np.ndarray]) -> None:
+    def log(self, rows: Rows, t: int, logs: Mapping[str, np.ndarray]) -> None:
         """Keep what the planner logs.
 
         Args:

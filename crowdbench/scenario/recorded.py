@@ -25,6 +25,8 @@ from crowdbench.sim.presence import come_and_go
 from crowdbench.sim.simulator import PostStepRule
 from crowdbench.utils.errors import InputError
 
+Tracked = Float[np.ndarray, "time pedestrian 2"]
+
 SLOWEST = 1e-3
 """Smallest preferred speed in m/s, that of people who stood."""
 
@@ -62,14 +64,7 @@ class FreeSpace:
         around = cells[:, None] + [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
         self.free[around[..., 0], around[..., 1]] = True
 
-    def draw(
-        self,
-        stream: np.random.Generator,
-        distance: float,
-        radius: PerAgent,
-        track: Float[np.ndarray, "time pedestrian 2"],
-        dt: float,
-    ) -> Way:
+    def draw(self, stream: np.random.Generator, distance: float, radius: PerAgent, track: Tracked, dt: float) -> Way:
         """Draw start and goal of the vehicle, with free space on the straight way.
 
         Args:

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Float, Int
 
 from crowdbench.core import rng
 from crowdbench.core.dynamics import Holonomic
+from crowdbench.core.geometry import pad_arrays
 from crowdbench.core.types import HISTORY, Rules, World
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.certified import CertificateStatus
@@ -116,10 +117,10 @@ class Scenario:
         starts = [self.starts.start(case, self.crowd, self.vehicle, self.rules) for case in drawn]
         traits, placements = [start.traits for start in starts], [start.placement for start in starts]
         worlds, agents = len(cases), self.max_agents
-        position = _pad([placement.start for placement in placements], 0.0, agents)
-        goal = _pad([placement.goal for placement in placements], 0.0, agents)
-        present = _pad([np.ones(len(people.radius) + 1, bool) for people in traits], False, agents)
-        route = _pad(
+        position = pad_arrays([placement.start for placement in placements], 0.0, agents)
+        goal = pad_arrays([placement.goal for placement in placements], 0.0, agents)
+        present = pad_arrays([np.ones(len(people.radius) + 1, bool) for people in traits], False, agents)
+        route = pad_arrays(
             [_NOTHING if placement.route is None else placement.route for placement in placements], np.nan, agents
         )
         obstacles = [_NOTHING if placement.obstacles is None else placement.obstacles for placement in placements]
@@ -128,8 +129,8 @@ class Scenario:
             # What turns slowly faces its first waypoint.
             ahead = np.where(np.isnan(route[:, 0, 0]), ahead, route[:, 0, 0] - position[:, 0])
 
-        def stack(vehicle: float, pedestrians: Sequence[Float[np.ndarray, "_"]], fill_value: float) -> np.ndarray:
-            return np.concatenate([np.full((worlds, 1), vehicle), _pad(pedestrians, fill_value, agents - 1)], axis=1)
+        def stack(vehicle: float, pedestrians: Sequence[Float[np.ndarray, "_"]], fill: float) -> np.ndarray:
+            return np.concatenate([np.full((worlds, 1), vehicle), pad_arrays(pedestrians, fill, agents - 1)], axis=1)
 
         world = World(
             case=cases,
@@ -150,10 +151,10 @@ class Scenario:
             person=np.where(present[:, 1:], np.arange(agents - 1), -1),
             since=np.zeros((worlds, agents - 1), np.int64),
             track=np.empty((worlds, 0, agents - 1, 2)),
-            group=_pad([start.group for start in starts], -1, agents - 1),
+            group=pad_arrays([start.group for start in starts], -1, agents - 1),
             history=np.repeat(position[:, None, 1:], HISTORY, axis=1),
-            obstacles=_pad(obstacles, np.nan),
-            policy=_pad([people.policy for people in traits], 0, agents - 1),
+            obstacles=pad_arrays(obstacles, np.nan),
+            policy=pad_arrays([people.policy for people in traits], 0, agents - 1),
             parameters={
                 name: {
                     parameter: stack(0.0, [people.parameters[name][parameter] for people in traits], 0.0)
@@ -175,12 +176,3 @@ class Scenario:
 
 _NOTHING = np.empty((0, 0, 2))
 """The routes and the obstacles of a case without any."""
-
-
-def _pad(arrays: Sequence[np.ndarray], fill_value: Any, rows: int | None = None) -> Shaped[np.ndarray, "world row ..."]:
-    """Return arrays of different sizes in one, each with as many rows as the longest or with `rows`, padded."""
-    shape = np.max([array.shape for array in arrays], axis=0)
-    padded = np.full((len(arrays), shape[0] if rows is None else rows, *shape[1:]), fill_value)
-    for row, array in zip(padded, arrays, strict=True):
-        row[tuple(map(slice, array.shape))] = array
-    return padded

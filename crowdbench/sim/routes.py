@@ -16,6 +16,13 @@ from crowdbench.sim.visibility_graph import find_routes
 from crowdbench.utils.compiled import njit
 from crowdbench.utils.errors import InputError
 
+Points = Float[np.ndarray, "world agent 2"]
+Routes = Float[np.ndarray, "world agent waypoint 2"]
+Indices = Int[np.ndarray, "world agent"]
+Radii = Float[np.ndarray, "world agent"]
+Flags = Bool[np.ndarray, "world agent"]
+Walls = Float[np.ndarray, "world polygon corner 2"]
+
 SIGHT_GAP = 0.01
 """A waypoint is in sight where the straight way to it passes all walls with this gap, in metres."""
 
@@ -23,7 +30,7 @@ REACH = 1.0
 """In a world without obstacles, where all waypoints are in sight, a waypoint is reached at this distance in metres."""
 
 
-def goals_on_way(world: World) -> Float[np.ndarray, "world agent 2"]:
+def goals_on_way(world: World) -> Points:
     """The local goal of each agent in metres, see `crowdbench.core.geometry.local_goals`."""
     return local_goals(world.position, world.goal, world.route, world.waypoint)
 
@@ -44,14 +51,14 @@ def goals_in_trace(trace: Trace) -> Float[np.ndarray, "world time 2"]:
 
 
 def follow_routes(
-    position: Float[np.ndarray, "world agent 2"],
-    goal: Float[np.ndarray, "world agent 2"],
-    route: Float[np.ndarray, "world agent waypoint 2"],
-    waypoint: Int[np.ndarray, "world agent"],
-    radius: Float[np.ndarray, "world agent"],
-    obstacles: Float[np.ndarray, "world polygon corner 2"],
-    present: Bool[np.ndarray, "world agent"],
-) -> tuple[Float[np.ndarray, "world agent waypoint_after 2"], Int[np.ndarray, "world agent"]]:
+    position: Points,
+    goal: Points,
+    route: Routes,
+    waypoint: Indices,
+    radius: Radii,
+    obstacles: Obstacles,
+    present: Flags,
+) -> tuple[Float[np.ndarray, "world agent waypoint_after 2"], Indices]:
     """Return the routes of agents after a step, and the waypoint that each heads for next.
 
     An agent among obstacles that sees no point of its route, because others have pushed it off, takes the shortest way
@@ -66,7 +73,7 @@ def follow_routes(
         obstacles: Polygons in metres.
         present: Whether the agent is there.
     """
-    following, lost = _advance(position, goal, route, waypoint, radius, obstacles)
+    following, lost = next_waypoints(position, goal, route, waypoint, radius, obstacles)
     if not (lost & present).any():
         return route, following
     route = route.copy()
@@ -79,7 +86,7 @@ def follow_routes(
 
 
 def with_route(
-    route: Float[np.ndarray, "world agent waypoint 2"], row: int, agent: int, points: Float[np.ndarray, "point 2"]
+    route: Routes, row: int, agent: int, points: Float[np.ndarray, "point 2"]
 ) -> Float[np.ndarray, "world agent waypoint_after 2"]:
     """Give one agent other waypoints, in metres: in this array, or in a longer one where they have no room."""
     if (longer := len(points) - route.shape[2]) > 0:
@@ -90,14 +97,9 @@ def with_route(
 
 
 def next_waypoints(
-    position: Float[np.ndarray, "world agent 2"],
-    goal: Float[np.ndarray, "world agent 2"],
-    route: Float[np.ndarray, "world agent waypoint 2"],
-    waypoint: Int[np.ndarray, "world agent"],
-    radius: Float[np.ndarray, "world agent"],
-    obstacles: Float[np.ndarray, "world polygon corner 2"],
-) -> Int[np.ndarray, "world agent"]:
-    """The waypoint that each agent heads for next.
+    position: Points, goal: Points, route: Routes, waypoint: Indices, radius: Radii, obstacles: Walls
+) -> tuple[Indices, Flags]:
+    """Return the waypoint that each agent heads for next, and which agents have none in sight.
 
     Among obstacles it is the last one of the route that is in sight, the goal included: a disc of the agent's radius
     could go straight there. Where there is none, as beside a wall, it is the last one to which no wall crosses the line
@@ -113,14 +115,8 @@ def next_waypoints(
         obstacles: Polygons in metres, NaN after the last corner.
 
     Returns:
-        Indices of waypoints; the number of waypoints of the route for the goal.
+        Indices of waypoints, the number of waypoints of the route for the goal; and who has none in sight.
     """
-    return _advance(position, goal, route, waypoint, radius, obstacles)[0]
-
-
-def _advance(*state: np.ndarray) -> tuple[Int[np.ndarray, "world agent"], Bool[np.ndarray, "world agent"]]:
-    """Return the indices of `next_waypoints`, of its arguments, and which agents have none in sight."""
-    position, goal, route, waypoint, radius, obstacles = state
     lost = np.zeros(waypoint.shape, np.bool_)
     if not route.shape[2] and not obstacles.shape[1]:
         return waypoint, lost

@@ -56,11 +56,7 @@ class Runner:
 
     @classmethod
     def resume(
-        cls,
-        directory: Path,
-        device: str,
-        threads: int | None = None,
-        methods: Mapping[str, type[Config]] = METHODS,
+        cls, directory: Path, device: str, threads: int | None = None, methods: Mapping[str, type[Config]] = METHODS
     ) -> Runner:
         """Read a training at its last checkpoint. It continues as if it had never been interrupted.
 

@@ -196,12 +196,7 @@ def speeds_and_headings(preferred_speed: Float[np.ndarray, "world"]) -> Choices:
     return preferred_speed[:, None, None] * np.concatenate([np.zeros((1, 2)), moving])
 
 
-def speeds_and_turns(
-    slowest: Float[np.ndarray, "world"],
-    fastest: Float[np.ndarray, "world"],
-    right: Float[np.ndarray, "world"],
-    left: Float[np.ndarray, "world"],
-) -> Choices:
+def speeds_and_turns(slowest: Numbers, fastest: Numbers, right: Numbers, left: Numbers) -> Choices:
     """78 commands: 6 speeds and 13 turns, evenly between what a vehicle can reach in the step.
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -230,16 +230,18 @@ class Rules:
     @classmethod
     def of_table(cls, table: Mapping[str, Any]) -> Rules:
         """The rules that `to_table` has written."""
-        found = dict(table)
-        if "dynamics" in found:
-            limits = dict(found["dynamics"])
-            found["dynamics"] = DYNAMICS[limits.pop("name")](**limits)
-        if "attention" in found:
-            found["attention"] = Attention(**found["attention"])
-        if "body" in found:
-            found["body"] = tuple(found["body"])
-        if "sensor" in found:
-            found["sensor"] = Sensor.of_table(found["sensor"])
-        if "walking" in found:
-            found["walking"] = WalkingLimits(*found["walking"])
-        return cls(**found)
+        return cls(**{name: _READ[name](value) if name in _READ else value for name, value in table.items()})
+
+
+def _read_dynamics(table: Mapping[str, Any]) -> Dynamics:
+    return DYNAMICS[table["name"]](**{name: limit for name, limit in table.items() if name != "name"})
+
+
+_READ: Mapping[str, Callable[[Any], Any]] = {
+    "dynamics": _read_dynamics,
+    "attention": Attention.model_validate,
+    "body": tuple,
+    "sensor": Sensor.of_table,
+    "walking": WalkingLimits._make,
+}
+"""What makes a field of `Rules` of its entry in a table."""

@@ -130,7 +130,7 @@ def test_the_next_waypoint_is_the_last_one_in_sight():
         # Pushed back behind the wall, it heads for the waypoints before it again.
         ([0.0, 2.0], 2, 0),
     ]:
-        found = next_waypoints(np.array([[position]]), goal, route, np.array([[last]]), np.array([[0.3]]), obstacles)
+        found, _ = next_waypoints(np.array([[position]]), goal, route, np.array([[last]]), np.array([[0.3]]), obstacles)
         assert found == expected
 
 
@@ -138,7 +138,7 @@ def test_without_obstacles_a_waypoint_is_done_within_a_metre_of_it():
     goal, route = np.array([[[4.0, 0.0]]]), np.array([[[[2.0, 0.0], [np.nan, np.nan]]]])
     nothing = np.empty((1, 0, 0, 2))
     for x, expected in [(0.9, 0), (1.1, 1)]:
-        found = next_waypoints(np.array([[[x, 0.0]]]), goal, route, np.array([[0]]), np.array([[0.3]]), nothing)
+        found, _ = next_waypoints(np.array([[[x, 0.0]]]), goal, route, np.array([[0]]), np.array([[0.3]]), nothing)
         assert found == expected
 
 
@@ -194,7 +194,7 @@ def test_who_touches_a_wall_looks_along_the_line_of_its_centre():
     obstacles = np.array([[[[-5.0, 0.0], [-0.75, 0.0]], [[0.75, 0.0], [5.0, 0.0]]]])
     goal, route = np.array([[[0.0, 4.0]]]), np.array([[[[0.0, -1.0], [0.0, 0.5], [0.0, 2.0]]]])
     beside = np.array([[[-3.0, -0.3]]])
-    found = next_waypoints(beside, goal, route, np.array([[3]]), np.array([[0.3]]), obstacles)
+    found, _ = next_waypoints(beside, goal, route, np.array([[3]]), np.array([[0.3]]), obstacles)
     assert found == 0
     ahead = local_goals(beside, goal, route, found)
     assert ahead[0, 0, 0] > 0.0 > ahead[0, 0, 1]
