@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.dynamics import DYNAMICS, Dynamics
+from crowdbench.core.dynamics import DYNAMICS, Body, Dynamics
 from crowdbench.core.types import Observation, Pedestrians, Sensor, Vehicle
 
 VERSION = 1
@@ -171,13 +171,7 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
 
 @functools.lru_cache(maxsize=256)
 def _observation_header(
-    layout: Layout,
-    steps: int,
-    dt: float,
-    dynamics: Dynamics,
-    goal_tolerance: float | None,
-    body: tuple[float, ...],
-    sensor: Sensor,
+    layout: Layout, steps: int, dt: float, dynamics: Dynamics, goal_tolerance: float | None, body: Body, sensor: Sensor
 ) -> bytes:
     """Return the header of the safetensors file, which seldom changes: to write it takes longer than the arrays."""
     limits = {name: limit for name, limit in dataclasses.asdict(dynamics).items() if math.isfinite(limit)}  # type: ignore[call-overload]

@@ -19,6 +19,8 @@ from crowdbench.core.dynamics import Bicycle, Unicycle, reach
 from crowdbench.core.types import Observation
 from crowdbench.networks.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES, Features, features, to_goal_frame
 
+Positions = Float[np.ndarray, "world time pedestrian 2"]
+
 STEPS = 5
 """Predicted steps (Liu et al. 2023)."""
 
@@ -34,10 +36,7 @@ PEDESTRIAN_AHEAD = PEDESTRIAN_FEATURES + 2 * STEPS + 2
 
 
 def features_ahead(
-    obs: Observation,
-    nearest: int,
-    ahead: Float[np.ndarray, "world time pedestrian 2"],
-    walls: Float[np.ndarray, "world wall 2"],
+    obs: Observation, nearest: int, ahead: Positions, walls: Float[np.ndarray, "world wall 2"]
 ) -> Features:
     """The features of an observation with a prediction.
 
@@ -62,9 +61,7 @@ def features_ahead(
     return shown._replace(vehicle=vehicle, pedestrians=pedestrians)
 
 
-def _ahead(
-    obs: Observation, shown: Features, ahead: Float[np.ndarray, "world time pedestrian 2"]
-) -> Float[np.ndarray, "world nearest numbers"]:
+def _ahead(obs: Observation, shown: Features, ahead: Positions) -> Float[np.ndarray, "world nearest numbers"]:
     """What is said of each shown pedestrian's future and of how much is known of it; 0 where there is nobody."""
     which, crowd = np.maximum(shown.which, 0), obs.pedestrians
     position = np.take_along_axis(ahead, which[:, None, :, None], axis=2).swapaxes(1, 2)

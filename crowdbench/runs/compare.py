@@ -187,18 +187,14 @@ def _pair(a: RunResult, b: RunResult) -> Paired:
     return Paired(a.episodes.take(rows[0]), b.episodes.take(rows[1]))
 
 
-def compare_results(a: RunResult, b: RunResult, metrics: Sequence[str] | None = None) -> Comparison:
+def compare_results(a: RunResult, b: RunResult, metrics: Sequence[str] = ()) -> Comparison:
     """Compare two runs in metrics, all where none are named. Raises InputError as `compare` does."""
     names = (a.label, b.label) if a.label != b.label else (str(a.directory), str(b.directory))
     return _summarize(a.result["scenario"]["name"], names, [_pair(a, b)], _warnings((a, b)), metrics)
 
 
 def _summarize(
-    scenario: str,
-    names: tuple[str, str],
-    strata: Sequence[Paired],
-    warnings: list[str],
-    chosen: Sequence[str] | None = None,
+    scenario: str, names: tuple[str, str], strata: Sequence[Paired], warnings: list[str], chosen: Sequence[str] = ()
 ) -> Comparison:
     """Compare two planners in scenarios, the strata, by the chosen metrics or by all."""
     first, tables = strata[0], [table.columns for pair in strata for table in (pair.a, pair.b)]

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.types import Observation
-from crowdbench.planners.base import Planner
+from crowdbench.planners.base import AheadPlanner, Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.recording import Commands
 from crowdbench.runs.rollout import rollout
@@ -42,7 +42,7 @@ class Decisions(NamedTuple):
     is_same: Bool[np.ndarray, "decision"]
 
 
-class _Timed(Planner):
+class _Timed(AheadPlanner):
     """Asks a planner, and keeps how long each decision took and whether it is as recorded.
 
     Args:
@@ -59,9 +59,6 @@ class _Timed(Planner):
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         self.driver.reset(rows)
-
-    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        return self.plan_ahead(obs, 1)[:, 0]
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         start = time.perf_counter()

@@ -118,18 +118,12 @@ class LayoutWithRespawn:
 
 
 def _respawn_by_layout(
-    layout: Layout,
-    rng: np.random.Generator,
-    room: Room,
-    radius: float,
-    preferred_speed: float,
-    position: Position | None,
-    **options: Any,
+    layout: LayoutCall, rng: np.random.Generator, room: Room, radius: float, speed: float, position: Position | None
 ) -> Way | None:
     """Have a layout place the vehicle and one pedestrian until the latter is clear of all; see `Respawn`."""
-    both = np.array([room.radius[0], radius]), np.array([room.preferred_speed[0], preferred_speed])
+    both = np.array([room.radius[0], radius]), np.array([room.preferred_speed[0], speed])
     for _ in range(TRIES):
-        placement = check_shape(layout(rng, *both, **options), 2)
+        placement = check_shape(layout(rng, *both), 2)
         start, goal = placement.start[1] if position is None else position, placement.goal[1]
         is_far = position is None or math.dist(start, goal) >= SHORTEST_WAY
         if is_far and (position is not None or room.is_clear(start, radius)) and room.is_clear(goal, radius):
@@ -149,7 +143,7 @@ def draw_again(layout: LayoutCall, *arguments: Any) -> Way | None:
     """
     draw = layout.function.again if isinstance(layout.function, LayoutWithRespawn) else None
     with plugin_errors("the layout raised"):
-        answer = (draw or functools.partial(_respawn_by_layout, layout.function))(*arguments, **layout.options)
+        answer = draw(*arguments, **layout.options) if draw else _respawn_by_layout(layout, *arguments)
     if answer is None:
         return None
     if not isinstance(answer, tuple) or len(answer) != 2 or not all(map(_is_point, answer)):

@@ -8,6 +8,7 @@ where the straight line between them enters no such circle and crosses no wall.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import no_type_check
 
@@ -20,6 +21,9 @@ from scipy.sparse.csgraph import dijkstra
 from crowdbench.core.geometry import norm, pad_points, polygons
 from crowdbench.utils.compiled import njit
 from crowdbench.utils.errors import InputError
+
+Points = Float[np.ndarray, "agent 2"]
+Polygons = Float[np.ndarray, "polygon corner 2"]
 
 CLEARANCE = 0.2
 """Distance in metres that a way keeps between an agent's rim and the corners of obstacles, where there is room."""
@@ -37,10 +41,7 @@ _TOLERANCE = 1e-6
 
 
 def find_routes(
-    start: Float[np.ndarray, "agent 2"],
-    goal: Float[np.ndarray, "agent 2"],
-    radius: Float[np.ndarray, "agent"],
-    obstacles: Float[np.ndarray, "polygon corner 2"],
+    start: Points, goal: Points, radius: Float[np.ndarray, "agent"], obstacles: Polygons
 ) -> Float[np.ndarray, "agent waypoint 2"]:
     """The waypoints of each agent on its shortest way to its goal.
 
@@ -78,7 +79,7 @@ def who(agent: int) -> str:
     return "the vehicle" if agent == 0 else f"pedestrian {agent}"
 
 
-def edges_of(obstacles: Float[np.ndarray, "polygon corner 2"]) -> Float[np.ndarray, "edge 2 2"]:
+def edges_of(obstacles: Polygons) -> Float[np.ndarray, "edge 2 2"]:
     """The edges of polygons, from corner to corner in metres; a wall is a single edge."""
     edges = [np.empty((0, 2, 2))]
     for corners in polygons(obstacles):
@@ -87,7 +88,7 @@ def edges_of(obstacles: Float[np.ndarray, "polygon corner 2"]) -> Float[np.ndarr
     return np.concatenate(edges)
 
 
-def solids(obstacles: Float[np.ndarray, "polygon corner 2"]) -> list[shapely.Polygon]:
+def solids(obstacles: Polygons) -> list[shapely.Polygon]:
     """The obstacles that are solid, not walls."""
     return [shapely.Polygon(corners) for corners in polygons(obstacles) if len(corners) > 2]
 
@@ -109,9 +110,7 @@ def nearest_on(
     return first + np.clip(share, 0.0, 1.0)[..., None] * along
 
 
-def _add_marks(
-    start: Float[np.ndarray, "agent 2"], goal: Float[np.ndarray, "agent 2"], routes: list[Float[np.ndarray, "corner 2"]]
-) -> Float[np.ndarray, "agent waypoint 2"]:
+def _add_marks(start: Points, goal: Points, routes: Sequence[np.ndarray]) -> Float[np.ndarray, "agent waypoint 2"]:
     """Routes with waypoints at most `SPACING` apart, so that whoever has been pushed off its way sees one of them."""
     marked = []
     for agent, corners in enumerate(routes):
@@ -202,9 +201,7 @@ def _roadmap(obstacles: bytes, shape: tuple[int, ...], radius: float) -> _Roadma
     return _Roadmap(edges, points, keep, np.where(gap < most, np.arctan2(y, x), 0.0), radius + LEAST_CLEARANCE)
 
 
-def _go_around(
-    start: Float[np.ndarray, "agent 2"], goal: Float[np.ndarray, "agent 2"], roadmap: _Roadmap
-) -> list[Float[np.ndarray, "waypoint 2"] | None]:
+def _go_around(start: Points, goal: Points, roadmap: _Roadmap) -> list[Float[np.ndarray, "waypoint 2"] | None]:
     """The waypoints of agents of one size that cannot go straight, None for an agent without a way."""
     node = roadmap.nodes
     n, agents = len(node), len(start)

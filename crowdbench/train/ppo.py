@@ -38,6 +38,9 @@ from crowdbench.train.training import DrivingTraining, describe_scenario
 from crowdbench.utils.errors import InputError, is_number, require, require_count, require_positive
 from crowdbench.utils.resources import keep_freed_memory
 
+Numbers = Float[Tensor, "step world"]
+Flags = Bool[Tensor, "step world"]
+
 CHUNK = 16
 """Worlds of a minibatch that a thread differentiates at once: few enough for the cache of a core."""
 
@@ -301,12 +304,8 @@ class PPOTraining(DrivingTraining[Policy]):
 
 
 def advantages(
-    reward: Float[Tensor, "step world"],
-    value: Float[Tensor, "step+1 world"],
-    continues: Bool[Tensor, "step world"],
-    gamma: float,
-    gae_lambda: float,
-) -> Float[Tensor, "step world"]:
+    reward: Numbers, value: Float[Tensor, "step+1 world"], continues: Flags, gamma: float, gae_lambda: float
+) -> Numbers:
     """Compute the generalized advantage estimate (Schulman et al. 2016, equation 16).
 
     Args:
