@@ -181,7 +181,7 @@ def _observation_header(
         "dynamics": {"name": dynamics.name, **limits},
         "goal_tolerance": goal_tolerance,
         "body": body,
-        "sensor": dataclasses.asdict(sensor),
+        "sensor": sensor.complete(),
     }
     header: dict[str, Any] = {"__metadata__": {name: json.dumps(value) for name, value in constants.items()}}
     end = 0
@@ -228,7 +228,7 @@ def _read_observation_header(text: bytes) -> tuple[Layout, int, dict[str, Any], 
         "goal_tolerance": constants["goal_tolerance"],
         "body": tuple(constants["body"]),
     }
-    top = {"dt": constants["dt"], "sensor": Sensor.of_table(constants["sensor"])}
+    top = {"dt": constants["dt"], "sensor": Sensor.model_validate(constants["sensor"])}
     return layout, constants["steps"], top, vehicle
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
-from crowdbench.core.types import Rules, Sensor, WalkingLimits
+from crowdbench.core.types import Rules, WalkingLimits
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.layouts.crossings import crowdnav_plus
 from crowdbench.scenario.placement import Layout, LayoutCall
@@ -276,9 +276,9 @@ def _rules(top: ScenarioSpec, recorded: int, file: Location) -> Rules:
     if isinstance(dynamics, Unicycle) and dynamics.max_angular_speed * top.dt > math.pi:
         right = f"{math.pi / top.dt:.6g} rad/s at most: the vehicle may turn by half a circle in a step"
         raise location.at("max_angular_speed").wrong(f"{dynamics.max_angular_speed:g}", right)
-    sensor = top.sensor.complete()
-    if sensor["nearest"] is None and top.pedestrians.number[1] > SHOWN_IN:
-        sensor["nearest"] = SHOWN
+    sensor = top.sensor
+    if sensor.nearest is None and top.pedestrians.number[1] > SHOWN_IN:
+        sensor = sensor.model_copy(update={"nearest": SHOWN})
     return Rules(
         dt=top.dt,
         time_limit=top.time_limit,
@@ -288,7 +288,7 @@ def _rules(top: ScenarioSpec, recorded: int, file: Location) -> Rules:
         dynamics=dynamics,
         goal_tolerance=vehicle.goal_tolerance,
         body=_body(vehicle, dynamics, location),
-        sensor=Sensor.of_table(sensor),
+        sensor=sensor,
         walking=None if walking is None else WalkingLimits(**walking.complete(), exempt=recorded),
     )
 

@@ -14,8 +14,9 @@ from typing import Annotated, Any, TypeVar
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_model
 
 from crowdbench.core.dynamics import DYNAMICS
-from crowdbench.core.types import COLLISION_RULES
+from crowdbench.core.types import COLLISION_RULES, Sensor
 from crowdbench.core.types.attention import Attention
+from crowdbench.core.types.rules import MAX_PEDESTRIANS
 from crowdbench.plugins.options import PLAIN, REQUIRED, Option, read_options
 from crowdbench.scenario.clear_space import ClearSpace
 from crowdbench.scenario.groups import LARGEST
@@ -27,7 +28,6 @@ from crowdbench.utils.toml import Flag, Name, Text, TomlTable, choice, integer, 
 
 Spec = TypeVar("Spec", bound=TomlTable)
 
-MAX_PEDESTRIANS = 10_000
 SHOWN, SHOWN_IN = 20, 100
 """Planners are shown the nearest 20 pedestrians in scenarios with more than 100, and everybody in others."""
 
@@ -123,38 +123,6 @@ class VehicleSpec(DynamicsSpec):
     goal_tolerance: float | None = number(None, above=0.0, below=100.0)
 
 
-class NoiseSpec(TomlTable):
-    """`[sensor.noise]`: standard deviations in metres and m/s."""
-
-    position: float = number(0.0, least=0.0, below=1e3)
-    velocity: float = number(0.0, least=0.0, below=1e3)
-
-
-class LidarSpec(TomlTable):
-    """`[sensor.lidar]`: the number of beams, and their length in metres."""
-
-    beams: int = integer(least=1, most=10_000)
-    range: float = number(above=0.0, below=1e6)
-
-
-class SensorSpec(TomlTable):
-    """`[sensor]`: what the vehicle sees of pedestrians, see `crowdbench.core.types.Sensor`.
-
-    The range is in metres, the field of view in degrees, the delay and the time of `remember` in seconds.
-    `nearest` is the number of pedestrians that planners are shown at most; without it see `SHOWN`.
-    """
-
-    range: float | None = number(None, least=0.0, below=1e6)
-    field_of_view: float = Field(default=360.0, gt=0, le=360, description="a number of degrees above 0 and up to 360")
-    occlusion: Flag = False
-    noise: NoiseSpec = table("sensor.noise")
-    missed: float = number(0.0, least=0.0, below=1.0)
-    delay: float = number(0.0, least=0.0, below=1e3)
-    remember: float = number(0.0, least=0.0, below=1e6)
-    nearest: int | None = integer(None, least=1, most=MAX_PEDESTRIANS)
-    lidar: LidarSpec | None = Field(default=None, description="a table [sensor.lidar] with beams and range")
-
-
 class PedestriansSpec(PoliciesSpec):
     """`[pedestrians]`, with a table for each policy besides; see `scenario_spec`.
 
@@ -212,7 +180,7 @@ class ScenarioSpec(TomlTable):
     crowdnav_cases: int = integer(0, least=0, most=500)
     layout: LayoutSpec = table("layout")
     vehicle: VehicleSpec = table("vehicle")
-    sensor: SensorSpec = table("sensor")
+    sensor: Sensor = table("sensor")
     pedestrians: PedestriansSpec = table("pedestrians")
     tracks: TracksSpec | None = Field(default=None, description="a table with the name of a scene")
 

@@ -12,41 +12,43 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import Field
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, FREE, Body, Dynamics
 from crowdbench.core.types.attention import Attention
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.toml import Flag, TomlTable, integer, number, table
+
+MAX_PEDESTRIANS = 10_000
+"""Pedestrians of a scenario, at most."""
 
 
-@dataclass(frozen=True)
-class Noise:
-    """Standard deviations of what is measured of a person, the same in x and y.
+class Noise(TomlTable):
+    """`[sensor.noise]`: standard deviations of what is measured of a person, the same in x and y.
 
     Attributes:
         position: In metres.
         velocity: In m/s.
     """
 
-    position: float = 0.0
-    velocity: float = 0.0
+    position: float = number(0.0, least=0.0, below=1e3)
+    velocity: float = number(0.0, least=0.0, below=1e3)
 
 
-@dataclass(frozen=True)
-class Lidar:
-    """A ring of beams around the vehicle's position.
+class Lidar(TomlTable):
+    """`[sensor.lidar]`: a ring of beams around the vehicle's position.
 
     Attributes:
         beams: Their number. The first one points along the heading, the others follow counter-clockwise.
         range: Length of a beam in metres.
     """
 
-    beams: int
-    range: float
+    beams: int = integer(least=1, most=10_000)
+    range: float = number(above=0.0, below=1e6)
 
 
-@dataclass(frozen=True)
-class Sensor:
-    """What the vehicle sees of pedestrians. The default sees everybody exactly and at once.
+class Sensor(TomlTable):
+    """`[sensor]`: what the vehicle sees of pedestrians. The default sees everybody exactly and at once.
 
     Attributes:
         range: Largest distance in metres between the rims of the vehicle and of a person that is seen, that is between
@@ -58,19 +60,20 @@ class Sensor:
         delay: Seconds after which a measurement arrives, a multiple of the length of a step.
         remember: Seconds for which a person of whom no more measurements arrive stays in the observation, where it
             goes on at constant velocity.
+        nearest: How many pedestrians planners are shown at most, the nearest ones; None for all. In a scenario with a
+            large crowd that does not say it, `crowdbench.scenario.schema.SHOWN`.
         lidar: The lidar, if there is one. It is exact and has no delay.
-        nearest: How many pedestrians planners are shown at most, the nearest ones; None for all.
     """
 
-    range: float | None = None
-    field_of_view: float = 360.0
-    occlusion: bool = False
-    noise: Noise = Noise()
-    missed: float = 0.0
-    delay: float = 0.0
-    remember: float = 0.0
-    lidar: Lidar | None = None
-    nearest: int | None = None
+    range: float | None = number(None, least=0.0, below=1e6)
+    field_of_view: float = Field(default=360.0, gt=0, le=360, description="a number of degrees above 0 and up to 360")
+    occlusion: Flag = False
+    noise: Noise = table("sensor.noise")
+    missed: float = number(0.0, least=0.0, below=1.0)
+    delay: float = number(0.0, least=0.0, below=1e3)
+    remember: float = number(0.0, least=0.0, below=1e6)
+    nearest: int | None = integer(None, least=1, most=MAX_PEDESTRIANS)
+    lidar: Lidar | None = Field(default=None, description="a table [sensor.lidar] with beams and range")
 
     @cached_property
     def sees_all(self) -> bool:
@@ -84,13 +87,6 @@ class Sensor:
     def steps_remembered(self, dt: float) -> int:
         """Return for how many steps of `dt` seconds a person is remembered."""
         return int(self.remember / dt + 1e-9)
-
-    @classmethod
-    def of_table(cls, table: Mapping[str, Any]) -> Sensor:
-        """The sensor of a table with its attributes, as `dataclasses.asdict` and scenario files have them."""
-        lidar = table.get("lidar")
-        made = {**table, "noise": Noise(**table.get("noise", {})), "lidar": None if lidar is None else Lidar(**lidar)}
-        return cls(**made)
 
 
 PERFECT = Sensor()
@@ -217,15 +213,15 @@ class Rules:
 
     def to_table(self) -> dict[str, Any]:
         """The rules as JSON has them, of the vehicle and of walking what differs from the default."""
-        table = dataclasses.asdict(self)
+        entries = dataclasses.asdict(self)
         for field in ("attention", "dynamics", "goal_tolerance", "body", "sensor", "walking"):
             if getattr(self, field) == getattr(Rules, field):
-                del table[field]
-        if "dynamics" in table:
-            table["dynamics"]["name"] = self.dynamics.name
-        if self.attention is not None:
-            table["attention"] = self.attention.complete()
-        return table
+                del entries[field]
+        if "dynamics" in entries:
+            entries["dynamics"]["name"] = self.dynamics.name
+        for field in {"attention", "sensor"} & entries.keys():
+            entries[field] = entries[field].complete()
+        return entries
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any]) -> Rules:
@@ -241,7 +237,7 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "dynamics": _read_dynamics,
     "attention": Attention.model_validate,
     "body": tuple,
-    "sensor": Sensor.of_table,
+    "sensor": Sensor.model_validate,
     "walking": WalkingLimits._make,
 }
 """What makes a field of `Rules` of its entry in a table."""

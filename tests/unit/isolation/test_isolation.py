@@ -198,7 +198,9 @@ def test_every_array_of_an_observation_arrives():
     )
     car = Rules(dynamics=Bicycle(2.5, 0.5, 1.5), goal_tolerance=1.0, body=chain(4.5, 0.9, 1.25))
     slow = Rules(dynamics=Holonomic(0.5))
-    blind = Rules(sensor=Sensor(2.0, 90.0, True, Noise(0.1, 0.2), 0.3, 1, remember=1.0, lidar=Lidar(7, 3.0), nearest=3))
+    limited = {"range": 2.0, "field_of_view": 90.0, "occlusion": True, "missed": 0.3, "delay": 1.0, "remember": 1.0}
+    noise, lidar = Noise(position=0.1, velocity=0.2), Lidar(beams=7, range=3.0)
+    blind = Rules(sensor=Sensor(**limited, noise=noise, lidar=lidar, nearest=3))
     for future, rules in ((None, Rules()), (generator.normal(size=(5, 3, 2)), car), (None, slow), (None, blind)):
         world = look(world.replace(rules=rules))
         sent = observe(world, np.arange(5)[::-1], future)
@@ -435,7 +437,7 @@ ISOLATION = (Path(__file__).parents[3] / "docs" / "isolation.md").read_text()
 
 def test_the_page_names_the_arrays_and_the_metadata_that_are_sent():
     world = load_scenario(SCENARIO).worlds(Cases("val", 0, 2))
-    world = world.replace(rules=Rules(sensor=Sensor(missed=0.1, lidar=Lidar(7, 3.0))))
+    world = world.replace(rules=Rules(sensor=Sensor(missed=0.1, lidar=Lidar(beams=7, range=3.0))))
     obs = observe(look(world), future=np.zeros((2, 5, 2)))
     content = b"".join(protocol.observation_parts(obs, 1))
     header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])

@@ -340,7 +340,7 @@ def test_the_true_next_step_stays_the_truth():
     assert np.array_equal(planner.next[0], trace.velocity[0, last, 1:])
 
 
-LIDAR = Lidar(8, 5.0)
+LIDAR = Lidar(beams=8, range=5.0)
 
 
 def distances(position, heading=0.0, lidar=LIDAR, **others):
@@ -372,7 +372,7 @@ def test_a_lidar_alone_changes_nothing_else():
 def test_the_rules_are_read_back_from_their_table():
     for sensor in (
         PERFECT,
-        Sensor(3.0, 90.0, True, Noise(0.1, 0.2), 0.3, 4, 5.0, Lidar(6, 7.0)),
+        Sensor(range=3.0, noise=Noise(position=0.1, velocity=0.2), delay=4.0, lidar=Lidar(beams=6, range=7.0)),
         Sensor(missed=0.5),
     ):
         assert Rules.of_table(Rules(sensor=sensor).to_table()) == Rules(sensor=sensor)
