@@ -25,6 +25,7 @@ CROWD = 100
 _ANGLES = np.arange(10) * np.pi / 5.0 + np.pi / 2.0
 _STAR = np.resize([0.2, 0.08], 10)[:, None] * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 
+Points = Float[np.ndarray, "*_ 2"]
 Color = tuple[int, int, int]
 
 
@@ -186,10 +187,7 @@ class Moment:
 
 
 def extent(
-    position: Float[np.ndarray, "*_ 2"],
-    goal: Float[np.ndarray, "*_ 2"],
-    obstacles: Float[np.ndarray, "polygon corner 2"],
-    margin: float,
+    position: Points, goal: Points, obstacles: Float[np.ndarray, "polygon corner 2"], margin: float
 ) -> Float[np.ndarray, "2 2"]:
     """The smallest and the largest x and y that an episode needs, in metres.
 

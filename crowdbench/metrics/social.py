@@ -7,11 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.geometry import norm, wrap_angle
+from crowdbench.core.geometry import Vectors, norm, wrap_angle
 from crowdbench.core.types import Trace
 from crowdbench.metrics.info import UNDISTURBED, describe, total
 
-Vectors = Float[np.ndarray, "*batch 2"]
 Trips = Float[np.ndarray, "trip"]
 Starts = Int[np.ndarray, "trip"]
 

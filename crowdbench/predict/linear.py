@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench.core.geometry import Vectors
 from crowdbench.core.types import Observation
 from crowdbench.predict.base import Prediction, Predictor
 from crowdbench.utils.errors import require, require_count
@@ -99,10 +100,7 @@ def last_velocity(obs: Observation) -> Float[np.ndarray, "world pedestrian 2"]:
 
 
 def _extrapolate(
-    start: Float[np.ndarray, "world pedestrian 2"],
-    velocity: Float[np.ndarray, "world mode pedestrian 2"],
-    obs: Observation,
-    steps: int,
+    start: Vectors, velocity: Float[np.ndarray, "world mode pedestrian 2"], obs: Observation, steps: int
 ) -> Prediction:
     """Return the futures with constant velocities in m/s from a start in metres, a mode for each velocity."""
     elapsed = obs.dt * np.arange(1, steps + 1)[:, None, None]
