@@ -48,6 +48,7 @@ MEASURED = (
     "max_velocity_change",
     "jerk",
     "imposed_delay",
+    "imposed_delay_positive",
 )
 """The metrics that boards show."""
 

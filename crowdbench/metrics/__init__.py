@@ -71,7 +71,7 @@ from crowdbench.metrics.outcomes import (
     timeout_rate,
     wall_collision_rate,
 )
-from crowdbench.metrics.social import deflection, imposed_delay, imposed_detour, social_work
+from crowdbench.metrics.social import deflection, imposed_delay, imposed_delay_positive, imposed_detour, social_work
 
 SUBJECTS: dict[str, tuple[Metric, ...]] = {
     "end": (success_rate, collision_rate, person_collision_rate, wall_collision_rate, timeout_rate),
@@ -87,7 +87,7 @@ SUBJECTS: dict[str, tuple[Metric, ...]] = {
     "fault": (at_fault_rate, at_fault_seen_rate, hit_alone_rate, hit_both_rate),
     "struck": (struck_standing_rate, struck_behind_rate, struck_otherwise_rate),
     "reward": (discounted_return,),
-    "cost to pedestrians": (deflection, imposed_delay, imposed_detour),
+    "cost to pedestrians": (deflection, imposed_delay, imposed_delay_positive, imposed_detour),
 }
 """The built-in metrics by what they measure, in the order of tables and of columns."""
 

@@ -24,12 +24,11 @@ INTRUSION_DISTANCE = 0.6
 """Distance between centres in metres below which the vehicle is in a pedestrian's way (Liu et al. 2023)."""
 
 
-@describe("smallest gap", "more")
+@describe("smallest gap", "more", of_successes=True)
 def minimum_gap(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Smallest gap between vehicle and pedestrians, as the simulator's collision check measured it [m].
+    """Smallest gap between vehicle and pedestrians in the simulator's collision check, over successes [m].
 
-    The gap is the distance between the rims of two discs: negative where they overlapped. Undefined where there are
-    no pedestrians.
+    The gap is the distance between the rims of two discs. Undefined where there are no pedestrians.
     """
     return _finite_or_nan(np.nanmin(trace.gap, axis=1))
 
@@ -43,9 +42,9 @@ def clearing_distance(trace: Trace) -> Float[np.ndarray, "world"]:
     return _finite_or_nan(np.nanmin(trace.wall_gap, axis=1))
 
 
-@describe("discomfort", "less", share=True, digits=4)
+@describe("discomfort", "less", share=True, digits=4, of_successes=True)
 def discomfort(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of an episode's steps with a gap to a pedestrian below 0.2 m [1]."""
+    """Share of the steps of a success with a gap to a pedestrian below 0.2 m [1]."""
     return total(1.0 * (trace.gap < DISCOMFORT_GAP)) / trace.steps
 
 
@@ -53,33 +52,35 @@ def discomfort(trace: Trace) -> Float[np.ndarray, "world"]:
 def discomfort_frequency(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of all steps with a gap below 0.2 m that did not end the episode, pooled as in CrowdNav [1].
 
+    An early end may improve it, as in CrowdNav: `discomfort` is over successes.
+
     Differs from CrowdNav because an episode that times out counts its own steps, not those of the whole time limit.
     """
     before_last = np.arange(trace.gap.shape[1]) < trace.steps[:, None] - 1
     return total(1.0 * ((trace.gap < DISCOMFORT_GAP) & before_last)) / trace.steps
 
 
-@describe("intimate zone", "less", share=True, source="Hall (1966)")
+@describe("intimate zone", "less", share=True, source="Hall (1966)", of_successes=True)
 def intimate_zone(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of an episode's steps with a gap to a pedestrian within Hall's intimate distance, 0.45 m [1]."""
+    """Share of the steps of a success with a gap to a pedestrian within Hall's intimate distance, 0.45 m [1]."""
     return _in_zone(trace, "intimate")
 
 
-@describe("personal zone", "less", share=True, source="Hall (1966)")
+@describe("personal zone", "less", share=True, source="Hall (1966)", of_successes=True)
 def personal_zone(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of an episode's steps with a gap to a pedestrian within Hall's personal distance, 1.2 m [1]."""
+    """Share of the steps of a success with a gap to a pedestrian within Hall's personal distance, 1.2 m [1]."""
     return _in_zone(trace, "personal")
 
 
-@describe("social zone", "less", share=True, source="Hall (1966)")
+@describe("social zone", "less", share=True, source="Hall (1966)", of_successes=True)
 def social_zone(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of an episode's steps with a gap to a pedestrian within Hall's social distance, 3.6 m [1]."""
+    """Share of the steps of a success with a gap to a pedestrian within Hall's social distance, 3.6 m [1]."""
     return _in_zone(trace, "social")
 
 
-@describe("personal space compliance", "more", share=True, source="Francis et al. (2023)")
+@describe("personal space compliance", "more", share=True, source="Francis et al. (2023)", of_successes=True)
 def personal_space_compliance(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of an episode's steps without a gap to a pedestrian below 0.5 m [1].
+    """Share of the steps of a success without a gap to a pedestrian below 0.5 m [1].
 
     Francis et al. (2023), with their threshold.
     """
@@ -91,7 +92,8 @@ def intrusion_time_ratio(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of steps in which a pedestrian that is seen will be within 0.6 m of where the vehicle is, in 5 steps [1].
 
     Liu et al. (2023): the distance is between centres, and the pedestrian's positions are its true ones in the next
-    `INTRUSION_STEPS` steps. Differs from theirs because no position after the end of the episode is known.
+    `INTRUSION_STEPS` steps. Differs from theirs because no position after the end of the episode is known. It is over
+    all episodes, as theirs is: an early end may improve it.
     """
     return total(1.0 * np.isfinite(_intrusions(trace))) / trace.steps
 
@@ -100,7 +102,8 @@ def intrusion_time_ratio(trace: Trace) -> Float[np.ndarray, "world"]:
 def social_distance(trace: Trace) -> Float[np.ndarray, "world"]:
     """Smallest distance between centres in each step that `intrusion_time_ratio` counts, the mean of these [m].
 
-    Liu et al. (2023). Undefined in an episode without an intrusion.
+    Liu et al. (2023). Undefined in an episode without an intrusion. It is over all episodes, as theirs is: an early end
+    may improve it.
     """
     nearest = _intrusions(trace)
     intrusions = np.isfinite(nearest)
@@ -108,9 +111,9 @@ def social_distance(trace: Trace) -> Float[np.ndarray, "world"]:
     return total(np.where(intrusions, nearest, 0.0)) / np.where(count > 0, count, np.nan)
 
 
-@describe("group intrusion", "less", share=True, source="Katyal et al. (2022)")
+@describe("group intrusion", "less", share=True, source="Katyal et al. (2022)", of_successes=True)
 def group_intrusion(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of an episode's steps that end with the vehicle within a group of pedestrians, or between two of them [1].
+    """Share of the steps of a success that end with the vehicle in a group of pedestrians, or between two of them [1].
 
     The space of a group is the convex hull of its members' centres, as in Katyal et al. (2022), and a disc of the
     vehicle must overlap it. A group counts while no two of its members are farther apart than Hall's social distance,
@@ -126,9 +129,9 @@ def group_intrusion(trace: Trace) -> Float[np.ndarray, "world"]:
     return np.where((first >= 0).any(axis=1), total(1.0 * within) / trace.steps, np.nan)
 
 
-@describe("time to collision", "more")
+@describe("time to collision", "more", of_successes=True)
 def time_to_collision(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Smallest time until the vehicle would touch a pedestrian if both kept their velocities of the step [s].
+    """Smallest time until the vehicle would touch a pedestrian at the velocities of the step, over successes [s].
 
     Undefined in an episode in which they would never touch.
     """

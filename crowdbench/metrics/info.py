@@ -5,15 +5,16 @@ The description has the title, unit and direction of a metric, and what it needs
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
+from typing import Any, Literal, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench.core.types import Trace
+from crowdbench.core.types import Outcome, Trace
 
 Metric = Callable[[Trace], Bool[np.ndarray, "world"] | Float[np.ndarray, "world"]]
 M = TypeVar("M", bound=Callable[..., Any])
@@ -54,6 +55,7 @@ class MetricInfo:
         digits: Digits of its values after the decimal point; a share in per cent has two fewer.
         needs: What is computed only for metrics that need it: `UNDISTURBED`.
         over_all: True where it counts failures: planners are compared in all cases, and not only in those both solve.
+        of_successes: True where it is undefined in failures: an early end would improve it.
         pooled: True where it is averaged over the steps of all episodes, and not over episodes.
         source: The paper that defines it; empty for a definition of this benchmark.
     """
@@ -65,6 +67,7 @@ class MetricInfo:
     digits: int = 3
     needs: frozenset[str] = frozenset()
     over_all: bool = False
+    of_successes: bool = False
     pooled: bool = False
     source: str = ""
 
@@ -122,10 +125,21 @@ def describe(title: str, better: Literal["more", "less", ""] = "", **facts: Any)
     """
 
     def attach(metric: M) -> M:
-        vars(metric)["info"] = MetricInfo(title, read_unit(metric), better, **facts)
-        return metric
+        described = _over_successes(metric) if facts.get("of_successes") else metric
+        vars(described)["info"] = MetricInfo(title, read_unit(metric), better, **facts)
+        return described
 
     return attach
+
+
+def _over_successes(metric: M) -> M:
+    """Return the metric with NaN in place of its values in failures."""
+
+    @functools.wraps(metric)
+    def measure(trace: Trace) -> Float[np.ndarray, "world"]:
+        return np.where(trace.outcome == Outcome.SUCCESS, metric(trace), np.nan)
+
+    return cast(M, measure)
 
 
 def read_unit(metric: object) -> str:

@@ -53,7 +53,8 @@ def sct(trace: Trace) -> Float[np.ndarray, "world"]:
     """Success weighted by completion time: least over real time, 0 for a failure [1].
 
     Yokoyama et al. (2021). The least time is that of the shortest path, as in `spl`, at the preferred speed, in whole
-    steps.
+    steps. Differs from theirs because their least time is that of the fastest path under the agent's dynamics: here a
+    unicycle or a car cannot reach 1 where it must turn or accelerate first. SCT compares planners of one vehicle.
     """
     least = np.ceil(_shortest_way(trace) / (trace.preferred_speed[:, 0] * trace.rules.dt))
     return success_rate(trace) * np.maximum(least, 1.0) / np.maximum(trace.steps, np.maximum(least, 1.0))

@@ -11,6 +11,7 @@ from crowdbench.core.geometry import Vectors, norm, wrap_angle
 from crowdbench.core.types import Trace
 from crowdbench.metrics.info import UNDISTURBED, describe, total
 
+Values = Float[np.ndarray, "world"]
 Trips = Float[np.ndarray, "trip"]
 Starts = Int[np.ndarray, "trip"]
 
@@ -36,9 +37,9 @@ OBSTACLE_RANGE = 0.2
 """In metres."""
 
 
-@describe("deflection", "less", needs=frozenset({UNDISTURBED}))
+@describe("deflection", "less", needs=frozenset({UNDISTURBED}), of_successes=True)
 def deflection(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Mean distance of pedestrians from where they would be in the same case without the vehicle [m].
+    """Mean distance of pedestrians from where they would be without the vehicle, over successes [m].
 
     Over pedestrians and steps, as long as the same people are there. Undefined where pedestrians do not see the
     vehicle, or there are none.
@@ -50,30 +51,45 @@ def deflection(trace: Trace) -> Float[np.ndarray, "world"]:
     return total(total(moved.swapaxes(1, 2))) / np.where(compared > 0, compared, np.nan)
 
 
-@describe("imposed delay", "less", needs=frozenset({UNDISTURBED}))
+@describe("imposed delay", "less", share=True, needs=frozenset({UNDISTURBED}), of_successes=True)
 def imposed_delay(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Time that all pedestrians together lose to the vehicle: that of their ways, less that without the vehicle [s].
+    """Time that pedestrians lose to the vehicle per second of exposure, over successes [1].
 
-    Each is expected at its goal when it arrives, or else when it could be there from where it was last, straight on at
-    its preferred speed. It is negative where they gain. Compared are the ways, from a start to a goal, that begin alike
-    in the same case without the vehicle. A place in the arrays has the preferred speed of its first pedestrian.
+    sum_i (d_i - d'_i) / v_i / sum_i T_i over the trips i of pedestrians, from a start to a goal, that begin alike with
+    and without the vehicle. T_i is the matched time in seconds: from the start of a trip until the pedestrian arrives
+    in one of the two simulations, or the episode ends. d_i and d'_i are the straight distances to the goal then, in
+    metres, with and without the vehicle; v_i is the preferred speed. The definition is ours.
+
+    The mean is signed, because pedestrians may gain: `imposed_delay_positive` counts losses alone. Walls between a
+    pedestrian and its goal are ignored. A place in the arrays has the preferred speed of its first pedestrian.
     Undefined where pedestrians do not see the vehicle, or there are none.
     """
-    return _imposed(trace, lambda step, remaining, walked, speed: step * trace.rules.dt + remaining / speed)
+    return _imposed(trace, lambda lost, detour: lost)
 
 
-@describe("imposed detour", "less", needs=frozenset({UNDISTURBED}))
-def imposed_detour(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Path that all pedestrians together walk because of the vehicle: that of their ways, less that without it [m].
+@describe("imposed losses", "less", share=True, needs=frozenset({UNDISTURBED}), of_successes=True)
+def imposed_delay_positive(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Positive part of `imposed_delay`: pedestrians who gain time offset no loss, over successes [1].
 
-    The ways are those of `imposed_delay`; what remained at the end of an episode counts as the straight way.
+    sum_i max(0, d_i - d'_i) / v_i / sum_i T_i. It is above 0 wherever two simulations of a crowd diverge, whatever the
+    vehicle does: compare planners in the same scenario.
     """
-    return _imposed(trace, lambda step, remaining, walked, speed: walked + remaining)
+    return _imposed(trace, lambda lost, detour: np.maximum(lost, 0.0))
 
 
-@describe("social work", "less", source="Pérez-Higueras et al. (2023)")
+@describe("imposed detour", "less", needs=frozenset({UNDISTURBED}), of_successes=True)
+def imposed_detour(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Extra path of all pedestrians together compared with the same case without the vehicle, over successes [m].
+
+    sum_i (l_i + d_i - l'_i - d'_i) over the trips of `imposed_delay`: l is the path and d the straight distance to the
+    goal at the end of the matched time.
+    """
+    return _imposed(trace, lambda lost, detour: detour, per_exposure=False)
+
+
+@describe("social work", "less", source="Pérez-Higueras et al. (2023)", of_successes=True)
 def social_work(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Size of the social forces on the vehicle, and of those that it exerts on each pedestrian, over time [m/s].
+    """Size of the social forces on the vehicle and by it on pedestrians, over time and over successes [m/s].
 
     HuNavSim (Pérez-Higueras et al. 2023): the size of the sum of the forces of all pedestrians on the vehicle, that of
     the force of the nearest obstacle on it, and the sizes of the vehicle's forces on the pedestrians, with the social
@@ -89,15 +105,13 @@ def social_work(trace: Trace) -> Float[np.ndarray, "world"]:
     return total(np.hypot(x, y) + obstacle + on_pedestrians) * trace.rules.dt
 
 
-def _imposed(trace: Trace, cost: Callable[..., Trips]) -> Float[np.ndarray, "world"]:
-    """What the ways of pedestrians cost more than they would without the vehicle, summed over those of each world.
-
-    Compared are the ways, from a start to a goal, that begin alike with and without the vehicle. A way ends where its
-    pedestrian is another person, has another goal, or is gone. NaN in a world without a way that can be compared.
+def _imposed(trace: Trace, cost: Callable[[Trips, Trips], Trips], per_exposure: bool = True) -> Values:
+    """Return a cost of the vehicle to pedestrians, summed over the matched trips of each world.
 
     Args:
         trace: The trace.
-        cost: Of ways, by what `_end` returns and the preferred speeds of their pedestrians.
+        cost: The cost of trips from the time that each loses in seconds, and from its extra path in metres.
+        per_exposure: True to divide by the matched time in seconds.
     """
     if trace.undisturbed is None:
         return np.full(len(trace), np.nan)
@@ -111,41 +125,39 @@ def _imposed(trace: Trace, cost: Callable[..., Trips]) -> Float[np.ndarray, "wor
         return np.ascontiguousarray(states.swapaxes(1, 2)).reshape(-1, *states.shape[3:])
 
     start = np.flatnonzero(by_pedestrian(begins))
-    real, alone = by_pedestrian(trace.position[:, :, 1:]), by_pedestrian(trace.undisturbed)
-    alike = start[(real[start] == alone[start]).all(axis=1)]
-    speed = trace.preferred_speed[:, 1:].ravel()[alike // person.shape[1]]
-    alike, speed = alike[speed > 0.0], speed[speed > 0.0]
-    goals, radii = by_pedestrian(goal), by_pedestrian(trace.radius[:, :, 1:])
-    chosen, costs = np.searchsorted(start, alike), []
-    for states in (real, alone):
-        end = _end(states, norm(goals - states) - radii, start, person.shape[1])
-        costs.append(cost(*(values[chosen] for values in end), speed))
-    world = alike // person.shape[1] // max(person.shape[2], 1)
-    count = np.bincount(world, minlength=len(trace))
-    return np.where(count > 0, np.bincount(world, costs[0] - costs[1], minlength=len(trace)), np.nan)
+    both = np.stack([by_pedestrian(trace.position[:, :, 1:]), by_pedestrian(trace.undisturbed)])
+    remaining = norm(by_pedestrian(goal) - both) - by_pedestrian(trace.radius[:, :, 1:])
+    end = np.minimum(*(_end(distance, start) for distance in remaining))
+    speed = trace.preferred_speed[:, 1:].ravel()[start // person.shape[1]]
+    alike = (both[0, start] == both[1, start]).all(axis=1) & (speed > 0.0)
+    start, end, speed = start[alike], end[alike], speed[alike]
+    further = np.subtract(*np.maximum(remaining[:, end], 0.0))
+    strides = np.zeros((2, remaining.shape[1] // person.shape[1], person.shape[1]))
+    strides[..., 1:] = np.nan_to_num(norm(np.diff(both.reshape(*strides.shape, 2), axis=2)))
+    path = np.cumsum(strides, axis=2).reshape(remaining.shape)
+    detour = np.subtract(*(path[:, end] - path[:, start])) + further
+
+    def by_world(values: Trips) -> Values:
+        world = start // person.shape[1] // max(person.shape[2], 1)
+        return np.bincount(world, values, minlength=len(trace))
+
+    exposure = by_world((end - start) * trace.rules.dt)
+    costs = by_world(cost(further / speed, detour))
+    return np.where(exposure > 0.0, costs, np.nan) / np.where(per_exposure & (exposure > 0.0), exposure, 1.0)
 
 
-def _end(
-    position: Float[np.ndarray, "state 2"], remaining: Float[np.ndarray, "state"], start: Starts, times: int
-) -> tuple[Starts, Trips, Trips]:
-    """Where ways end: at the goal, or where the pedestrian was last.
+def _end(remaining: Float[np.ndarray, "state"], start: Starts) -> Starts:
+    """Return the states in which trips end: that of the arrival, or the last one in which the pedestrian is there.
 
-    The states of a pedestrian, `times` of them, lie one after the other; NaN where nobody is. A way goes on from its
-    first state, in `start`, to the first state of the next one. `remaining` is the straight way to the goal in metres.
-
-    Returns:
-        Steps done then, the straight way to where the pedestrian arrives, and the path from the beginning of the way,
-        both in metres.
+    Args:
+        remaining: Straight distance to where the pedestrian arrives in metres, NaN where nobody is.
+        start: The first state of each trip, which lasts until that of the next one.
     """
-    state, last = np.arange(len(position)), len(position)
+    state, last = np.arange(len(remaining)), len(remaining)
     known = np.isfinite(remaining)
     arrived = np.minimum.reduceat(np.where(known & (remaining < 0.0), state, last), start)
     end = np.where(arrived < last, arrived, np.maximum.reduceat(np.where(known, state, -1), start))
-    end = np.maximum(end, start)  # of a way of nobody, which is not compared
-    strides = np.zeros((len(position) // times, times))
-    strides[:, 1:] = np.nan_to_num(norm(np.diff(position.reshape(-1, times, 2), axis=1)))
-    path = np.cumsum(strides, axis=1).ravel()
-    return end % times, np.maximum(remaining[end], 0.0), path[end] - path[start]
+    return np.maximum(end, start)  # also of a trip of nobody, which is not compared
 
 
 def _social_force(between: Vectors, relative: Vectors) -> Vectors:

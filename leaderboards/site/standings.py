@@ -33,7 +33,10 @@ from crowdbench.utils.errors import InputError
 MAX_RANKED = 2
 """The most ranked entries of a submitter on a board."""
 
-SHOWN = ("collision_rate", "at_fault_rate", "sct", "navigation_time", "intimate_zone", "imposed_delay", "jerk")
+POLITE = ("intimate_zone", "imposed_delay", "imposed_delay_positive")
+"""The metrics of social compliance among `SHOWN`."""
+
+SHOWN = ("collision_rate", "at_fault_rate", "sct", "navigation_time", *POLITE, "jerk")
 """The metrics that the table of a board shows beside success."""
 
 PENDING = "Its board or its planner had other rules, scenarios or code: it must be submitted again."

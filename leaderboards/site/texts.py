@@ -87,7 +87,7 @@ def options_text(options: Mapping[str, Any]) -> str:
     return json.dumps(options, sort_keys=True, ensure_ascii=False)
 
 
-MANNERS = ("at_fault_rate", "intimate_zone", "imposed_delay", "jerk")
+MANNERS = ("at_fault_rate", "intimate_zone", "imposed_delay", "imposed_delay_positive", "jerk")
 """The metrics of manners, which stand with their intervals."""
 
 FILTERS = number, metric, milliseconds, sortable, shorten, web_address, options_text

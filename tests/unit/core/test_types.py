@@ -9,7 +9,7 @@ from helpers import advance, drive, fixture, trace
 from crowdbench import load_scenario
 from crowdbench.core.reward import COLLISION, WALL_COLLISION, reward
 from crowdbench.core.types import Outcome
-from crowdbench.metrics import collision_rate, discomfort, discounted_return, success_rate
+from crowdbench.metrics import collision_rate, discomfort_frequency, discounted_return, success_rate
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts.crossings import circle_crossing
@@ -134,7 +134,7 @@ def test_a_collision_with_an_obstacle_is_a_collision_and_has_a_reward_of_its_own
     assert Outcome(4) is Outcome.WALL_COLLISION
     assert [bool(collision_rate(each)[0]) for each in (walls, people, arrived)] == [True, True, False]
     assert not success_rate(walls)[0]
-    assert discomfort(walls)[0] == 0.0
+    assert discomfort_frequency(walls)[0] == 0.0
     for outcome, paid in ((Outcome.WALL_COLLISION, WALL_COLLISION), (Outcome.COLLISION, COLLISION)):
         assert reward(np.array([outcome]), np.array([-0.1]), 0.25)[0] == paid
     assert discounted_return(walls)[0] == pytest.approx(WALL_COLLISION * 0.9**0.5)

@@ -92,9 +92,11 @@ def test_turns_cross_the_branch_cut_the_short_way():
 def test_gaps_zones_and_discomfort():
     # The last step ends the episode: it is not in CrowdNav's count.
     episode = trace(STRAIGHT, Outcome.COLLISION, gap=[1.0, 0.3, 0.19, -0.05])
+    assert value("discomfort_frequency", episode) == 0.25
+    assert np.isnan(value("minimum_gap", episode))
+    episode = dataclasses.replace(episode, outcome=np.array([Outcome.SUCCESS]))
     assert value("minimum_gap", episode) == -0.05
     assert value("discomfort", episode) == 0.5
-    assert value("discomfort_frequency", episode) == 0.25
     assert [value(name, episode) for name in ("intimate_zone", "personal_zone", "social_zone")] == [0.75, 1.0, 1.0]
     assert np.isnan(value("minimum_gap", trace(STRAIGHT, gap=[np.inf] * 4)))
 

@@ -163,28 +163,34 @@ def delayed(real, alone, goal, outcome=Outcome.SUCCESS):
 def test_who_waits_is_delayed_and_who_goes_around_walks_farther():
     alone = walk([0, 0], [1, 0], 12)
     waits = np.concatenate([alone[:3], [alone[2]] * 4, alone[3:9]])
-    assert delayed(waits, alone, [9.0, 0])[1:] == pytest.approx((1.0, 0.0))
+    # A second of 3 s.
+    assert delayed(waits, alone, [9.0, 0])[1:] == pytest.approx((1 / 3, 0.0))
     around = alone.copy()
     around[6, 1] = 0.4
     detour = 2 * np.hypot(0.25, 0.4) - 0.5
     assert delayed(around, alone, [9.0, 0])[1:] == pytest.approx((0.0, detour))
-    # He arrives after seven steps, 0.25 m before the goal, or a second later. What he does then does not count.
+    # Without the vehicle he arrives after 1.75 s, 0.25 m before the goal, and with it a second later. What he does then
+    # does not count: he is 1.05 m short of where he would be.
     late = np.concatenate([[alone[0]] * 4, alone[:9]])
     episode, delay, detour = delayed(late, alone, [2.0, 0])
-    assert delay == 1.0
-    assert detour == pytest.approx(0.0)
+    assert delay == pytest.approx((2.0 - 0.75 - 0.3) / 1.75)
+    assert detour == pytest.approx(-0.05)  # he walked 0.05 m too far without the vehicle
     assert np.isnan(value("imposed_delay", dataclasses.replace(episode, undisturbed=None)))
 
 
-def test_a_delay_is_what_all_pedestrians_lose():
+def test_a_delay_is_what_all_pedestrians_lose_per_second():
     alone = walk([0, 0], [1, 0], 8)
     waits = np.concatenate([alone[:1], alone[:-1]])
     vehicle, goal = walk([-20, 0], [1, 0], 8), [FAR, [9.0, 0], [9.0, 5.0], [9.0, 9.0]]
     five, nine = np.array([0, 5.0]), np.array([0, 9.0])
-    ways = vehicle, waits, waits + five, alone + nine
     undisturbed = together(alone, alone + five, alone + nine)
-    episode = trace(together(*ways), goal=goal, undisturbed=undisturbed)
-    assert value("imposed_delay", episode) == pytest.approx(0.5)
+    episode = trace(together(vehicle, waits, waits + five, alone + nine), goal=goal, undisturbed=undisturbed)
+    assert value("imposed_delay", episode) == pytest.approx(2 * 0.25 / (3 * 2.0))
+    # The third one gains as much as each of the others loses.
+    fast = np.concatenate([alone[:1], alone[2:], alone[-1:] + np.array([0.25, 0])])
+    episode = trace(together(vehicle, waits, waits + five, fast + nine), goal=goal, undisturbed=undisturbed)
+    assert value("imposed_delay", episode) == pytest.approx(0.25 / 6.0)
+    assert value("imposed_delay_positive", episode) == pytest.approx(0.5 / 6.0)
 
 
 def test_only_ways_that_begin_alike_are_compared():
@@ -206,11 +212,12 @@ def test_who_leaves_when_he_arrives_is_delayed_by_when_he_leaves():
     alone, gone = walk([0, 0], [1, 0], 6), np.full((6, 2), np.nan)
     late = np.concatenate([[alone[0]] * 4, alone, gone[:2]])
     episode, delay, detour = delayed(late, np.concatenate([alone, gone]), [2.0, 0])
-    assert (delay, detour) == pytest.approx((1.0, 0.0))
+    # He was there without the vehicle for six steps, and is four steps behind then.
+    assert (delay, detour) == pytest.approx((1.0 / 1.5, 0.0))
     present, person, goal = episode.present.copy(), episode.person.copy(), episode.goal.copy()
     present[:, 11:, 1], person[:, 11:], goal[:, 11:, 1] = False, -1, 0.0
     left = dataclasses.replace(episode, present=present, person=person, goal=goal)
-    assert value("imposed_delay", left) == pytest.approx(1.0)
+    assert value("imposed_delay", left) == pytest.approx(1.0 / 1.5)
 
 
 @pytest.mark.parametrize("arrival", ["walk_on", "leave", "respawn"])
@@ -219,8 +226,9 @@ def test_nobody_is_delayed_by_a_vehicle_that_is_far(arrival):
         Still(), "val:4", "circle_crossing_5", vehicle__visible=True, time_limit=15.0, pedestrians__arrival=arrival,
         layout__circle_radius=4.0, pedestrians__orca__neighbor_distance=0.1,
     )  # fmt: skip
-    assert np.array_equal(value("imposed_delay", episode), 0.0)
-    assert np.array_equal(value("imposed_detour", episode), 0.0)
+    episode = dataclasses.replace(episode, outcome=np.full(len(episode), Outcome.SUCCESS))
+    assert np.array_equal(METRICS["imposed_delay_positive"](episode), np.zeros(4))
+    assert np.array_equal(METRICS["imposed_detour"](episode), np.zeros(4))
 
 
 def frozen(pedestrian, steps=12, goal=(9.0, 0), **changes):

@@ -303,7 +303,7 @@ def test_a_run_shows_its_main_metrics_and_how_to_see_its_failures(tmp_path, caps
     app(["run", "--planner", "straight", "--cases", "4", "--out", out], standalone_mode=False)
     shown = capsys.readouterr().out
     names = [line.split()[0] for line in shown.splitlines()[2:] if "  " in line]
-    assert names == ["success_rate", "collision_rate", "at_fault_rate", "timeout_rate", "sct", "jerk", "minimum_gap"]
+    assert names == ["success_rate", "collision_rate", "at_fault_rate", "timeout_rate", "sct", "jerk"]
     assert f"4 collisions (cases 0, 1, 2, 3): crowdbench view {out} --case 0" in shown
     app(
         ["run", "--planner", "straight", "--cases", "4", "--out", out, "--overwrite", "--all-metrics"],
