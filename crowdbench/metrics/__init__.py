@@ -37,8 +37,8 @@ from crowdbench.metrics.distances import (
     personal_zone,
     social_distance,
     social_zone,
-    time_to_collision,
 )
+from crowdbench.metrics.encounters import near_misses, near_misses_per_hour, time_to_collision
 from crowdbench.metrics.info import UNDISTURBED as UNDISTURBED
 from crowdbench.metrics.info import Metric as Metric
 from crowdbench.metrics.info import MetricInfo as MetricInfo
@@ -52,6 +52,7 @@ from crowdbench.metrics.motion import (
     max_turn,
     max_velocity_change,
     mean_acceleration,
+    path_irregularity,
     path_length,
     sct,
     spl,
@@ -76,10 +77,11 @@ from crowdbench.metrics.social import deflection, imposed_delay, imposed_delay_p
 SUBJECTS: dict[str, tuple[Metric, ...]] = {
     "end": (success_rate, collision_rate, person_collision_rate, wall_collision_rate, timeout_rate),
     "time": (navigation_time, navigation_time_or_limit),
-    "path": (path_length, success_path_length, spl, sct),
+    "path": (path_length, success_path_length, path_irregularity, spl, sct),
     "gap": (minimum_gap, clearing_distance, discomfort, discomfort_frequency, personal_space_compliance),
     "zone": (intimate_zone, personal_zone, social_zone),
-    "intrusion": (intrusion_time_ratio, social_distance, group_intrusion, social_work, time_to_collision),
+    "intrusion": (intrusion_time_ratio, social_distance, group_intrusion, social_work),
+    "encounter": (time_to_collision, near_misses, near_misses_per_hour),
     "acceleration": (max_velocity_change, max_acceleration, mean_acceleration, jerk),
     "heading": (max_turn, cumulative_heading_change, success_heading_change),
     "standstill": (stopped_time, success_stopped_time, frozen_time, failures_to_progress),

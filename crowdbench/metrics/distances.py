@@ -129,26 +129,6 @@ def group_intrusion(trace: Trace) -> Float[np.ndarray, "world"]:
     return np.where((first >= 0).any(axis=1), total(1.0 * within) / trace.steps, np.nan)
 
 
-@describe("time to collision", "more", of_successes=True)
-def time_to_collision(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Smallest time until the vehicle would touch a pedestrian at the velocities of the step, over successes [s].
-
-    Undefined in an episode in which they would never touch.
-    """
-    position = trace.position[:, :-1, 1:] - trace.position[:, :-1, :1]
-    velocity = trace.velocity[:, 1:, 1:] - trace.velocity[:, 1:, :1]
-    reach = trace.radius[:, :-1, 1:] + trace.radius[:, :-1, :1]
-    a = dot(velocity, velocity)
-    b = dot(position, velocity)
-    c = dot(position, position) - reach**2
-    root = b**2 - a * c
-    same = trace.person[:, :-1] == trace.person[:, 1:]
-    meets = (b < 0) & (root >= 0) & same
-    with np.errstate(divide="ignore", invalid="ignore"):
-        time = np.where(meets, c / (np.sqrt(np.where(meets, root, 0.0)) - b), np.inf)
-    return _finite_or_nan(np.min(np.maximum(time, 0.0), axis=(1, 2), initial=np.inf))
-
-
 def _finite_or_nan(values: Float[np.ndarray, "world"]) -> Float[np.ndarray, "world"]:
     """The values that are finite, and NaN in place of the others: metrics are undefined there."""
     return np.where(np.isfinite(values), values, np.nan)

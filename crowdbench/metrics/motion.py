@@ -35,6 +35,24 @@ def success_path_length(trace: Trace) -> Float[np.ndarray, "world"]:
     return np.where(success_rate(trace), path_length(trace), np.nan)
 
 
+@describe("path irregularity", "less", source="Biswas et al. (2022)", of_successes=True)
+def path_irregularity(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Rotation of the vehicle beyond that of its searched path, per metre of its path, over successes [rad/m].
+
+    max(0, sum_t |dh_t| - R) / L, as in SocNavBench (Biswas et al. 2022). h is the heading in radians, see
+    `cumulative_heading_change`; L is the length of the path in metres. R is the least rotation: from the first heading
+    along the vehicle's route to the goal. Undefined where the vehicle does not move.
+    """
+    goal = trace.goal[:, :1, 0]
+    route = np.where(np.isfinite(trace.route), trace.route, goal)
+    legs = np.diff(np.concatenate([trace.position[:, :1, 0], route, goal], axis=1), axis=1)
+    # The legs after the last waypoint have no length.
+    along = np.where(norm(legs) > 0.0, np.arctan2(legs[..., 1], legs[..., 0]), np.nan)
+    least = total(np.abs(wrap_angle(np.diff(np.concatenate([trace.heading[:, :1], along], axis=1), axis=1))))
+    length = path_length(trace)
+    return np.maximum(cumulative_heading_change(trace) - least, 0.0) / np.where(length > 0.0, length, np.nan)
+
+
 @describe("SPL", "more", over_all=True, source="Anderson et al. (2018)")
 def spl(trace: Trace) -> Float[np.ndarray, "world"]:
     """Success weighted by path length: shortest over real path, 0 for a failure [1].

@@ -158,3 +158,47 @@ def test_an_episode_of_one_step_has_its_metrics():
     assert values["max_turn"] == 0.0
     assert np.isnan(values["jerk"])
     assert values["discomfort_frequency"] == 0.0
+
+
+def test_a_long_vehicle_collides_with_its_foremost_disc():
+    # Discs at 0 and 1 m ahead of its position: the front is 1 m nearer to who comes from ahead.
+    walk = [[[0.25 * t, 0], [4 - 0.25 * t, 0]] for t in range(4)]
+    episode = trace(walk)
+    long = dataclasses.replace(episode, rules=dataclasses.replace(episode.rules, body=(0.0, 1.0)))
+    assert value("time_to_collision", long) == pytest.approx(2.4 / 2 - 2 * 0.25)
+
+
+def passing(*gaps):
+    """Positions of a vehicle that stands, and of a pedestrian at these gaps in turn."""
+    return np.array([[[0, 0], [0, gap + 0.6]] for gap in gaps])
+
+
+def test_an_encounter_is_a_near_miss_once():
+    # Three near steps are one near miss. The second encounter has none: its steps are slow and far.
+    episode = trace(passing(0.1, 0.1, 0.19, 3.0, 4.0, 4.0, 3.5, 3.4, 3.3))
+    assert value("near_misses", episode) == pytest.approx(1 / 2)
+    assert value("near_misses_per_hour", episode) == pytest.approx(3600 / (8 * 0.25))
+    # Somebody else in the same place begins an encounter of its own.
+    person = episode.person.copy()
+    person[:, 2:] = 7
+    assert value("near_misses", dataclasses.replace(episode, person=person)) == pytest.approx(2 / 3)
+    assert np.isnan(value("near_misses", trace(passing(9.0, 9.0))))
+    # From 2 m at 4 m/s: a touch within 0.5 s; at 1 m/s it is 2 s away.
+    assert value("near_misses", trace(passing(2.0, 1.0))) == 1.0
+    assert value("near_misses", trace(passing(2.0, 1.75))) == 0.0
+
+
+def test_turns_along_the_route_are_not_irregular():
+    corner = np.array([[[0, 0], [9, 9]], [[1, 0], [9, 9]], [[1, 1], [9, 9]]], float)
+    episode = trace(corner, goal=[[1, 1], [9, 9]])
+    heading = episode.heading.copy()
+    heading[0, :3] = [0, 0, np.pi / 2]
+    straight = dataclasses.replace(episode, heading=heading)
+    # Straight to the goal, by a turn of 45 degrees; along a route with a corner, by one of 90.
+    assert value("path_irregularity", straight) == pytest.approx(np.pi / 4 / 2)
+    route = np.array([[[1.0, 0.0], [np.nan, np.nan]]])
+    assert value("path_irregularity", dataclasses.replace(straight, route=route)) == pytest.approx(0.0)
+    heading = heading.copy()
+    heading[0, 1] = -0.1
+    swerves = dataclasses.replace(straight, route=route, heading=heading)
+    assert value("path_irregularity", swerves) == pytest.approx(0.2 / 2)
