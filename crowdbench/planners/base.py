@@ -7,7 +7,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Self
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -97,6 +97,9 @@ class AheadPlanner(Planner):
         return self.plan_ahead(obs, 1)[:, 0]
 
 
+Predicting = TypeVar("Predicting", bound="PredictingPlanner")
+
+
 @dataclass(eq=False)
 class PredictingPlanner(Planner):
     """Plans with predicted pedestrians, and gives commands of the vehicle's dynamics.
@@ -109,7 +112,7 @@ class PredictingPlanner(Planner):
 
     native = True
 
-    def for_held_out_scene(self, scene: str) -> Self:
+    def for_held_out_scene(self: Predicting, scene: str) -> Predicting:
         """See `Planner`: with the predictor that was not trained on the scene."""
         return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
 
