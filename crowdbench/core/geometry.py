@@ -70,7 +70,7 @@ def norm(vector: Vectors) -> Numbers:
     return np.sqrt(x * x + y * y)
 
 
-def dot(a: Vectors, b: Vectors) -> Numbers:
+def dot(a: Float[np.ndarray, "*#batch 2"], b: Float[np.ndarray, "*#batch 2"]) -> Float[np.ndarray, "..."]:
     """The scalar product of each pair of vectors."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
 

@@ -139,7 +139,7 @@ def _imposed(trace: Trace, cost: Callable[[Trips, Trips], Trips], per_exposure: 
 
     def by_world(values: Trips) -> Values:
         world = start // person.shape[1] // max(person.shape[2], 1)
-        return np.bincount(world, values, minlength=len(trace))
+        return np.bincount(world, values, minlength=len(trace)).astype(float)
 
     exposure = by_world((end - start) * trace.rules.dt)
     costs = by_world(cost(further / speed, detour))

@@ -67,7 +67,7 @@ def find_routes(
                 if route is None:
                     ends = (f"({x:.3g}, {y:.3g})" for x, y in (start[agent], goal[agent]))
                     raise InputError(
-                        f"no way leads {who(agent)} from {' to its goal at '.join(ends)}: "
+                        f"no way leads {who(int(agent))} from {' to its goal at '.join(ends)}: "
                         f"it needs gaps of at least {2 * (size + LEAST_CLEARANCE):.3g} m"
                     )
                 routes[agent] = route

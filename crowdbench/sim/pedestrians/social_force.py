@@ -93,7 +93,7 @@ def social_force_velocities(
     group: Int[np.ndarray, "world pedestrian"] | None = None,
     *,
     time_step: float = 0.25,
-    parameters: Mapping[str, float | Float[np.ndarray, "world agent"]] = PARAMETERS,
+    parameters: Mapping[str, float | Float[np.ndarray, "_ _"]] = PARAMETERS,
 ) -> Float[np.ndarray, "world agent 2"]:
     """The velocity that each agent has at the end of the step, see `forces.integrate`.
 
