@@ -56,7 +56,7 @@ def follow_routes(
     route: Routes,
     waypoint: Indices,
     radius: Radii,
-    obstacles: Obstacles,
+    obstacles: Walls,
     present: Flags,
 ) -> tuple[Float[np.ndarray, "world agent waypoint_after 2"], Indices]:
     """Return the routes of agents after a step, and the waypoint that each heads for next.

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import sys
 from pathlib import Path
 
 import pytest
@@ -103,6 +104,7 @@ RUN_HERE = {page: here for page in PAGES if (here := [each for each in commands(
 @pytest.mark.parametrize("page", RUN_HERE, ids=lambda page: page.name)
 def test_the_commands_of_a_page_run_one_after_the_other(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # planners add their folders, which other tests must not find
     shown = []
     monkeypatch.setattr(viewer, "show", lambda file, seconds, *, web: shown.append(file))
     monkeypatch.setattr(viewer, "picture", lambda file, screenshot, seconds: shown.append(file))
