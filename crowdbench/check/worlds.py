@@ -1,4 +1,4 @@
-"""What is found in the worlds of a scenario: ways out of their walls, people who never arrive, exact symmetry."""
+"""Check the worlds of a scenario for ways out of their walls, people who never arrive, and exact symmetry."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from crowdbench.sim.visibility_graph import find_routes
 from crowdbench.utils.errors import InputError
 
 ARRIVALS = 0.5
-"""The share of people, at least, who arrive where no vehicle is."""
+"""Smallest share of people who must arrive in a world without the vehicle."""
 
 MOST_TURNS = 24
 """Symmetry is searched for up to a 24th of a turn."""

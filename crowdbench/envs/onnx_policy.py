@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
 METADATA = "crowdbench"
-"""The key of a file's metadata that says how the policy was trained.
+"""Metadata key of the training conditions of a policy.
 
 JSON of a table with `observation`, `action` and `nearest` (see `PolicyPlanner`), `scenario` (its name), `dynamics` (of
 the vehicle), `dt` (in seconds), and `pedestrians` (their largest number). Each may be missing. Normalisation and
@@ -33,7 +33,7 @@ squashing are in the graph.
 """
 
 STATE = "state"
-"""How the names of inputs begin that hold the memory of a recurrent policy."""
+"""Prefix of the inputs that hold the memory of a recurrent policy."""
 
 TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 

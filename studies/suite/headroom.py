@@ -24,7 +24,7 @@ from studies.pages import read_file
 
 FILE = Path(__file__).with_suffix(".toml")
 LOWEST, HIGHEST = 0.85, 0.93
-"""The best of the planners is to succeed in a share of the cases between these."""
+"""Bounds of the success rate that the best planner should have."""
 
 
 class HeadroomSpec(StudyHead):

@@ -1,4 +1,4 @@
-"""What a scenario says of the attention of pedestrians to a visible vehicle; the model is in `sim.attention`."""
+"""Parameters of the attention of pedestrians to a visible vehicle; the model is in `sim.attention`."""
 
 from __future__ import annotations
 
