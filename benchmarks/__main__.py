@@ -18,13 +18,9 @@ SCENARIO = "circle_crossing_5"
 CASES = "val:21"
 """The cases in which a planner's decisions are timed; the first one warms up."""
 
-VARIANT_CASES = "val:50"
-"""The cases that the variants of the lookahead drive."""
-
 
 @help_from_docstring
 def bench(
-    lookahead: bool = False,
     planner: str | None = None,
     scenario: str = SCENARIO,
     option: list[str] | None = None,
@@ -36,20 +32,15 @@ def bench(
     --scenario, --option, --set and --threads need --planner.
 
     Args:
-        lookahead: Instead, measure the speed-ups of SARL-SGAN-KCE's lookahead and whether they change any command.
         planner: Instead, measure how long this planner takes for a decision in one world alone, in 20 cases. A name
             or a file of your own: ./mine.py.
     """
-    if lookahead and planner is not None:
-        raise InputError("--lookahead and --planner are different measurements: give one of them")
     if planner is None and (scenario != SCENARIO or option or overrides or threads):
         raise InputError("--scenario, --option, --set and --threads need --planner: say which planner to measure")
     use_threads(threads)  # before torch and numba are imported
     announce_compilation()
     if planner is not None:
         _bench_planner(planner, scenario, option or [], overrides or [])
-    elif lookahead:
-        _bench_lookahead()
     else:
         _bench_all()
 
@@ -72,21 +63,6 @@ def _bench_planner(planner: str, scenario: str, option: list[str], overrides: li
         f"{planner_label(name, options)} on {world.name}: {len(seconds)} decisions in one world alone take "
         f"{median:.3g} ms (median), {late:.3g} ms (99th percentile); a step takes {1e3 * world.rules.dt:g} ms"
     )
-
-
-def _bench_lookahead() -> None:
-    from benchmarks import speed_ups
-    from crowdbench import Cases
-
-    planners, cases = speed_ups.variants(), Cases.parse(VARIANT_CASES)
-    episodes = len(planners) * len(cases)
-    with progress(episodes, f"of {episodes} episodes") as tell:
-        rows = speed_ups.compare(planners, cases, tell)
-    title = f"Variants of SARL-SGAN-KCE's lookahead, cases {cases}"
-    heads = "variant", "time", "ratio", "outcomes that differ", "commands that differ"
-    print_table(Grid(title, heads, rows, align="lrrrr"))
-    print("\nTimes are of decisions on the same observations, by turns.")
-    print("Each variant differs from the first one in one thing.")
 
 
 def _bench_all() -> None:

@@ -55,41 +55,26 @@ def measure_orca_runs() -> Iterator[Measurement]:
     """Runs of ORCA as the vehicle. It has no network, and nothing is recorded, so that the simulator takes the time."""
     with tempfile.TemporaryDirectory() as folder:
         run = [*_run("orca", folder), "--record", "none"]
-        whole = median(command(*run, "--cases", "500").seconds for _ in range(REPETITIONS))
+        whole = median(command(*run).seconds for _ in range(REPETITIONS))
         yield Measurement("500 cases, ORCA vehicle, start to result", whole, "s")
         yield Measurement("memory for 10,000 cases", command(*run, "--cases", "10000").memory / 1e6, "MB")
 
 
-def measure_sarl_runs(cases: int = 500, *options: str) -> Iterator[Measurement]:
-    """Runs of SARL-CVM with the recording that runs make by default.
-
-    Args:
-        cases: Number of cases.
-        options: Options of the planner as `key=value`; without any it has the weights that come with crowdbench.
-    """
-    return _measure_planner("sarl_cvm", "SARL-CVM", cases, options, REPETITIONS)
+def measure_sarl_runs() -> Iterator[Measurement]:
+    """Runs of SARL-CVM with the recording that runs make by default."""
+    return _measure_planner("sarl_cvm", "SARL-CVM", REPETITIONS)
 
 
-def measure_sarl_sgan_kce_run(cases: int = 500, *options: str) -> Iterator[Measurement]:
-    """The same for SARL-SGAN-KCE, run once only, because that takes as long as all the rest.
-
-    Args:
-        cases: Number of cases.
-        options: Options of the planner as `key=value`.
-    """
-    return _measure_planner("sarl_sgan_kce", "SARL-SGAN-KCE", cases, options, 1)
+def measure_sarl_sgan_kce_run() -> Iterator[Measurement]:
+    """The same for SARL-SGAN-KCE, run once only, because that takes as long as all the rest."""
+    return _measure_planner("sarl_sgan_kce", "SARL-SGAN-KCE", 1)
 
 
-def _measure_planner(
-    planner: str, label: str, cases: int, options: tuple[str, ...], repetitions: int
-) -> Iterator[Measurement]:
+def _measure_planner(planner: str, label: str, repetitions: int) -> Iterator[Measurement]:
     with tempfile.TemporaryDirectory() as folder:
-        run = [*_run(planner, folder), "--cases", str(cases)]
-        for option in options:
-            run += ["--option", option]
-        seconds, _, memory = zip(*(command(*run) for _ in range(repetitions)), strict=True)
-    yield Measurement(f"{cases} cases, {label}, start to result", median(seconds), "s")
-    yield Measurement(f"memory for {cases} cases, {label}", max(memory) / 1e6, "MB")
+        seconds, _, memory = zip(*(command(*_run(planner, folder)) for _ in range(repetitions)), strict=True)
+    yield Measurement(f"500 cases, {label}, start to result", median(seconds), "s")
+    yield Measurement(f"memory for 500 cases, {label}", max(memory) / 1e6, "MB")
 
 
 def _run(planner: str, folder: str) -> list[str]:

@@ -1,27 +1,21 @@
-"""How long decisions of planners and the training of a learned one take, and how close they come to the processor.
+"""How long decisions of planners and the training of a learned one take.
 
-SARL's networks have random weights here, which cost as much as trained ones. SARL-SGAN-KCE and SARL-SGAN-SEQ have the
-weights that come with crowdbench unless their options name others.
+SARL's networks have random weights here, which cost as much as trained ones.
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from statistics import mean, median
-from typing import Any
-
-import torch
-from torch.utils.flop_counter import FlopCounterMode
 
 from benchmarks.measurement import Measurement, in_turns, seconds
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Observation
 from crowdbench.isolation import sandbox
 from crowdbench.isolation.planner import IsolatedPlanner
-from crowdbench.networks.value import HAS_ONEDNN, SARL, linear
+from crowdbench.networks.value import SARL
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity
@@ -80,31 +74,11 @@ def measure_sarl(worlds: int = 500, rounds: int = 5, decisions: int = 300) -> It
         rounds: How many times the decision for all of them is measured.
         decisions: Number of decisions for one world, each for another world.
     """
-    decide = sarl_planner().plan
+    decide = ValuePlanner(ConstantVelocity(), SARL()).plan
     for pedestrians in CROWDNAV_SECONDS:
         yield _sarl(AT_ONCE.format(worlds), at_once(decide, pedestrians, worlds, rounds), pedestrians)
     for pedestrians in CROWDNAV_SECONDS:
         yield _sarl("one world", one_by_one(decide, pedestrians, decisions), pedestrians)
-
-
-def measure_share_of_limit(worlds: int = 500, size: int = 1024, rounds: int = 10) -> Iterator[Measurement]:
-    """The operations per second of a large matrix product, and which share of them a decision of SARL-CVM reaches.
-
-    A network consists of matrix products, so that none can be faster than the large one.
-
-    Args:
-        worlds: Number of worlds of the decision.
-        size: Rows and columns of the matrices.
-        rounds: How many times both are measured, by turns.
-    """
-    product = functools.partial(linear, torch.nn.Linear(size, size), torch.rand(size, size))
-    works: list[Callable[[], object]] = [product, sarl_decision(5, worlds)]
-    with torch.inference_mode():
-        durations = in_turns(rounds, *(functools.partial(seconds, work) for work in works))
-    limit, reached = (operations(work) / time / 1e9 for work, time in zip(works, durations, strict=True))
-    yield Measurement(f"matrix product of {size} x {size} float32, the limit", limit, "GFLOP/s")
-    work = f"share of that limit: SARL decision, 5 pedestrians, {worlds} worlds"
-    yield Measurement(work, 100 * reached / limit, "%")
 
 
 def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
@@ -149,37 +123,24 @@ def measure_large_crowds(cases: int = 40) -> Iterator[Measurement]:
         yield Measurement(f"{name}, 20 pedestrians, {cases} cases at once, per case", duration, "s")
 
 
-def measure_sarl_sgan_kce(
-    worlds: int = 500, rounds: int = 5, decisions: int = 100, **options: Any
-) -> Iterator[Measurement]:
+def measure_sarl_sgan_kce(worlds: int = 500, rounds: int = 5, decisions: int = 100) -> Iterator[Measurement]:
     """Decisions of SARL-SGAN-KCE, for many worlds at once and for one world at a time.
 
     Args:
         worlds: See `measure_sarl`, and so for the next two.
         rounds: Number of measurements.
         decisions: Number of decisions for one world.
-        options: Options of the planner.
     """
-    decide, work = load_planner("sarl_sgan_kce", options)[1].plan, "SARL-SGAN-KCE decision"
+    decide, work = load_planner("sarl_sgan_kce")[1].plan, "SARL-SGAN-KCE decision"
     yield _sarl_sgan(work, AT_ONCE.format(worlds), at_once(decide, SGAN_PEDESTRIANS, worlds, rounds))
     yield _sarl_sgan(work, "one world", one_by_one(decide, SGAN_PEDESTRIANS, decisions))
 
 
-def measure_sarl_sgan_seq(worlds: int = 500, rounds: int = 3, **options: Any) -> Iterator[Measurement]:
+def measure_sarl_sgan_seq(worlds: int = 500, rounds: int = 3) -> Iterator[Measurement]:
     """Decisions of SARL-SGAN-SEQ, of eight commands each, for many worlds at once; arguments as those above."""
-    decide = functools.partial(load_planner("sarl_sgan_seq", options)[1].plan_ahead, steps=SEQUENCE)
+    decide = functools.partial(load_planner("sarl_sgan_seq")[1].plan_ahead, steps=SEQUENCE)
     duration = at_once(decide, SGAN_PEDESTRIANS, worlds, rounds)
     yield _sarl_sgan(f"SARL-SGAN-SEQ decision of {SEQUENCE} commands", AT_ONCE.format(worlds), duration)
-
-
-def sarl_decision(pedestrians: int, worlds: int) -> Callable[[], object]:
-    """A function that makes a decision of SARL-CVM for many worlds at once."""
-    return functools.partial(sarl_planner().plan, observation(pedestrians, worlds))
-
-
-def sarl_planner() -> ValuePlanner:
-    """SARL-CVM with random weights."""
-    return ValuePlanner(ConstantVelocity(), SARL())
 
 
 def at_once(decide: Callable[[Observation], object], pedestrians: int, worlds: int, rounds: int) -> float:
@@ -193,24 +154,6 @@ def one_by_one(decide: Callable[[Observation], object], pedestrians: int, worlds
     obs = observation(pedestrians, worlds)
     works = [functools.partial(decide, obs.take(slice(row, row + 1))) for row in range(worlds)]
     return median(map(seconds, works))
-
-
-def operations(work: Callable[[], object]) -> int:
-    """The multiplications and additions in all matrix products that torch computes in a call."""
-    products = {torch.ops.mkldnn._linear_pointwise: _count_linear} if HAS_ONEDNN else {}
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # what other threads compute is not counted
-    try:
-        with torch.inference_mode(), FlopCounterMode(display=False, custom_mapping=products) as counter:
-            work()
-    finally:
-        torch.set_num_threads(threads)
-    return counter.get_total_flops()
-
-
-def _count_linear(rows: Sequence[int], weight: Sequence[int], *_: object, **__: object) -> int:
-    """The operations of `crowdbench.networks.value.linear`, of the shapes of its arguments."""
-    return 2 * math.prod(rows) * weight[0]
 
 
 def observation(pedestrians: int, worlds: int) -> Observation:

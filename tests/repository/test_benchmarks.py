@@ -12,18 +12,8 @@ from typer.testing import CliRunner
 
 import crowdbench
 from benchmarks import __main__ as command
-from benchmarks import commands, decisions, first_runs, measurement, simulator, speed_ups
-from crowdbench import Cases, InputError, Planner
-
-
-class Course(Planner):
-    """Drives with one velocity, whatever comes."""
-
-    def __init__(self, vx, vy=0.0):
-        self.velocity = vx, vy
-
-    def plan(self, obs):
-        return np.full((len(obs), 2), self.velocity)
+from benchmarks import commands, decisions, first_runs, measurement, simulator
+from crowdbench import InputError
 
 
 def printed(*arguments):
@@ -39,13 +29,9 @@ def test_median_and_late_decisions_of_a_planner_are_printed(monkeypatch):
 
 
 def test_options_that_do_not_belong_together_are_refused():
-    for arguments, message in (
-        (["--planner", "orca", "--lookahead"], "one of them"),
-        (["--scenario", "x"], "--planner"),
-    ):
-        error = CliRunner().invoke(command.app, arguments).exception
-        assert isinstance(error, InputError)
-        assert message in str(error)
+    error = CliRunner().invoke(command.app, ["--scenario", "x"]).exception
+    assert isinstance(error, InputError)
+    assert "--planner" in str(error)
 
 
 @pytest.mark.slow
@@ -53,7 +39,7 @@ def test_every_measurement_is_in_the_table(monkeypatch):
     monkeypatch.setattr(simulator, "ROUNDS", 1)
     short = {
         simulator: {"steps": (), "environments": ()},
-        decisions: {"isolation": (2, 1), "sarl": (3, 1, 2), "share_of_limit": (1, 10, 1), "large_crowds": (1,)},
+        decisions: {"isolation": (2, 1), "sarl": (3, 1, 2), "large_crowds": (1,)},
         commands: {"start_up": ()},
     }
     taken = 0
@@ -63,39 +49,11 @@ def test_every_measurement_is_in_the_table(monkeypatch):
             given = arguments.get(name.removeprefix("measure_"))
             work = list if given is None else functools.partial(getattr(module, name), *given)
             monkeypatch.setattr(module, name, work)
-    assert taken == 17
+    assert taken == 16
     lines = printed().splitlines()
     assert sum("SARL decision, 5 pedestrians" in line for line in lines) == 3
     assert sum("environment, 6 agents, per step" in line for line in lines) == 2
     assert sum("start-up of the command line" in line for line in lines) == 1
-
-
-@pytest.mark.slow
-def test_the_speed_ups_are_printed(monkeypatch):
-    monkeypatch.setattr(command, "VARIANT_CASES", "val:1")
-    monkeypatch.setattr(speed_ups, "SHORTLISTS", (4,))
-    output = printed("--lookahead")
-    assert re.search(r"^ *all commands under all futures +[\d.]+ s +1.0x +0 of 1 +0 of \d+", output, re.MULTILINE)
-
-
-def test_variants_are_compared_on_the_decisions_of_the_first():
-    planners = {"stands": Course(0.0), "stands too": Course(0.0), "flees": Course(0.0, -1.0)}
-    ended = []
-    stands, too, flees = speed_ups.compare(planners, Cases("val", 0, 3), ended.append)
-    assert [row[0] for row in (stands, too, flees)] == list(planners)
-    assert stands[2] == "1.0x"
-    assert stands[3] == too[3] == "0 of 3"
-    assert stands[4] == too[4] == "0 of " + flees[4].split()[2]
-    assert flees[4].split()[0] == flees[4].split()[2]
-    assert sum(ended) == pytest.approx(9)
-
-
-def test_the_operations_of_a_decision_are_those_of_its_layers():
-    per_pedestrian = 13 * 150 + 150 * 100 + 3 * 100 * 100 + 100  # embedding, features, attention
-    per_state = 100 * 100 + 100 * 50 + 56 * 150 + 150 * 100 + 100 * 100 + 100  # attention on the mean, features, value
-    states = 256  # 3 * 81, filled up to a multiple of 16
-    by_hand = 2 * states * (5 * per_pedestrian + per_state)
-    assert decisions.operations(decisions.sarl_decision(5, 3)) == by_hand
 
 
 def test_a_command_is_timed_with_its_memory_and_without_that_of_its_parent():
