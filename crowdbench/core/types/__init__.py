@@ -7,37 +7,19 @@ second, radians.
 
 from __future__ import annotations
 
-from crowdbench.core.types.observation import Observation, Pedestrians, Vehicle
-from crowdbench.core.types.rules import (
-    COLLISION_RULES,
-    DISCOMFORT_GAP,
-    HISTORY,
-    PERFECT,
-    Lidar,
-    Noise,
-    Outcome,
-    RuleNumbers,
-    Rules,
-    Sensor,
-    WalkingLimits,
-)
-from crowdbench.core.types.world import Trace, World
-
-__all__ = [
-    "COLLISION_RULES",
-    "DISCOMFORT_GAP",
-    "HISTORY",
-    "PERFECT",
-    "Lidar",
-    "Noise",
-    "Observation",
-    "Outcome",
-    "Pedestrians",
-    "RuleNumbers",
-    "Rules",
-    "Sensor",
-    "Trace",
-    "Vehicle",
-    "WalkingLimits",
-    "World",
-]
+from crowdbench.core.types.observation import Observation as Observation
+from crowdbench.core.types.observation import Pedestrians as Pedestrians
+from crowdbench.core.types.observation import Vehicle as Vehicle
+from crowdbench.core.types.rules import COLLISION_RULES as COLLISION_RULES
+from crowdbench.core.types.rules import DISCOMFORT_GAP as DISCOMFORT_GAP
+from crowdbench.core.types.rules import HISTORY as HISTORY
+from crowdbench.core.types.rules import PERFECT as PERFECT
+from crowdbench.core.types.rules import Lidar as Lidar
+from crowdbench.core.types.rules import Noise as Noise
+from crowdbench.core.types.rules import Outcome as Outcome
+from crowdbench.core.types.rules import RuleNumbers as RuleNumbers
+from crowdbench.core.types.rules import Rules as Rules
+from crowdbench.core.types.rules import Sensor as Sensor
+from crowdbench.core.types.rules import WalkingLimits as WalkingLimits
+from crowdbench.core.types.world import Trace as Trace
+from crowdbench.core.types.world import World as World

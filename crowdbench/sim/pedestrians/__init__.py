@@ -1,21 +1,13 @@
 """The policies of pedestrians, and the kernels that they share."""
 
-from crowdbench.sim.pedestrians.base import Memory, PedestrianPolicy, PolicyWithMemory
-from crowdbench.sim.pedestrians.habits import Recorded, Standing, StopAndGo, Straight
-from crowdbench.sim.pedestrians.orca_crowd import ORCA, ORCAPlus
-from crowdbench.sim.pedestrians.power_law import PowerLaw
-from crowdbench.sim.pedestrians.social_force import SocialForce
-
-__all__ = [
-    "ORCA",
-    "Memory",
-    "ORCAPlus",
-    "PedestrianPolicy",
-    "PolicyWithMemory",
-    "PowerLaw",
-    "Recorded",
-    "SocialForce",
-    "Standing",
-    "StopAndGo",
-    "Straight",
-]
+from crowdbench.sim.pedestrians.base import Memory as Memory
+from crowdbench.sim.pedestrians.base import PedestrianPolicy as PedestrianPolicy
+from crowdbench.sim.pedestrians.base import PolicyWithMemory as PolicyWithMemory
+from crowdbench.sim.pedestrians.habits import Recorded as Recorded
+from crowdbench.sim.pedestrians.habits import Standing as Standing
+from crowdbench.sim.pedestrians.habits import StopAndGo as StopAndGo
+from crowdbench.sim.pedestrians.habits import Straight as Straight
+from crowdbench.sim.pedestrians.orca_crowd import ORCA as ORCA
+from crowdbench.sim.pedestrians.orca_crowd import ORCAPlus as ORCAPlus
+from crowdbench.sim.pedestrians.power_law import PowerLaw as PowerLaw
+from crowdbench.sim.pedestrians.social_force import SocialForce as SocialForce
