@@ -26,18 +26,8 @@ TRIED: Mapping[str, Mapping[str, Sequence[float]]] = {
 
 METRES = MetricInfo("energy distance", "m", "less")
 
-TEXT = f"""\
-Cars among pedestrians on a campus (DUT, Yang et al. 2019). In windows of {cars.SECONDS:g} s, one every
-{cars.EVERY:g} s, the cars drive as they were recorded. People start where they were, with the velocity that they had,
-and walk the ways that they walked at their own mean speed. The drivers had reacted to the real people; and how somebody
-gave way is partly in the way and in the speed that are given, so that the policies only have to do the rest.
-
-The displacements over {cars.SECONDS:g} s, forward and away from the nearest car, are compared with the recorded ones
-by the energy distance (Székely and Rizzo 2013), among people with the same gap to it and the same time until it is
-within {cars.CLOSE:g} m at constant velocities. Groups count by their sizes, from {energy.LEAST} people on. Parameters
-are fitted on the first half of each clip. Figures are of the second halves, with 95 % intervals of a bootstrap over
-clips. The floor is the distance between the recorded people of one half of the clips and those of the other: the mean
-over random halves, and the range of 95 % of them."""
+TEXT = Path(__file__).with_name("cars.txt").read_text("utf-8").strip().format(cars=cars, energy=energy)
+"""What is measured, in Markdown."""
 
 
 @dataclass(frozen=True)

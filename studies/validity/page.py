@@ -14,8 +14,8 @@ from jaxtyping import Shaped
 from crowdbench.metrics.info import MetricInfo
 from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.utils.tables import markdown, printed_by
-from studies.validity import door
-from studies.validity.experiments import EVERYBODY, LAST, LENGTH, STUCK, TIME, WIDTH, People, Setting
+from studies.validity import door, experiments
+from studies.validity.experiments import EVERYBODY, People, Setting
 
 Results = Mapping[Setting, Any]
 """What was measured of each setting: a `Passages` of a door, a `Walk` of all others."""
@@ -37,48 +37,8 @@ SOURCES = Path(__file__).with_name("sources.txt")
 LIMITS = {name: SOURCES.with_name(name + ".txt").read_text("utf-8").strip() for name in ("orca", "social_force")}
 """What the policies that ship can and cannot do, each after its name."""
 
-INTRODUCTION = """\
-What crowds do that a pedestrian policy moves, beside what is published about people.
-`python studies/validity/run.py ./mine.py` measures a policy of your own.
-
-Each figure is a mean over {worlds} worlds, which differ in their random numbers alone, with its 95 % interval
-(Student's t). Policies have their default parameters, a step takes 0.25 s, and there is no vehicle. Three kinds of
-people walk:
-
-- of radius 0.3 m, with a preferred speed of 1 m/s: as in most scenarios. More than 2.5 of them on a square metre hardly
-  fit,
-- of radius 0.2 m, with preferred speeds of 1.34 m/s on average (standard deviation 0.26 m/s, within two of them), as
-  measured (Weidmann 1993). As many of them fit on a square metre as in experiments,
-- the same, but of radius 0.01 m, in the corridor alone: almost points, as in the paper on the social force model
-  (Helbing and Molnár 1995)."""
-
-ONE_WAY = f"""\
-All walk in the same direction in a corridor of {LENGTH:g} m x {WIDTH:g} m, whose end is its beginning: who leaves it on
-one side enters it on the other, and sees those behind the seam as all others. They start at rest, in random places of a
-grid. Shown is their mean speed in the direction in which they want to go, in the last {LAST:g} of {TIME:g} s; it is
-negative where they walk backwards. Overlapping are those whose disc overlaps another by more than 1 cm at the end.
-Published is Weidmann's curve (Weidmann 1993), a fit to many data sets, scaled to the preferred speed."""
-
-SINGLE_FILE = """\
-In single file, everybody is held in the middle of the corridor. Published is the linear relation of Seyfried et al.
-(2005), by which people at speed v need 0.36 m + 1.06 s v."""
-
-TWO_WAYS = f"""\
-The same corridor, where half of the people, drawn by chance, walk in the other direction. The order parameter of lane
-formation (Rex and Löwen 2007), reduced as by Nowak and Schadschneider (2012), is 100 % where every lane has one
-direction, and on average 0 where directions are mixed, as they are at the start. Stuck are worlds in which people walk
-on average at less than {100 * STUCK:g} % of their preferred speed. There is no published figure for this corridor. In
-experiments people form lanes, their speed by density is that of one direction up to about 1 person/m² and their largest
-flow is smaller, and the jams of many models have never been observed, there or in the field (Zhang et al. 2012)."""
-
-DOOR = f"""\
-{door.NUMBER} people in a hall of {door.HALL:g} m width walk through a door in a thin wall, which is {door.BEFORE:g} m
-from the first of them. The specific flow is the number of people per second and metre of the door's width, from the
-first of them to the last, or to the end of {door.TIME:g} s where not all get through. A door is blocked where people
-wait, and nobody has passed it in the last {door.STILL:g} s. Published are the flows of as many people through a
-bottleneck of 2.8 m length (Seyfried et al. 2009, table 2). Others have found that the specific flow does not depend on
-the width where more than one person can pass at a time (Kretz et al. 2006); for design, 1.3 /(m s) of a width without
-0.15 m on either side is usual (Gwynne and Rosenbaum 2016)."""
+TEXT = SOURCES.with_name("page.txt").read_text("utf-8").strip()
+"""The page in Markdown, with names for its numbers and tables."""
 
 
 def page(results: Results, command: str, beside_cars: str | None = None) -> str:
@@ -90,29 +50,26 @@ def page(results: Results, command: str, beside_cars: str | None = None) -> str:
         beside_cars: The section on people beside cars, if there is one.
     """
     policies = list(dict.fromkeys(setting.policy for setting in results))
-    worlds = len(_of(results, "one way", policies[0])[0][1].speed)
     in_file = [people for people in EVERYBODY if people.per_metre]
-    parts = [
-        "# Validity of the pedestrian policies",
-        printed_by(command),
-        INTRODUCTION.format(worlds=worlds),
-        *(f"**{policy}**: {LIMITS[policy]}" for policy in policies if policy in LIMITS),
-        "## Speed against density",
-        ONE_WAY,
-        *(_speeds(results, policies, "one way", people, "people per m²") for people in EVERYBODY),
-        SINGLE_FILE,
-        *(_speeds(results, policies, "single file", people, "people per m") for people in in_file),
-        "## Lanes",
-        TWO_WAYS,
-        *(_lanes(results, policy) for policy in policies),
-        "## Flow through a door",
-        DOOR,
-        *(_doors(results, policy) for policy in policies),
-        *([beside_cars] if beside_cars else []),
-        "## References",
-        SOURCES.read_text(encoding="utf-8").strip(),
-    ]
-    return "\n\n".join(parts)
+    tables = {
+        "one_way": (_speeds(results, policies, "one way", people, "people per m²") for people in EVERYBODY),
+        "single_file": (_speeds(results, policies, "single file", people, "people per m") for people in in_file),
+        "lanes": (_lanes(results, policy) for policy in policies),
+        "doors": (_doors(results, policy) for policy in policies),
+    }
+    return fill(
+        printed=printed_by(command),
+        worlds=len(_of(results, "one way", policies[0])[0][1].speed),
+        limits="".join(f"**{policy}**: {LIMITS[policy]}\n\n" for policy in policies if policy in LIMITS),
+        beside_cars=f"{beside_cars}\n\n" if beside_cars else "",
+        **{name: "\n\n".join(each) for name, each in tables.items()},
+    )
+
+
+def fill(**parts: str | int) -> str:
+    """Fill `TEXT` with its parts, and with the numbers of the experiments."""
+    sources = SOURCES.read_text(encoding="utf-8").strip()
+    return TEXT.format(experiments=experiments, door=door, stuck=100 * experiments.STUCK, sources=sources, **parts)
 
 
 def _speeds(results: Results, policies: list[str], experiment: str, people: People, at: str) -> str:
