@@ -23,18 +23,11 @@ from crowdbench.study.folder import read_episodes
 from crowdbench.study.schema import CasesText
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location, Name, Names, Text, TomlTable, Values, choice, integer, number, table
-from studies.pages import SUCCESS, SUCCESS_RATE, values_of
+from studies.pages import NOTES, SUCCESS, SUCCESS_RATE, values_of
 
 PLANNER_MEASURES = {name: info_of(name) for name in (SUCCESS_RATE, "navigation_time", "max_velocity_change", "jerk")}
 """Metrics that a table may show."""
 
-NOTES = (
-    "Figures are means over the networks of a row, which all drive the same cases. Their 95 % intervals are for other "
-    "networks and other cases: Student's t over the networks and over the cases, joined as in Banerjee (Sankhyā 22, "
-    "1960, 357-358). Success of a single network has Wilson's score interval instead, and so has success of several "
-    "networks where each of them solves every case, or no case. All figures but success are over the cases that are "
-    "solved."
-)
 SECOND_READING = (SUCCESS_RATE, "navigation_time")
 """The metrics of a second reading."""
 
@@ -327,7 +320,7 @@ class FilledNetworksTable:
     def notes(self) -> list[str]:
         """What a page says below its tables, once for all that say the same."""
         notes = {
-            NOTES: True,
+            NOTES["networks"]: True,
             ALONE: any(len(row.weights) > 1 for row in self.rows),
             PRIVILEGED: any(row.privileged for row in self.rows),
         }

@@ -26,6 +26,11 @@ from crowdbench.utils.toml import Location, parse_table, read_toml
 SUCCESS_RATE = "success_rate"
 SUCCESS = info_of(SUCCESS_RATE)
 
+NOTES = {
+    name: " ".join(text.split()) for name, text in read_toml(Path(__file__).with_name("notes.toml"), "file").items()
+}
+"""What pages say below their tables."""
+
 Head = TypeVar("Head", bound=StudyHead)
 
 MakeRuns = Callable[[Sequence[Run]], None]

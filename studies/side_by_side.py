@@ -17,32 +17,13 @@ from crowdbench.runs.table import PRIVILEGED, RunTable, estimate_grid
 from crowdbench.study.folder import run_directory
 from crowdbench.study.study import StudyTable
 from crowdbench.utils.tables import Grid, markdown
-from studies.pages import SUCCESS, SUCCESS_RATE
+from studies.pages import NOTES, SUCCESS, SUCCESS_RATE
 
 OVER_SOLVED = ("navigation_time", "discomfort", "jerk", "minimum_gap")
 """What is measured over solved cases: each planner's own, or those that both of a pair solve."""
 
 FAILURES = ("collision_rate", "at_fault_rate", "wall_collision_rate", "timeout_rate")
 """Of the other cases."""
-
-NOTES = (
-    "Success has Wilson's 95 % interval. At fault are collisions in which the vehicle had a share of 0.1 or more. "
-    "Time, discomfort (share of steps with a gap below 0.2 m), jerk and gap (the smallest of an episode) are means "
-    "over the cases that the planner itself solves, with 95 % intervals of a bootstrap. The means of a planner that "
-    "fails often are over easier cases."
-)
-RECORDED = (
-    "Cases from the same block of recorded time are not independent. Where people were recorded, also where they "
-    "react, intervals are those of a bootstrap over blocks, also of success, and success is compared by a permutation "
-    "test that exchanges two planners block by block."
-)
-PAIRED = (
-    "The second table of a crowd says in which measures the planner of the row is significantly better or worse than "
-    "the planner of the column: in success by McNemar's exact test (p < 0.05), in the other measures by a paired "
-    "bootstrap of the mean difference over the cases that both solve (its 95 % interval excludes 0, and there are at "
-    f"least {LEAST_SHARED} such cases). The {{tests}} tests in a crowd are not corrected for their number: between "
-    "planners that do not differ, about one test in twenty finds a difference."
-)
 
 
 @dataclass(frozen=True)
@@ -117,9 +98,9 @@ class FilledCrowdsTable:
         """What a page says below its tables, once for all that say the same."""
         tests = len(self.crowds[0].pairs) * (1 + len(OVER_SOLVED))
         notes = {
-            NOTES: True,
-            PAIRED.format(tests=tests): tests > 0,
-            RECORDED: any(crowd.blocks is not None for crowd in self.crowds),
+            NOTES["side_by_side"]: True,
+            NOTES["paired"].format(tests=tests, least=LEAST_SHARED): tests > 0,
+            NOTES["recorded"]: any(crowd.blocks is not None for crowd in self.crowds),
             PRIVILEGED: any(row["planner"].endswith(" *") for crowd in self.crowds for row in crowd.planners),
         }
         return [note for note, applies in notes.items() if applies]

@@ -21,13 +21,8 @@ from studies.dials.estimate import Crossing, First, Fit, difference, fit, levels
 from studies.ladder.rungs import RUNGS
 from studies.pages import SUCCESS, draw_bar, read_successes
 
-NOTES = (
-    "A planner holds a level if it succeeds in 90 % of the cases there. Success at the levels is fitted by isotonic "
-    "regression, and the fit is interpolated; intervals (95 %) are of a bootstrap over cases. *Behind the best* is the "
-    "difference in levels, paired by case. Each planner drove 30 cases at all levels, and 240 others at each of the "
-    "three levels around its figure; rungs of the ladder (P2, C) drove the 30 alone. What is below the first level or "
-    "above the last is said so, and is no number."
-)
+NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
+"""The notes below the table."""
 
 
 class DialsSpec(TomlTable):
