@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from crowdbench.core.arrays import Polygons
 from crowdbench.core.dynamics import Holonomic, nose, outline
 from crowdbench.core.geometry import Discs, nearest_in_step, polygons, turn
 from crowdbench.core.types import Outcome, Rules, Trace, World
@@ -142,7 +143,7 @@ class Moment:
     goal: Float[np.ndarray, "agent 2"]
     radius: Float[np.ndarray, "agent"]
     seen: Bool[np.ndarray, "pedestrian"]
-    obstacles: Float[np.ndarray, "polygon corner 2"]
+    obstacles: Polygons
     rules: Rules
     hits_obstacle: bool = False
 
@@ -186,9 +187,7 @@ class Moment:
         return hit
 
 
-def extent(
-    position: Points, goal: Points, obstacles: Float[np.ndarray, "polygon corner 2"], margin: float
-) -> Float[np.ndarray, "2 2"]:
+def extent(position: Points, goal: Points, obstacles: Polygons, margin: float) -> Float[np.ndarray, "2 2"]:
     """The smallest and the largest x and y that an episode needs, in metres.
 
     Args:

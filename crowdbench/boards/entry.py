@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.planner_files import PLANNER, check_named_files, imported_code, package, package_files
@@ -25,6 +25,7 @@ from crowdbench.runs.recording import COMMANDS
 from crowdbench.runs.results import EPISODES
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.records import check_record
 from crowdbench.utils.toml import Flag, Location, Name, Names, Text, TomlTable, integer, parse_table, read_toml
 
 ENTRIES = "entries"
@@ -173,25 +174,12 @@ def read_entry(directory: Path) -> Entry:
         table = files.read_json(path)
     except OSError as error:
         raise InputError(f"{directory} is no entry: {path} cannot be read ({error.strerror})") from None
-    except ValueError as error:
-        raise InputError(f"{path} is not valid JSON: {error}") from None
-    spec = _parse(table, path)
+    spec = check_record(EntrySpec, table, path, "entry", SCHEMA)
     check_submitter(spec.submitted_by, spec.package)
     check_networks(spec.options, spec.networks)
     check_named_files([spec.planner, spec.options, spec.networks], directory)
     _check_files(directory, spec.files)
     return Entry(directory, spec, read_card(directory / CARD))
-
-
-def _parse(table: Any, path: Path) -> EntrySpec:
-    if isinstance(table, dict) and table.get("format") != SCHEMA:
-        raise InputError(f"{path} has the format {table.get('format')!r}, but this version reads format {SCHEMA}")
-    try:
-        return EntrySpec.model_validate(table)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(map(str, first["loc"])) or "the whole file"
-        raise InputError(f"{path} is no entry of crowdbench: {key}: {first['msg']}") from None
 
 
 def read_card(path: Path) -> CardSpec:

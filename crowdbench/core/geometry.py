@@ -9,13 +9,8 @@ from typing import Any, NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from crowdbench.core.arrays import Numbers, Vectors
 from crowdbench.utils.compiled import njit
-
-Numbers = Float[np.ndarray, "*batch"]
-"""A number per agent or vehicle."""
-
-Vectors = Float[np.ndarray, "*batch 2"]
-"""A point, a velocity or a command per agent or vehicle."""
 
 
 class Discs(NamedTuple):

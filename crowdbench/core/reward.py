@@ -11,7 +11,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.geometry import Numbers
+from crowdbench.core.arrays import Numbers
 from crowdbench.core.types import DISCOMFORT_GAP, Outcome, Trace
 from crowdbench.utils.compiled import njit
 

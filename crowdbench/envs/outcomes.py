@@ -6,8 +6,9 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
+from crowdbench.core.arrays import PerAgent
 from crowdbench.core.dynamics.motion import HOLONOMIC
 from crowdbench.core.geometry import Discs, nearest_in_step
 from crowdbench.core.types import Outcome, World
@@ -22,9 +23,7 @@ _SLACK = 1e-6
 """By how much the reach is larger than it must be, in metres, because of rounding."""
 
 
-def outcomes_of_agents(
-    before: World, after: World, check: StepCheck
-) -> tuple[Int[np.ndarray, "agent"], Float[np.ndarray, "agent"]]:
+def outcomes_of_agents(before: World, after: World, check: StepCheck) -> tuple[Int[np.ndarray, "agent"], PerAgent]:
     """Check a step of one world for all agents, by the rule for the vehicle (`crowdbench.sim.episode`).
 
     For a pedestrian the rule is `swept`. Agents that it cannot see do not count, because an agent cannot learn from a

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.geometry import Vectors, norm, wrap_angle
+from crowdbench.core.arrays import Vectors
+from crowdbench.core.geometry import norm, wrap_angle
 from crowdbench.core.types import Trace
 from crowdbench.metrics.info import UNDISTURBED, describe, total
 

@@ -18,7 +18,7 @@ from safetensors.torch import load, save
 from torch import nn
 
 from crowdbench.plugins.load import ROOT
-from crowdbench.utils.errors import InputError, describe_error, is_number
+from crowdbench.utils.errors import InputError, is_number
 from crowdbench.utils.files import read_json, read_regular, whole
 
 WEIGHTS = ROOT / "agents" / "weights"
@@ -80,8 +80,6 @@ def read_card(path: Path) -> dict[str, Any]:
         table = read_json(card)
     except OSError as error:
         raise InputError(f"the weights {path} need their card {card.name} beside them: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{card} is not valid JSON: {describe_error(error)}") from None
     if not isinstance(table, dict) or not all(isinstance(table.get(key), str) for key in ("network", "sha256")):
         raise InputError(f"{card} is not a card of weights: it must name their network and their sha256")
     if not isinstance(table.get("training", {}), dict):

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench.core.arrays import WorldPaths
 from crowdbench.core.types import Observation
 from crowdbench.utils.errors import InputError
 
@@ -52,7 +53,7 @@ class Predictor(abc.ABC):
             The futures.
         """
 
-    def predict_given(self, obs: Observation, steps: int, plan: Float[np.ndarray, "world time 2"]) -> Prediction:
+    def predict_given(self, obs: Observation, steps: int, plan: WorldPaths) -> Prediction:
         """Predict all pedestrians where it is known what the vehicle is about to do.
 
         Args:
@@ -70,9 +71,7 @@ class Predictor(abc.ABC):
         return self
 
 
-def predict(
-    predictor: Predictor, obs: Observation, steps: int, plan: Float[np.ndarray, "world time 2"] | None = None
-) -> Prediction:
+def predict(predictor: Predictor, obs: Observation, steps: int, plan: WorldPaths | None = None) -> Prediction:
     """Predict all pedestrians, and check the prediction.
 
     Args:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.geometry import Vectors
+from crowdbench.core.arrays import Vectors
 from crowdbench.core.types import Observation
 from crowdbench.predict.base import Prediction, Predictor
 from crowdbench.utils.errors import require, require_count

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import rerun as rr
-from jaxtyping import Float
 from rerun.chunk import Chunk
 
+from crowdbench.core.arrays import Numbers, Vectors
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.drawing import DARK, MUTED, REMEMBERED
@@ -105,9 +105,7 @@ def _draw_beams(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> It
     yield moving("world/lidar", timeline, [len(number)] * states, rr.LineStrips2D.columns(strips=beams))
 
 
-def time_to_closest(
-    position: Float[np.ndarray, "*batch 2"], velocity: Float[np.ndarray, "*batch 2"]
-) -> Float[np.ndarray, "*batch"]:
+def time_to_closest(position: Vectors, velocity: Vectors) -> Numbers:
     """When two points with constant velocities are nearest to each other, in seconds from now, up to `AHEAD`.
 
     Args:

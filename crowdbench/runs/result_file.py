@@ -10,33 +10,39 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field, create_model
 
 from crowdbench.metrics.load import LARGEST
 from crowdbench.runs.identity import code, digest
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
-from crowdbench.utils.errors import InputError, is_integer, is_number
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.records import check_record
 
 RESULT = "result.json"
 
 FORMAT = 1
 """Version of what a result holds."""
 
-_KEYS = {
-    **{"id": str, "run": dict, "scenario": dict, "interrupted": bool, "outcomes": dict, "metrics": dict},
-    **{"stated": dict, "files": dict},
-}
-"""What every result holds."""
+_Texts = dict[str, str]
+_Table = dict[str, Any]
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Seconds = Annotated[float, Field(gt=0.0, lt=1e9)]
+_Mean = Annotated[float, Field(ge=-LARGEST, le=LARGEST)] | None
 
-_RUN = {
-    **{"planner": dict, "scenario": str, "cases": str, "replanning": dict, "metrics": dict, "code": str},
-    "decision_limit": int | float,
-}
-"""What its section `run` holds, see `identity.RunId`."""
-
-_STATED = {"privileged": bool, "overrides": dict, "record": str, "timing": dict, "versions": dict}
-"""What its section `stated` holds at least: what nobody can recompute from the other files."""
+_Planner = create_model("_Planner", name=str, options=_Table, files=_Table, facts=_Texts)
+_Rest = create_model("_Rest", replanning=_Table, metrics=_Texts, code=str, decision_limit=float)
+_Run = create_model("_Run", __base__=_Rest, planner=_Planner, scenario=str, cases=str)
+_Scenario = create_model("_Scenario", name=str, layout=_Table, pedestrians=_Table, dt=_Seconds, time_limit=_Seconds)
+_Estimate = create_model("_Estimate", n=int, mean=(_Mean, None))
+_Timing = create_model("_Timing", decision_ms_per_step=_Number, seconds=_Number)
+_Stated = create_model("_Stated", privileged=bool, overrides=_Table, record=str, timing=_Timing, versions=_Table)
+_Metrics: Any = dict[str, _Estimate]  # type: ignore[valid-type]
+_Found = create_model("_Found", interrupted=bool, outcomes=dict[str, int], metrics=_Metrics)
+_Result = create_model("_Result", __base__=_Found, id=str, run=_Run, scenario=_Scenario, stated=_Stated, files=_Texts)
+"""What every result holds at least, see `identity.RunId`; nobody can recompute `stated` from the other files."""
 
 
 def write_result(folder: Path, result: Mapping[str, Any]) -> dict[str, Any]:
@@ -66,12 +72,7 @@ def read_result(directory: Path) -> dict[str, Any]:
         raise InputError(
             f"{directory} is not the directory of a run: {path} cannot be read ({error.strerror})"
         ) from None
-    except ValueError as error:
-        raise InputError(f"{path} is not valid JSON: {error}") from None
-    if isinstance(result, dict) and result.get("format") != FORMAT:
-        raise InputError(f"{path} has the format {result.get('format')!r}, but this version reads format {FORMAT}")
-    if not _is_result(result):
-        raise InputError(f"{path} is not a result of crowdbench: it must hold {', '.join(_KEYS)}, each of its type")
+    check_record(_Result, result, path, "result", FORMAT)
     if elsewhere := [name for name in result["files"] if Path(name).name != name]:
         raise InputError(f"{path} lists {elsewhere[0]!r}, but the files of a run lie beside it")
     try:
@@ -128,33 +129,3 @@ def warn_of_other_code(directory: Path, result: Mapping[str, Any]) -> list[str]:
 def _contents_digest(contents: Mapping[str, Any]) -> str:
     """Return the sha256 of the contents of `result.json` without its section `files`."""
     return hashlib.sha256(json.dumps(contents, sort_keys=True).encode()).hexdigest()
-
-
-def _is_result(result: Any) -> bool:
-    if not isinstance(result, dict) or not all(isinstance(result.get(key), kind) for key, kind in _KEYS.items()):
-        return False
-    run, scenario, estimates = result["run"], result["scenario"], result["metrics"].values()
-    if not all(isinstance(run.get(key), kind) for key, kind in _RUN.items()):
-        return False
-    planner = run["planner"]
-    return (
-        all(isinstance(result["stated"].get(key), kind) for key, kind in _STATED.items())
-        and all(is_number(result["stated"]["timing"].get(key)) for key in ("decision_ms_per_step", "seconds"))
-        and isinstance(planner.get("name"), str)
-        and all(isinstance(planner.get(key), dict) for key in ("options", "files", "facts"))
-        and all(map(_is_texts, (result["files"], run["metrics"], planner["facts"])))
-        and isinstance(scenario.get("name"), str)
-        and all(isinstance(scenario.get(key), dict) for key in ("layout", "pedestrians"))
-        and all(is_number(scenario.get(key)) and 0.0 < scenario[key] < 1e9 for key in ("dt", "time_limit"))
-        and all(map(is_integer, result["outcomes"].values()))
-        and all(isinstance(estimate, dict) and is_integer(estimate.get("n")) for estimate in estimates)
-        and all(estimate.get("mean") is None or _is_moderate(estimate["mean"]) for estimate in estimates)
-    )
-
-
-def _is_texts(table: Mapping[str, Any]) -> bool:
-    return all(isinstance(value, str) for value in table.values())
-
-
-def _is_moderate(value: Any) -> bool:
-    return is_number(value) and abs(value) <= LARGEST

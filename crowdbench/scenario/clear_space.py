@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench.core.arrays import Agents, PerAgent, WayPoints
 from crowdbench.core.dynamics import Body
 from crowdbench.core.geometry import dot, norm
 from crowdbench.utils.toml import TomlTable, number
-
-Agents = Float[np.ndarray, "agent 2"]
 
 
 class MovingVehicle(NamedTuple):
@@ -43,9 +42,7 @@ class ClearSpace(TomlTable):
     distance: float = number(least=0.0, below=1e3)
     time: float = number(least=0.0, below=1e3)
 
-    def is_entered(
-        self, discs: Float[np.ndarray, "disc 2"], position: Agents, radius: Float[np.ndarray, "agent"], reach: float
-    ) -> bool:
+    def is_entered(self, discs: Float[np.ndarray, "disc 2"], position: Agents, radius: PerAgent, reach: float) -> bool:
         """Whether somebody is nearer to the vehicle than `distance`, whichever way anybody goes.
 
         Args:
@@ -56,9 +53,7 @@ class ClearSpace(TomlTable):
         """
         return bool((norm(position[:, None] - discs) - (radius + reach)[:, None] < self.distance).any())
 
-    def holds(
-        self, vehicle: MovingVehicle, position: Agents, velocity: Agents, radius: Float[np.ndarray, "agent"]
-    ) -> bool:
+    def holds(self, vehicle: MovingVehicle, position: Agents, velocity: Agents, radius: PerAgent) -> bool:
         """Whether there is so much space between a vehicle and people.
 
         Args:
@@ -79,9 +74,7 @@ class ClearSpace(TomlTable):
         return not (touches & (when <= self.time)).any()
 
 
-def velocities_ahead(
-    start: Agents, goal: Agents, route: Float[np.ndarray, "agent waypoint 2"] | None, speed: Float[np.ndarray, "agent"]
-) -> Agents:
+def velocities_ahead(start: Agents, goal: Agents, route: WayPoints | None, speed: PerAgent) -> Agents:
     """The velocities in m/s with which agents set out: at their preferred speed to the first waypoint, or to the goal.
 
     Args:

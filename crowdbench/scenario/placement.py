@@ -11,6 +11,8 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from crowdbench.core.arrays import Agents, Polygons, WayPoints
+from crowdbench.core.arrays import PerAgent as PerAgent
 from crowdbench.sim.visibility_graph import edges_of, find_routes, who
 from crowdbench.utils.errors import InputError
 
@@ -18,9 +20,6 @@ EXTENT = 1e6
 """Coordinates are at most so many metres from zero."""
 
 _TOLERANCE = 1e-9
-
-PerAgent = Float[np.ndarray, "agent"]
-"""A number per agent, the vehicle first."""
 
 Position = Float[np.ndarray, "2"]
 """A point in metres."""
@@ -42,10 +41,10 @@ class Placement:
             three or more, in either order, are solid. None unless given.
     """
 
-    start: Float[np.ndarray, "agent 2"]
-    goal: Float[np.ndarray, "agent 2"]
-    route: Float[np.ndarray, "agent waypoint 2"] | None = None
-    obstacles: Float[np.ndarray, "polygon corner 2"] | None = None
+    start: Agents
+    goal: Agents
+    route: WayPoints | None = None
+    obstacles: Polygons | None = None
 
 
 Layout = Callable[..., Placement]

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from crowdbench.core import rng
+from crowdbench.core.arrays import PedestrianFlags
 from crowdbench.core.geometry import norm, pad_points
 from crowdbench.core.types import World
 from crowdbench.scenario.clear_space import MovingVehicle, velocities_ahead
@@ -111,9 +112,7 @@ class LayoutPostStepRule:
         return world
 
 
-def _add_groups(
-    chosen: Bool[np.ndarray, "world pedestrian"], group_or_person_id: Int[np.ndarray, "world pedestrian"]
-) -> Bool[np.ndarray, "world pedestrian"]:
+def _add_groups(chosen: PedestrianFlags, group_or_person_id: Int[np.ndarray, "world pedestrian"]) -> PedestrianFlags:
     """Return those who are chosen, and all others of their groups."""
     together = chosen.copy()
     for row, pedestrian in np.argwhere(chosen).tolist():
@@ -121,12 +120,12 @@ def _add_groups(
     return together
 
 
-def find_walking(world: World, running: Bool[np.ndarray, "world"]) -> Bool[np.ndarray, "world pedestrian"]:
+def find_walking(world: World, running: Bool[np.ndarray, "world"]) -> PedestrianFlags:
     """Who prefers some speed, in worlds that are running."""
     return np.asarray(running[:, None] & world.present[:, 1:] & (world.preferred_speed[:, 1:] > 0.0))
 
 
-def find_arrived(world: World, running: Bool[np.ndarray, "world"]) -> Bool[np.ndarray, "world pedestrian"]:
+def find_arrived(world: World, running: Bool[np.ndarray, "world"]) -> PedestrianFlags:
     """Who has arrived, in worlds that are running: whose goal is nearer than its radius. Who stands has not."""
     to_goal = (world.goal - world.position)[:, 1:]
     return np.asarray(find_walking(world, running) & (norm(to_goal) < world.radius[:, 1:]))
@@ -160,12 +159,12 @@ def replace_person(
             world.parameters[name][parameter][row, agent] = values[index]
 
 
-def _stop(world: World, arrived: Bool[np.ndarray, "world pedestrian"]) -> None:
+def _stop(world: World, arrived: PedestrianFlags) -> None:
     """Let those who have arrived stand: nothing moves who prefers no speed."""
     world.preferred_speed[:, 1:][arrived] = 0.0
 
 
-def _leave(world: World, arrived: Bool[np.ndarray, "world pedestrian"]) -> None:
+def _leave(world: World, arrived: PedestrianFlags) -> None:
     """Turn those who have arrived into padding, see `World`."""
     world.present[:, 1:][arrived] = False
     for array in (world.position, world.velocity, world.origin, world.goal):
@@ -178,7 +177,7 @@ def _leave(world: World, arrived: Bool[np.ndarray, "world pedestrian"]) -> None:
     world.person[arrived], world.group[arrived], world.since[arrived] = -1, -1, 0
 
 
-def _turn_back(world: World, arrived: Bool[np.ndarray, "world pedestrian"]) -> None:
+def _turn_back(world: World, arrived: PedestrianFlags) -> None:
     """Send those who have arrived back to where they came from, on the same route."""
     origin, goal = world.origin[:, 1:], world.goal[:, 1:]
     origin[arrived], goal[arrived] = goal[arrived], origin[arrived]

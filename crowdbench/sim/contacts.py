@@ -62,6 +62,9 @@ class Fault(enum.IntEnum):
     """Both together came nearer by less than 1 cm, and the vehicle did not stand."""
 
 
+_Numbers = Float[np.ndarray, "touch"]
+
+
 class Contacts(NamedTuple):
     """The contact of each world, of several at the same time that in which the vehicle's share is largest.
 
@@ -91,7 +94,7 @@ class _Touches(NamedTuple):
 
     row: Int[np.ndarray, "touch"]
     agent: Int[np.ndarray, "touch"]
-    time: Float[np.ndarray, "touch"]
+    time: _Numbers
 
 
 def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Contacts:
@@ -150,9 +153,7 @@ def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> _Touches:
     return _Touches(row[contact], pedestrian + 1, ends[contact, 0] + time[contact, pedestrian])
 
 
-def _attribute(
-    trace: Trace, touches: _Touches
-) -> tuple[Float[np.ndarray, "touch"], Int[np.ndarray, "touch"], Float[np.ndarray, "touch"]]:
+def _attribute(trace: Trace, touches: _Touches) -> tuple[_Numbers, Int[np.ndarray, "touch"], _Numbers]:
     """The vehicle's share in each touch, what it did (a `Fault`), and the relative speed at the touch in m/s."""
     row, agent, time = touches
     length = _window(trace, touches)
@@ -192,15 +193,13 @@ def _attribute(
     return share, fault, norm(pedestrian[:, 0] - vehicle[:, 0])
 
 
-def _integrate(
-    values: Float[np.ndarray, "touch sample"], seconds: Float[np.ndarray, "touch"]
-) -> Float[np.ndarray, "touch"]:
+def _integrate(values: Float[np.ndarray, "touch sample"], seconds: _Numbers) -> _Numbers:
     """The integral over the window of values, the first of which are at the touch and do not count."""
     # One after the other, so that a sum does not depend on how many there are.
     return np.cumsum(values[:, 1:], axis=1)[:, -1] * seconds
 
 
-def _window(trace: Trace, touches: _Touches) -> Float[np.ndarray, "touch"]:
+def _window(trace: Trace, touches: _Touches) -> _Numbers:
     """The length of the window before each touch in steps: a second, or less where the person was not there before."""
     row, agent, time = touches
     most = WINDOW / trace.rules.dt

@@ -11,6 +11,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench.core.arrays import Walls, WorldPoints
 from crowdbench.sim.obstacles import nearest_on_segment, number_of_corners
 from crowdbench.utils.compiled import njit
 
@@ -126,10 +127,7 @@ APART = math.cos(math.radians(45.0))
 
 
 def nearest_walls(
-    position: Float[np.ndarray, "world 2"],
-    obstacles: Float[np.ndarray, "world polygon corner 2"],
-    number: int,
-    reach: float,
+    position: WorldPoints, obstacles: Walls, number: int, reach: float
 ) -> Float[np.ndarray, "world wall 2"]:
     """The nearest points of the nearest edges of obstacles in directions that differ, nearest first.
 

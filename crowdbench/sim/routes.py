@@ -7,8 +7,9 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
+from crowdbench.core.arrays import AgentFlags, AgentInts, AgentNumbers, AgentPoints, Walls, WorldPaths
 from crowdbench.core.geometry import local_goals
 from crowdbench.core.types import Trace, World
 from crowdbench.sim.obstacles import touches_in_step
@@ -16,12 +17,8 @@ from crowdbench.sim.visibility_graph import find_routes
 from crowdbench.utils.compiled import njit
 from crowdbench.utils.errors import InputError
 
-Points = Float[np.ndarray, "world agent 2"]
 Routes = Float[np.ndarray, "world agent waypoint 2"]
-Indices = Int[np.ndarray, "world agent"]
-Radii = Float[np.ndarray, "world agent"]
-Flags = Bool[np.ndarray, "world agent"]
-Walls = Float[np.ndarray, "world polygon corner 2"]
+Rerouted = Float[np.ndarray, "world agent waypoint_after 2"]
 
 SIGHT_GAP = 0.01
 """A waypoint is in sight where the straight way to it passes all walls with this gap, in metres."""
@@ -30,12 +27,12 @@ REACH = 1.0
 """In a world without obstacles, where all waypoints are in sight, a waypoint is reached at this distance in metres."""
 
 
-def goals_on_way(world: World) -> Points:
+def goals_on_way(world: World) -> AgentPoints:
     """The local goal of each agent in metres, see `crowdbench.core.geometry.local_goals`."""
     return local_goals(world.position, world.goal, world.route, world.waypoint)
 
 
-def goals_in_trace(trace: Trace) -> Float[np.ndarray, "world time 2"]:
+def goals_in_trace(trace: Trace) -> WorldPaths:
     """The vehicle's local goal in metres in every state of a trace; the goal after an episode's end."""
     goal = trace.goal[:, :, 0]
     if not trace.route.shape[1] and not trace.obstacles.shape[1]:
@@ -51,14 +48,14 @@ def goals_in_trace(trace: Trace) -> Float[np.ndarray, "world time 2"]:
 
 
 def follow_routes(
-    position: Points,
-    goal: Points,
+    position: AgentPoints,
+    goal: AgentPoints,
     route: Routes,
-    waypoint: Indices,
-    radius: Radii,
+    waypoint: AgentInts,
+    radius: AgentNumbers,
     obstacles: Walls,
-    present: Flags,
-) -> tuple[Float[np.ndarray, "world agent waypoint_after 2"], Indices]:
+    present: AgentFlags,
+) -> tuple[Rerouted, AgentInts]:
     """Return the routes of agents after a step, and the waypoint that each heads for next.
 
     An agent among obstacles that sees no point of its route, because others have pushed it off, takes the shortest way
@@ -68,8 +65,8 @@ def follow_routes(
         position: As `next_waypoints` has it, and so have the following.
         goal: Goals in metres.
         route: Waypoints in metres.
-        waypoint: Indices of waypoints.
-        radius: Radii in metres.
+        waypoint: AgentInts of waypoints.
+        radius: AgentNumbers in metres.
         obstacles: Polygons in metres.
         present: Whether the agent is there.
     """
@@ -85,9 +82,7 @@ def follow_routes(
     return route, following
 
 
-def with_route(
-    route: Routes, row: int, agent: int, points: Float[np.ndarray, "point 2"]
-) -> Float[np.ndarray, "world agent waypoint_after 2"]:
+def with_route(route: Routes, row: int, agent: int, points: Float[np.ndarray, "point 2"]) -> Rerouted:
     """Give one agent other waypoints, in metres: in this array, or in a longer one where they have no room."""
     if (longer := len(points) - route.shape[2]) > 0:
         route = np.pad(route, [(0, 0), (0, 0), (0, longer), (0, 0)], constant_values=np.nan)
@@ -97,8 +92,13 @@ def with_route(
 
 
 def next_waypoints(
-    position: Points, goal: Points, route: Routes, waypoint: Indices, radius: Radii, obstacles: Walls
-) -> tuple[Indices, Flags]:
+    position: AgentPoints,
+    goal: AgentPoints,
+    route: Routes,
+    waypoint: AgentInts,
+    radius: AgentNumbers,
+    obstacles: Walls,
+) -> tuple[AgentInts, AgentFlags]:
     """Return the waypoint that each agent heads for next, and which agents have none in sight.
 
     Among obstacles it is the last one of the route that is in sight, the goal included: a disc of the agent's radius
@@ -111,7 +111,7 @@ def next_waypoints(
         goal: Goals in metres.
         route: Waypoints on the way to the goal, in metres, NaN after the last one.
         waypoint: Index of the waypoint that each agent has been heading for.
-        radius: Radii in metres.
+        radius: AgentNumbers in metres.
         obstacles: Polygons in metres, NaN after the last corner.
 
     Returns:

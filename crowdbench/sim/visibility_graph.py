@@ -18,12 +18,12 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from crowdbench.core.arrays import Agents, PerAgent, Polygons, WayPoints
 from crowdbench.core.geometry import norm, pad_points, polygons
 from crowdbench.utils.compiled import njit
 from crowdbench.utils.errors import InputError
 
-Points = Float[np.ndarray, "agent 2"]
-Polygons = Float[np.ndarray, "polygon corner 2"]
+Points = Float[np.ndarray, "point 2"]
 
 CLEARANCE = 0.2
 """Distance in metres that a way keeps between an agent's rim and the corners of obstacles, where there is room."""
@@ -40,9 +40,7 @@ SIDES = 16
 _TOLERANCE = 1e-6
 
 
-def find_routes(
-    start: Points, goal: Points, radius: Float[np.ndarray, "agent"], obstacles: Polygons
-) -> Float[np.ndarray, "agent waypoint 2"]:
+def find_routes(start: Agents, goal: Agents, radius: PerAgent, obstacles: Polygons) -> WayPoints:
     """The waypoints of each agent on its shortest way to its goal.
 
     Args:
@@ -93,14 +91,12 @@ def solids(obstacles: Polygons) -> list[shapely.Polygon]:
     return [shapely.Polygon(corners) for corners in polygons(obstacles) if len(corners) > 2]
 
 
-def nearest_on(
-    edges: Float[np.ndarray, "edge 2 2"], points: Float[np.ndarray, "point 2"]
-) -> Float[np.ndarray, "point edge 2"]:
+def nearest_on(edges: Float[np.ndarray, "edge 2 2"], points: Points) -> Float[np.ndarray, "point edge 2"]:
     """The point of each edge that is nearest to each of the points.
 
     Args:
         edges: Both ends of each edge in metres.
-        points: Points in metres.
+        points: Agents in metres.
 
     Returns:
         In metres.
@@ -110,7 +106,7 @@ def nearest_on(
     return first + np.clip(share, 0.0, 1.0)[..., None] * along
 
 
-def _add_marks(start: Points, goal: Points, routes: Sequence[np.ndarray]) -> Float[np.ndarray, "agent waypoint 2"]:
+def _add_marks(start: Agents, goal: Agents, routes: Sequence[np.ndarray]) -> WayPoints:
     """Routes with waypoints at most `SPACING` apart, so that whoever has been pushed off its way sees one of them."""
     marked = []
     for agent, corners in enumerate(routes):
@@ -201,7 +197,7 @@ def _roadmap(obstacles: bytes, shape: tuple[int, ...], radius: float) -> _Roadma
     return _Roadmap(edges, points, keep, np.where(gap < most, np.arctan2(y, x), 0.0), radius + LEAST_CLEARANCE)
 
 
-def _go_around(start: Points, goal: Points, roadmap: _Roadmap) -> list[Float[np.ndarray, "waypoint 2"] | None]:
+def _go_around(start: Agents, goal: Agents, roadmap: _Roadmap) -> list[Float[np.ndarray, "waypoint 2"] | None]:
     """The waypoints of agents of one size that cannot go straight, None for an agent without a way."""
     node = roadmap.nodes
     n, agents = len(node), len(start)
@@ -219,7 +215,7 @@ def _go_around(start: Points, goal: Points, roadmap: _Roadmap) -> list[Float[np.
 
 
 def _trace_back(
-    point: Float[np.ndarray, "point 2"], before: Int[np.ndarray, "point"], start: int, goal: int
+    point: Points, before: Int[np.ndarray, "point"], start: int, goal: int
 ) -> Float[np.ndarray, "waypoint 2"] | None:
     """The points between a start and a goal, found backwards from the goal; None where it was not reached."""
     waypoints = []

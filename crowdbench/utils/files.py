@@ -18,7 +18,7 @@ from typing import Any
 
 from filelock import FileLock
 
-from crowdbench.utils.errors import NotWritten
+from crowdbench.utils.errors import InputError, NotWritten
 
 # Beside the directory `runs/a`, while a run is under way:
 #   runs/.a.partial-<token>  what it has written so far
@@ -221,11 +221,12 @@ def read_text(path: Path) -> str:
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file holds. Raises OSError where it cannot be read, and ValueError where it is no JSON."""
+    """What a JSON file holds. Raises OSError where it cannot be read, and InputError where it is no JSON."""
     try:
         return json.loads(read_text(path))
-    except RecursionError:
-        raise ValueError("it is nested too deeply") from None
+    except (ValueError, RecursionError) as error:
+        reason = "it is nested too deeply" if isinstance(error, RecursionError) else error
+        raise InputError(f"{path} is not valid JSON: {reason}") from None
 
 
 def sha256(path: Path) -> str:

@@ -11,8 +11,8 @@ from typing import ClassVar, NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Bool, Float
 
+from crowdbench.core.arrays import Numbers, Vectors
 from crowdbench.core.dynamics.motion import HOLONOMIC, SPEED_TOLERANCE, Motion, drive
-from crowdbench.core.geometry import Numbers, Vectors
 from crowdbench.utils.compiled import njit
 from crowdbench.utils.errors import InputError, is_number
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.geometry import Numbers, Vectors
+from crowdbench.core.arrays import Numbers, Vectors
 
 Body = tuple[float, ...]
 """Where the centres of the discs are, in metres ahead of the vehicle's position."""

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Bool, Float
 
+from crowdbench.core.arrays import Numbers, Vectors
 from crowdbench.core.dynamics.base import (
     Choices,
     Dynamics,
@@ -19,7 +20,7 @@ from crowdbench.core.dynamics.base import (
     speeds_and_turns,
 )
 from crowdbench.core.dynamics.motion import BICYCLE, HOLONOMIC, SPEED_TOLERANCE, UNICYCLE
-from crowdbench.core.geometry import Numbers, Vectors, norm, wrap_angle
+from crowdbench.core.geometry import norm, wrap_angle
 
 CREEP = 0.3
 """The share of the wanted speed at which a bicycle turns towards what is beside it or behind."""

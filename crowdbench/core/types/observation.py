@@ -11,13 +11,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
 from crowdbench.core import rng
+from crowdbench.core.arrays import AgentNumbers, AgentPoints
 from crowdbench.core.dynamics import DISC, FREE, Body, Dynamics, State, hull
 from crowdbench.core.geometry import local_goals
 from crowdbench.core.types.rules import PERFECT, Sensor
 from crowdbench.utils.errors import InputError
-
-AgentPoints = Float[np.ndarray, "world agent 2"]
-AgentNumbers = Float[np.ndarray, "world agent"]
 
 Part = TypeVar("Part", "Vehicle", "Pedestrians", "Observation")
 

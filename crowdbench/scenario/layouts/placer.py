@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float
+from numpy.random import Generator
 
 from crowdbench.core.geometry import norm, pad_points
 from crowdbench.scenario.placement import PerAgent, Placement
@@ -122,7 +123,7 @@ class Placer:
         self.start.pop()
         self.goal.pop()
 
-    def draw(self, rng: np.random.Generator, start: Area, goal: Area) -> bool:
+    def draw(self, rng: Generator, start: Area, goal: Area) -> bool:
         """Place the next agent somewhere in an area, its goal in another one, clear of walls, starts and goals.
 
         Args:
@@ -140,9 +141,7 @@ class Placer:
         self.add(start_point, goal_point)
         return True
 
-    def fill_two_ways(
-        self, rng: np.random.Generator, first: Areas, second: Areas, area: str, share: float = 0.5
-    ) -> Placement:
+    def fill_two_ways(self, rng: Generator, first: Areas, second: Areas, area: str, share: float = 0.5) -> Placement:
         """Place all agents that are left on one of two ways; a `share` of them on the first. See `fill`."""
         return self.fill(lambda: self.draw(rng, *(first if rng.random() < share else second)), area, "layout.width")
 
@@ -171,7 +170,7 @@ class Placer:
                 self.pop()
         raise InputError(no_room(missed, everybody, area, key))
 
-    def _draw_point(self, rng: np.random.Generator, area: Area, others: Points) -> Point | None:
+    def _draw_point(self, rng: Generator, area: Area, others: Points) -> Point | None:
         distance, ((left, low), (right, high)) = self.radius[len(self.start)] + WALL_CLEARANCE, area
         for _ in range(ALONE):  # as `rng.uniform(*area)`, which takes ten times as long
             x, y = left + (right - left) * rng.random(), low + (high - low) * rng.random()

@@ -33,6 +33,9 @@ SPACING = 2.0
 _ROUNDING = 1e-6
 """Tolerance of times in seconds."""
 
+Times = Float[np.ndarray, "time"]
+Track = Float[np.ndarray, "time 2"]
+
 
 @dataclass(frozen=True)
 class MovingDisc:
@@ -48,11 +51,11 @@ class MovingDisc:
     position: Float[np.ndarray, "row 2"]
     radius: float = math.nan
 
-    def is_there(self, time: Float[np.ndarray, "time"]) -> Bool[np.ndarray, "time"]:
+    def is_there(self, time: Times) -> Bool[np.ndarray, "time"]:
         """Whether it was there at each of these times in seconds."""
         return (time >= self.time[0] - _ROUNDING) & (time <= self.time[-1] + _ROUNDING)
 
-    def at(self, time: Float[np.ndarray, "time"]) -> Float[np.ndarray, "time 2"]:
+    def at(self, time: Times) -> Track:
         """Where it was, between its recorded positions on the straight line; NaN before the first and after the last.
 
         Args:
@@ -247,9 +250,7 @@ def cut_excerpt(
     )
 
 
-def _path(
-    disc: MovingDisc, track: Float[np.ndarray, "time 2"], times: Float[np.ndarray, "time"]
-) -> tuple[Float[np.ndarray, "waypoint 2"], float]:
+def _path(disc: MovingDisc, track: Track, times: Times) -> tuple[Float[np.ndarray, "waypoint 2"], float]:
     """Waypoints from the first step in which somebody is there to the end of the track, and the mean speed, in m/s.
 
     `track` has where they were in metres at the `times` of the steps in seconds.
@@ -263,8 +264,6 @@ def _path(
     return interpolate(marks, lengths, points), float(lengths[-1] / duration) if duration > _ROUNDING else 0.0
 
 
-def interpolate(
-    at: Float[np.ndarray, "time"], known: Float[np.ndarray, "row"], position: Float[np.ndarray, "row 2"]
-) -> Float[np.ndarray, "time 2"]:
+def interpolate(at: Times, known: Float[np.ndarray, "row"], position: Float[np.ndarray, "row 2"]) -> Track:
     """Positions in metres at other times, or lengths of way, than those at which they are known."""
     return np.stack([np.interp(at, known, position[:, axis]) for axis in (0, 1)], axis=1)

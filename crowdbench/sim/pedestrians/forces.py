@@ -12,8 +12,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
+from crowdbench.core.arrays import AgentFlags, AgentInts, AgentNumbers, AgentPoints, Walls
 from crowdbench.core.types import World
 from crowdbench.sim.kernels import in_blocks
 from crowdbench.sim.routes import goals_on_way
@@ -43,14 +44,14 @@ class Walkers(NamedTuple):
         obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
     """
 
-    position: Float[np.ndarray, "world agent 2"]
-    velocity: Float[np.ndarray, "world agent 2"]
-    goal: Float[np.ndarray, "world agent 2"]
-    radius: Float[np.ndarray, "world agent"]
-    preferred_speed: Float[np.ndarray, "world agent"]
-    seen: Bool[np.ndarray, "world agent"]
-    moves: Bool[np.ndarray, "world agent"]
-    obstacles: Float[np.ndarray, "world polygon corner 2"]
+    position: AgentPoints
+    velocity: AgentPoints
+    goal: AgentPoints
+    radius: AgentNumbers
+    preferred_speed: AgentNumbers
+    seen: AgentFlags
+    moves: AgentFlags
+    obstacles: Walls
 
 
 def walkers_of(world: World) -> Walkers:
@@ -135,10 +136,10 @@ def integrate(
     walkers: Walkers,
     traits: Float[np.ndarray, "world agent parameter"],
     time_step: float,
-    noise: Float[np.ndarray, "world agent 2"] | None = None,
-    group: Int[np.ndarray, "world agent"] | None = None,
+    noise: AgentPoints | None = None,
+    group: AgentInts | None = None,
     longest: float | None = None,
-) -> Float[np.ndarray, "world agent 2"]:
+) -> AgentPoints:
     """The velocity that each agent has at the end of the step.
 
     It is not the mean velocity of the step, because the next step starts from it: thus an agent that is alone gains

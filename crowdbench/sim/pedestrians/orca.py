@@ -18,6 +18,7 @@ from typing import NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
+from crowdbench.core.arrays import AgentFlags, AgentNumbers, AgentPoints
 from crowdbench.sim import neighbors
 from crowdbench.sim.kernels import at, in_blocks, per_agent, writable
 from crowdbench.sim.neighbors import find_neighbors, make_cells, nearest_of_all
@@ -67,32 +68,32 @@ class Agents(NamedTuple):
         moves: Whether its velocity is computed, read by `at`.
     """
 
-    position: Float[np.ndarray, "world agent 2"]
-    velocity: Float[np.ndarray, "world agent 2"]
-    preferred: Float[np.ndarray, "world agent 2"]
-    radius: Float[np.ndarray, "world agent"]
-    max_speed: Float[np.ndarray, "world agent"]
+    position: AgentPoints
+    velocity: AgentPoints
+    preferred: AgentPoints
+    radius: AgentNumbers
+    max_speed: AgentNumbers
     seen: Bool[np.ndarray, "_ _"]
     moves: Bool[np.ndarray, "_ _"]
 
 
 def orca_velocities(
-    position: Float[np.ndarray, "world agent 2"],
-    velocity: Float[np.ndarray, "world agent 2"],
-    preferred_velocity: Float[np.ndarray, "world agent 2"],
-    radius: Float[np.ndarray, "world agent"],
-    max_speed: Float[np.ndarray, "world agent"],
+    position: AgentPoints,
+    velocity: AgentPoints,
+    preferred_velocity: AgentPoints,
+    radius: AgentNumbers,
+    max_speed: AgentNumbers,
     *,
     time_step: float = 0.25,
-    neighbor_distance: float | Float[np.ndarray, "world agent"] = 10.0,
+    neighbor_distance: float | AgentNumbers = 10.0,
     max_neighbors: int | Shaped[np.ndarray, "..."] = 10,
-    time_horizon: float | Float[np.ndarray, "world agent"] = 5.0,
+    time_horizon: float | AgentNumbers = 5.0,
     obstacles: Float[np.ndarray, "_ polygon corner 2"] | None = None,
-    time_horizon_obst: float | Float[np.ndarray, "world agent"] = 5.0,
+    time_horizon_obst: float | AgentNumbers = 5.0,
     line_of_sight: float | Shaped[np.ndarray, "..."] = False,
-    seen: Bool[np.ndarray, "world agent"] | None = None,
-    moves: Bool[np.ndarray, "world agent"] | None = None,
-) -> Float[np.ndarray, "world agent 2"]:
+    seen: AgentFlags | None = None,
+    moves: AgentFlags | None = None,
+) -> AgentPoints:
     """Compute the velocity that each agent takes next.
 
     Args:

@@ -21,9 +21,7 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar, no_type_check
 
-import numpy as np
-from jaxtyping import Float
-
+from crowdbench.core.arrays import AgentNumbers, AgentPoints
 from crowdbench.core.types import World
 from crowdbench.sim.obstacles import number_of_corners
 from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
@@ -63,11 +61,8 @@ class PowerLaw(PedestrianPolicy):
 
 
 def power_law_velocities(
-    walkers: Walkers,
-    *,
-    time_step: float = 0.25,
-    parameters: Mapping[str, float | Float[np.ndarray, "world agent"]] = PARAMETERS,
-) -> Float[np.ndarray, "world agent 2"]:
+    walkers: Walkers, *, time_step: float = 0.25, parameters: Mapping[str, float | AgentNumbers] = PARAMETERS
+) -> AgentPoints:
     """The velocity that each agent has at the end of the step, see `forces.integrate`.
 
     Args:

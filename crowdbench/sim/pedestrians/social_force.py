@@ -30,6 +30,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.core import rng
+from crowdbench.core.arrays import AgentPoints
 from crowdbench.core.types import World
 from crowdbench.sim.obstacles import nearest_on_segment, number_of_corners
 from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
@@ -89,12 +90,12 @@ class SocialForce(PedestrianPolicy):
 
 def social_force_velocities(
     walkers: Walkers,
-    noise: Float[np.ndarray, "world agent 2"],
+    noise: AgentPoints,
     group: Int[np.ndarray, "world pedestrian"] | None = None,
     *,
     time_step: float = 0.25,
     parameters: Mapping[str, float | Float[np.ndarray, "_ _"]] = PARAMETERS,
-) -> Float[np.ndarray, "world agent 2"]:
+) -> AgentPoints:
     """The velocity that each agent has at the end of the step, see `forces.integrate`.
 
     Args:

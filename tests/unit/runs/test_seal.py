@@ -191,9 +191,9 @@ def test_the_id_of_a_run_is_computed_again(a, runs, change, expected):
     [
         ("[" * 100_000, "is not valid JSON: it is nested too deeply"),
         ("{", "is not valid JSON"),
-        ("[]", "is not a result"),
+        ("[]", "is no result of crowdbench"),
         ('{"format": 2}', "has the format 2, but this version reads format 1"),
-        ('{"format": 1, "files": {"episodes.csv": 1}}', "must hold id, run, scenario"),
+        ('{"format": 1, "files": {"episodes.csv": 1}}', "is no result of crowdbench: .*Field required"),
     ],
 )
 def test_a_result_that_is_none_gets_one_sentence(a, text, expected):
