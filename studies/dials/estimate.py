@@ -17,6 +17,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.optimize import isotonic_regression
 
 from crowdbench.metrics.summary import CONFIDENCE
 
@@ -149,18 +150,11 @@ def _around(success: Rates, cases: Counts) -> Bool[np.ndarray, "*resample level"
 
 
 def _not_rising(success: Rates, cases: Counts) -> Rates:
-    """The isotonic regression of rates, by the min-max formula (Robertson et al. 1988)."""
-    zero = np.zeros((*success.shape[:-1], 1))
-    successes, number = (
-        np.concatenate([zero, x.cumsum(axis=-1)], axis=-1) for x in (success * cases, cases + 0.0 * success)
-    )
-    levels = np.arange(success.shape[-1])
-    # Of levels from the first to the last one: the mean rate.
-    total = number[..., None, 1:] - number[..., :-1, None]
-    mean = (successes[..., None, 1:] - successes[..., :-1, None]) / np.where(total > 0.0, total, 1.0)
-    before, after = levels[:, None, None] <= levels, levels[None, :, None] >= levels
-    largest = np.where(after, mean[..., None], -np.inf).max(axis=-2)
-    return np.asarray(np.where(before[:, 0], largest, np.inf).min(axis=-2))
+    """The isotonic regression of rates, weighted by cases."""
+    rates, numbers = np.atleast_2d(success), np.broadcast_to(cases, success.shape).reshape(-1, success.shape[-1])
+    rows = zip(rates, numbers, strict=True)
+    fits = [isotonic_regression(rate, weights=number, increasing=False).x for rate, number in rows]
+    return np.reshape(fits, success.shape)
 
 
 def _rise(success: Rates, cases: Counts) -> Float[np.ndarray, "*resample"]:

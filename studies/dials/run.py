@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -13,11 +12,10 @@ import typer
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
-from crowdbench.cli.console import print_table
 from crowdbench.cli.options import OnOption, ThreadsOption, assignments, help_from_docstring, is_on_ray, use_threads
-from crowdbench.cli.study import ShardOption, make_runs
+from crowdbench.cli.study import ShardOption, make_runs, print_study
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import Format, plain
+from crowdbench.utils.tables import Format, markdown
 from crowdbench.utils.toml import Location
 
 COMMAND = "python studies/dials/run.py"
@@ -35,7 +33,6 @@ def dial(
     shard: ShardOption = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
-    as_json: bool = False,
     format: Format = Format.MARKDOWN,
 ) -> None:
     """Find the level of a dial up to which a planner succeeds in 90 % of the cases. Without a dial print the page.
@@ -55,27 +52,22 @@ def dial(
 
     if (name is None) != (planner is None):
         raise InputError("a dial needs a planner: give NAME and --planner, or neither for the page")
+    folder = out or Path("runs/study-dials" if name is None else "runs/dials")
+    make = functools.partial(make_runs, out=folder, shard=shard, on=on, threads=threads)
     if name is None or planner is None:
-        folder = out or Path("runs/study-dials")
         spec, location = read_file(file, DialStudy), Location(file.name)
         tables = [DialsTable.of(each, location.at("dials", i)) for i, each in enumerate(spec.dials)]
-        make = functools.partial(make_runs, out=folder, shard=shard, on=on, threads=threads)
         print_two_steps(spec, tables, COMMAND, folder, make, format)
         return
-    folder = out or Path("runs/dials")
     asked = Measurement.of(load_dial(name), planner, assignments(option or [], "--option"))
-    make_runs(asked.first, folder, shard, on, threads)
-    make_runs(list(asked.second(folder).values()), folder, shard, on, threads)
+    make(asked.first)
+    make(list(asked.second(folder).values()))
     found = FilledDial.of([asked], folder)
     (row,) = found.rows
-    kept = folder / f"{asked.name}.json"
+    kept, curve = folder / f"{asked.name}.json", found.curve(row)
     keep(found, kept)
-    if as_json:
-        print(json.dumps(plain(found), indent=2))
-        return
-    print(f"{found.sentence(row)}\n")
-    print_table(found.curve(row))
-    print(f"\nKept in {kept}")
+    text = "\n\n".join([found.sentence(row), markdown(curve.header, curve.rows), f"Kept in {kept}"])
+    print_study(found, [curve], text, format)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -13,10 +12,9 @@ import typer
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
-from crowdbench.cli.console import print_table
 from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
-from crowdbench.cli.study import ShardOption, make_runs
-from crowdbench.utils.tables import Format, plain
+from crowdbench.cli.study import ShardOption, make_runs, print_study
+from crowdbench.utils.tables import Format, markdown
 from crowdbench.utils.toml import Location, parse_table
 
 COMMAND = "python studies/ladder/run.py"
@@ -33,7 +31,6 @@ def ladder(
     shard: ShardOption = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
-    as_json: bool = False,
     format: Format = Format.MARKDOWN,
 ) -> None:
     """Show what a search gains with ever more knowledge in scenarios. Without any print the page.
@@ -51,27 +48,24 @@ def ladder(
     from studies.ladder.table import CANDIDATES, LaddersSpec, LaddersTable, LadderStudy
     from studies.pages import keep, print_two_steps, read_file
 
+    folder = out or Path("runs/ladders" if scenarios else "runs/study-ladders")
+    make = functools.partial(make_runs, out=folder, shard=shard, on=on, threads=threads)
     if not scenarios:
-        folder = out or Path("runs/study-ladders")
         spec, location = read_file(FILE, LadderStudy), Location(FILE.name)
         tables = [LaddersTable.of(each, location.at("ladders", i)) for i, each in enumerate(spec.ladders)]
-        make = functools.partial(make_runs, out=folder, shard=shard, on=on, threads=threads)
         print_two_steps(spec, tables, COMMAND, folder, make, format)
         return
-    folder = out or Path("runs/ladders")
     planners = [{"planner": name} for name in planner] if planner else CANDIDATES
     asked = {"title": "Ladders", "planners": planners, "scenarios": scenarios, "cases": cases}
     table = LaddersTable.of(parse_table(LaddersSpec, asked, Location("ladder")), Location("ladder"))
-    make_runs(table.runs, folder, shard, on, threads)
-    make_runs(table.second(folder), folder, shard, on, threads)
+    make(table.runs)
+    make(table.second(folder))
     found = table.fill(folder).ladders
     for each in found:
         keep(each, folder / f"{each.scenario}.json")
-        if not as_json:
-            print_table(each.bars())
-            print(f"\nKept in {folder / each.scenario}.json\n")
-    if as_json:
-        print(json.dumps(plain(found), indent=2))
+    bars = [each.bars() for each in found]
+    texts = [f"{bar.title}\n\n{markdown(bar.header, bar.rows)}" for bar in bars]
+    print_study(found, bars, "\n\n".join([*texts, f"Kept in {folder}"]), format)
 
 
 if __name__ == "__main__":

@@ -147,7 +147,7 @@ def test_a_ladder_is_kept_and_drawn(tmp_path):
     result = CliRunner().invoke(build_script(ladder), command)
     assert result.exit_code == 0, result.output
     assert "points gained by this search, with" in result.stdout
-    again = CliRunner().invoke(build_script(ladder), [*command, "--json"])
+    again = CliRunner().invoke(build_script(ladder), [*command, "--format", "json"])
     assert "run 1" not in again.output  # all are kept
     (found,) = json.loads(again.stdout)
     assert list(found["success"]) == ["P0", "P1", "G", "GP", "P2", "P3"]  # nobody looked for certificates
