@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,22 +32,20 @@ COMMAND = "python studies/dials/run.py"
 """Writes the files."""
 
 
-def plot_dial(paths: Sequence[Path], out: Path) -> None:
-    """The success of planners at the levels of a dial, with 95 % intervals, and the level that each holds.
+@help_from_docstring
+def plot(files: list[Path], out: Path = Path("dial.pdf")) -> None:
+    """Draw the success of planners at the levels of a dial, with 95 % intervals, and the level that each holds.
 
     Args:
-        paths: Files that `python studies/dials/run.py` wrote, all of the same dial.
-        out: The figure's file.
-
-    Raises:
-        InputError: One of them is no such file, or of another dial, they are too many, or the figure cannot be written.
+        files: Files that `python studies/dials/run.py` kept.
+        out: The figure: a .pdf, .svg or .png file.
     """
     found = [
-        read_kept(path, COMMAND, ("dial", "levels"), ("rows", 0, "success"), ("rows", 0, "is_rung")) for path in paths
+        read_kept(path, COMMAND, ("dial", "levels"), ("rows", 0, "success"), ("rows", 0, "is_rung")) for path in files
     ]
     dial = found[0]["dial"]
-    if others := [path for path, each in zip(paths, found, strict=True) if each["dial"] != dial]:
-        raise InputError(f"{others[0]} is of another dial than {paths[0]}: give files of one dial")
+    if others := [path for path, each in zip(files, found, strict=True) if each["dial"] != dial]:
+        raise InputError(f"{others[0]} is of another dial than {files[0]}: give files of one dial")
     if len(found) > len(COLOURS):
         raise InputError(f"{len(found)} planners cannot be told apart in one figure: give {len(COLOURS)} at most")
     levels = np.array(dial["levels"], float)
@@ -77,17 +74,6 @@ def plot_dial(paths: Sequence[Path], out: Path) -> None:
         ax.set(xlabel=dial["holds"].format("…"), ylabel="success, %", ylim=(0, 102))
         # Above, because curves fall from one corner to the other.
         ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.45, 1.0), columnspacing=1.0)
-
-
-@help_from_docstring
-def plot(files: list[Path], out: Path = Path("dial.pdf")) -> None:
-    """Draw the success of planners at the levels of a dial, with 95 % intervals, and the level that each holds.
-
-    Args:
-        files: Files that `python studies/dials/run.py` kept.
-        out: The figure: a .pdf, .svg or .png file.
-    """
-    plot_dial(files, out)
     say(f"wrote {out}")
 
 

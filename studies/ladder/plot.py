@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[2]))
@@ -24,19 +23,17 @@ COMMAND = "python studies/ladder/run.py"
 """Writes the files."""
 
 
-def plot_ladders(paths: Sequence[Path], out: Path) -> None:
-    """A bar for each scenario: the success of the lowest rung, and what each further one adds or takes away.
+@help_from_docstring
+def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
+    """Draw a bar for each scenario: the success of the lowest rung, and what each further one adds or takes away.
 
     Args:
-        paths: Files that `python studies/ladder/run.py` wrote.
-        out: The figure's file.
-
-    Raises:
-        InputError: One of them is no such file, or the figure cannot be written.
+        files: Files that `python studies/ladder/run.py` kept.
+        out: The figure: a .pdf, .svg or .png file.
     """
     found = [
         read_kept(path, COMMAND, ("success", "P0", "mean"), ("best_success", "mean"), ("steps", 0, "knowledge"))
-        for path in paths
+        for path in files
     ]
     lowest = 100.0
     with axes(out, height=0.9 + 0.25 * len(found)) as ax:
@@ -66,17 +63,6 @@ def plot_ladders(paths: Sequence[Path], out: Path) -> None:
             fontsize=6,
             columnspacing=0.8,
         )
-
-
-@help_from_docstring
-def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
-    """Draw a bar for each scenario: the success of the lowest rung, and what each further one adds or takes away.
-
-    Args:
-        files: Files that `python studies/ladder/run.py` kept.
-        out: The figure: a .pdf, .svg or .png file.
-    """
-    plot_ladders(files, out)
     say(f"wrote {out}")
 
 
