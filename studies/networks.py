@@ -50,9 +50,7 @@ class ReportedSpec(TomlTable):
 
 
 class RowSpec(TomlTable):
-    """`[[networks.rows]]`: a planner, with each of several networks or seeds or without any, and its label.
-
-    Seeds are values of the planner's option `seed`. They are shown as networks are.
+    """`[[networks.rows]]`: a planner, with each of several networks or without any, and its label.
 
     The first network, which is the shipped one, is run on the cases of `second_reading` too, where there are any: cases
     that nobody has looked at, while those of the table have been looked at often.
@@ -61,7 +59,6 @@ class RowSpec(TomlTable):
     label: Text = ""
     planner: Name
     weights: Names = Field(default=[])
-    seeds: list[int] = Field(default=[], description="a list of whole numbers")
     options: Values = Field(default={})
     reported: ReportedSpec = table("reported")
     second_reading: CasesText | None = None
@@ -97,7 +94,7 @@ class PlannerRow:
 
     Attributes:
         label: What the table calls the planner.
-        weights: The weights of its networks, or its seeds; none for a planner without a choice of them.
+        weights: The weights of its networks; none for a planner without a choice of them.
         reported: What others report, by metric.
         runs: A run with each of the weights, or the one run without any.
         variant: Runs under the table's variant, with all the weights or the first; none where there is no variant.
@@ -116,10 +113,7 @@ class PlannerRow:
         """Plan the runs of a row; raises InputError as `NetworksTable.of` does."""
         if "weights" in row.options:
             raise location.at("options").wrong(repr(row.options), "without weights: they have a key of their own")
-        if row.seeds and row.weights:
-            raise location.at("seeds").wrong(repr(row.seeds), "left out where there are weights, which have their own")
-        key, values = ("weights", row.weights) if row.weights else ("seed", row.seeds)
-        choices = [{key: value} for value in values] or [{}]
+        choices = [{"weights": weights} for weights in row.weights] or [{}]
         replanning = Replanning(table.replan_every, table.look_first)
         base = RunSpec(row.planner, table.scenario, table.cases, replanning=replanning, record="none")
 
@@ -137,8 +131,7 @@ class PlannerRow:
             right = f"cases that are not among {table.cases}, those of the table"
             raise location.at("second_reading").wrong(str(row.second_reading), right)
         label = row.label or planner_label(runs[0].driver.name, row.options)
-        names = row.weights or [f"seed {seed}" for seed in row.seeds]
-        return cls(label, names, row.reported.model_dump(exclude_none=True), runs, variant, second)
+        return cls(label, row.weights, row.reported.model_dump(exclude_none=True), runs, variant, second)
 
     @property
     def networks(self) -> list[str]:

@@ -35,10 +35,7 @@ class ClaimedSpec(NetworksSpec):
 
     def quick_look(self) -> ClaimedSpec:
         """Return the same table with the first network of each row alone, on the cases for a quick look."""
-        rows = [
-            row.model_copy(update={"weights": row.weights[:1], "seeds": row.seeds[:1], "second_reading": None})
-            for row in self.rows
-        ]
+        rows = [row.model_copy(update={"weights": row.weights[:1], "second_reading": None}) for row in self.rows]
         return self.model_copy(update={"rows": rows, "cases": self.quick})
 
 
