@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import namedtuple
 from typing import Any, NamedTuple, no_type_check
 
 import numpy as np
@@ -26,14 +27,8 @@ from crowdbench.sim.neighbors import CELLS_FROM
 from crowdbench.sim.pedestrians.orca_crowd import ORCA, avoidance_of, orca_in_one
 from crowdbench.sim.simulator import STEP, After, Commands, move_agents, state_before
 
-
-class Margins(NamedTuple):
-    """What ORCA takes of the parameters of pedestrians; see `crowdbench.sim.pedestrians.orca.Avoidance`."""
-
-    safety_space: Float[np.ndarray, "_ _"]
-    neighbor_distance: Float[np.ndarray, "_ _"]
-    max_neighbors: Float[np.ndarray, "_ _"]
-    time_horizon: Float[np.ndarray, "_ _"]
+Margins = namedtuple("Margins", "safety_space neighbor_distance max_neighbors time_horizon")
+"""What ORCA takes of the parameters of pedestrians; see `crowdbench.sim.pedestrians.orca.Avoidance`."""
 
 
 class Exchange(NamedTuple):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import operator
+from collections import namedtuple
 from collections.abc import Callable, Mapping
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from crowdbench.core.dynamics import DISC, hull
 from crowdbench.core.dynamics.motion import HOLONOMIC, Motion, drive, limit_change, limit_speed
@@ -131,32 +132,14 @@ def _with_memories(world: World, memories: Mapping[str, Memory]) -> World:
     return world.replace(memory={**world.memory, **memories}) if memories else world
 
 
-class Before(NamedTuple):
-    """The arrays of a `World` that a step reads."""
+Before = namedtuple(
+    "Before",
+    "step position velocity heading angular_speed preferred_speed radius present policy goal history obstacles",
+)
+"""The arrays of a `World` that a step reads."""
 
-    step: Int[np.ndarray, "world"]
-    position: Float[np.ndarray, "world agent 2"]
-    velocity: Float[np.ndarray, "world agent 2"]
-    heading: Float[np.ndarray, "world"]
-    angular_speed: Float[np.ndarray, "world"]
-    preferred_speed: Float[np.ndarray, "world agent"]
-    radius: Float[np.ndarray, "world agent"]
-    present: Bool[np.ndarray, "world agent"]
-    policy: Int[np.ndarray, "world pedestrian"]
-    goal: Float[np.ndarray, "world agent 2"]
-    history: Float[np.ndarray, "world time pedestrian 2"]
-    obstacles: Float[np.ndarray, "world polygon corner 2"]
-
-
-class After(NamedTuple):
-    """The arrays of a `World` that a step makes anew."""
-
-    step: Int[np.ndarray, "world"]
-    position: Float[np.ndarray, "world agent 2"]
-    velocity: Float[np.ndarray, "world agent 2"]
-    heading: Float[np.ndarray, "world"]
-    angular_speed: Float[np.ndarray, "world"]
-    history: Float[np.ndarray, "world time pedestrian 2"]
+After = namedtuple("After", "step position velocity heading angular_speed history")
+"""The arrays of a `World` that a step makes anew."""
 
 
 class Commands(NamedTuple):
