@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from lookahead_scenes import DT, Says, lone_vehicle
 
+from agents.planners.dwa import DWAPlanner, Objective
 from crowdbench.catalog import load_planner
 from crowdbench.core.dynamics import Unicycle
-from crowdbench.planners.dwa import DWAPlanner, Objective
 from crowdbench.utils.errors import InputError
 
 OBJECTIVE = Objective(heading=2.0, clearance=3.0, room=0.5, speed=0.25, free=0.4, margin=0.1)

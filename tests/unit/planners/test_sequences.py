@@ -6,10 +6,10 @@ import pytest
 import torch
 from lookahead_scenes import Forks, Nearer, Says, crowded, network, scene, slow_step
 
+from agents.planners.sarl_sgan_seq import CrossEntropy, SequencePlanner
 from crowdbench import InputError, load_planner
 from crowdbench.core.types import Outcome
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.sampling import CrossEntropy, SequencePlanner
 from crowdbench.planners.scene import scene_of
 from crowdbench.planners.trials import try_sequences
 from crowdbench.predict import ConstantVelocity
