@@ -230,9 +230,7 @@ def check_unchanged(entry: Entry) -> None:
     if package_files(spec.planner) != spec.package_files:
         raise InputError(f"the files of the planner {spec.planner} are others than those that were entered")
     if imported_code(spec.planner, spec.options, entry.directory) != spec.code:
-        raise InputError(
-            f"the code of crowdbench that the planner {spec.planner} imports is another than when it was entered"
-        )
+        raise InputError(f"the planner {spec.planner} imports other code of crowdbench than when it was entered")
 
 
 def is_pending(entry: Entry, board: Board) -> bool:

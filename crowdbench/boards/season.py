@@ -77,8 +77,7 @@ class Season:
             raise TooEarly(f"the entries of {board} are not frozen yet: {FROZEN} does not list them")
         if not self.spec.randomness:
             raise TooEarly(
-                f"{SEASON} does not say the randomness of round {self.spec.round} yet: fetch it from drand and write "
-                "it there, now that entries are frozen"
+                f"{SEASON} lacks the randomness of round {self.spec.round}: fetch it from drand, and write it there"
             )
         text = "\n".join([*sorted(self.frozen[board].values()), self.spec.randomness])
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1

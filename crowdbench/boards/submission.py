@@ -95,9 +95,7 @@ class Submission:
         card, template = read_card(self.card), read_card(TEMPLATE / CARD)
         for key in ("authors", "contact", "description"):
             if getattr(card, key) == getattr(template, key):
-                raise InputError(
-                    f"{self.card} has {key} as `new-planner` wrote it: say who you are, and what the planner does"
-                )
+                raise InputError(f"{self.card} has {key} as `new-planner` wrote it: say who you are, and what it does")
         if (directory := self.directory(root)).exists():
             raise InUse(f"{directory} exists already: choose another name, or remove it")
 

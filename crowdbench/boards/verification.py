@@ -141,10 +141,7 @@ def _check_season(entry: Entry, board: Board, season: Season) -> None:
             "frozen, or was changed since"
         )
     if sandbox.level() == sandbox.PROCESS and not package(entry.spec.planner).startswith(SHIPPED):
-        raise InputError(
-            f"{entry.directory} cannot be verified in a season on this machine: without bubblewrap its planner could "
-            "read the key that signs"
-        )
+        raise InputError(f"without bubblewrap, the planner of {entry.directory} could read the key that signs")
     if is_verified(entry, board, season):
         raise InUse(f"{entry.directory} was verified in the season {season.spec.name} before, which is done once")
 
@@ -194,9 +191,7 @@ def _replay_public_runs(entry: Entry, board: Board, progress: Progress | None) -
     scenarios = {scenario.name: scenario for scenario in board.load(None)}
     reported, folders = set(entry.spec.reported), {path.name for path in entry.public.glob("*")}
     if not reported or reported != folders or not reported <= scenarios.keys():
-        raise NotReproduced(
-            "the scenarios of its reported figures are not those of its public runs, or not of this board"
-        )
+        raise NotReproduced("the scenarios of its reported figures are not those of its public runs or of this board")
     for name in driven_scenarios(board, entry.public):
         try:
             _replay(entry, board, scenarios[name], progress)

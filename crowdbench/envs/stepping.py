@@ -128,10 +128,7 @@ def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, 
     checked = np.asarray(actions, np.float64)
     # A sum is finite only if all its terms are, and takes half the time of a test of each.
     if checked.shape != shape or not (math.isfinite(checked.sum()) or np.isfinite(checked).all()):
-        raise InputError(
-            "an action is a finite velocity (vx, vy) in m/s, or a finite command where actions are native, "
-            f"but these are {actions!r}"
-        )
+        raise InputError(f"an action must be a finite velocity (vx, vy) in m/s, or a native command, not {actions!r}")
     return checked
 
 

@@ -155,11 +155,7 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
         steps: For how many steps the planner is to decide.
     """
     parts: dict[str, Any] = {"": obs, "vehicle.": obs.vehicle, "pedestrians.": obs.pedestrians}
-    fields = [
-        (prefix + field.name, getattr(part, field.name))
-        for prefix, part in parts.items()
-        for field in dataclasses.fields(part)
-    ]
+    fields = [(prefix + name, value) for prefix, part in parts.items() for name, value in vars(part).items()]
     arrays = [(name, np.ascontiguousarray(value)) for name, value in fields if isinstance(value, np.ndarray)]
     arrays.sort(key=lambda pair: -pair[1].itemsize)  # so that all numbers are aligned
     vehicle = obs.vehicle

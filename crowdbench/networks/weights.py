@@ -18,7 +18,7 @@ from safetensors.torch import load, save
 from torch import nn
 
 from crowdbench.plugins.load import ROOT
-from crowdbench.utils.errors import InputError, is_number
+from crowdbench.utils.errors import InputError, find_named, is_number
 from crowdbench.utils.files import read_json, read_regular, whole
 
 WEIGHTS = ROOT / "agents" / "weights"
@@ -42,11 +42,8 @@ def weights_file(weights: str) -> Path:
     """
     if weights.endswith(SUFFIX):
         return Path(weights)
-    if weights not in (names := [path.stem for path in built_in()]):
-        raise InputError(
-            f"no weights are called {weights!r}; there are {', '.join(names)}, or give a file: ./mine{SUFFIX}"
-        )
-    return WEIGHTS / f"{weights}{SUFFIX}"
+    known = {path.stem: path for path in built_in()}
+    return find_named("file of weights", weights, known, f", or give one: ./mine{SUFFIX}")
 
 
 def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, Any]) -> dict[str, Any]:

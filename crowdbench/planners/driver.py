@@ -67,9 +67,7 @@ class Driver:
 
     def __init__(self, planner: Planner, name: str, decision_limit: float = DECISION_LIMIT) -> None:
         if not 0.0 < decision_limit < 1e6:
-            raise InputError(
-                f"a decision limit of {decision_limit:g} s is not possible: give more than 0 s and less than 1e6 s"
-            )
+            raise InputError(f"a decision limit of {decision_limit:g} s must be more than 0 s and less than 1e6 s")
         self.planner = planner
         self.name = name
         self.decision_limit = decision_limit
@@ -142,10 +140,7 @@ class Driver:
             with ForkGuard(f"planner {self.name}"), _interrupted_after(limit):
                 return plan()
         except OneStepOnly:
-            raise InputError(
-                f"planner {self.name} decides one step at a time: "
-                "it has no plan_ahead, so that it runs with replan_every = 1 only"
-            ) from None
+            raise InputError(f"planner {self.name} has no plan_ahead: it runs with replan_every = 1 only") from None
         except FaultyAnswer as error:
             raise self._error(error.fault, decision) from None
         except TimeLimit as error:

@@ -166,20 +166,14 @@ def _check_encoder(weights: Path, trained: object, encoder: str | None) -> None:
     file, _ = file_and_function(encoder or "")
     given = None if file is None else read_files(file).digests
     if given != trained:
-        right = (
-            f"with the encoder {', '.join(trained)}" if isinstance(trained, dict) else "without a file of an encoder"
-        )
-        raise InputError(
-            f"the weights {weights} were trained {right}: option encoder must be what they were trained with"
-        )
+        right = f"with the encoder {', '.join(trained)}" if isinstance(trained, dict) else "without an encoder file"
+        raise InputError(f"the weights {weights} were trained {right}: give the option encoder as it was then")
 
 
 def _most_pedestrians(training: Mapping[str, Any]) -> int | None:
     """The largest number of pedestrians that a card says of the training; None where it does not say one."""
     try:
-        numbers = [
-            scenario["pedestrians"]["number"] for scenario in (training["scenario"], *training.get("beside", []))
-        ]
+        numbers = [each["pedestrians"]["number"] for each in (training["scenario"], *training.get("beside", []))]
     except (KeyError, TypeError):
         return None
     most = [number[-1] if isinstance(number, list) and number else number for number in numbers]

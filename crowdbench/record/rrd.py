@@ -130,10 +130,8 @@ def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Bl
     process = subprocess.run(command, cwd=folder, capture_output=True, start_new_session=True)
     whole = folder / "whole.rrd"
     if process.returncode:
-        messages = process.stderr.decode(errors="replace").strip().splitlines()
-        raise OSError(
-            f"rerun rrd route ended with status {process.returncode}: {messages[-1] if messages else 'no message'}"
-        )
+        messages = process.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
+        raise OSError(f"rerun rrd route ended with status {process.returncode}: {messages[-1]}")
     # On a full disk, rerun writes part of the file and exits with 0.
     if not _holds(whole, len(parts)):
         raise OSError(errno.ENOSPC, PARTLY)

@@ -146,10 +146,7 @@ def show(file: Path, seconds: float | None = None, *, web: bool = False) -> None
         InputError: The viewer does not start.
     """
     if not web and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
-        raise InputError(
-            "there is no display for a window: open it in a browser with --web, or take a picture with --case 37 "
-            "--screenshot case.png"
-        )
+        raise InputError("there is no display for a window: use --web, or --case 37 --screenshot case.png")
     if seconds is None or web:
         if subprocess.run(_command("auto", ["--web-viewer"] * web, file)).returncode:
             raise _failed(file)

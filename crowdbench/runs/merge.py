@@ -62,15 +62,11 @@ def _check_fitting(parts: Sequence[RunResult]) -> None:
         raise InputError("there is no run to merge: name the directories of runs")
     for part in parts:
         if part.result["run"]["code"] != code():
-            raise InputError(
-                f"{part.directory} was not made by this version of crowdbench, and cannot be merged: make it again"
-            )
+            raise InputError(f"{part.directory} was not made by this version of crowdbench: make it again")
     for before, after in itertools.pairwise(parts):
         a, b = _shared(before), _shared(after)
         if differ := [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key)]:
-            raise InputError(
-                f"{before.directory} and {after.directory} are no parts of one run: they differ in {differ[0]}"
-            )
+            raise InputError(f"{before.directory} and {after.directory} are not of one run: they differ in {differ[0]}")
         if (before.cases.split, before.cases.stop) != (after.cases.split, after.cases.start):
             raise InputError(
                 f"{before.directory} has cases {before.cases} and {after.directory} has {after.cases}, but the cases "

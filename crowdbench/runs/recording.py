@@ -200,10 +200,7 @@ def _to_table(trace: Trace) -> pa.Table:
 
 def _read_table(path: Path) -> pa.Table:
     if not path.is_file():
-        raise InputError(
-            f"there is no {path}, so that the run cannot be replayed: it was made with --record none or before "
-            "crowdbench kept commands"
-        )
+        raise InputError(f"there is no {path}, so that the run cannot be replayed: it was made with --record none")
     try:
         with path.open("rb") as file, pq.ParquetFile(file) as parquet:
             table = parquet.read()

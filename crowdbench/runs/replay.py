@@ -91,9 +91,7 @@ class Replay:
             lines.append(f"Not compared, because their metric is not known: {unknown} (see --metric).")
         if self.differences:
             return "\n".join([*lines, "The run is not what its commands lead to:", *map(str, self.differences)])
-        lines.append(
-            "All agree. This does not tell which planner gave the commands, nor how long it took or what it knew."
-        )
+        lines.append("All agree. This does not tell which planner gave the commands, how long it took or what it knew.")
         return "\n".join(lines)
 
 

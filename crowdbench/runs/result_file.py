@@ -108,14 +108,9 @@ def check_result(directory: Path, needed: Iterable[str] = ()) -> dict[str, Any]:
         try:
             actual = files.sha256(directory / name)
         except OSError as error:
-            raise InputError(
-                f"{directory / name}, which {RESULT} lists, cannot be read ({error.strerror}): make the run again"
-            ) from None
+            raise InputError(f"{directory / name} cannot be read ({error.strerror}): make the run again") from None
         if actual != expected:
-            raise InputError(
-                f"{directory / name} is not the file that the run wrote: its sha256 differs from {RESULT}; "
-                "make the run again"
-            )
+            raise InputError(f"{directory / name} is not the file that the run wrote: its sha256 differs; run it again")
     return result
 
 

@@ -156,9 +156,7 @@ class Episodes:
         except OSError as error:
             raise InputError(f"{path} cannot be read: {error.strerror}") from None
         except (ValueError, KeyError, OverflowError, csv.Error) as error:
-            raise InputError(
-                f"{path} is not a table of episodes as crowdbench writes it: {describe_error(error)}"
-            ) from None
+            raise InputError(f"{path} is no table of episodes of crowdbench: {describe_error(error)}") from None
 
 
 def planner_label(planner: str, settings: Mapping[str, Any]) -> str:

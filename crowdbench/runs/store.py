@@ -147,7 +147,6 @@ def _contradictions(result: Mapping[str, Any], episodes: Episodes) -> list[str]:
         n, mean = episodes.mean(name)
         stated = read_estimate(result["metrics"][name])
         # Another version of NumPy may add in another order.
-        agreement[f"the mean of {name}"] = n == stated.n and bool(
-            np.isclose(mean, stated.mean, rtol=1e-9, atol=1e-12, equal_nan=True)
-        )
+        is_close = np.isclose(mean, stated.mean, rtol=1e-9, atol=1e-12, equal_nan=True)
+        agreement[f"the mean of {name}"] = n == stated.n and bool(is_close)
     return [name for name, agrees in agreement.items() if not agrees]

@@ -91,10 +91,7 @@ def read_obstacles(path: Path) -> list[Polygon]:
     occupied = _read_image(path, spec)
     shape = shapely.union_all(_boxes(occupied)).simplify(1.0)
     if (corners := shapely.get_num_coordinates(shape)) > MOST_CORNERS:
-        raise InputError(
-            f"the obstacles of the map {path} have {corners} corners, but {MOST_CORNERS} are possible at most: "
-            "remove single pixels or use a coarser image"
-        )
+        raise InputError(f"the map {path} has {corners} corners, but {MOST_CORNERS} are possible: use a coarser image")
     shape = affinity.scale(shape, spec.resolution, spec.resolution, origin=(0.0, 0.0))
     if len(spec.origin) == 3:
         shape = affinity.rotate(shape, spec.origin[2], origin=(0.0, 0.0), use_radians=True)
@@ -138,9 +135,7 @@ def _read_image(path: Path, spec: GridSpec) -> Bool[np.ndarray, "row column"]:
     except (OSError, ValueError, SyntaxError) as error:  # the last two are Pillow's, of a broken header
         raise InputError(f"the image {file} of the map {path.name} cannot be read: {error}") from None
     if not occupied.any():
-        raise InputError(
-            f"nothing in the image {file} is occupied: no pixel is above occupied_thresh with mode {spec.mode}"
-        )
+        raise InputError(f"nothing in {file} is occupied: no pixel is above occupied_thresh with mode {spec.mode}")
     return occupied[::-1]
 
 

@@ -96,9 +96,7 @@ def check_shape(answer: object, agents: int) -> Placement:
         fits = [right in (None, length) for right, length in zip(shape, array.shape, strict=False)]
         if array.ndim != len(shape) or not all(fits):
             words = ", ".join("any number" if right is None else str(right) for right in shape)
-            raise InputError(
-                f"the layout returned a Placement with {part} of shape {list(array.shape)} instead of [{words}]"
-            )
+            raise InputError(f"the layout returned {part} of shape {list(array.shape)} instead of [{words}]")
     return answer
 
 

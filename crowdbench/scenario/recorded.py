@@ -87,9 +87,7 @@ class FreeSpace:
                 is_busy = (norm(track - goal) < reach).any(axis=1)
                 if is_busy.mean() <= MOST_BUSY:
                     return start, goal
-        raise InputError(
-            f"there is no room for the vehicle to start with a goal {distance:g} m away: lower tracks.distance"
-        )
+        raise InputError(f"the vehicle has no room to start with a goal {distance:g} m away: lower tracks.distance")
 
     def _is_free(self, start: Position, goal: Position) -> bool:
         along = np.linspace(0.0, 1.0, int(np.ceil(2.0 * math.dist(start, goal) / CELL)) + 1)[:, None]
@@ -244,9 +242,8 @@ class TrackedCrowd:
                 heading[w] = window.driven.heading
                 speed = min(window.driven.speed, world.preferred_speed[w, 0])
                 velocity[w, 0] = speed * np.array([np.cos(heading[w]), np.sin(heading[w])])
-        world = come_and_go(
-            world.replace(track=track, velocity=velocity, heading=heading, present=present), np.ones(len(world), bool)
-        )
+        world = world.replace(track=track, velocity=velocity, heading=heading, present=present)
+        world = come_and_go(world, np.ones(len(world), bool))
         velocity[:, 1:] = np.where(world.present[:, 1:, None], recorded, 0.0)
         return world.replace(velocity=velocity)
 

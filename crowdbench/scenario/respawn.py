@@ -147,9 +147,7 @@ def draw_again(layout: LayoutCall, *arguments: Any) -> Way | None:
     if answer is None:
         return None
     if not isinstance(answer, tuple) or len(answer) != 2 or not all(map(_is_point, answer)):
-        raise InputError(
-            f"the layout drew {answer!r} again instead of a start and a goal, two points in metres, or None"
-        )
+        raise InputError(f"the layout drew {answer!r} again, but must draw a start and a goal, two points in metres")
     start, goal = (np.asarray(point, np.float64) for point in answer)
     return start, goal
 

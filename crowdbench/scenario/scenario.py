@@ -120,9 +120,7 @@ class Scenario:
         position = pad_arrays([placement.start for placement in placements], 0.0, agents)
         goal = pad_arrays([placement.goal for placement in placements], 0.0, agents)
         present = pad_arrays([np.ones(len(people.radius) + 1, bool) for people in traits], False, agents)
-        route = pad_arrays(
-            [_NOTHING if placement.route is None else placement.route for placement in placements], np.nan, agents
-        )
+        route = pad_arrays([_NOTHING if each.route is None else each.route for each in placements], np.nan, agents)
         obstacles = [_NOTHING if placement.obstacles is None else placement.obstacles for placement in placements]
         ahead = goal[:, 0] - position[:, 0]
         if not isinstance(self.rules.dynamics, Holonomic) and route.shape[2]:

@@ -120,10 +120,7 @@ class LayoutStarts:
                     raise InputError(f"{error} ({moved})" if crowd.groups else str(error)) from None
                 if crowd.clear_space is None or _is_clear(crowd.clear_space, placement, vehicle, rules, walkers):
                     return Start(traits, placement, group)
-            raise InputError(
-                f"somebody starts in the clear_space of the vehicle in each of {TRIES} placements: make it smaller, or "
-                "the crowd"
-            )
+            raise InputError(f"somebody is in the clear_space in all {TRIES} placements: make it smaller, or the crowd")
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
         """Worlds at their start, with what only these cases have."""

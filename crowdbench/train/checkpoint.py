@@ -90,8 +90,7 @@ def check_free(directory: Path, program: str) -> None:
     """
     if (directory / CHECKPOINT).exists():
         raise InputError(
-            f"{directory} holds a training already: name another place with --out, or go on with what is there: "
-            f"{program} --resume {directory}"
+            f"{directory} holds a training: name another --out, or go on with {program} --resume {directory}"
         )
     if directory.is_dir() and {*directory.iterdir()} - {directory / LOCK, *half_written(directory)}:
         raise InputError(f"{directory} exists already: name another place with --out")

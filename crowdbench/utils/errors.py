@@ -86,9 +86,7 @@ def _end_fork(who: str, error: BaseException | None) -> NoReturn:
     """End a forked process, quietly where it asks for that by SystemExit."""
     if isinstance(error, SystemExit) and isinstance(error.code, int | None):
         os._exit(error.code or 0)
-    message = (
-        f"crowdbench: a process that {who} has forked went on with the run, and was ended: end it by os._exit(0)\n"
-    )
+    message = f"crowdbench: a process that {who} has forked went on with the run and was ended: use os._exit(0)\n"
     with contextlib.suppress(OSError):  # the stream may be closed
         os.write(2, message.encode(errors="backslashreplace"))
     os._exit(1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ from crowdbench.planners.driver import Driver
 from crowdbench.plugins.code import code_digest
 from crowdbench.runs.identity import PlannerId
 from crowdbench.runs.replay import Playback
-from crowdbench.runs.rollout import rollout
+from crowdbench.runs.rollout import Progress, rollout
 from crowdbench.runs.run import Run, fit_batch
 from crowdbench.runs.shards import Parts, make_run
 from crowdbench.runs.spec import RunSpec
@@ -81,9 +81,7 @@ class Certificate(NamedTuple):
     commands: Float[np.ndarray, "step 2"] = np.empty((0, 2))
 
 
-def certificates(
-    scenario: Scenario, cases: Cases, margins: Sequence[float], progress: Callable[[float], None]
-) -> list[Certificate]:
+def certificates(scenario: Scenario, cases: Cases, margins: Sequence[float], progress: Progress) -> list[Certificate]:
     """Find certificates.
 
     Args:
@@ -98,9 +96,8 @@ def certificates(
     Raises:
         InputError: The scenario breaks its contract.
     """
-    driven = [
-        (name, rollout(Driver(load_planner(name)[1], name), scenario, cases, undisturbed=False)) for name in PLANNERS
-    ]
+    drivers = [Driver(load_planner(name)[1], name) for name in PLANNERS]
+    driven = [(driver.name, rollout(driver, scenario, cases, undisturbed=False)) for driver in drivers]
     found: dict[int, Certificate] = {}
     exhausted: set[int] = set()
     for margin in margins:
@@ -205,7 +202,7 @@ def make(
     *,
     overrides: Mapping[str, Any],
     overwrite: bool = False,
-    progress: Callable[[float], None],
+    progress: Progress,
 ) -> list[Certificate]:
     """Make certificates, going on from those that are there.
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from crowdbench.core.arrays import Polygons
 from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.utils.compiled import njit
 
@@ -44,9 +45,7 @@ class CostToGo(NamedTuple):
     length: Float[np.ndarray, "x y"]
 
 
-def find_cost_to_go(
-    start: Point, goal: Point, radius: float, obstacles: Float[np.ndarray, "polygon corner 2"]
-) -> CostToGo:
+def find_cost_to_go(start: Point, goal: Point, radius: float, obstacles: Polygons) -> CostToGo:
     """The ways of a disc.
 
     Args:

@@ -107,18 +107,9 @@ def _people(starts: list[Start]) -> Windows:
     """Cut windows, and find who is in them from the start to the end near a car."""
     cut = [(clip, excerpt) for clip, recording, at in starts if (excerpt := _cut(recording, at)) is not None]
     rows = [(number, *row) for number, (_, excerpt) in enumerate(cut) for row in _near_cars(excerpt)]
-    window, person, group, forward, away, moved = (np.array(column) for column in zip(*rows, strict=True))
-    found = Windows(
-        [excerpt for _, excerpt in cut],
-        np.array([clip for clip, _ in cut]),
-        window,
-        person,
-        group,
-        forward,
-        away,
-        moved,
-    )
-    return dataclasses.replace(found, moved=found.turn(moved))
+    excerpts, clips = [excerpt for _, excerpt in cut], np.array([clip for clip, _ in cut])
+    found = Windows(excerpts, clips, *map(np.array, zip(*rows, strict=True)))
+    return dataclasses.replace(found, moved=found.turn(found.moved))
 
 
 def _cut(recording: Recording, start: float) -> Excerpt | None:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.types import World
-from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.sim import simulator
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.utils.errors import InputError
@@ -44,9 +44,7 @@ def corridor(length: float, width: float, backward: float) -> Callable[..., Plac
         The layout. Of the pedestrians, the second half are the images of the first.
     """
 
-    def layout(
-        rng: np.random.Generator, radius: Float[np.ndarray, "agent"], preferred_speed: Float[np.ndarray, "agent"]
-    ) -> Placement:
+    def layout(rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent) -> Placement:
         number = len(radius) // 2
         start = spread(rng, number, radius[1], length, width)
         start = np.concatenate([np.zeros((1, 2)), start, start + _to_image(start, length)])

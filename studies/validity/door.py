@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.types import World
-from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.simulator import crowd_velocities, walk
 from studies.validity.corridor import spread
@@ -48,9 +48,7 @@ def hall(door: float, waiting: float) -> Callable[..., Placement]:
         The layout.
     """
 
-    def layout(
-        rng: np.random.Generator, radius: Float[np.ndarray, "agent"], preferred_speed: Float[np.ndarray, "agent"]
-    ) -> Placement:
+    def layout(rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent) -> Placement:
         number = len(radius) - 1
         depth = number / (waiting * HALL)
         back, side = -BEFORE - depth - 0.5, HALL / 2.0

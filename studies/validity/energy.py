@@ -73,15 +73,10 @@ def floor(windows: Windows) -> Range:
         The mean over divisions of the clips, and the bounds between which 95 % of them are.
     """
     draws, clips = np.random.default_rng(_SEED), np.unique(windows.clips)
-    found = []
+    found, groups, moved = [], counted_groups(windows), windows.moved
     for _ in range(RESAMPLES):
         half = np.isin(windows.clips, draws.permutation(clips)[: len(clips) // 2])
-        found.append(
-            sum(
-                share * _energy(windows.moved[own & half], windows.moved[own & ~half])
-                for own, share in counted_groups(windows)
-            )
-        )
+        found.append(sum(share * _energy(moved[own & half], moved[own & ~half]) for own, share in groups))
     return _with_interval(np.array([np.mean(found)]), np.array(found))
 
 

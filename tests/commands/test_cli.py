@@ -181,8 +181,7 @@ def test_a_planner_of_single_steps_does_not_run_ahead(call, tmp_path):
     done = call("run", "--planner", "orca", "--cases", "2", "--replan-every", "8")
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1] == (
-        "crowdbench: planner orca decides one step at a time: "
-        "it has no plan_ahead, so that it runs with replan_every = 1 only"
+        "crowdbench: planner orca has no plan_ahead: it runs with replan_every = 1 only"
     )
     assert list(tmp_path.iterdir()) == []
 
@@ -314,7 +313,7 @@ def test_a_training_that_cannot_start_says_why_in_one_sentence(arguments, messag
 
 def test_weights_that_do_not_exist_are_refused_in_one_sentence(tmp_path):
     (tmp_path / "mine.safetensors").write_bytes(b"nothing")
-    for weights, message in (("mine", "no weights are called 'mine'"), ("mine.safetensors", "need their card")):
+    for weights, message in (("mine", "no file of weights is called 'mine'"), ("mine.safetensors", "need their card")):
         arguments = ["run", "--planner", "sarl_cvm", "--option", f"weights={weights}", "--cases", "1"]
         with pytest.raises(InputError, match=message):
             CliRunner().invoke(app, arguments, catch_exceptions=False)

@@ -136,7 +136,7 @@ def test_one_thing_is_explained(arguments, expected, capsys):
         (["predictors", "orka"], "no predictor is called 'orka'; there are"),
         (["metrics", "orka"], "no metric is called 'orka'; there are"),
         (["scenarios", "orka"], "no scenario is called 'orka'; there are"),
-        (["weights", "orka"], "no weights are called 'orka'; there are"),
+        (["weights", "orka"], "no file of weights is called 'orka'; there are"),
     ],
 )
 def test_what_is_not_there_gets_one_sentence(arguments, expected):

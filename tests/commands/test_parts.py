@@ -227,8 +227,8 @@ def test_runs_that_do_not_fit_together_are_refused(tmp_path):
     for name, sentence in {
         "gap": r"has cases test:5:9 and .*gap has test:10:12, but the cases of runs that are merged must follow",
         "over": r"has cases test:5:9 and .*over has test:8:12, but",
-        "other": r"are no parts of one run: they differ in scenario$",
-        "silent": r"are no parts of one run: they differ in record$",
+        "other": r"are not of one run: they differ in scenario$",
+        "silent": r"are not of one run: they differ in record$",
     }.items():
         with pytest.raises(InputError, match=sentence):
             merge([tmp_path / "a", tmp_path / "b", tmp_path / name], tmp_path / "c")

@@ -156,7 +156,7 @@ def test_a_kill_before_any_call_of_the_file_system_leaves_a_training_that_goes_o
 
 def test_an_empty_directory_is_taken(tmp_path):
     list(Runner.start(CONFIG, tmp_path, "cpu").train())
-    with pytest.raises(InputError, match=r"holds a training already: .* crowdbench train counting --resume"):
+    with pytest.raises(InputError, match=r"holds a training: .* crowdbench train counting --resume"):
         Runner.start(CONFIG, tmp_path, "cpu")
 
 

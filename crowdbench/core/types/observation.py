@@ -202,9 +202,7 @@ class Observation:
         Raises PermissionError unless the planner is `privileged`.
         """
         if self.future is None:
-            raise PermissionError(
-                "true_next() shows what no vehicle can see: only a planner with `privileged = True` may call it"
-            )
+            raise PermissionError("true_next() shows what no vehicle sees: it is for planners with `privileged = True`")
         return self.future
 
     def log(self, name: str, values: np.ndarray | float) -> None:
@@ -221,9 +219,7 @@ class Observation:
             InputError: The name has other characters, or the values are no numbers with one entry per world.
         """
         if not name.isidentifier():
-            raise InputError(
-                f"a log is called {name!r}, but its name must be letters, digits and underscores, a letter first"
-            )
+            raise InputError(f"a log is called {name!r}, but names are letters, digits and underscores, a letter first")
         if self.logs is None:
             return
         try:
@@ -232,9 +228,7 @@ class Observation:
             raise InputError(f"the log {name} is a {type(values).__name__}, but must be an array of numbers") from None
         worlds = np.shape(self.row)
         if array.shape[: len(worlds)] != worlds:
-            raise InputError(
-                f"the log {name} has shape {list(array.shape)}, but its first axis must be the {len(self)} worlds"
-            )
+            raise InputError(f"the log {name} has shape {array.shape}, but its first axis must be {len(self)} worlds")
         self.logs[name] = array
 
 

@@ -151,9 +151,7 @@ def crowdnav_plus(
         See `Layout`, also for the parameters that all layouts have.
     """
     if 2.0 * math.sqrt(2.0) * half_width <= LEAST_WAY:
-        raise InputError(
-            f"a square from {-half_width:g} to {half_width:g} m has no way of {LEAST_WAY:g} m: raise layout.half_width"
-        )
+        raise InputError(f"a square of {2.0 * half_width:g} m has no way of {LEAST_WAY:g} m: raise layout.half_width")
     first = vehicle_way(rng.random, half_width)
     for _ in range(ATTEMPTS):
         trips = [first]

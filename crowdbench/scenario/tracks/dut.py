@@ -95,9 +95,7 @@ def _columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
         files.check_regular(path)
         table = pa.csv.read_csv(path, convert_options=options)
     except (OSError, pa.ArrowException, KeyError) as error:
-        raise InputError(
-            f"{path} is not a table of DUT, with numbers as {', '.join(names)}: {describe_error(error)}"
-        ) from None
+        raise InputError(f"{path} is no table of DUT with {', '.join(names)}: {describe_error(error)}") from None
     columns = {name: table.column(name).to_numpy() for name in names}
     if not len(table) or not all(np.isfinite(values).all() for values in columns.values()):
         raise InputError(f"{path} must have a finite number in {', '.join(names)} of each row, and a row or more")

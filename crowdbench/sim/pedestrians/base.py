@@ -110,8 +110,7 @@ def query_policy(policy: PedestrianPolicy, name: str, world: World) -> tuple[Vel
     if memory:
         if not isinstance(answer, tuple) or len(answer) != 2 or answer[1] is None:
             raise InputError(
-                f"pedestrian policy {name} has a memory and returned a {type(answer).__name__}, but must return a "
-                "tuple of two, its velocities and its memory"
+                f"pedestrian policy {name} returned {type(answer).__name__}, not a tuple of velocities and memory"
             )
         velocity, after = answer[0], validate_memory(answer[1], memory[0], name)
     return validate_finite(validate_shape(velocity, name, world), name, world), after
@@ -185,9 +184,7 @@ def memory_arrays(name: str, memory: object, path: str = "memory") -> Iterator[t
         for key, part in memory.items():
             yield from memory_arrays(name, part, f"{path}[{key!r}]")
     else:
-        raise InputError(
-            f"pedestrian policy {name} returned a {type(memory).__name__} as {path}, but a memory holds arrays by name"
-        )
+        raise InputError(f"pedestrian policy {name} returned a {type(memory).__name__} as {path}, not an array")
 
 
 def validate_shape(answer: object, name: str, world: World) -> Velocities:

@@ -147,7 +147,7 @@ def test_the_seed_of_a_season_needs_frozen_entries_and_the_round(root):
     with pytest.raises(InputError, match="has no entries to freeze"):
         freeze(root, "other", {})
     (root / "season.toml").write_text((root / "season.toml").read_text().replace("ab" * 32, ""))
-    with pytest.raises(InputError, match="does not say the randomness of round 5000000"):
+    with pytest.raises(InputError, match="lacks the randomness of round 5000000"):
         read_season(root).seed("small")
     (root / "frozen.json").unlink()
     with pytest.raises(InputError, match="the entries of small are not frozen yet"):

@@ -89,7 +89,7 @@ HARMLESS = {"worlds": WORLDS, "judge": JUDGE, "observation": CHANGED_OBSERVATION
 """After these, everything is as if the planner had not tried."""
 
 REFUSED = {
-    "late privilege": (LATE_PRIVILEGE, r"true_next\(\) shows what no vehicle can see"),
+    "late privilege": (LATE_PRIVILEGE, r"true_next\(\) shows what no vehicle sees"),
     "early end": ("def attack(obs):\n    raise KeyboardInterrupt", "raised KeyboardInterrupt"),
     "exit": ("import os\ndef attack(obs):\n    os._exit(0)", r"ended its process \(status 0\)"),
     "later, from a thread": (

@@ -62,7 +62,7 @@ def test_a_policy_is_trained_and_drives_with_an_encoder_of_ones_own(network, min
     (tmp_path / "mine.py").write_text(MEAN + "# otherwise\n")
     with pytest.raises(InputError, match=r"trained with the encoder mine\.py"):
         load_planner("ppo", {"weights": str(weights), "encoder": mine})
-    with pytest.raises(InputError, match="trained without a file of an encoder"):
+    with pytest.raises(InputError, match="trained without an encoder file"):
         load_planner("ppo", {"encoder": mine})
 
 

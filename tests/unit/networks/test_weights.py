@@ -186,7 +186,7 @@ def test_a_device_that_is_not_there_is_refused(saved):
     ("options", "message"),
     [
         ({"weights": "sarl"}, "are of the network sarl, but must be of sgan"),
-        ({"weights": "mine"}, "no weights are called 'mine'; there are"),
+        ({"weights": "mine"}, "no file of weights is called 'mine'; there are"),
         ({"modes": 0}, "modes is 0, but must be a whole number, 1 or more"),
     ],
 )

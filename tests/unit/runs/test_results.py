@@ -338,7 +338,7 @@ def test_a_failure_that_is_not_recorded_is_counted_and_a_run_without_any_says_no
 )
 def test_a_table_that_is_none_of_crowdbench_gets_one_sentence(tmp_path, table):
     (tmp_path / "episodes.csv").write_text(table)
-    with pytest.raises(InputError, match="is not a table of episodes"):
+    with pytest.raises(InputError, match="is no table of episodes"):
         Episodes.read(tmp_path / "episodes.csv")
 
 

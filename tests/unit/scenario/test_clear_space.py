@@ -74,7 +74,7 @@ def test_the_whole_body_counts():
 
 
 def test_what_cannot_be_gets_one_sentence():
-    with pytest.raises(InputError, match="somebody starts in the clear_space of the vehicle in each of 1000 placemen"):
+    with pytest.raises(InputError, match="somebody is in the clear_space in all 1000 placemen"):
         load_scenario("circle_crossing_20", {KEY: {"distance": 20.0, "time": 0.0}}).draw("test", np.arange(1))
     with pytest.raises(InputError, match="clear_space is given, but must be left out where crowdnav_cases is not 0"):
         load_scenario("circle_crossing_5", {KEY: SPACE})

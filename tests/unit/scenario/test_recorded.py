@@ -203,7 +203,7 @@ def test_nothing_is_recorded_after_the_last_step(place):
         ({"crowdnav_cases": 500}, "crowdnav_cases is given, but must be left out"),
         ({"tracks__scene": "yours"}, "in tracks, .* has no file yours.txt, which the scene yours needs"),
         ({"tracks__scene": "eth"}, "in tracks, .* has no file biwi_eth.txt, which the scene eth needs"),
-        ({"tracks__distance": 90.0}, "in case test/0, there is no room for the vehicle .* lower tracks.distance"),
+        ({"tracks__distance": 90.0}, "in case test/0, the vehicle has no room .* lower tracks.distance"),
         ({"tracks__files": {"mine.txt": "0" * 64}}, r"mine.txt is damaged or another version: its sha256 is .* 0000"),
     ],
 )
@@ -362,7 +362,7 @@ def test_a_clip_of_dut_is_read_in_metres_with_y_upwards(tmp_path):
     assert (car.length, car.width) == pytest.approx((4.0, 1.8))
     assert car.heading[0] == pytest.approx(np.pi / 2)
     (tmp_path / "a_traj_ped_filtered.csv").write_text(f"{header}\n3,24,40.0,?\n")
-    with pytest.raises(InputError, match=r"a_traj_ped_filtered.csv is not a table of DUT"):
+    with pytest.raises(InputError, match=r"a_traj_ped_filtered.csv is no table of DUT"):
         read_clip(tmp_path, "a")
 
 

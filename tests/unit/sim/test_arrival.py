@@ -295,8 +295,8 @@ def draw_by_dice(rng, room, radius, preferred_speed, position, **options):
 
 AGAIN = {
     "raises": (lambda *_, **__: 1 / 0, "the layout raised ZeroDivisionError"),
-    "no way": (lambda *_, **__: (np.zeros(2),), "instead of a start and a goal, two points in metres, or None"),
-    "not a number": (lambda *_, **__: (np.zeros(2), np.full(2, np.nan)), "instead of a start and a goal"),
+    "no way": (lambda *_, **__: (np.zeros(2),), "but must draw a start and a goal, two points in metres"),
+    "not a number": (lambda *_, **__: (np.zeros(2), np.full(2, np.nan)), "but must draw a start and a goal"),
     "inside": (lambda rng, room, *_, **__: (room.position[0], np.ones(2)), "overlaps with somebody"),
     "dice": (draw_by_dice, "differ when it is asked again, first in the episode of case "),
 }

@@ -135,8 +135,8 @@ def meddling(velocity, memory, world):
 OFFENCES = {
     "another name": (lambda v, m, w: (v, {"first": m["last"]}), "answers", "returned float64 of shape"),
     "another type": (lambda v, m, w: (v, {"last": m["last"].astype(int)}), "answers", "returned int64 of shape"),
-    "a list": (lambda v, m, w: (v, {"last": m["last"].tolist()}), "answers", "a memory holds arrays by name"),
-    "no memory": (lambda v, m, w: v, "answers", "must return a tuple of two, its velocities and its memory"),
+    "a list": (lambda v, m, w: (v, {"last": m["last"].tolist()}), "answers", "not an array"),
+    "no memory": (lambda v, m, w: v, "answers", "not a tuple of velocities and memory"),
     "changed in place": (meddling, "answers", "changes world.memory['orca']['last'] (case 0, step 2"),
     "another memory alone": (slower_alone, "independent", "velocities differ when a case is driven alone"),
 }
