@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -224,6 +224,7 @@ def _load_scenario(run: RunResult, pedestrians: list[str] | None, layout: str | 
 def export(
     run: Path,
     out: Annotated[Path, typer.Option()],
+    format: Literal["txt", "socnav"] = "txt",
     pedestrians: list[str] | None = None,
     layout: str | None = None,
     data: Path | None = None,
@@ -238,6 +239,8 @@ def export(
         out: Directory to write: `tracks/` has a file for each case, with a line `frame person x y` for each position
             in metres; the vehicle is person 0, and a frame is a step. `steps.parquet` has a row for each step, with the
             observation of the environments, the command, CrowdNav's reward, and whether the episode ends.
+        format: Format of the tracks. socnav: JSON files of SocNav3 (arXiv:2509.01251), whose metric predicts how people
+            would rate a trajectory. Nobody was asked about these runs.
         pedestrians: The file of a pedestrian policy of your own that the run had, ./mine.py. Repeatable.
         layout: The file of a layout of your own that the run had, ./mine.py.
     """
@@ -251,7 +254,7 @@ def export(
     result = RunResult.read(run)
     scenario = _load_scenario(result, pedestrians, layout, data)
     with files.new_directory(out, overwrite, STEPS) as folder, progress(len(result.commands.case)) as report:
-        cases = write(result, scenario, folder, report)
+        cases = write(result, scenario, folder, report, format == "socnav")
     print(f"{cases} cases in {out}")
 
 

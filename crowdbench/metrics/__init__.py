@@ -38,7 +38,14 @@ from crowdbench.metrics.distances import (
     social_distance,
     social_zone,
 )
-from crowdbench.metrics.encounters import near_misses, near_misses_per_hour, time_to_collision
+from crowdbench.metrics.encounters import (
+    near_misses,
+    near_misses_per_hour,
+    paths_apart,
+    post_encroachment_time,
+    speed_near_pedestrians,
+    time_to_collision,
+)
 from crowdbench.metrics.info import UNDISTURBED as UNDISTURBED
 from crowdbench.metrics.info import Metric as Metric
 from crowdbench.metrics.info import MetricInfo as MetricInfo
@@ -81,7 +88,14 @@ SUBJECTS: dict[str, tuple[Metric, ...]] = {
     "gap": (minimum_gap, clearing_distance, discomfort, discomfort_frequency, personal_space_compliance),
     "zone": (intimate_zone, personal_zone, social_zone),
     "intrusion": (intrusion_time_ratio, social_distance, group_intrusion, social_work),
-    "encounter": (time_to_collision, near_misses, near_misses_per_hour),
+    "encounter": (
+        time_to_collision,
+        near_misses,
+        near_misses_per_hour,
+        post_encroachment_time,
+        paths_apart,
+        speed_near_pedestrians,
+    ),
     "acceleration": (max_velocity_change, max_acceleration, mean_acceleration, jerk),
     "heading": (max_turn, cumulative_heading_change, success_heading_change),
     "standstill": (stopped_time, success_stopped_time, frozen_time, failures_to_progress),

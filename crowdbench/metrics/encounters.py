@@ -1,6 +1,9 @@
-"""Metrics of encounters of the vehicle with pedestrians: the time to collision, and near misses."""
+"""Metrics of encounters of the vehicle with pedestrians: times to collision and between them, near misses, speed."""
 
 from __future__ import annotations
+
+import math
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -9,7 +12,8 @@ from crowdbench.core.dynamics import disc_centres
 from crowdbench.core.geometry import dot, norm
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
 from crowdbench.metrics.distances import HALL_ZONES
-from crowdbench.metrics.info import describe
+from crowdbench.metrics.info import describe, total
+from crowdbench.utils.compiled import njit
 
 NEAR_TIME = 1.0
 """Time to collision in seconds below which an encounter is a near miss.
@@ -55,6 +59,37 @@ def near_misses_per_hour(trace: Trace) -> Float[np.ndarray, "world"]:
     return near / np.where(people > 0, people * trace.rules.dt / 3600.0, np.nan)
 
 
+@describe("post-encroachment time", "more", of_successes=True, source="Allen et al. (1978)")
+def post_encroachment_time(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Least time from when one body leaves a place until the other one comes there, over successes [s].
+
+    min |t - s| over the times s and t at which the discs of the vehicle at s and of a pedestrian at t overlap. It is
+    the second's entry less the first's exit (Allen, Shin and Cooper 1978), with the bodies, and the least over all
+    places of the conflict area (Gettman et al. 2008). 0 would be a contact. It also counts where one follows the other.
+    Thresholds from road traffic, such as 5 s, do not apply to people on foot. Undefined in an episode in which nobody
+    was where the vehicle has been or will be: `paths_apart` is the share of these.
+    """
+    return _encroach(trace)
+
+
+@describe("paths apart", share=True, of_successes=True)
+def paths_apart(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of successes without a `post_encroachment_time`: no pedestrian and the vehicle cover the same place [1]."""
+    return 1.0 * np.isnan(_encroach(trace))
+
+
+@describe("speed near pedestrians", "less", of_successes=True)
+def speed_near_pedestrians(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Mean speed of the vehicle while it is within Hall's personal distance of a pedestrian, over successes [m/s].
+
+    sum_t |v_t| [g_t < 1.2 m] / sum_t [g_t < 1.2 m] with the vehicle's velocity v_t in step t, and the smallest gap g_t
+    in it. The distance is that of Hall (1966); the definition is ours. Undefined in an episode without such a step.
+    """
+    near = trace.gap < HALL_ZONES["personal"]
+    steps = near.sum(axis=1)
+    return total(np.where(near, norm(trace.velocity[:, 1:, 0]), 0.0)) / np.where(steps > 0, steps, np.nan)
+
+
 def _approach(trace: Trace) -> tuple[Pairs, Pairs]:
     """Return the smallest gap of each pedestrian in each step, in m, and the time to collision at its start, in s.
 
@@ -90,3 +125,96 @@ def _count_encounters(trace: Trace) -> tuple[Counts, Counts, Counts]:
     first = near.copy()
     first[:, 1:] &= number[:, 1:] > before[:, :-1]
     return begins.sum(axis=(1, 2)), first.sum(axis=(1, 2)), np.isfinite(gap).sum(axis=(1, 2))
+
+
+def _encroach(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Return the post-encroachment time of each world in seconds, NaN where it is undefined."""
+    discs = disc_centres(trace.rules.body, trace.position[:, :, 0], trace.heading)
+    x, y = np.concatenate([discs, trace.position[:, :, 1:]], axis=2).transpose(3, 0, 2, 1)
+    motion, number = np.diff(x + 1j * y, axis=2), discs.shape[2]
+    same = (trace.person[:, 1:] == trace.person[:, :-1]).swapaxes(1, 2)
+    motion[:, number:] = np.where(same, motion[:, number:], np.nan)
+    least = np.full(len(trace), np.inf)
+    # A pedestrian that comes in the place of another one has the same radius.
+    _find_least_lags(x + 1j * y, motion, number, trace.radius[:, 0], least)
+    return np.where(np.isfinite(least), least * trace.rules.dt, np.nan)
+
+
+@no_type_check
+@njit
+def _find_least_lags(position, motion, discs, radius, least):
+    """Find the least post-encroachment time of each world, in steps.
+
+    Args:
+        position: `[world, disc, time]`, complex, the discs of the vehicle and then the pedestrians, in metres.
+        motion: `[world, disc, step]`, the displacements; NaN where there is none.
+        discs: The number of discs of the vehicle.
+        radius: `[world, agent]`, in metres.
+        least: `[world]`, changed; infinite where it is undefined.
+    """
+    for w in range(len(least)):
+        for a in range(discs):
+            for b in range(discs, position.shape[1]):
+                reach = radius[w, 0] + radius[w, b - discs + 1]
+                for one, two in ((a, b), (b, a)):
+                    least[w] = _least_lag(
+                        position[w, one], motion[w, one], position[w, two], motion[w, two], reach, least[w]
+                    )
+
+
+@no_type_check
+@njit
+def _least_lag(first, first_motion, second, second_motion, reach, least):
+    """Return the steps from when the first disc leaves a place until the second one comes there, at most `least`."""
+    steps, longest = len(first_motion), 0.0
+    for t in range(steps):
+        for motion in (first_motion[t], second_motion[t]):
+            if abs(motion) > longest:
+                longest = abs(motion)
+    far = (reach + 2.0 * longest) ** 2
+    for lag in range(steps):
+        if lag - 1 >= least:
+            break
+        for t in range(steps - lag):
+            offset, one, two = second[t + lag] - first[t], first_motion[t], second_motion[t + lag]
+            if offset.real**2 + offset.imag**2 <= far:
+                if lag == 0 and _within(offset, two - one, reach)[0] <= 1.0:
+                    return 0.0
+                between = lag + _least_difference(offset, one, two, reach)
+                if 0.0 <= between < least:
+                    least = between
+    return least
+
+
+@no_type_check
+@njit
+def _least_difference(offset, first, second, reach):
+    """Return the least b - a with |offset + b second - a first| <= reach, a and b from 0 to 1; infinite if none."""
+    least = np.inf
+    for end in (0.0, 1.0):
+        least = min(least, _within(offset - end * first, second, reach)[0] - end)
+        least = min(least, end - _within(offset + end * second, -first, reach)[1])
+    # Neither is at an end: the gap is smallest there, and so across the relative motion.
+    area, relative = (first.conjugate() * second).imag, first - second
+    if area != 0.0:
+        for side in (-1j, 1j):
+            across = side * reach * relative / abs(relative) - offset
+            a, b = (second.conjugate() * across).imag / area, (first.conjugate() * across).imag / area
+            if 0.0 <= a <= 1.0 and 0.0 <= b <= 1.0:
+                least = min(least, b - a)
+    return least
+
+
+@no_type_check
+@njit
+def _within(offset, motion, reach):
+    """Return between which shares s of a step |offset + s motion| <= reach; infinite and -infinite if nowhere."""
+    a, b = abs(motion) ** 2, (offset.conjugate() * motion).real
+    c = abs(offset) ** 2 - reach**2
+    root = b * b - a * c
+    if c <= 0.0 and a == 0.0:
+        return 0.0, 1.0
+    if not (root >= 0.0 and a > 0.0):
+        return np.inf, -np.inf
+    low, high = max((-b - math.sqrt(root)) / a, 0.0), min((-b + math.sqrt(root)) / a, 1.0)
+    return (low, high) if low <= high else (np.inf, -np.inf)

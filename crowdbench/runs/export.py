@@ -1,6 +1,7 @@
 """A run as other programs read it: tracks as files of positions, and a table of what was seen, done and gained.
 
-tracks/test-13.txt   of one case, a line `frame person x y` for each position in metres, tabs between, as in ETH/UCY
+tracks/test-13.txt   of one case, a line `frame person x y` for each position in metres, tabs between, as in ETH/UCY;
+                     or test-13.json, see `crowdbench.runs.socnav`
 steps.parquet        a row for each step: case, step, observation, action, reward, terminated, truncated
 
 Everything follows from the run's commands, with which its cases are simulated again.
@@ -22,6 +23,7 @@ from crowdbench.core.types import Outcome, Trace, World
 from crowdbench.envs.observations import flatten_vehicle
 from crowdbench.runs.replay import traces
 from crowdbench.runs.rollout import Progress
+from crowdbench.runs.socnav import write_trajectory
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.scenario import Scenario
 
@@ -32,7 +34,9 @@ VEHICLE = 0
 """The vehicle's number in the tracks; people are counted from 1."""
 
 
-def export(run: RunResult, scenario: Scenario, folder: Path, progress: Progress | None = None) -> int:
+def export(
+    run: RunResult, scenario: Scenario, folder: Path, progress: Progress | None = None, socnav: bool = False
+) -> int:
     """Write the tracks and the steps of all cases of a run.
 
     Args:
@@ -40,6 +44,7 @@ def export(run: RunResult, scenario: Scenario, folder: Path, progress: Progress 
         scenario: The scenario that its `result.json` describes, made again.
         folder: Where they are written.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
+        socnav: True for tracks in the format of SocNav3.
 
     Returns:
         The number of cases.
@@ -61,7 +66,14 @@ def export(run: RunResult, scenario: Scenario, folder: Path, progress: Progress 
         for trace in traces(run, scenario, undisturbed=False, progress=progress, watch=watch):
             cases += len(trace)
             for row, case in enumerate(trace.case.tolist()):
-                _write_tracks(trace, row, folder / TRACKS / f"{trace.split}-{case}.txt")
+                path = folder / TRACKS / f"{trace.split}-{case}"
+                if socnav:
+                    about = (
+                        f"crowdbench: {run.label} on {scenario.name}, {trace.split}/{case}; simulated, rated by nobody"
+                    )
+                    write_trajectory(trace, row, path.with_suffix(".json"), about)
+                else:
+                    _write_tracks(trace, row, path.with_suffix(".txt"))
             table = _tabulate(trace, seen)
             if writer is None:
                 writer = stack.enter_context(pq.ParquetWriter(folder / STEPS, table.schema, compression="zstd"))

@@ -1,5 +1,7 @@
 """`crowdbench export`: tracks and steps of a run, beside what the environment and the recording say."""
 
+import itertools
+import json
 from pathlib import Path
 
 import gymnasium
@@ -9,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench.cli import app
+from crowdbench.core.types import Outcome
 from crowdbench.runs.load import load_run
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.shards import make_run
@@ -56,6 +59,97 @@ def test_tracks_are_where_everybody_was(tmp_path):
         assert frame.max() == trace.steps[row]
         np.testing.assert_allclose(np.stack(position, axis=1), trace.position[row, frame, person], atol=1e-6)
     assert len(list((tmp_path / "out" / "tracks").iterdir())) == 6
+
+
+NUMBER = (int, float)
+SHAPE = {"type": str, "width": NUMBER, "length": NUMBER}
+SOCNAV = {
+    "metadata": str,
+    "grid": dict.fromkeys(("width", "height", "cell_size", "x_orig", "y_orig", "angle_orig"), NUMBER)
+    | {"data": [[int]]},
+    "walls": [[NUMBER]],
+    "sequence": [
+        {
+            "timestamp": NUMBER,
+            "robot": dict.fromkeys(("x", "y", "angle", "speed_x", "speed_y", "speed_a"), NUMBER) | {"shape": SHAPE},
+            "goal": dict.fromkeys(("x", "y", "angle", "pos_threshold", "angle_threshold"), NUMBER)
+            | {"type": str, "human": type(None)},
+            "people": [dict.fromkeys(("id", "x", "y", "angle"), NUMBER)],
+            "objects": [{"id": NUMBER, "type": str, "x": NUMBER, "y": NUMBER, "angle": NUMBER, "shape": SHAPE}],
+        }
+    ],
+}
+"""The keys that the format requires, and the types of their values."""
+
+
+def conforms(value, kind):
+    if isinstance(kind, dict):
+        return isinstance(value, dict) and all(key in value and conforms(value[key], of) for key, of in kind.items())
+    if isinstance(kind, list):
+        return isinstance(value, list) and all(conforms(each, kind[0]) for each in value)
+    return isinstance(value, kind) and not isinstance(value, bool)
+
+
+@pytest.fixture(scope="module", params=["doorway_8", "car_12", "restless_20"])
+def socnav(request, tmp_path_factory):
+    """A scenario, a trace, and the content of the file of each of its cases."""
+    folder = tmp_path_factory.mktemp("socnav")
+    run = make(folder / "run", request.param)
+    assert invoke(folder / "run", "--out", folder / "out", "--format", "socnav").exit_code == 0
+    trace = rollout(run.driver, run.scenario, run.spec.cases)
+    files = [folder / "out" / "tracks" / f"test-{case}.json" for case in trace.case]
+    assert sorted(files) == sorted((folder / "out" / "tracks").iterdir())
+    return request.param, trace, [json.loads(file.read_text()) for file in files]
+
+
+def test_socnav_files_have_the_keys_and_types_of_the_format(socnav):
+    for content in socnav[2]:
+        assert conforms(content, SOCNAV)
+        assert "rated by nobody" in content["metadata"]
+
+
+def test_the_robot_of_a_socnav_file_is_the_vehicle(socnav):
+    scenario, trace, contents = socnav
+    middle = np.mean([min(trace.rules.body), max(trace.rules.body)])
+    for row, content in enumerate(contents):
+        times = np.arange(trace.steps[row] + 1)
+        robot = {key: np.array([moment["robot"][key] for moment in content["sequence"]]) for key in ("x", "y", "angle")}
+        speed = np.array([moment["robot"]["speed_x"] for moment in content["sequence"]])
+        np.testing.assert_allclose([moment["timestamp"] for moment in content["sequence"]], times * 0.25)
+        np.testing.assert_allclose(robot["x"] - middle * np.cos(robot["angle"]), trace.position[row, times, 0, 0])
+        np.testing.assert_allclose(robot["y"] - middle * np.sin(robot["angle"]), trace.position[row, times, 0, 1])
+        np.testing.assert_allclose(speed[1:], np.diff(robot["x"]) / 0.25)
+        last, is_car = content["sequence"][-1], scenario == "car_12"
+        assert last["robot"]["shape"]["type"] == ("rectangle" if is_car else "circle")
+        away = np.hypot(last["goal"]["x"] - robot["x"][-1], last["goal"]["y"] - robot["y"][-1])
+        assert is_car or (away < last["goal"]["pos_threshold"]) == (trace.outcome[row] == Outcome.SUCCESS)
+
+
+def test_people_in_a_socnav_file_face_where_they_walk(socnav):
+    _, trace, contents = socnav
+    for row, content in enumerate(contents):
+        compared = 0
+        for t, (before, after) in enumerate(itertools.pairwise(content["sequence"])):
+            assert len(after["people"]) == np.isfinite(trace.position[row, t + 1, 1:, 0]).sum()
+            earlier = {person["id"]: (person["x"], person["y"]) for person in before["people"]}
+            for person in after["people"]:
+                step = np.subtract((person["x"], person["y"]), earlier.get(person["id"], np.nan))
+                if (length := np.hypot(*step)) > 0.02:
+                    compared += 1
+                    assert np.dot([np.cos(person["angle"]), np.sin(person["angle"])], step) > 0.9 * length
+        assert compared > 20
+
+
+def test_the_walls_of_a_socnav_file_are_in_its_grid(socnav):
+    scenario, _, contents = socnav
+    for content in contents:
+        grid, cells = content["grid"], np.array(content["grid"]["data"])
+        assert cells.shape == (grid["height"], grid["width"])
+        assert (len(content["walls"]) > 0) == cells.any() == (scenario == "doorway_8")
+        walls = np.array(content["walls"]).reshape(-1, 1, 2, 2)
+        points = (walls[:, :, 0] + np.linspace(0, 1, 9)[:, None] * (walls[:, :, 1] - walls[:, :, 0])).reshape(-1, 2)
+        column, row = ((points - [grid["x_orig"], grid["y_orig"]]) // grid["cell_size"]).astype(int).T
+        assert cells[grid["height"] - 1 - row, column].all()
 
 
 def test_what_cannot_be_exported_is_said_before_anything_is_written(tmp_path):

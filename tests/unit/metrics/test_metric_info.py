@@ -48,7 +48,8 @@ def test_every_metric_has_a_unit_a_direction_and_digits(name, episodes):
     info = INFOS[name]
     in_docstring = re.search(r"\[(.+?)\]\.$", METRICS[name].__doc__.partition("\n")[0])[1]
     assert (info.unit or "1") == in_docstring
-    assert (info.sign != 0) == (name != "path_length")  # short for who collides, long for who detours
+    # A path is short for who collides, and long for who detours.
+    assert (info.sign != 0) == (name not in ("path_length", "paths_apart"))
     assert info.places >= 0
     if METRICS[name](episodes).dtype == bool:
         assert info.share

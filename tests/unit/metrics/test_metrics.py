@@ -202,3 +202,33 @@ def test_turns_along_the_route_are_not_irregular():
     heading[0, 1] = -0.1
     swerves = dataclasses.replace(straight, route=route, heading=heading)
     assert value("path_irregularity", swerves) == pytest.approx(0.2 / 2)
+
+
+def test_the_time_between_two_on_the_same_place_is_that_of_the_nearest_pass_of_their_paths():
+    # Along x and down x = 1 at 1 m/s, the pedestrian 2 s behind: discs of 0.3 m come to the same place
+    # 2 s - 2 sqrt(2) 0.3 s apart. The first to leave may be either.
+    paths = np.array([[[0.1 * t, 0], [1, 3 - 0.1 * t]] for t in range(41)])
+    for positions in (paths, paths[:, ::-1]):
+        episode = trace(positions, dt=0.1)
+        assert value("post_encroachment_time", episode) == pytest.approx(2 - 0.6 * np.sqrt(2))
+        assert value("paths_apart", episode) == 0.0
+    parallel = trace(paths * [1, 0] + [[0, 0], [0, 0.7]], dt=0.1)
+    assert np.isnan(value("post_encroachment_time", parallel))
+    assert value("paths_apart", parallel) == 1.0
+    for name in ("post_encroachment_time", "paths_apart"):
+        assert np.isnan(value(name, trace(paths, Outcome.TIMEOUT, dt=0.1)))
+
+
+def test_somebody_else_in_the_place_of_a_pedestrian_has_walked_no_way_between():
+    paths = np.array([[[0.25 * t, 0], [1, 3 - 0.25 * t]] for t in range(8)])
+    paths[:, 1, 1] = [3, 3, 3, 3, -3, -3, -3, -3]
+    episode = trace(paths)
+    jump = np.broadcast_to((np.arange(episode.person.shape[1]) > 3)[None, :, None], episode.person.shape)
+    assert value("paths_apart", episode) == 0.0
+    assert value("paths_apart", dataclasses.replace(episode, person=jump.astype(np.int64))) == 1.0
+
+
+def test_only_steps_near_pedestrians_count_in_the_speed_near_them():
+    episode = trace([[[x, 0], [9, 9]] for x in (0, 0.25, 0.35, 0.4)], gap=[1.3, 1.1, 0.5])
+    assert value("speed_near_pedestrians", episode) == pytest.approx((0.4 + 0.2) / 2)
+    assert np.isnan(value("speed_near_pedestrians", trace(STRAIGHT, gap=[1.3] * 4)))

@@ -81,6 +81,27 @@ def test_near_misses_are_those_of_the_tracks(seen):
     assert 0.0 < np.mean(rates) < 1.0
 
 
+def test_the_post_encroachment_time_is_that_of_the_tracks(seen):
+    columns, successes = seen
+    for row, p in successes.items():
+        at = np.arange(0, len(p) - 1 + 1e-9, 0.05)  # in steps
+        early = np.minimum(at.astype(int), len(p) - 2)
+        between = p[early] + (at - early)[:, None, None] * (p[early + 1] - p[early])
+        overlap = np.linalg.norm(between[:, None, :1] - between[None, :, 1:], axis=3) < 2 * RADIUS
+        s, t, _ = np.nonzero(overlap)
+        assert columns["paths_apart"][row] == (len(s) == 0)
+        expected = np.abs(s - t).min() * 0.05 * DT if len(s) else np.nan
+        assert columns["post_encroachment_time"][row] == pytest.approx(expected, abs=0.05 * DT + 1e-4, nan_ok=True)
+
+
+def test_the_speed_near_pedestrians_is_that_of_the_tracks(seen):
+    columns, successes = seen
+    for row, p in successes.items():
+        near = gaps(p).min(axis=1) < 1.2
+        speed = np.linalg.norm(np.diff(p[:, 0], axis=0), axis=1)[near] / DT
+        assert columns["speed_near_pedestrians"][row] == pytest.approx(speed.mean(), abs=1e-4)
+
+
 def test_path_irregularity_is_that_of_the_tracks(seen):
     columns, successes = seen
     for row, p in successes.items():

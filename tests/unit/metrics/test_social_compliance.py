@@ -16,7 +16,7 @@ SOCIAL = [
     name
     for subject in ("gap", "zone", "intrusion", "encounter", "cost to pedestrians")
     for name in (metric.__name__ for metric in SUBJECTS[subject])
-    if name not in AS_PUBLISHED | {"clearing_distance"}
+    if name not in AS_PUBLISHED | {"clearing_distance"} and info_of(name).better
 ]
 
 
