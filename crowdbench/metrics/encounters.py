@@ -132,52 +132,48 @@ def _encroach(trace: Trace) -> Float[np.ndarray, "world"]:
     discs = disc_centres(trace.rules.body, trace.position[:, :, 0], trace.heading)
     x, y = np.concatenate([discs, trace.position[:, :, 1:]], axis=2).transpose(3, 0, 2, 1)
     motion, number = np.diff(x + 1j * y, axis=2), discs.shape[2]
-    same = (trace.person[:, 1:] == trace.person[:, :-1]).swapaxes(1, 2)
-    motion[:, number:] = np.where(same, motion[:, number:], np.nan)
+    motion[:, number:][(np.diff(trace.person, axis=1) != 0).swapaxes(1, 2)] = np.nan
     least = np.full(len(trace), np.inf)
-    # A pedestrian that comes in the place of another one has the same radius.
-    _find_least_lags(x + 1j * y, motion, number, trace.radius[:, 0], least)
+    radius = np.repeat(trace.radius, [number] + [1] * (len(trace.radius[0, 0]) - 1), axis=2).swapaxes(1, 2)
+    _find_least_lags((x + 1j * y)[..., :-1], motion, radius, number, least)
     return np.where(np.isfinite(least), least * trace.rules.dt, np.nan)
 
 
 @no_type_check
 @njit
-def _find_least_lags(position, motion, discs, radius, least):
+def _find_least_lags(position, motion, radius, discs, least):
     """Find the least post-encroachment time of each world, in steps.
 
     Args:
-        position: `[world, disc, time]`, complex, the discs of the vehicle and then the pedestrians, in metres.
-        motion: `[world, disc, step]`, the displacements; NaN where there is none.
+        position: `[world, disc, step]`, complex, the discs of the vehicle and then the pedestrians, in metres.
+        motion: `[world, disc, step]`, their displacements; NaN where there is none.
+        radius: `[world, disc, time]`, in metres.
         discs: The number of discs of the vehicle.
-        radius: `[world, agent]`, in metres.
         least: `[world]`, changed; infinite where it is undefined.
     """
     for w in range(len(least)):
         for a in range(discs):
             for b in range(discs, position.shape[1]):
-                reach = radius[w, 0] + radius[w, b - discs + 1]
                 for one, two in ((a, b), (b, a)):
-                    least[w] = _least_lag(
-                        position[w, one], motion[w, one], position[w, two], motion[w, two], reach, least[w]
-                    )
+                    first, second = (position[w, one], motion[w, one]), (position[w, two], motion[w, two])
+                    least[w] = _least_lag(*first, radius[w, one], *second, radius[w, two], least[w])
 
 
 @no_type_check
 @njit
-def _least_lag(first, first_motion, second, second_motion, reach, least):
+def _least_lag(first, first_motion, first_radius, second, second_motion, second_radius, least):
     """Return the steps from when the first disc leaves a place until the second one comes there, at most `least`."""
-    steps, longest = len(first_motion), 0.0
-    for t in range(steps):
-        for motion in (first_motion[t], second_motion[t]):
-            if abs(motion) > longest:
-                longest = abs(motion)
-    far = (reach + 2.0 * longest) ** 2
-    for lag in range(steps):
+    longest = 0.0
+    for motion in (first_motion, second_motion):
+        for t in range(len(motion)):
+            longest = abs(motion[t]) if abs(motion[t]) > longest else longest
+    for lag in range(len(first)):
         if lag - 1 >= least:
             break
-        for t in range(steps - lag):
+        for t in range(len(first) - lag):
             offset, one, two = second[t + lag] - first[t], first_motion[t], second_motion[t + lag]
-            if offset.real**2 + offset.imag**2 <= far:
+            reach = first_radius[t] + second_radius[t + lag]
+            if offset.real**2 + offset.imag**2 <= (reach + 2.0 * longest) ** 2:
                 if lag == 0 and _within(offset, two - one, reach)[0] <= 1.0:
                     return 0.0
                 between = lag + _least_difference(offset, one, two, reach)
