@@ -159,7 +159,7 @@ class PlannerRow:
         second = None
         if self.second_reading is not None:
             both = runs[0], read_episodes(self.second_reading, out)
-            figures = [{name: _estimate(name, [run]) for name in SECOND_READING} for run in both]
+            figures = [{name: estimate(name, [run]) for name in SECOND_READING} for run in both]
             second = SecondReading(str(self.second_reading.spec.cases), *figures)
         return FilledPlannerRow(
             planner=self.label,
@@ -167,9 +167,9 @@ class PlannerRow:
             weights=self.weights,
             networks=sum(map(bool, self.networks)),
             reported=self.reported,
-            measured={metric: _estimate(metric, runs) for metric in measures},
+            measured={metric: estimate(metric, runs) for metric in measures},
             success_rates=values_of(SUCCESS_RATE, runs).mean(axis=1).tolist(),
-            variant_success_rate=_estimate(SUCCESS_RATE, variant) if variant else None,
+            variant_success_rate=estimate(SUCCESS_RATE, variant) if variant else None,
             second_reading=second,
         )
 
@@ -336,15 +336,14 @@ def _both_readings(row: FilledPlannerRow, reading: SecondReading, cases: str) ->
     return f"- {row.name}{network}: {second} on {reading.cases}; {first} on {cases}"
 
 
-def _estimate(metric: str, runs: Sequence[Episodes]) -> Estimate:
-    """A metric over several networks; all but success is over the cases that are solved."""
-    success = values_of(SUCCESS_RATE, runs)
-    solved = success.astype(bool)
-    if metric != SUCCESS_RATE:
-        return mean_over_networks(np.where(solved, values_of(metric, runs), np.nan))
+def estimate(metric: str, runs: Sequence[Episodes]) -> Estimate:
+    """Return a metric over several networks; all but rates are over the cases that each network solves."""
+    values = values_of(metric, runs)
+    if metric not in runs[0].rates:
+        return mean_over_networks(np.where(values_of(SUCCESS_RATE, runs).astype(bool), values, np.nan))
     # Where all values are the same, the interval would have no width. The networks drive the same cases, and count as
     # one then: the interval is rather too wide than too narrow.
-    if solved.all() or not solved.any() or len(solved) == 1:
-        return wilson(solved[0])
-    found = mean_over_networks(success)
+    if len(values) == 1 or values.min() == values.max():
+        return wilson(values[0].astype(bool))
+    found = mean_over_networks(values)
     return replace(found, low=max(found.low, 0.0), high=min(found.high, 1.0))

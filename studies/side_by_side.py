@@ -8,22 +8,30 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from crowdbench.metrics import info_of
 from crowdbench.runs.compare import Comparison, compare_results
-from crowdbench.runs.paired import LEAST_SHARED
+from crowdbench.runs.paired import LEAST_SHARED, MetricDifference
+from crowdbench.runs.results import planner_label
 from crowdbench.runs.run import Run
 from crowdbench.runs.store import RunResult
-from crowdbench.runs.table import PRIVILEGED, RunTable, estimate_grid
+from crowdbench.runs.table import PRIVILEGED, RunTable, estimate_grid, estimates
 from crowdbench.study.folder import run_directory
 from crowdbench.study.study import StudyTable
 from crowdbench.utils.tables import Grid, markdown
-from studies.pages import NOTES, SUCCESS, SUCCESS_RATE
+from studies.differences import difference_over_networks, gain_in_success
+from studies.networks import estimate
+from studies.pages import NOTES, SUCCESS, SUCCESS_RATE, values_of
 
 OVER_SOLVED = ("navigation_time", "discomfort", "jerk", "minimum_gap")
 """What is measured over solved cases: each planner's own, or those that both of a pair solve."""
 
 FAILURES = ("collision_rate", "at_fault_rate", "wall_collision_rate", "timeout_rate")
 """Of the other cases."""
+
+FAULTS = (0.05, 0.1, 0.2, 0.5)
+"""Shares of the vehicle in a collision from which it counts as at fault, in a table of how much this matters."""
 
 
 @dataclass(frozen=True)
@@ -33,25 +41,36 @@ class FilledCrowd:
     Attributes:
         scenario: The scenario, with what is changed in it.
         planners: Rows of the first table: the planner, and an estimate of each metric.
+        at_fault: By planner, the share of cases in which it is at fault, by each of `FAULTS`.
         pairs: The planners compared with each other.
         blocks: The number of blocks of time of recorded people.
     """
 
     scenario: str
     planners: Sequence[Mapping[str, Any]]
+    at_fault: Mapping[str, list[float]]
     pairs: list[Comparison]
     blocks: int | None
 
     @classmethod
-    def of(cls, table: RunTable) -> FilledCrowd:
-        """Summarize and compare the runs of one scenario."""
+    def of(cls, table: RunTable, networks: Sequence[int] | None = None) -> FilledCrowd:
+        """Summarize and compare the runs of a scenario; `networks` are the numbers of runs of planners, if not 1."""
         ((scenario, runs),) = table.columns.items()
+        each = iter(runs.values())
+        rows = dict(_label([next(each) for _ in range(number)]) for number in networks or [1] * len(runs))
         # Collisions with walls are shown where there are any.
         walls = any(run.episodes.columns["wall_collision_rate"].any() for run in table.runs)
-        failures = [name for name in FAILURES if walls or name != "wall_collision_rate"]
-        records = table.grid([SUCCESS_RATE, *failures, *OVER_SOLVED], solved=True).records
-        pairs = comparisons(runs, [SUCCESS_RATE, *OVER_SOLVED])
-        return cls(scenario, records, pairs, table.runs[0].episodes.blocks.get("blocks"))
+        infos = table.infos([SUCCESS_RATE, *(name for name in FAILURES if walls or "wall" not in name), *OVER_SOLVED])
+        records = []
+        for label, row in rows.items():
+            found = estimates(row[0], infos, solved=True)
+            if len(row) > 1:
+                found = {name: estimate(name, [run.episodes for run in row]) for name in infos}
+            records.append({"planner": label + " *" * bool(row[0].result["stated"]["privileged"]), **found})
+        shares = {label: values_of("vehicle_share", [run.episodes for run in row]) for label, row in rows.items()}
+        faults = {label: [float((share >= least).mean()) for least in FAULTS] for label, share in shares.items()}
+        pairs = comparisons(rows)
+        return cls(scenario, records, faults, pairs, table.runs[0].episodes.blocks.get("blocks"))
 
     def markdown(self) -> str:
         """Its two tables under its heading: what was measured, and in what each pair differs."""
@@ -76,9 +95,8 @@ class FilledCrowdsTable:
     def markdown(self) -> str:
         """The tables as GitHub shows them, under their headings; success comes first where there are several crowds."""
         success = [self.success()] if len(self.crowds) > 1 else []
-        return "\n\n".join(
-            [f"## {self.title}", f"Cases {self.cases}.", *success, *map(FilledCrowd.markdown, self.crowds)]
-        )
+        parts = [f"Cases {self.cases}.", *success, self.faults(), *map(FilledCrowd.markdown, self.crowds)]
+        return "\n\n".join([f"## {self.title}", *parts])
 
     def success(self) -> str:
         """Who succeeds where, a row for each crowd, as GitHub shows it; the highest of each row is bold."""
@@ -90,6 +108,12 @@ class FilledCrowdsTable:
             rows.append([crowd.scenario, *cells])
         return markdown([SUCCESS.heading, *(row["planner"] for row in self.crowds[0].planners)], rows)
 
+    def faults(self) -> str:
+        """How often each planner is at fault by different thresholds, in all crowds together, as GitHub shows it."""
+        means = {name: np.mean([crowd.at_fault[name] for crowd in self.crowds], 0) for name in self.crowds[0].at_fault}
+        header = ["at fault from a share of", *(f"{least:g}" for least in FAULTS)]
+        return markdown(header, [[name, *map(SUCCESS.amount, shares.tolist())] for name, shares in means.items()])
+
     def grids(self) -> list[Grid]:
         """The parts of it that have a row for each planner."""
         return [crowd.grid() for crowd in self.crowds]
@@ -99,6 +123,7 @@ class FilledCrowdsTable:
         tests = len(self.crowds[0].pairs) * (1 + len(OVER_SOLVED))
         notes = {
             NOTES["side_by_side"]: True,
+            NOTES["trained"]: any(name.endswith(" networks") for name in self.crowds[0].at_fault),
             NOTES["paired"].format(tests=tests, least=LEAST_SHARED): tests > 0,
             NOTES["recorded"]: any(crowd.blocks is not None for crowd in self.crowds),
             PRIVILEGED: any(row["planner"].endswith(" *") for crowd in self.crowds for row in crowd.planners),
@@ -108,9 +133,10 @@ class FilledCrowdsTable:
 
 @dataclass(frozen=True)
 class SideBySide:
-    """The page of a table of a study. `fill` and `runs` are as `pages.Table` says."""
+    """The page of a table of a study, with the number of networks of each planner. See `pages.Table`."""
 
     table: StudyTable
+    networks: list[int]
 
     @property
     def runs(self) -> list[Run]:
@@ -120,12 +146,46 @@ class SideBySide:
     def fill(self, out: Path) -> FilledCrowdsTable:
         """Fill the table from the runs in the folder `out`. Raises InputError where one is not there."""
         tables = [RunTable.read([run_directory(run, out) for run in runs]) for runs in self.table.by_scenario]
-        return FilledCrowdsTable(self.table.title, str(self.table.cases), list(map(FilledCrowd.of, tables)))
+        return FilledCrowdsTable(
+            self.table.title, str(self.table.cases), [FilledCrowd.of(each, self.networks) for each in tables]
+        )
 
 
-def comparisons(runs: Mapping[str, RunResult], metrics: Sequence[str]) -> list[Comparison]:
-    """Compare each pair of runs of a scenario."""
-    return [compare_results(*pair, metrics) for pair in itertools.combinations(runs.values(), 2)]
+def _label(runs: list[RunResult]) -> tuple[str, list[RunResult]]:
+    """Return the name of a planner in its row, and its runs, one for each network."""
+    planner = runs[0].result["run"]["planner"]
+    options = {key: value for key, value in planner["options"].items() if key != "weights"}
+    label = f"{planner_label(planner['name'], options)}, {len(runs)} networks" if len(runs) > 1 else runs[0].label
+    return label, runs
+
+
+def comparisons(rows: Mapping[str, Sequence[RunResult]]) -> list[Comparison]:
+    """Compare each pair of planners in a scenario, by the runs of each, one for each network."""
+    pairs = itertools.combinations(rows.items(), 2)
+    return [
+        compare_results(one[0], two[0], [SUCCESS_RATE, *OVER_SOLVED])
+        if len(one) == len(two) == 1
+        else _compare_networks((first, second), one, two)
+        for (first, one), (second, two) in pairs
+    ]
+
+
+def _compare_networks(names: tuple[str, str], one: Sequence[RunResult], two: Sequence[RunResult]) -> Comparison:
+    """Compare planners, of which one has several networks at least."""
+    networks = [[run.result["run"]["planner"]["options"].get("weights") for run in runs] for runs in (one, two)]
+    runs, paired = [[run.episodes for run in row] for row in (one, two)], networks[0] == networks[1]
+    solved = values_of(SUCCESS_RATE, [*runs[0], *runs[1]]).min(axis=0) > 0.0
+    rows = {}
+    for metric in (SUCCESS_RATE, *OVER_SOLVED):
+        a, b = (values_of(metric, each) for each in runs)
+        if metric == SUCCESS_RATE:
+            found = gain_in_success(b, a, paired)
+        else:
+            found = difference_over_networks(b[:, solved], a[:, solved], paired)
+        rows[metric] = MetricDifference(
+            estimate(metric, runs[0]).mean, estimate(metric, runs[1]).mean, found, None, None
+        )
+    return Comparison(one[0].result["scenario"]["name"], names, len(solved), int(solved.sum()), rows, None, [])
 
 
 def verdict_grid(found: Sequence[Comparison]) -> Grid:

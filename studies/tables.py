@@ -35,7 +35,12 @@ def read_tables(file: Path, data: Path | None = None) -> tuple[StudyHead, Sequen
     spec, location = read_file(file, PageSpec), Location(file.name)
     tables: list[Table] = [
         *(NetworksTable.of(table, location.at("networks", i)) for i, table in enumerate(spec.networks)),
-        *(SideBySide(StudyTable.load(table, location.at("tables", i), data)) for i, table in enumerate(spec.tables)),
+        *(
+            SideBySide(
+                StudyTable.load(table, location.at("tables", i), data), [len(row.choices) for row in table.planners]
+            )
+            for i, table in enumerate(spec.tables)
+        ),
     ]
     if not tables:
         raise InputError(f"{file.name} has no table: a study needs [[tables]] or [[networks]]")

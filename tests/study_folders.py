@@ -129,6 +129,7 @@ def episodes(success, **columns):
             "at_fault_rate": success & ~success,
             "wall_collision_rate": success & ~success,
             "timeout_rate": success & ~success,
+            "vehicle_share": np.full(len(success), np.nan),
         }
         | columns,
     )

@@ -24,10 +24,16 @@ CasesText = Annotated[
 
 
 class PlannerSpec(TomlTable):
-    """A planner with its options; a name or a file stands for one without options."""
+    """A planner with its options; a name or a file stands for one without options. Each of its `weights` is a run."""
 
     planner: Name
+    weights: Names = Field(default=[])
     options: Values = Field(default={})
+
+    @property
+    def choices(self) -> list[dict[str, Any]]:
+        """The options of its runs."""
+        return [{"weights": weights, **self.options} for weights in self.weights] or [self.options]
 
 
 def _named(planner: Any) -> Any:

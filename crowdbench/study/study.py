@@ -35,7 +35,7 @@ def load_runs(planners: Sequence[PlannerSpec], base: RunSpec) -> list[Run]:
         InputError: A planner or the scenario does not exist.
     """
     scenario = catalog.load_scenario(base.scenario, base.overrides, data=base.data)
-    specs = [dataclasses.replace(base, planner=spec.planner, options=spec.options) for spec in planners]
+    specs = [dataclasses.replace(base, planner=each.planner, options=its) for each in planners for its in each.choices]
     return [load_run(spec, scenario=scenario) for spec in specs]
 
 

@@ -12,12 +12,13 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.metrics.info import MetricInfo
-from crowdbench.metrics.networks import Values, mean_of_means, mean_over_networks, network_estimate
+from crowdbench.metrics.networks import Values, mean_of_means, network_estimate
 from crowdbench.metrics.summary import UNDEFINED, Estimate
 from crowdbench.runs.paired import LEAST_SHARED
 from crowdbench.runs.results import Episodes
 from crowdbench.utils.tables import markdown
 from crowdbench.utils.toml import Location, Name, TomlTable, choice, number
+from studies.differences import case_means, difference_over_networks, gain_in_success
 from studies.networks import PLANNER_MEASURES
 from studies.pages import SUCCESS, SUCCESS_RATE, values_of
 
@@ -140,7 +141,7 @@ def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Asse
     ours, theirs = list(one.values()), [two[name] for name in (one if paired else two)]
     values = values_of(claim.measure, ours), values_of(claim.measure, theirs)
     if measure is SUCCESS:
-        cases, figure = values[0].shape[1], _gain_in_success(*values, paired)
+        cases, figure = values[0].shape[1], gain_in_success(*values, paired)
     else:
         solved = values_of(SUCCESS_RATE, [*ours, *theirs]).astype(bool).all(axis=0)
         cases, (x, y) = int(solved.sum()), (each[:, solved] for each in values)
@@ -180,41 +181,6 @@ def tally(claims: Sequence[Assessment]) -> str:
     return f"Claims: {', '.join(f'{count[verdict]} {word}' for verdict, word in words.items())}."
 
 
-def _gain_in_success(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
-    """The difference in success, with an interval that has a width even where both succeed in the same cases.
-
-    One discordant case is added to each side, one that only `ours` solves and one that only `theirs` solve, as in
-    Bonett and Price, "Adjusted Wald confidence interval for a difference of binomial proportions based on paired data",
-    Journal of Educational and Behavioral Statistics 37(4) (2012), 479-488, doi:10.3102/1076998611411915. Theirs is an
-    adjusted Wald interval of one pair of samples; here the cases so completed are those of every network.
-    """
-    won, lost = (np.tile(pair, (len(row), 1)) for pair, row in (([1.0, 0.0], ours), ([0.0, 1.0], theirs)))
-    guarded = difference_over_networks(np.hstack([ours, won]), np.hstack([theirs, lost]), paired)
-    found = difference_over_networks(ours, theirs, paired)
-    return dataclasses.replace(found, low=guarded.low, high=guarded.high)
-
-
-def difference_over_networks(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
-    """By how much one mean over networks is larger than another.
-
-    Args:
-        ours: A metric of each network in each case, NaN where it is not defined.
-        theirs: The same metric of other networks, or of the same ones under another planner, in the same cases.
-        paired: Whether the networks are the same ones in the same order. Those of two trainings are not, and their
-            parts of the variance are added.
-
-    Returns:
-        The difference with its interval; `n` counts the values of paired networks, and otherwise the cases.
-    """
-    if paired:
-        return mean_over_networks(ours - theirs)
-    if np.isnan(ours).all() or np.isnan(theirs).all():
-        return UNDEFINED
-    return network_estimate(
-        mean_of_means(ours) - mean_of_means(theirs), [ours, -theirs], _case_means(ours) - _case_means(theirs)
-    )
-
-
 def reduction_over_networks(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
     """By which share one mean over networks is smaller than another.
 
@@ -230,11 +196,5 @@ def reduction_over_networks(ours: Values, theirs: Float[np.ndarray, "their_netwo
         return UNDEFINED
     ratio = mean_of_means(ours) / base
     parts = [ours / base, -ratio * theirs / base]
-    shares = 1.0 - _case_means(ours) / np.where(_case_means(theirs) == 0.0, np.nan, _case_means(theirs))
+    shares = 1.0 - case_means(ours) / np.where(case_means(theirs) == 0.0, np.nan, case_means(theirs))
     return network_estimate(1.0 - ratio, [parts[0] + parts[1]] if paired else parts, shares)
-
-
-def _case_means(values: Values) -> Float[np.ndarray, "case"]:
-    """Return the mean over networks in each case; NaN where none of them has a value."""
-    number = (~np.isnan(values)).sum(axis=0)
-    return np.where(number > 0, np.nansum(values, axis=0) / np.maximum(number, 1), np.nan)

@@ -15,10 +15,10 @@ sys.path.append(str(Path(__file__).parents[2]))
 from crowdbench.cli import main
 from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
 from crowdbench.cli.study import ShardOption, make_runs, print_study
-from crowdbench.runs.load import load_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.study.folder import read_episodes
 from crowdbench.study.schema import CasesText, Planners, StudyHead
+from crowdbench.study.study import load_runs
 from crowdbench.utils.tables import Format, Grid, markdown, printed_by
 from studies.pages import read_file
 
@@ -61,10 +61,7 @@ def headroom(
     use_threads(None if is_on_ray(on) else threads)
     spec = read_file(file, HeadroomSpec)
     rows = {
-        (name, key, level): [
-            load_run(RunSpec(each.planner, name, spec.cases, each.options, overrides={key: level}, record="none"))
-            for each in spec.planners
-        ]
+        (name, key, level): load_runs(spec.planners, RunSpec("", name, spec.cases, {}, {key: level}, record="none"))
         for key, scenarios in spec.levels.items()
         for name, levels in scenarios.items()
         if not scenario or name in scenario

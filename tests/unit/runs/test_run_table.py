@@ -13,7 +13,7 @@ from crowdbench.runs.table import RunTable, estimate_grid, estimates
 from crowdbench.utils.errors import InputError
 from studies.side_by_side import comparisons, verdict_grid
 
-METRICS = ["success_rate", "navigation_time", "discomfort", "jerk"]
+METRICS = ["success_rate", "navigation_time", "discomfort", "jerk", "minimum_gap"]
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_means_may_be_over_the_cases_that_a_planner_solves(runs):
 
 def test_pairs_are_tested_as_compare_does(runs):
     column = RunTable.read([runs[planner, "circle_crossing_5"] for planner in ("orca", "orca_margin")])
-    found = comparisons(column.columns["circle_crossing_5"], METRICS)
+    found = comparisons({name: [run] for name, run in column.columns["circle_crossing_5"].items()})
     expected = compare(*(run.directory for run in column.runs))
     (pair,) = found
     assert pair.rows == {name: expected.rows[name] for name in METRICS}

@@ -1,3 +1,4 @@
+import dataclasses
 import re
 from pathlib import Path
 
@@ -6,6 +7,7 @@ import pytest
 from study_folders import CROWDS, episodes, leave, read, read_page
 
 from crowdbench.catalog import load_scenario
+from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.metrics.summary import bootstrap
 from crowdbench.runs.compare import compare
 from crowdbench.runs.paired import LEAST_SHARED
@@ -32,7 +34,7 @@ def result(name, table):
 
 def pair(one, two):
     """Two planners, compared, and the cell that says how the second differs."""
-    found = comparisons({"a": result("a", one), "b": result("b", two)}, ["success_rate", *MEASURES])
+    found = comparisons({"a": [result("a", one)], "b": [result("b", two)]})
     return found[0], verdict_grid(found).rows[0][1]
 
 
@@ -84,6 +86,7 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
         one.columns["minimum_gap"][:12] = 0.25
         one.columns["discomfort"][:12] = 0.125
         one.columns["at_fault_rate"][12:16] = True
+        one.columns["vehicle_share"][12:] = [0.1, 0.2, 0.4, 0.9, 0.02, 0.07, 0.09, np.nan]
         leave(runs[0], tmp_path, one)
         leave(runs[1], tmp_path, two)
     text = study.markdown(study.fill(tmp_path), "crowdbench study tiny.toml")
@@ -96,7 +99,13 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
         ["circle_crossing_5", "**60.0**", "**60.0**"],
         ["square_crossing_5", "60.0", "**80.0**"],
     ]
-    crowd = lines[4:]
+    # 4 of 20 cases from 0.1 on, as the column says; of the other planner's there are none.
+    assert lines[4] == ["at fault from a share of", "0.05", "0.1", "0.2", "0.5"]
+    assert lines[6:8] == [
+        ["orca", "30.0 %", "20.0 %", "15.0 %", "5.0 %"],
+        ["orca_margin", "0.0 %", "0.0 %", "0.0 %", "0.0 %"],
+    ]
+    crowd = lines[8:]
     failures = ["collisions, %", "at fault, %", "timeouts, %"]
     over_solved = ["time, s", "discomfort, %", "jerk, m/s^3", "smallest gap, m"]
     assert crowd[0] == ["planner", "success, %", *failures, *over_solved]
@@ -109,6 +118,41 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
     assert crowd[6][0] == "orca_margin"
     assert crowd[6][1].startswith("better: time")
     assert "The 5 tests in a crowd are not corrected" in text
+
+
+def test_a_planner_with_several_networks_is_their_mean_over_networks_and_cases(tmp_path):
+    planners = '["orca", { planner = "./mine.py", weights = ["one", "two"] }]'
+    study = read_page(CROWDS.replace('["orca", "orca_margin"]', planners).replace('"8"', '"20"'))
+    solved = [np.arange(20) < n for n in (8, 12, 16)]
+    for runs in study.tables[0].table.by_scenario:
+        assert [run.spec.options for run in runs] == [{}, {"weights": "one"}, {"weights": "two"}]
+        for run, success, slower in zip(runs, solved, (0.0, 1.0, 2.0), strict=True):
+            times = 10.0 + slower + 0.1 * np.arange(20)
+            table = episodes(success, **dict.fromkeys(MEASURES, np.zeros(20)) | {"navigation_time": times})
+            table.columns["at_fault_rate"][17:] = table.columns["vehicle_share"][17:] = slower > 1.0
+            leave(run, tmp_path, table)
+    filled = study.fill(tmp_path)
+    (_, row), (pair,) = filled[0].crowds[0].planners, filled[0].crowds[0].pairs
+    assert row["planner"] == "mine, 2 networks"
+    expected = mean_over_networks(np.array(solved[1:], float))
+    assert expected.low < 0.0 < 1.0 < expected.high
+    assert row["success_rate"] == dataclasses.replace(expected, low=0.0, high=1.0)
+    assert row["at_fault_rate"].mean == pytest.approx(3 / 20 / 2)
+    assert filled[0].crowds[0].at_fault["mine, 2 networks"] == pytest.approx([3 / 20 / 2] * 4)
+    over_solved = [
+        np.mean(10.0 + slower + 0.1 * np.flatnonzero(own)) for own, slower in ((solved[1], 1), (solved[2], 2))
+    ]
+    assert row["navigation_time"].mean == pytest.approx(np.mean(over_solved))
+    # In the 8 cases that all solve, the networks are 1 s and 2 s slower: t of two networks is 12.7.
+    assert pair.both_solved == 8
+    difference = pair.rows["navigation_time"].difference
+    assert difference.mean == pytest.approx(1.5)
+    assert difference.high - difference.mean == pytest.approx(12.706 * 0.5, rel=1e-3)
+    success = pair.rows["success_rate"].difference
+    assert success.mean == pytest.approx(6 / 20)
+    # Two networks, of which one solves 4 cases more and the other 8: nothing is sure.
+    assert not pair.rows["success_rate"].is_significant
+    assert "A planner with several networks" in study.markdown(filled, "")
 
 
 def test_a_planner_may_have_options():

@@ -99,32 +99,3 @@ def test_an_option_may_be_a_table():
     (row,) = read_page(NETWORKS + "options = { limits = { speed = 1.0, turn = false } }").tables[0].rows
     assert row.runs[0].spec.options == {"limits": {"speed": 1.0, "turn": False}, "weights": "one"}
     assert row.label == "mine (limits={speed=1.0, turn=false})"
-
-
-SEEDED = """
-import numpy as np
-from crowdbench.planners.reactive import ORCAPlanner
-
-def planner(seed=0):
-    return ORCAPlanner(0.1 * seed)
-"""
-
-
-def test_a_planner_without_weights_may_have_seeds(tmp_path):
-    Path("seeded.py").write_text(SEEDED)
-    text = NETWORKS.replace("mine.py", "seeded.py").replace('weights = ["one", "two"]', "seeds = [3, 5]")
-    (row,) = read_page(text).tables[0].rows
-    assert [one.spec.options for one in row.all_runs] == [
-        {"seed": 3},
-        {"seed": 5},
-        {"seed": 3},
-        {"seed": 5},
-        {"seed": 3},
-    ]
-    assert row.networks == ["seed 3", "seed 5"]
-    refused(
-        text.replace("seeds = ", 'weights = ["one"]\nseeds = '),
-        ["rows[1].seeds", "left out where there are weights"],
-        read_page,
-    )
-    refused(text.replace("seeded.py", "mine.py"), ["no option 'seed'"], read_page)
