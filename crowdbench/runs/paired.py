@@ -80,6 +80,9 @@ class Paired:
 def compare_metric(name: str, strata: Sequence[Paired]) -> MetricDifference:
     """Compare a metric over all cases where it is a rate or counts failures, otherwise over those that both solve.
 
+    Before the interval of a rate is taken, a case is added for each run in which it alone holds, as in Bonett and Price
+    (2012, doi:10.3102/1076998611411915): else it is too narrow where few cases differ.
+
     Args:
         name: The name of the metric.
         strata: The episodes of both runs, in each scenario. Scenarios count alike.
@@ -121,10 +124,16 @@ def _compare_part(
     """Compare a metric in the chosen cases of a scenario: both means, resampled differences, and that of each case."""
     values = [table.columns[name][chosen].astype(float) for table in (pair.a, pair.b)]
     weights = [weigh(name, table.steps[chosen]) for table in (pair.a, pair.b)]
-    block = None if pair.a.block is None else pair.a.block[chosen]
-    columns = [column for x, w in zip(values, weights, strict=True) for column in by_block(x, w, block)]
     a, b = (float(weighted_mean(x, w)) for x, w in zip(values, weights, strict=True))
-    return (a, b), bootstrap_distribution(_mean_difference, *columns), values[1] - values[0]
+    difference, block = (
+        values[1] - values[0],
+        np.arange(len(values[0])) if pair.a.block is None else pair.a.block[chosen],
+    )
+    if all(is_rate(table.columns[name]) for table in (pair.a, pair.b)):
+        values = [np.append(x, more) for x, more in zip(values, ((1.0, 0.0), (0.0, 1.0)), strict=True)]
+        weights, block = [np.append(w, (1.0, 1.0)) for w in weights], np.append(block, block.max() + np.arange(1, 3))
+    columns = [column for x, w in zip(values, weights, strict=True) for column in by_block(x, w, block)]
+    return (a, b), bootstrap_distribution(_mean_difference, *columns), difference
 
 
 def _mean_of(resampled: Sequence[Float[np.ndarray, "resample"]]) -> Float[np.ndarray, "resample"]:

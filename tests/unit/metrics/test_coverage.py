@@ -15,7 +15,7 @@ from crowdbench.metrics.summary import bootstrap, rate, wilson
 from crowdbench.runs.paired import Paired, compare_metric
 from studies.differences import gain_in_success
 
-STUDIES = 500
+STUDIES = 300
 LEAST = 0.95 - 2.0 * np.sqrt(0.95 * 0.05 / STUDIES)
 """Two standard errors of the simulation below 95 %."""
 
