@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
+from crowdbench.boards.means import range_over_networks
 from crowdbench.metrics import info_of
 from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.metrics.summary import Estimate, wilson
@@ -341,9 +342,4 @@ def estimate(metric: str, runs: Sequence[Episodes]) -> Estimate:
     values = values_of(metric, runs)
     if metric not in runs[0].rates:
         return mean_over_networks(np.where(values_of(SUCCESS_RATE, runs).astype(bool), values, np.nan))
-    # Where all values are the same, the interval would have no width. The networks drive the same cases, and count as
-    # one then: the interval is rather too wide than too narrow.
-    if len(values) == 1 or values.min() == values.max():
-        return wilson(values[0].astype(bool))
-    found = mean_over_networks(values)
-    return replace(found, low=max(found.low, 0.0), high=min(found.high, 1.0))
+    return wilson(values[0].astype(bool)) if len(values) == 1 else range_over_networks(values)

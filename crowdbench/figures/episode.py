@@ -78,14 +78,6 @@ class Episode:
         half = self.zoom / 2
         return np.stack([path.min(axis=0) - half, path.max(axis=0) + half])
 
-    def size(self, state: int | None = None) -> tuple[float, float]:
-        """Width and height in inches of a picture."""
-        return _fit(*self.bounds(state))
-
-    def time(self, state: int) -> float:
-        """The time of a state in seconds."""
-        return state * self.trace.rules.dt
-
 
 def trajectories(episode: Episode, out: Path) -> None:
     """Draw a whole episode: all paths, discs at the end, and where the vehicle was when.
@@ -97,10 +89,10 @@ def trajectories(episode: Episode, out: Path) -> None:
     Raises:
         InputError: The file cannot be written.
     """
-    low, high = episode.bounds()
-    marks = mark_times(episode.trace, episode.row, np.stack([low, high]), float((high - low).max()) / SIDE)
-    with canvas(out, *episode.size()) as figure:
-        _draw_state(_plane(figure.add_subplot(), low, high), episode, episode.end, low, marks)
+    bounds = episode.bounds()
+    marks = mark_times(episode.trace, episode.row, bounds, float((bounds[1] - bounds[0]).max()) / SIDE)
+    with canvas(out, *_fit(*bounds)) as figure:
+        _draw_state(figure.add_subplot(), episode, None, marks)
 
 
 def draw_case(recording: Path, case: int, out: Path, moments: int | None = None, zoom: float | None = None) -> None:
@@ -169,13 +161,13 @@ def strip(episode: Episode, moments: int, out: Path) -> None:
         InputError: The file cannot be written.
     """
     states = np.linspace(0, episode.end, moments + 1).round().astype(int)[1:]
-    width, height = episode.size(0)
+    width, height = _fit(*episode.bounds(0))
     scale = 7.0 / (width * moments)  # as wide as both columns of a paper
     with canvas(out, 7.0, height * scale + 0.2) as figure:
         for column, state in enumerate(states.tolist(), 1):
             axes = figure.add_subplot(1, moments, column)
-            _draw_moment(axes, episode, state)
-            axes.set_title(f"{episode.time(state):g} s", fontsize=7, pad=2)
+            _draw_state(axes, episode, state)
+            axes.set_title(f"{state * episode.trace.rules.dt:g} s", fontsize=7, pad=2)
 
 
 def film(episode: Episode, out: Path) -> None:
@@ -215,10 +207,12 @@ def _frames(episode: Episode, dpi: int) -> Iterator[Image]:
 
     for state in [*range(episode.end + 1), *[episode.end] * 8]:
         page = io.BytesIO()
-        with canvas(None, *episode.size(0)) as figure:
+        with canvas(None, *_fit(*episode.bounds(0))) as figure:
             axes = figure.add_subplot()
-            _draw_moment(axes, episode, state)
-            axes.text(0.02, 0.98, f"{episode.time(state):.2f} s", transform=axes.transAxes, va="top", fontsize=8)
+            _draw_state(axes, episode, state)
+            axes.text(
+                0.02, 0.98, f"{state * episode.trace.rules.dt:.2f} s", transform=axes.transAxes, va="top", fontsize=8
+            )
             write(figure, page, "png", dpi=dpi)
         yield Images.open(page).convert("RGB")
 
@@ -229,20 +223,15 @@ def _fit(low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> tuple[flo
     return float(width), float(height)
 
 
-def _draw_moment(axes: Axes, episode: Episode, state: int) -> None:
+def _draw_state(axes: Axes, episode: Episode, state: int | None, marks: Iterable[Shape] = ()) -> None:
+    """Draw a state of an episode, or the last one among all that is shown, with a scale, and marks over it."""
     low, high = episode.bounds(state)
-    _draw_state(_plane(axes, low, high), episode, state, low)
-
-
-def _draw_state(
-    axes: Axes, episode: Episode, state: int, corner: Float[np.ndarray, "2"], marks: Iterable[Shape] = ()
-) -> None:
-    """Draw a state of an episode with a scale in a corner, and marks over it."""
+    state = episode.end if state is None else state
     planned = episode.paths.get(state, PlannedPaths([], []))
     lines = [Line(path, FORESEEN, 0.4) for path in planned.predicted]
     lines += [Line(path, CONSIDERED, 0.4) for path in planned.considered]
-    shapes = draw_moment(Moment.of_trace(episode.trace, episode.row, state), corner)
-    draw(axes, [*lines, *shapes, *marks])
+    shapes = draw_moment(Moment.of_trace(episode.trace, episode.row, state), low)
+    draw(_plane(axes, low, high), [*lines, *shapes, *marks])
 
 
 def _plane(axes: Axes, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> Axes:

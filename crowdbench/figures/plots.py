@@ -11,7 +11,6 @@ from jaxtyping import Float
 
 from crowdbench.core.types import Outcome
 from crowdbench.figures.style import COLOURS, DASHES, MARKERS, axes
-from crowdbench.metrics import info_of, no_metric
 from crowdbench.metrics.summary import bootstrap, rate
 from crowdbench.runs.store import RunResult
 from crowdbench.runs.table import RunTable
@@ -20,9 +19,6 @@ from crowdbench.utils.errors import InputError
 
 CURVE, CARD = "curve.csv", "weights.json"
 """The files of a training that figures are drawn of."""
-
-MOST = len(COLOURS)
-"""The most series of a figure that can be told apart."""
 
 _POWERS = str.maketrans({"^": "", "2": "²", "3": "³"})
 
@@ -41,7 +37,6 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
         InputError: One of them is not a run, they are too many, or the file cannot be written.
     """
     runs = RunTable.read(directories).labelled
-    _check_few(len(runs))
     with axes(out) as ax:
         for number, (label, run) in enumerate(runs.items()):
             dt, limit = (float(run.result["scenario"][key]) for key in ("dt", "time_limit"))
@@ -69,9 +64,12 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
     Raises:
         InputError: One of them is not a run, or has no such metric, or the file cannot be written.
     """
-    runs = RunTable.read(directories).labelled
-    info = info_of(metric, all(metric in run.episodes.rates for run in runs.values()))
-    values = [info.factor * _values(label, run, metric) for label, run in runs.items()]
+    table = RunTable.read(directories)
+    runs, info = table.labelled, table.infos([metric])[metric]
+    values = [info.factor * run.episodes.columns[metric].astype(float) for run in runs.values()]
+    for label, column in zip(runs, values, strict=True):
+        if not np.isfinite(column).any():
+            raise InputError(f"{metric} is not defined in any case of the run of {label}")
     with axes(out, height=0.7 + 0.35 * len(runs)) as ax:
         rows = list(range(len(runs), 0, -1))
         box = {"color": COLOURS[0]}
@@ -109,7 +107,6 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
     groups: dict[str, list[RunResult]] = {}
     for run in RunTable.read(directories).runs:
         groups.setdefault(run.label, []).append(run)
-    _check_few(len(groups))
     with axes(out) as ax:
         from matplotlib.ticker import MaxNLocator
 
@@ -123,7 +120,7 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
             ordered = [runs[index].episodes for index in order]
             rates = [rate(episodes.outcome == Outcome.SUCCESS, episodes.block) for episodes in ordered]
             low, mean, high = np.array([(estimate.low, estimate.mean, estimate.high) for estimate in rates]).T
-            look = {"ms": 3.5, "capsize": 2, "marker": MARKERS[number], **_line(number)}
+            look = {**_line(number), "ms": 3.5, "capsize": 2, "marker": MARKERS[number]}
             ends = 100 * np.stack([mean - low, high - mean])
             ax.errorbar(np.array(counts)[order], 100 * mean, yerr=ends, label=label, **look)
         ax.set(xlabel="pedestrians", ylabel="success, %", ylim=(0, 102))
@@ -144,20 +141,19 @@ def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "suc
             written.
     """
     groups = _read_trainings(directories, quantity)
-    _check_few(len(groups))
     with axes(out) as ax:
         from matplotlib.ticker import EngFormatter
 
         for number, (label, curves) in enumerate(groups.items()):
-            axis = next(iter(curves[0]))
+            axis, line = next(iter(curves[0])), _line(number)
             scale = 100.0 if quantity == "success" else 1.0
             end = min(float(curve[axis][-1]) for curve in curves)
             along = np.linspace(0.0, end, 100)
             mean = np.mean([np.interp(along, curve[axis], scale * curve[quantity]) for curve in curves], axis=0)
             for curve in curves if len(curves) > 1 else []:
-                ax.plot(curve[axis], scale * curve[quantity], lw=0.5, alpha=0.5, color=COLOURS[number])
+                ax.plot(curve[axis], scale * curve[quantity], lw=0.5, alpha=0.5, color=line["color"])
             seeds = f", {len(curves)} seeds" if len(curves) > 1 else ""
-            ax.plot(along, mean, label=label + seeds, **_line(number))
+            ax.plot(along, mean, label=label + seeds, **line)
             ax.set_xlabel(axis)
         ax.xaxis.set_major_formatter(EngFormatter(sep=""))
         ax.set(ylabel=quantity.replace("_", " "), xlim=(0, None))
@@ -206,22 +202,7 @@ def _training_label(directory: Path) -> str:
 
 
 def _line(number: int) -> dict[str, Any]:
-    """How the line of a series is ax."""
+    """Return how the line of a series is drawn. Raises InputError where series could not be told apart any more."""
+    if number >= len(COLOURS):
+        raise InputError(f"more than {len(COLOURS)} series cannot be told apart in one figure")
     return {"color": COLOURS[number], "linestyle": DASHES[number % len(DASHES)]}
-
-
-def _values(label: str, run: RunResult, metric: str) -> np.ndarray:
-    """The values of a metric in the cases of a run. Raises InputError where it has none."""
-    columns = run.episodes.columns
-    if metric not in columns:
-        raise InputError(f"the run of {label} {no_metric(metric, columns)}")
-    values = columns[metric].astype(float)
-    if not np.isfinite(values).any():
-        raise InputError(f"{metric} is not defined in any case of the run of {label}")
-    return values
-
-
-def _check_few(series: int) -> None:
-    """Raise InputError where there are more series than can be told apart."""
-    if series > MOST:
-        raise InputError(f"{series} series cannot be told apart in one figure: give {MOST} at most")

@@ -42,8 +42,7 @@ def at_fault_seen_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
 
     It had a share of 0.1 or more in it, as in `at_fault_rate`.
     """
-    contacts = contacts_of(trace)
-    return (contacts.share >= LITTLE) & contacts.saw
+    return at_fault_rate(trace) & contacts_of(trace).saw
 
 
 @describe("struck while standing", "less", share=True)

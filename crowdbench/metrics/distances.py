@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.geometry import dot, norm
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
-from crowdbench.metrics.info import describe, total
+from crowdbench.metrics.info import describe, finite_or_nan, total
 
 Pairs = Int[np.ndarray, "pair"]
 
@@ -30,7 +30,7 @@ def minimum_gap(trace: Trace) -> Float[np.ndarray, "world"]:
 
     The gap is the distance between the rims of two discs. Undefined where there are no pedestrians.
     """
-    return _finite_or_nan(np.nanmin(trace.gap, axis=1))
+    return finite_or_nan(np.nanmin(trace.gap, axis=1))
 
 
 @describe("clearing distance", "more", source="Francis et al. (2023)")
@@ -39,7 +39,7 @@ def clearing_distance(trace: Trace) -> Float[np.ndarray, "world"]:
 
     Francis et al. (2023). Undefined where there are no obstacles.
     """
-    return _finite_or_nan(np.nanmin(trace.wall_gap, axis=1))
+    return finite_or_nan(np.nanmin(trace.wall_gap, axis=1))
 
 
 @describe("discomfort", "less", share=True, digits=4, of_successes=True)
@@ -127,11 +127,6 @@ def group_intrusion(trace: Trace) -> Float[np.ndarray, "world"]:
     member, mate = np.nonzero(mates & ~np.eye(len(mates), dtype=bool))
     within = _find_within(trace, trace.group[:, 1:], member, mate) if len(member) else np.zeros(trace.gap.shape, bool)
     return np.where((first >= 0).any(axis=1), total(1.0 * within) / trace.steps, np.nan)
-
-
-def _finite_or_nan(values: Float[np.ndarray, "world"]) -> Float[np.ndarray, "world"]:
-    """The values that are finite, and NaN in place of the others: metrics are undefined there."""
-    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _in_zone(trace: Trace, zone: str) -> Float[np.ndarray, "world"]:

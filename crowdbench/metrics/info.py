@@ -155,3 +155,8 @@ def total(values: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch
     if values.shape[-1] == 0:
         return np.zeros(values.shape[:-1])
     return np.cumsum(np.where(np.isnan(values), 0.0, values), axis=-1)[..., -1]
+
+
+def finite_or_nan(values: Float[np.ndarray, "world"]) -> Float[np.ndarray, "world"]:
+    """Return the finite values, and NaN instead of the others: a metric is undefined there."""
+    return np.where(np.isfinite(values), values, np.nan)

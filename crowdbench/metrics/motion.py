@@ -84,7 +84,7 @@ def max_velocity_change(trace: Trace) -> Float[np.ndarray, "world"]:
 
     We take it for the "Max Acc" of Li et al. (2020), because their figures are of this size.
     """
-    return np.nanmax(_velocity_changes(trace), axis=1)
+    return np.nanmax(norm(np.diff(trace.velocity[:, :, 0], axis=1)), axis=1)
 
 
 @describe("largest acceleration", "less")
@@ -96,7 +96,7 @@ def max_acceleration(trace: Trace) -> Float[np.ndarray, "world"]:
 @describe("mean acceleration", "less")
 def mean_acceleration(trace: Trace) -> Float[np.ndarray, "world"]:
     """Mean over steps of the change of velocity divided by the time step [m/s^2]."""
-    return total(_velocity_changes(trace)) / trace.rules.dt / trace.steps
+    return total(norm(np.diff(trace.velocity[:, :, 0], axis=1))) / trace.rules.dt / trace.steps
 
 
 @describe("jerk", "less")
@@ -168,16 +168,9 @@ def frozen_time(trace: Trace) -> Float[np.ndarray, "world"]:
     radius = trace.radius[row, t]
     frozen = np.zeros(stands.shape, bool)
     is_open = norm(to_goal) > 0.0
-    if is_open.any():
-        _keep_clear_of_people(row, t, to_goal, stride, ahead, body, trace.position, radius, person, is_open)
-    if obstacles.shape[1] and is_open.any():
-        _keep_clear_of_walls(row, to_goal, ahead * stride, body, trace.position[row, t, 0], radius, obstacles, is_open)
+    _keep_clear(row, t, to_goal, stride, ahead, body, trace.position, radius, person, obstacles, is_open)
     frozen[row, t] = is_open
     return total(1.0 * frozen) * trace.rules.dt
-
-
-def _velocity_changes(trace: Trace) -> Float[np.ndarray, "world step"]:
-    return norm(np.diff(trace.velocity[:, :, 0], axis=1))
 
 
 def _shortest_way(trace: Trace) -> Float[np.ndarray, "world"]:
@@ -190,8 +183,8 @@ def _shortest_way(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @no_type_check
 @njit
-def _keep_clear_of_people(row, t, to_goal, stride, ahead, body, position, radius, person, is_open):
-    """Keep those of the open states in which nobody comes near.
+def _keep_clear(row, t, to_goal, stride, ahead, body, position, radius, person, obstacles, is_open):
+    """Keep those of the open states in which no wall is in the way and nobody comes near.
 
     Args:
         row: `[state]`, the world of each state.
@@ -203,17 +196,19 @@ def _keep_clear_of_people(row, t, to_goal, stride, ahead, body, position, radius
         position: `[world, time, agent, 2]`, in metres.
         radius: `[state, agent]`, in metres.
         person: `[world, time, pedestrian]`.
+        obstacles: `[world, polygon, corner, 2]`, in metres.
         is_open: `[state]`, changed.
     """
     agents = radius.shape[1]
     begin, motion, counts = np.empty((agents, 2)), np.empty((agents, 2)), np.zeros(agents, np.bool_)
-    for s in range(len(row)):
-        if not is_open[s]:
-            continue
+    for s in np.flatnonzero(is_open):
         w = row[s]
         length = math.hypot(to_goal[s, 0], to_goal[s, 1])
-        ux, uy = to_goal[s, 0] / length, to_goal[s, 1] / length
+        ux, uy, far = to_goal[s, 0] / length, to_goal[s, 1] / length, min(length, ahead * stride[s])
         x, y = position[w, t[s], 0, 0], position[w, t[s], 0, 1]
+        for centre in body:
+            if touches_in_step(x + centre * ux, y + centre * uy, far * ux, far * uy, radius[s, 0], obstacles[w]):
+                is_open[s] = False
         for k in range(ahead):
             first, last = k * stride[s], min((k + 1) * stride[s], length)
             if first >= length or not is_open[s]:
@@ -230,29 +225,4 @@ def _keep_clear_of_people(row, t, to_goal, stride, ahead, body, position, radius
                 begin[0, 0], begin[0, 1] = x + (centre + first) * ux, y + (centre + first) * uy
                 gap, _ = nearest_in_step(0, Discs(begin, motion, radius[s], counts))
                 if gap < DISCOMFORT_GAP:
-                    is_open[s] = False
-
-
-@no_type_check
-@njit
-def _keep_clear_of_walls(row, to_goal, reach, body, position, radius, obstacles, is_open):
-    """Keep those of the open states in which no wall is in the way.
-
-    Args:
-        row: `[state]`, the world of each state.
-        to_goal: `[state, 2]`, the straight way to the local goal in metres.
-        reach: `[state]`, how far the way must be open at most, in metres.
-        body: `[disc]`, see `crowdbench.core.dynamics.body`.
-        position: `[state, 2]`, of the vehicle in metres.
-        radius: `[state, agent]`, in metres.
-        obstacles: `[world, polygon, corner, 2]`, in metres.
-        is_open: `[state]`, changed.
-    """
-    for s in range(len(row)):
-        if is_open[s]:
-            length = math.hypot(to_goal[s, 0], to_goal[s, 1])
-            ux, uy, far = to_goal[s, 0] / length, to_goal[s, 1] / length, min(length, reach[s])
-            for centre in body:
-                x, y = position[s, 0] + centre * ux, position[s, 1] + centre * uy
-                if touches_in_step(x, y, far * ux, far * uy, radius[s, 0], obstacles[row[s]]):
                     is_open[s] = False

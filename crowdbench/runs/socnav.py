@@ -44,13 +44,8 @@ def write_trajectory(trace: Trace, row: int, path: Path, about: str) -> None:
     change[:, 2] = wrap_angle(change[:, 2])
     length = 2.0 * radius + body[-1] - body[0]
     shape = {"type": "circle" if len(body) == 1 else "rectangle", "width": 2.0 * radius, "length": length}
-    task = {
-        "type": "go-to",
-        "human": None,
-        "angle": math.atan2(*(goal[0] - position[0, 0])[::-1]),
-        "pos_threshold": trace.rules.goal_tolerance or radius,
-        "angle_threshold": math.pi,
-    }
+    near, angle = trace.rules.goal_tolerance or radius, math.atan2(*(goal[0] - position[0, 0])[::-1])
+    task = {"type": "go-to", "human": None, "angle": angle, "pos_threshold": near, "angle_threshold": math.pi}
     robot = np.concatenate([pose, change / dt], axis=1).tolist()
     people = np.dstack([position[:, 1:], _facing(trace, row)[states]]).tolist()
     sequence = [

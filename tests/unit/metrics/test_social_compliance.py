@@ -14,7 +14,7 @@ AS_PUBLISHED = {"discomfort_frequency", "intrusion_time_ratio", "social_distance
 
 SOCIAL = [
     name
-    for subject in ("gap", "zone", "intrusion", "encounter", "cost to pedestrians")
+    for subject in ("gap", "zone", "intrusion", "encounter", "passing", "cost to pedestrians")
     for name in (metric.__name__ for metric in SUBJECTS[subject])
     if name not in AS_PUBLISHED | {"clearing_distance"} and info_of(name).better
 ]

@@ -3,7 +3,7 @@ import re
 from pathlib import Path
 
 import pytest
-from study_folders import MINE, NETWORKS, episodes, leave, print_page, read_page, refused
+from study_folders import MINE, NETWORKS, episodes, leave, print_page, read_page
 
 from crowdbench.metrics.summary import wilson
 from crowdbench.study.folder import run_directory
