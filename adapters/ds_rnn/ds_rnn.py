@@ -1,0 +1,179 @@
+"""DS-RNN (Liu et al. 2021) as a planner, with the weights of its authors.
+
+Liu, Chang, Liang, Chakraborty and Driggs-Campbell, "Decentralized Structural-RNN for Robot Crowd Navigation with Deep
+Reinforcement Learning", ICRA 2021, arXiv:2011.04820.
+
+    crowdbench run --planner adapters/ds_rnn/ds_rnn.py --option weights=27776.pt --scenario circle_crossing_5
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from safetensors.torch import load
+from torch import Tensor, nn
+
+from crowdbench import InputError, Observation, Planner
+
+UNSEEN = 15.0
+"""Both coordinates, in metres, at which the network is shown a person whom the vehicle has not seen yet."""
+
+MOST_CHANGE = 0.1
+"""Largest change in one step of a unicycle's speed in m/s, and of its heading in radians."""
+
+HOLONOMIC_HEADING = math.pi / 2
+"""The heading that the network of a holonomic vehicle was shown in all of its training, in radians."""
+
+LAYERS = {
+    "robot_linear": "robot",
+    "humanNodeRNN.encoder_linear": "robot_embedding",
+    "humanNodeRNN.edge_attention_embed": "edges_embedding",
+    "humanNodeRNN.gru": "node",
+    "humanNodeRNN.output_linear": "node_output",
+    "humanhumanEdgeRNN_temporal.encoder_linear": "temporal_embedding",
+    "humanhumanEdgeRNN_temporal.gru": "temporal",
+    "humanhumanEdgeRNN_spatial.encoder_linear": "spatial_embedding",
+    "humanhumanEdgeRNN_spatial.gru": "spatial",
+    "attn.temporal_edge_layer.0": "query",
+    "attn.spatial_edge_layer.0": "key",
+    "actor.0": "actor.0",
+    "actor.2": "actor.2",
+    "dist.fc_mean": "action",
+}
+"""Layers by their names in the file of the weights. Its other layers are those of the critic and of the variance."""
+
+
+class DSRNN(nn.Module):
+    """The network that acts: section III-C of the paper, with the sizes of its authors' weights."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.temporal_embedding, self.temporal = nn.Linear(2, 64), nn.GRUCell(64, 256)
+        self.spatial_embedding, self.spatial = nn.Linear(2, 64), nn.GRUCell(64, 256)
+        self.query, self.key = nn.Linear(256, 64), nn.Linear(256, 64)
+        self.robot, self.robot_embedding = nn.Linear(7, 3), nn.Linear(3, 64)
+        self.edges_embedding, self.node = nn.Linear(512, 64), nn.GRUCell(128, 128)
+        self.node_output = nn.Linear(128, 256)
+        self.actor = nn.Sequential(nn.Linear(256, 256), nn.Tanh(), nn.Linear(256, 256), nn.Tanh())
+        self.action = nn.Linear(256, 2)
+
+    def forward(
+        self,
+        robot: Float[Tensor, "world 7"],
+        velocity: Float[Tensor, "world 2"],
+        away: Float[Tensor, "world person 2"],
+        node: Float[Tensor, "world 128"],
+        edges: Float[Tensor, "world edge 256"],
+    ) -> tuple[Float[Tensor, "world 2"], Float[Tensor, "world 128"], Float[Tensor, "world edge 256"]]:
+        """Return the mean action, and what is remembered of the node and of the edges.
+
+        Args:
+            robot: Position, radius, goal, preferred speed and heading of the robot, in metres, m/s and radians.
+            velocity: Of the robot in m/s: the temporal edge.
+            away: From the robot to each person in metres: the spatial edges.
+            node: Remembered of the node.
+            edges: Remembered of the temporal edge and of each spatial edge.
+        """
+        temporal = self.temporal(self.temporal_embedding(velocity).relu(), edges[:, 0])
+        embedded = self.spatial_embedding(away).relu().flatten(0, 1)
+        spatial = self.spatial(embedded, edges[:, 1:].flatten(0, 1)).view_as(edges[:, 1:])
+        people = away.shape[1]
+        scores = (self.key(spatial) * self.query(temporal)[:, None]).sum(dim=2) * (people / math.sqrt(64))
+        attended = (scores.softmax(dim=1)[..., None] * spatial).sum(dim=1)
+        around = self.edges_embedding(torch.cat([temporal, attended], dim=1)).relu()
+        own = self.robot_embedding(self.robot(robot)).relu()
+        node = self.node(torch.cat([own, around], dim=1), node)
+        action = self.action(self.actor(self.node_output(node)))
+        return action, node, torch.cat([temporal[:, None], spatial], dim=1)
+
+
+def load_ds_rnn(weights: Path) -> DSRNN:
+    """Return the network with the weights in a file: safetensors, or a checkpoint of the authors' repository (.pt).
+
+    Raises InputError where the file cannot be read or does not hold the layers of the network.
+    """
+    network = DSRNN()
+    try:
+        content = weights.read_bytes()
+        is_checkpoint = weights.suffix == ".pt"
+        tensors = torch.load(io.BytesIO(content), "cpu", weights_only=True) if is_checkpoint else load(content)
+        state = {}
+        for name, tensor in tensors.items():
+            layer, _, part = name.removeprefix("base.").rpartition(".")
+            if layer in LAYERS:
+                state[f"{LAYERS[layer]}.{part.removesuffix('_l0')}"] = tensor
+        network.load_state_dict(state)
+    except Exception as error:  # torch and safetensors raise many kinds
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"the weights {weights} are not those of a DS-RNN: {reason}") from None
+    return network.eval()
+
+
+class DSRNNPlanner(Planner):
+    """Drives with the mean action of a DS-RNN, in all worlds at once. It knows no walls.
+
+    A person out of sight goes on at constant velocity, as in the authors' simulator.
+
+    Args:
+        network: The network.
+        unicycle: Whether its actions are those of a unicycle: changes of speed and of heading in a step.
+    """
+
+    def __init__(self, network: DSRNN, unicycle: bool = False) -> None:
+        self.network = network
+        self.native = "unicycle" if unicycle else False
+        self.trained_pedestrians, self.trained_dt = 5, 0.1 if unicycle else 0.25
+        self.reset(np.arange(0))
+
+    def reset(self, rows: Int[np.ndarray, "world"]) -> None:
+        """See `Planner`."""
+        self.node = torch.zeros(len(rows), 128)
+        self.edges = torch.zeros(len(rows), 0, 256)
+        self.last = np.empty((len(rows), 0, 4))
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        vehicle, row, crowd = obs.vehicle, obs.row, obs.pedestrians
+        worlds, people = max(len(self.node), row.max() + 1), crowd.seen.shape[1]
+        if self.edges.shape[:2] != (worlds, people + 1):  # the first step of a batch
+            self.node, self.edges = torch.zeros(worlds, 128), torch.zeros(worlds, people + 1, 256)
+            self.last = np.tile([UNSEEN, UNSEEN, 0.0, 0.0], (worlds, people, 1))
+        last = self.last[row]
+        last[..., :2] += obs.dt * last[..., 2:]
+        now = np.concatenate([crowd.position, crowd.velocity], axis=2)
+        self.last[row] = last = np.where(crowd.seen[..., None], now, last)
+        heading = vehicle.heading % math.tau if self.native else np.full(len(obs), HOLONOMIC_HEADING)
+        parts = vehicle.position, vehicle.radius, vehicle.local_goal, vehicle.preferred_speed, heading
+        shown = np.column_stack(parts), vehicle.velocity, last[..., :2] - vehicle.position[:, None]
+        with torch.inference_mode():
+            tensors = [torch.from_numpy(array).float() for array in shown]
+            mean, self.node[row], self.edges[row] = self.network(*tensors, self.node[row], self.edges[row])
+        action: np.ndarray = mean.double().numpy()
+        if not self.native:
+            speed = np.linalg.norm(action, axis=1)
+            return action / np.maximum(speed / vehicle.preferred_speed, 1.0)[:, None]
+        change = np.clip(action, -MOST_CHANGE, MOST_CHANGE)
+        # Differs from the authors' simulator, whose unicycle also drives backwards.
+        speed = np.clip(np.linalg.norm(vehicle.velocity, axis=1) + change[:, 0], 0.0, vehicle.preferred_speed)
+        return np.column_stack([speed, change[:, 1] / obs.dt])
+
+
+def planner(weights: str = "27776.pt", dynamics: str = "holonomic") -> DSRNNPlanner:
+    """Make the planner.
+
+    Args:
+        weights: The file of the weights.
+        dynamics: The dynamics that they were trained with: holonomic or unicycle.
+
+    Returns:
+        The planner.
+    """
+    made = DSRNNPlanner(load_ds_rnn(Path(weights)), dynamics == "unicycle")
+    made.facts = {"weights": hashlib.sha256(Path(weights).read_bytes()).hexdigest()[:12]}
+    return made
