@@ -2,8 +2,15 @@
 
 import numpy as np
 
+from crowdbench import InputError
 from crowdbench.scenario.layouts import circle_crossing
 from crowdbench.scenario.placement import PerAgent, Placement
+
+TRIES = 2000
+"""How often all people are drawn before the layout counts as full."""
+
+RADIUS = 6.0
+"""Of the circle, and half of the side of the square, in metres."""
 
 LEAST_WAY = 6.0
 """Smallest distance in metres from the vehicle's start to its goal."""
@@ -17,26 +24,25 @@ def layout(
     radius: PerAgent,
     preferred_speed: PerAgent,
     *,
-    circle_radius: float = 6.0,
     around_vehicle: float = 0.0,
 ) -> Placement:
     """People walk from a point near a circle to the opposite side, the vehicle from one point in its square to another.
 
     Args:
-        circle_radius: Radius of the circle [m].
         around_vehicle: For a vehicle that starts on the circle, smallest distance from people's starts to its start and
             goal; 0 for one that starts anywhere in the square [m].
     """
     way = np.zeros((2, 2))
     while np.linalg.norm(way[1] - way[0]) < LEAST_WAY:
-        way = rng.uniform(-circle_radius, circle_radius, (2, 2))
+        way = rng.uniform(-RADIUS, RADIUS, (2, 2))
         if around_vehicle > 0.0:
             angle = rng.uniform(0.0, 2.0 * np.pi)
-            way[0] = circle_radius * np.cos(angle), circle_radius * np.sin(angle)
+            way[0] = RADIUS * np.cos(angle), RADIUS * np.sin(angle)
     least = np.maximum(radius[1:] + (radius[0] + CLEARANCE), around_vehicle)
-    while True:
-        placed = circle_crossing(rng, radius, preferred_speed, circle_radius=circle_radius)
+    for _ in range(TRIES):
+        placed = circle_crossing(rng, radius, preferred_speed, circle_radius=RADIUS)
         distance = np.linalg.norm(placed.start[1:, None] - way, axis=-1)
         if (distance >= least[:, None]).all():
             placed.start[0], placed.goal[0] = way
             return placed
+    raise InputError(f"people find no room around the vehicle in {TRIES} draws: lower layout.around_vehicle")

@@ -1,0 +1,41 @@
+"""Parallel traffic of Van Der Meer et al. (2025): the vehicle goes against a stream of people, on open ground."""
+
+import numpy as np
+
+from crowdbench.scenario.layouts.placer import TRIES, Placer
+from crowdbench.scenario.placement import PerAgent, Placement, Position, Way
+from crowdbench.scenario.respawn import LayoutWithRespawn, Room
+
+HALF, SIDE = 7.0, 1.5
+"""Half of the length and of the width of the area in which people start, in metres."""
+
+GOAL = -HALF - 0.3
+"""The goals of people are at this x, in metres: somebody with a radius of 0.3 m has arrived where the area ends."""
+
+
+def traffic(rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent) -> Placement:
+    """The vehicle goes from left to right, people straight from right to left."""
+    placer = Placer(radius)
+    placer.add((1.0 - HALF, 0.0), (HALF - 1.0, 0.0))
+
+    def place_next() -> bool:
+        reach = HALF - placer.radius[len(placer.start)]
+        for _ in range(TRIES):
+            x, y = rng.uniform((-reach, -SIDE), (reach, SIDE)).tolist()
+            if placer.start.is_clear(x, y):
+                placer.add((x, y), (GOAL, y))
+                return True
+        return False
+
+    return placer.fill(place_next, f"an area of {2 * HALF:g} m by {2 * SIDE:g} m", "its length")
+
+
+def come_in(
+    rng: np.random.Generator, room: Room, radius: float, preferred_speed: float, position: Position | None
+) -> Way:
+    """Somebody who has passed the area comes in again at its right end, behind everybody else."""
+    x, y = max(HALF, float((room.position[:, 0] + room.radius).max()) + radius), rng.uniform(-SIDE, SIDE)
+    return np.array([x, y]), np.array([GOAL, y])
+
+
+layout = LayoutWithRespawn(traffic, come_in)

@@ -1,0 +1,145 @@
+"""The tables of the study: published networks in scenarios, and how much the people of their training matter."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import Field
+
+from crowdbench.metrics.networks import mean_over_networks
+from crowdbench.metrics.summary import Estimate
+from crowdbench.runs.load import load_run
+from crowdbench.runs.run import Run
+from crowdbench.runs.spec import RunSpec
+from crowdbench.scenario.cases import Cases
+from crowdbench.study.folder import read_episodes
+from crowdbench.study.schema import CasesText, StudyHead
+from crowdbench.utils.tables import Grid, markdown
+from crowdbench.utils.toml import Name, Names, TomlTable
+from studies.pages import SUCCESS, SUCCESS_RATE
+
+KINDS = ("sarl", "cadrl", "lstm_rl")
+SCENES = {"circular_crossing": "circle", "parallel_traffic": "traffic", "hybrid_scenario": "both"}
+PEOPLE = {"orca": "ORCA", "sfm": "social force", "hsfm": "headed social force"}
+"""The kind of a network, where and among whom it was trained: by their names in the name of its file."""
+
+RATES = (SUCCESS_RATE, "at_fault_rate")
+
+DS_RNN = Path(__file__).parents[2] / "adapters" / "ds_rnn" / "ds_rnn.py"
+
+NOTES = (
+    "Cells are success in %, and in brackets collisions at fault in %: those in which the vehicle had a share of 0.1 "
+    "or more. Ours are the networks that ship, trained on a circle of 4 m among ORCA pedestrians.",
+    "The second table of each part is by how many points of success networks trained among other people are better "
+    "than those trained among ORCA pedestrians: the mean over the scenes of training, the scenarios and their cases. "
+    "The 95 % intervals are for other networks and other cases.",
+)
+
+
+class ScenariosSpec(TomlTable):
+    """`[[tables]]`: scenarios, and what predicts their pedestrians for the value networks."""
+
+    title: Name
+    scenarios: Names
+    predictor: Name
+    cases: CasesText = Cases.parse("test:100")
+
+
+class PublishedSpec(StudyHead):
+    """The whole file."""
+
+    tables: list[ScenariosSpec] = Field(min_length=1, description="one table [[tables]] or more")
+
+
+@dataclass(frozen=True)
+class FilledPublished:
+    """A table with its figures: those of each network, and the differences between people of the training."""
+
+    title: str
+    cases: str
+    parts: list[Grid]
+
+    def markdown(self) -> str:
+        """See `studies.pages.FilledTable`."""
+        tables = [markdown(grid.header, grid.rows) for grid in self.parts]
+        return "\n\n".join([f"## {self.title}", f"Cases {self.cases} of each scenario.", *tables])
+
+    def grids(self) -> list[Grid]:
+        """See `studies.pages.FilledTable`."""
+        return self.parts
+
+    def notes(self) -> list[str]:
+        """See `studies.pages.FilledTable`."""
+        return list(NOTES)
+
+
+@dataclass(frozen=True)
+class PublishedTable:
+    """Networks in scenarios.
+
+    Attributes:
+        spec: What the file says of the table.
+        by_network: By the name of a network, its run in each scenario.
+    """
+
+    spec: ScenariosSpec
+    by_network: dict[str, list[Run]]
+
+    @classmethod
+    def load(cls, spec: ScenariosSpec, networks: Path) -> PublishedTable:
+        """Plan the runs of a table. Raises InputError where a scenario, or a network in the folder, does not exist."""
+        weights = {
+            _name(kind, people, scene): (kind, {"weights": f"{networks}/{scene}__{kind}_on_{people}.safetensors"})
+            for kind, people, scene in itertools.product(KINDS, PEOPLE, SCENES)
+        } | {f"{kind}, ours": (kind, {}) for kind in KINDS}
+        planners = {name: (kind, {**own, "predictor": spec.predictor}) for name, (kind, own) in weights.items()}
+        planners["ds_rnn"] = str(DS_RNN), {"weights": f"{networks}/dsrnn.safetensors"}
+        return cls(
+            spec,
+            {
+                name: [load_run(RunSpec(planner, each, spec.cases, options, record="none")) for each in spec.scenarios]
+                for name, (planner, options) in planners.items()
+            },
+        )
+
+    @property
+    def runs(self) -> list[Run]:
+        """All runs that it needs."""
+        return [run for runs in self.by_network.values() for run in runs]
+
+    def fill(self, out: Path) -> FilledPublished:
+        """Fill the table from the runs in the folder `out`. Raises InputError where one is not there."""
+        found = {name: [read_episodes(run, out).columns for run in runs] for name, runs in self.by_network.items()}
+        scenarios = [run.scenario.name for run in self.by_network["ds_rnn"]]
+        rates = {name: [[float(one[rate].mean()) for rate in RATES] for one in runs] for name, runs in found.items()}
+        cells = [[name, *("{} ({})".format(*map(SUCCESS.number, each)) for each in row)] for name, row in rates.items()]
+        records = [{"network": name, **dict(zip(scenarios, row, strict=True))} for name, row in rates.items()]
+        success = {name: np.concatenate([1.0 * one[SUCCESS_RATE] for one in runs]) for name, runs in found.items()}
+        gains = {people: {"all": _gain(success, people, KINDS)} for people in ("sfm", "hsfm")}
+        for (people, row), kind in itertools.product(gains.items(), KINDS):
+            row[kind] = _gain(success, people, [kind])
+        points = [
+            [f"{PEOPLE[each]} instead of ORCA", *map(SUCCESS.estimate, row.values())] for each, row in gains.items()
+        ]
+        parts = [
+            Grid(self.spec.title, ["network", *scenarios], cells, records),
+            Grid(
+                "people", ["trained among", "all", *KINDS], points, [{"people": each, **gains[each]} for each in gains]
+            ),
+        ]
+        return FilledPublished(self.spec.title, str(self.spec.cases), parts)
+
+
+def _gain(success: Mapping[str, Float[np.ndarray, "case"]], people: str, kinds: Sequence[str]) -> Estimate:
+    """Return how much more often networks trained among such people succeed than those trained among ORCA's."""
+    pairs = [[success[_name(kind, each, scene)] for each in (people, "orca")] for kind in kinds for scene in SCENES]
+    return mean_over_networks(np.array([theirs - orca for theirs, orca in pairs]))
+
+
+def _name(kind: str, people: str, scene: str) -> str:
+    return f"{kind}, {PEOPLE[people]}, {SCENES[scene]}"
