@@ -64,7 +64,7 @@ def read_network(content: bytes, name: str) -> ValueNetwork:
             renamed = ATTENTION[layer] if group == "attention" else f"{LAYERS[kind][group]}.{layer}"
             state[renamed] = tensor
         if kind == "sarl":
-            own, mean = state["attention_own.weight"].split(100, dim=1)
+            own, mean = torch.split(state["attention_own.weight"], 100, dim=1)
             state |= {"attention_own.weight": own, "attention_mean.weight": mean}
         network.load_state_dict(state)
     except (KeyError, ValueError, RuntimeError) as error:

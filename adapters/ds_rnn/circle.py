@@ -3,7 +3,7 @@
 import numpy as np
 
 from crowdbench import InputError
-from crowdbench.scenario.layouts import circle_crossing
+from crowdbench.scenario.layouts.crossings import circle_crossing
 from crowdbench.scenario.placement import PerAgent, Placement
 
 TRIES = 2000

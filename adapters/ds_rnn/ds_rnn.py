@@ -3,7 +3,7 @@
 Liu, Chang, Liang, Chakraborty and Driggs-Campbell, "Decentralized Structural-RNN for Robot Crowd Navigation with Deep
 Reinforcement Learning", ICRA 2021, arXiv:2011.04820.
 
-    crowdbench run --planner adapters/ds_rnn/ds_rnn.py --option weights=27776.pt --scenario circle_crossing_5
+    crowdbench run --planner adapters/ds_rnn/ds_rnn.py --option weights=27776.pt --scenario adapters/ds_rnn/circle.toml
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ LAYERS = {
 
 
 class DSRNN(nn.Module):
-    """The network that acts: section III-C of the paper, with the sizes of its authors' weights."""
+    """The network that acts: an RNN for each edge, attention over the spatial ones, and an RNN for the robot's node."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -164,16 +164,16 @@ class DSRNNPlanner(Planner):
         return np.column_stack([speed, change[:, 1] / obs.dt])
 
 
-def planner(weights: str = "27776.pt", dynamics: str = "holonomic") -> DSRNNPlanner:
+def planner(weights: str = "27776.pt", unicycle: bool = False) -> DSRNNPlanner:
     """Make the planner.
 
     Args:
         weights: The file of the weights.
-        dynamics: The dynamics that they were trained with: holonomic or unicycle.
+        unicycle: Whether they were trained with a unicycle.
 
     Returns:
         The planner.
     """
-    made = DSRNNPlanner(load_ds_rnn(Path(weights)), dynamics == "unicycle")
+    made = DSRNNPlanner(load_ds_rnn(Path(weights)), unicycle)
     made.facts = {"weights": hashlib.sha256(Path(weights).read_bytes()).hexdigest()[:12]}
     return made

@@ -192,7 +192,7 @@ def test_every_public_name_is_on_the_first_api_page():
 
 
 CITATION = re.compile(
-    r"(?<![\w-])(?P<first>[A-Z][\w-]+|van den Berg) et al\.,? \(?(?P<year>\d{4})"
+    r"(?<![\w-])(?P<first>[A-Z][\w-]+|van den Berg|Van Der Meer) et al\.,? \(?(?P<year>\d{4})"
     r"|(?<!\w, )\b(?P<one>[A-Z][\w-]+) and (?P<two>[A-Z]\w+),? \(?(?P<pair>\d{4})"
     r"|\((?P<single>[A-Z]\w+),? (?P<alone>(?:19|20)\d{2})\)"
 )

@@ -14,13 +14,20 @@ from studies.dials.table import DialStudy
 from studies.ladder.table import LadderStudy
 from studies.li2020.table import ReproductionSpec
 from studies.pages import read_file
+from studies.published.table import PublishedSpec
 from studies.tables import PageSpec
 from studies.transfer.table import TransferStudy
 
 ROOT = Path(__file__).parents[2]
 RUNNABLE = (path for path in ROOT.glob("studies/**/*.py") if "__main__" in path.read_text())
 SCRIPTS = sorted(path.relative_to(ROOT).as_posix() for path in RUNNABLE)
-SPECS = {"dials": DialStudy, "ladder": LadderStudy, "li2020": ReproductionSpec, "transfer": TransferStudy}
+SPECS = {
+    "dials": DialStudy,
+    "ladder": LadderStudy,
+    "li2020": ReproductionSpec,
+    "published": PublishedSpec,
+    "transfer": TransferStudy,
+}
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
