@@ -15,14 +15,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from safetensors.torch import load
 from torch import Tensor, nn
 
 from crowdbench import InputError, Observation, Planner
-
-UNSEEN = 15.0
-"""Both coordinates, in metres, at which the network is shown a person whom the vehicle has not seen yet."""
 
 MOST_CHANGE = 0.1
 """Largest change in one step of a unicycle's speed in m/s, and of its heading in radians."""
@@ -68,6 +65,7 @@ class DSRNN(nn.Module):
         robot: Float[Tensor, "world 7"],
         velocity: Float[Tensor, "world 2"],
         away: Float[Tensor, "world person 2"],
+        known: Bool[Tensor, "world person"],
         node: Float[Tensor, "world 128"],
         edges: Float[Tensor, "world edge 256"],
     ) -> tuple[Float[Tensor, "world 2"], Float[Tensor, "world 128"], Float[Tensor, "world edge 256"]]:
@@ -77,15 +75,18 @@ class DSRNN(nn.Module):
             robot: Position, radius, goal, preferred speed and heading of the robot, in metres, m/s and radians.
             velocity: Of the robot in m/s: the temporal edge.
             away: From the robot to each person in metres: the spatial edges.
+            known: Which people there are; the others have no influence.
             node: Remembered of the node.
             edges: Remembered of the temporal edge and of each spatial edge.
         """
         temporal = self.temporal(self.temporal_embedding(velocity).relu(), edges[:, 0])
         embedded = self.spatial_embedding(away).relu().flatten(0, 1)
         spatial = self.spatial(embedded, edges[:, 1:].flatten(0, 1)).view_as(edges[:, 1:])
-        people = away.shape[1]
-        scores = (self.key(spatial) * self.query(temporal)[:, None]).sum(dim=2) * (people / math.sqrt(64))
-        attended = (scores.softmax(dim=1)[..., None] * spatial).sum(dim=1)
+        spatial = torch.where(known[..., None], spatial, 0.0)
+        sharpness = known.sum(dim=1, keepdim=True) / math.sqrt(64)
+        scores = sharpness * (self.key(spatial) * self.query(temporal)[:, None]).sum(dim=2)
+        attention = torch.where(known, scores, -torch.inf).softmax(dim=1).nan_to_num(0.0)  # NaN where nobody is known
+        attended = (attention[..., None] * spatial).sum(dim=1)
         around = self.edges_embedding(torch.cat([temporal, attended], dim=1)).relu()
         own = self.robot_embedding(self.robot(robot)).relu()
         node = self.node(torch.cat([own, around], dim=1), node)
@@ -95,6 +96,9 @@ class DSRNN(nn.Module):
 
 def load_ds_rnn(weights: Path) -> DSRNN:
     """Return the network with the weights in a file: safetensors, or a checkpoint of the authors' repository (.pt).
+
+    It computes in float64. In float32, rounding depends on the number of worlds, and the memory of an episode adds it
+    up.
 
     Raises InputError where the file cannot be read or does not hold the layers of the network.
     """
@@ -112,13 +116,14 @@ def load_ds_rnn(weights: Path) -> DSRNN:
     except Exception as error:  # torch and safetensors raise many kinds
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"the weights {weights} are not those of a DS-RNN: {reason}") from None
-    return network.eval()
+    return network.double().eval()
 
 
 class DSRNNPlanner(Planner):
     """Drives with the mean action of a DS-RNN, in all worlds at once. It knows no walls.
 
-    A person out of sight goes on at constant velocity, as in the authors' simulator.
+    A person out of sight goes on at constant velocity, as in the authors' simulator. Differs from it in that somebody
+    who has not been seen yet has no influence, and is not shown far away.
 
     Args:
         network: The network.
@@ -133,28 +138,30 @@ class DSRNNPlanner(Planner):
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         """See `Planner`."""
-        self.node = torch.zeros(len(rows), 128)
-        self.edges = torch.zeros(len(rows), 0, 256)
-        self.last = np.empty((len(rows), 0, 4))
+        self.node = torch.zeros(len(rows), 128, dtype=torch.float64)
+        self.edges = self.node.new_zeros(len(rows), 0, 256)
+        self.last, self.known = np.empty((len(rows), 0, 4)), np.empty((len(rows), 0), bool)
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
         vehicle, row, crowd = obs.vehicle, obs.row, obs.pedestrians
         worlds, people = max(len(self.node), row.max() + 1), crowd.seen.shape[1]
         if self.edges.shape[:2] != (worlds, people + 1):  # the first step of a batch
-            self.node, self.edges = torch.zeros(worlds, 128), torch.zeros(worlds, people + 1, 256)
-            self.last = np.tile([UNSEEN, UNSEEN, 0.0, 0.0], (worlds, people, 1))
+            self.node = self.node.new_zeros(worlds, 128)
+            self.edges = self.node.new_zeros(worlds, people + 1, 256)
+            self.last, self.known = np.zeros((worlds, people, 4)), np.zeros((worlds, people), bool)
         last = self.last[row]
         last[..., :2] += obs.dt * last[..., 2:]
         now = np.concatenate([crowd.position, crowd.velocity], axis=2)
         self.last[row] = last = np.where(crowd.seen[..., None], now, last)
+        self.known[row] |= crowd.seen
         heading = vehicle.heading % math.tau if self.native else np.full(len(obs), HOLONOMIC_HEADING)
         parts = vehicle.position, vehicle.radius, vehicle.local_goal, vehicle.preferred_speed, heading
         shown = np.column_stack(parts), vehicle.velocity, last[..., :2] - vehicle.position[:, None]
         with torch.inference_mode():
-            tensors = [torch.from_numpy(array).float() for array in shown]
+            tensors = [torch.from_numpy(array) for array in (*shown, self.known[row])]
             mean, self.node[row], self.edges[row] = self.network(*tensors, self.node[row], self.edges[row])
-        action: np.ndarray = mean.double().numpy()
+        action: np.ndarray = mean.numpy()
         if not self.native:
             speed = np.linalg.norm(action, axis=1)
             return action / np.maximum(speed / vehicle.preferred_speed, 1.0)[:, None]

@@ -24,7 +24,7 @@ adapter = load_module(FOLDER / "ds_rnn.py")
 
 def random_network(seed=0):
     torch.manual_seed(seed)
-    return adapter.DSRNN().eval()
+    return adapter.DSRNN().double().eval()
 
 
 def in_their_layout(network):
@@ -35,18 +35,18 @@ def in_their_layout(network):
         layer, _, part = key.rpartition(".")
         prefix = "" if layer == "action" else "base."
         is_cell = layer in ("node", "temporal", "spatial")
-        state[f"{prefix}{theirs[layer]}.{part}{'_l0' if is_cell else ''}"] = tensor
+        state[f"{prefix}{theirs[layer]}.{part}{'_l0' if is_cell else ''}"] = tensor.float()
     return state
 
 
 @pytest.mark.parametrize("name", RECORDED)
 def test_the_network_answers_as_its_authors_code_does(name, shared):
     network = adapter.load_ds_rnn(shared / "networks" / f"{name}.safetensors")
-    arrays = {key: torch.tensor(values) for key, values in RECORDED[name].items()}
-    node, edges = torch.zeros(2, 128), torch.zeros(2, 6, 256)
+    arrays = {key: torch.tensor(values, dtype=torch.float64) for key, values in RECORDED[name].items()}
+    node, edges, everybody = torch.zeros(2, 128).double(), torch.zeros(2, 6, 256).double(), torch.ones(2, 5).bool()
     for robot, velocity, away, expected in zip(*arrays.values(), strict=True):
         with torch.inference_mode():
-            action, node, edges = network(robot, velocity, away, node, edges)
+            action, node, edges = network(robot, velocity, away, everybody, node, edges)
         np.testing.assert_allclose(action, expected, atol=1e-5)
     assert torch.stack(list(arrays["action"])).std() > 0.1  # it does not say the same always
 
@@ -56,7 +56,7 @@ def test_weights_are_read_from_a_checkpoint_and_from_safetensors(suffix, tmp_pat
     network, file = random_network(), tmp_path / f"weights{suffix}"
     (torch.save if suffix == ".pt" else save_file)(in_their_layout(network), file)
     found = adapter.planner(str(file))
-    assert all(map(torch.equal, found.network.state_dict().values(), network.state_dict().values()))
+    assert all(map(torch.equal, found.network.float().state_dict().values(), network.float().state_dict().values()))
     assert len(found.facts["weights"]) == 12
 
 
@@ -73,31 +73,48 @@ class Shown:
     """A network that keeps what it is shown and asks for the same action always."""
 
     def __init__(self, action=(3.0, 4.0)):
-        self.action, self.calls = torch.tensor(action), []
+        self.action, self.calls = torch.tensor(action).double(), []
 
     def __call__(self, *shown):
         self.calls.append([tensor.numpy() for tensor in shown])
-        return self.action.expand(len(shown[0]), 2), *shown[3:]
+        return self.action.expand(len(shown[0]), 2), *shown[4:]
 
 
-def test_people_out_of_sight_go_on_at_constant_velocity_and_nobody_else_is_far_away():
+def test_people_out_of_sight_go_on_at_constant_velocity_and_others_are_not_known_yet():
     network, obs = Shown(), crowded(2, 3)
     planner = adapter.DSRNNPlanner(network)
     planner.reset(obs.row)
     crowd = obs.pedestrians
-    seen = np.array([[True, True, False], [True, False, True]])
+    seen = np.array([[True, True, False], [True, False, False]])
+    later = np.array([[False, False, True], [False, True, False]])
     planner.plan(dataclasses.replace(obs, pedestrians=dataclasses.replace(crowd, seen=seen)))
-    command = planner.plan(dataclasses.replace(obs, pedestrians=dataclasses.replace(crowd, seen=~seen)))
+    command = planner.plan(dataclasses.replace(obs, pedestrians=dataclasses.replace(crowd, seen=later)))
     own = obs.vehicle.position[:, None]
-    first, second = (call[2] for call in network.calls)
-    np.testing.assert_allclose(first, np.where(seen[..., None], crowd.position, 15.0) - own, rtol=1e-5)
-    gone_on = np.where(seen[..., None], crowd.position + obs.dt * crowd.velocity, crowd.position)
-    np.testing.assert_allclose(second, gone_on - own, rtol=1e-5, atol=1e-6)
+    first, second = ((away, known) for _, _, away, known, *_ in network.calls)
+    assert np.array_equal(first[1], seen)
+    assert np.array_equal(second[1], seen | later)
+    np.testing.assert_allclose(first[0][seen], (crowd.position - own)[seen], rtol=1e-5)
+    gone_on = np.where(seen[..., None], crowd.position + obs.dt * crowd.velocity, crowd.position) - own
+    np.testing.assert_allclose(second[0][second[1]], gone_on[second[1]], rtol=1e-5, atol=1e-6)
     robot = np.column_stack(
         [obs.vehicle.position, obs.vehicle.radius, obs.vehicle.goal, obs.vehicle.preferred_speed, np.full(2, np.pi / 2)]
     )
     np.testing.assert_allclose(network.calls[0][0], robot, rtol=1e-5)
     np.testing.assert_allclose(command, obs.vehicle.preferred_speed[:, None] * [[0.6, 0.8]])
+
+
+def test_people_who_are_not_known_have_no_influence():
+    network = random_network()
+    robot, velocity, away, *state = (
+        torch.randn(2, *shape).double() for shape in ((7,), (2,), (3, 2), (128,), (4, 256))
+    )
+    known = torch.tensor([[True, True, False], [False, False, False]])
+    shown = [network(robot, velocity, each, known, *state) for each in (away, away + 9.0 * ~known[..., None])]
+    for one, other in zip(*shown, strict=True):
+        assert one.isfinite().all()
+        torch.testing.assert_close(one, other)
+    fewer = network(robot[:1], velocity[:1], away[:1, :2], known[:1, :2], state[0][:1], state[1][:1, :3])
+    torch.testing.assert_close(fewer[0], shown[0][0][:1])
 
 
 def test_a_unicycle_changes_speed_and_heading_by_a_tenth_at_most():
