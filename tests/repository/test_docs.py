@@ -124,7 +124,14 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
 TABLES = ("suite", "learned", "policies", "crowds", "kce", "recorded", "specialists", "crowdnav_plus")
 PRINTED = {f"studies/{name}/README.md": f"python studies/run.py studies/{name}/study.toml" for name in TABLES}
 PRINTED["studies/recorded/README.md"] += " --data DIR"
-SCRIPTS = {"validity": " --data DIR", "transfer": " --data DIR", "ladder": "", "dials": "", "li2020": ""}
+SCRIPTS = {
+    "published": " NETWORKS --cases val:10",
+    "validity": " --data DIR",
+    "transfer": " --data DIR",
+    "ladder": "",
+    "dials": "",
+    "li2020": "",
+}
 PRINTED |= {f"studies/{name}/README.md": f"python studies/{name}/run.py{data}" for name, data in SCRIPTS.items()}
 PRINTED["studies/validity/motion.md"] = "python studies/validity/motion.py --data DIR"
 """The pages that a command prints from the first to the last line, and the command."""
