@@ -21,7 +21,7 @@ from crowdbench.study.folder import read_episodes
 from crowdbench.study.schema import CasesText, StudyHead
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Name, Names, TomlTable
-from studies.pages import SUCCESS, SUCCESS_RATE
+from studies.pages import NOTES, SUCCESS, SUCCESS_RATE
 
 KINDS = ("sarl", "cadrl", "lstm_rl")
 SCENES = {"circular_crossing": "circle", "parallel_traffic": "traffic", "hybrid_scenario": "both"}
@@ -31,14 +31,6 @@ PEOPLE = {"orca": "ORCA", "sfm": "social force", "hsfm": "headed social force"}
 RATES = (SUCCESS_RATE, "at_fault_rate")
 
 DS_RNN = Path(__file__).parents[2] / "adapters" / "ds_rnn" / "ds_rnn.py"
-
-NOTES = (
-    "Cells are success in %, and in brackets collisions at fault in %: those in which the vehicle had a share of 0.1 "
-    "or more. Ours are the networks that ship, trained on a circle of 4 m among ORCA pedestrians.",
-    "The second table of each part is by how many points of success networks trained among other people are better "
-    "than those trained among ORCA pedestrians: the mean over the scenes of training, the scenarios and their cases. "
-    "The 95 % intervals are for other networks and other cases.",
-)
 
 
 class ScenariosSpec(TomlTable):
@@ -75,7 +67,7 @@ class FilledPublished:
 
     def notes(self) -> list[str]:
         """See `studies.pages.FilledTable`."""
-        return list(NOTES)
+        return [NOTES["published"], NOTES["published_people"]]
 
 
 @dataclass(frozen=True)
