@@ -41,13 +41,12 @@ TEXT = SOURCES.with_name("page.txt").read_text("utf-8").strip()
 """The page in Markdown, with names for its numbers and tables."""
 
 
-def page(results: Results, command: str, beside_cars: str | None = None) -> str:
+def page(results: Results, command: str) -> str:
     """The page in Markdown.
 
     Args:
         results: What was measured.
         command: The command that prints the page.
-        beside_cars: The section on people beside cars, if there is one.
     """
     policies = list(dict.fromkeys(setting.policy for setting in results))
     in_file = [people for people in EVERYBODY if people.per_metre]
@@ -61,7 +60,6 @@ def page(results: Results, command: str, beside_cars: str | None = None) -> str:
         printed=printed_by(command),
         worlds=len(_of(results, "one way", policies[0])[0][1].speed),
         limits="".join(f"**{policy}**: {LIMITS[policy]}\n\n" for policy in policies if policy in LIMITS),
-        beside_cars=f"{beside_cars}\n\n" if beside_cars else "",
         **{name: "\n\n".join(each) for name, each in tables.items()},
     )
 

@@ -21,20 +21,17 @@ SHIPPED = ("orca", "social_force")
 @help_from_docstring
 def validity(
     policies: Annotated[list[str] | None, typer.Argument(show_default=" ".join(SHIPPED))] = None,
-    data: Path | None = None,
     threads: ThreadsOption = None,
 ) -> None:
     """Measure speed against density, lanes and flow through a door beside published figures, and print a page of them.
 
-    With --data also people beside recorded cars. Takes about five minutes, and prints studies/validity/README.md.
+    Takes about five minutes, and prints studies/validity/README.md.
 
     Args:
         policies: Pedestrian policies, by name or ./mine.py.
-        data: The folder with the clips of DUT.
     """
     use_threads(threads)
     from crowdbench.catalog import PEDESTRIANS
-    from studies.validity import cars_page
     from studies.validity.experiments import run_experiment, settings
     from studies.validity.page import page
 
@@ -42,15 +39,13 @@ def validity(
     for policy in chosen:
         PEDESTRIANS.load(policy)  # before minutes of work with another one
     announce_compilation()
-    beside = None if data is None else cars_page.section(cars_page.measure(chosen, data))
     experiments = list(settings(chosen))
     results = {}
     with progress(len(experiments), f"of {len(experiments)} measurements") as tell:
         for setting in experiments:
             results[setting] = run_experiment(setting)
             tell(1)
-    command = " ".join(["python studies/validity/run.py", *(policies or []), *["--data DIR"] * bool(data)])
-    print(page(results, command, beside))
+    print(page(results, " ".join(["python studies/validity/run.py", *(policies or [])])))
 
 
 if __name__ == "__main__":

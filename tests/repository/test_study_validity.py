@@ -169,7 +169,7 @@ def test_a_policy_that_does_not_exist_is_refused_at_once(monkeypatch):
 
 def test_the_page_is_of_this_code():
     printed = (DOCS.parent / "studies" / "validity" / "README.md").read_text()
-    tables = dict.fromkeys(("printed", "one_way", "single_file", "lanes", "doors", "beside_cars"), "")
+    tables = dict.fromkeys(("printed", "one_way", "single_file", "lanes", "doors"), "")
     text = page.fill(
         worlds=experiments.WORLDS, limits="".join(f"{limit}\n\n" for limit in page.LIMITS.values()), **tables
     )
