@@ -126,7 +126,7 @@ PRINTED = {f"studies/{name}/README.md": f"python studies/run.py studies/{name}/s
 PRINTED["studies/recorded/README.md"] += " --data DIR"
 SCRIPTS = {
     "published": " NETWORKS --cases val:10",
-    "validity": " --data DIR",
+    "validity": "",
     "transfer": " --data DIR",
     "ladder": "",
     "dials": "",
