@@ -53,24 +53,27 @@ class Pooling(nn.Module):
 
     def forward(
         self,
-        position: Float[Tensor, "scene pedestrian 2"],
-        hidden: Float[Tensor, "scene pedestrian hidden"],
+        position: Float[Tensor, "row 2"],
+        hidden: Float[Tensor, "row hidden"],
         present: Bool[Tensor, "scene pedestrian"],
-    ) -> Float[Tensor, "scene pedestrian hidden"]:
-        """Pool over the pedestrians of each scene.
+    ) -> Float[Tensor, "row hidden"]:
+        """Pool over the pedestrians of each scene. A row is a pedestrian, as in `Generator.forward`.
 
         Args:
             position: Positions in metres.
             hidden: Hidden states of the encoder.
-            present: Who is present; the absent are left out.
+            present: Who is present.
 
         Returns:
             The pooled vector of every pedestrian, who is among those pooled too.
         """
-        between = self.place(position[:, None] - position[:, :, None])
-        others = hidden[:, None].expand(*between.shape[:3], -1)
-        features = torch.relu(self.mlp(torch.cat([between, others], dim=-1)))
-        return torch.where(present[:, None, :, None], features, 0.0).amax(dim=2)
+        # Pairs of a scene alone: crowds differ so much in size that nine of ten pairs of a padded batch are padding.
+        scene, first, second = (present[:, :, None] & present[:, None]).nonzero(as_tuple=True)
+        row = present.flatten().cumsum(0).sub(1).view(present.shape)
+        own, other = row[scene, first], row[scene, second]
+        between = self.place(position[other] - position[own])
+        features = torch.relu(self.mlp(torch.cat([between, hidden[other]], dim=-1)))
+        return torch.zeros_like(hidden).scatter_reduce(0, own[:, None].expand_as(features), features, "amax")
 
 
 class Generator(nn.Module):
@@ -113,9 +116,7 @@ class Generator(nn.Module):
         observed = history.transpose(1, 2)[scene, pedestrian].diff(dim=1)
         hidden = self.encoder(observed)
         if self.pooling is not None:
-            padded = hidden.new_zeros((*present.shape, HIDDEN))
-            padded[scene, pedestrian] = hidden
-            hidden = torch.cat([hidden, self.pooling(history[:, -1], padded, present)[scene, pedestrian]], dim=-1)
+            hidden = torch.cat([hidden, self.pooling(history[scene, -1, pedestrian], hidden, present)], dim=-1)
         modes, rows = noise.shape[1], len(scene)
         context = self.context(hidden).expand(modes, rows, -1)
         state = torch.cat([context, noise[scene].transpose(0, 1)], dim=-1).reshape(modes * rows, HIDDEN)
