@@ -127,8 +127,12 @@ class SocialGANTraining(Training):
         scene, pedestrian = present.nonzero(as_tuple=True)
         real = position.transpose(1, 2)[scene, pedestrian].diff(dim=1)
         observed, future = real[:, : HISTORY - 1], real[:, HISTORY - 1 :]
-        predicted = self.generator(position[:, :HISTORY], present, noise, HORIZON)
-        # The discriminator sees one future of each scene.
+        seen = position[:, :HISTORY], present
+        with torch.no_grad():
+            best = scene_errors(self.generator(*seen, noise, HORIZON), future, scene, len(rows)).argmin(dim=0)
+        # Only these two of the futures have a gradient: the first, which the discriminator sees, and the best.
+        two = torch.stack([noise[:, 0], noise[torch.arange(len(rows)), best]], dim=1)
+        predicted = self.generator(*seen, two, HORIZON)
         fake = torch.cat([observed, predicted[0]], dim=1)
         variety = variety_loss(predicted, future, scene, len(rows))
         loss = variety + ADVERSARIAL * non_saturating_loss(self.discriminator(fake))
@@ -222,9 +226,18 @@ def variety_loss(
     Returns:
         The mean over all pedestrians, in metres.
     """
+    return scene_errors(predicted, future, scene, scenes).amin(dim=0).sum() / len(scene)
+
+
+def scene_errors(
+    predicted: Float[Tensor, "mode row time 2"],
+    future: Float[Tensor, "row time 2"],
+    scene: Int[Tensor, "row"],
+    scenes: int,
+) -> Float[Tensor, "mode scene"]:
+    """Return the mean distance over steps in metres, summed over the pedestrians of each scene; see `variety_loss`."""
     distance = torch.linalg.vector_norm((predicted - future).cumsum(dim=2), dim=-1).mean(dim=2)
-    by_scene = distance.new_zeros((len(distance), scenes)).index_add(1, scene, distance)
-    return by_scene.amin(dim=0).sum() / len(scene)
+    return distance.new_zeros((len(distance), scenes)).index_add(1, scene, distance)
 
 
 def non_saturating_loss(fake: Float[Tensor, "row"]) -> Float[Tensor, ""]:
