@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -26,7 +26,10 @@ from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location, Name, Names, Text, TomlTable, Values, choice, integer, number, table
 from studies.pages import NOTES, SUCCESS, SUCCESS_RATE, values_of
 
-PLANNER_MEASURES = {name: info_of(name) for name in (SUCCESS_RATE, "navigation_time", "max_velocity_change", "jerk")}
+SHOWN = (SUCCESS_RATE, "navigation_time", "max_velocity_change", "jerk")
+"""Metrics that a table shows unless its file says otherwise."""
+
+PLANNER_MEASURES = {name: info_of(name) for name in (*SHOWN, "stopped_time", "success_path_length")}
 """Metrics that a table may show."""
 
 SECOND_READING = (SUCCESS_RATE, "navigation_time")
@@ -82,7 +85,7 @@ class NetworksSpec(TomlTable):
     look_first: int = integer(LOOK_FIRST, least=1, most=1000)
     cases: CasesText = Cases.parse("test:500")
     measures: Annotated[Names, AfterValidator(_known)] = Field(
-        default=list(PLANNER_MEASURES),
+        default=[*SHOWN],
         description=f"a list of some of {', '.join(PLANNER_MEASURES)}, none of them twice",
     )
     variant: VariantSpec | None = Field(default=None, description="a table with a title and overrides")
@@ -269,8 +272,12 @@ class FilledPlannerRow:
 
 @dataclass(frozen=True)
 class FilledNetworksTable:
-    """A table of planners with its figures. Its fields are what `--format json` prints."""
+    """A table of planners with its figures. Its fields are what `--format json` prints.
 
+    The metrics of `with_maximum` have a column with the maximum over networks and cases, beside their mean.
+    """
+
+    with_maximum: ClassVar[tuple[str, ...]] = ()
     title: str
     scenario: str
     replanning: dict[str, int]
@@ -305,6 +312,9 @@ class FilledNetworksTable:
                 reported = ["" if number is None else f"{info.factor * number:.6g}" for number in numbers]
                 columns.append([f"reported {info.heading}", *reported])
             columns.append([info.heading, *(info.estimate(row.measured[metric]) for row in self.rows)])
+            if metric in self.with_maximum:
+                largest = (info.number(row.measured[metric].max) for row in self.rows)
+                columns.append([f"{info.title} in any case, {info.unit}", *largest])
         if self.variant:
             rates = [row.variant_success_rate for row in self.rows]
             columns.append([f"{SUCCESS.heading}, {self.variant}", *(SUCCESS.estimate(rate) for rate in rates if rate)])

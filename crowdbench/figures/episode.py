@@ -73,7 +73,7 @@ class Episode:
         """The smallest and the largest x and y in metres that are shown of a state, or of the whole episode."""
         trace, row, states = self.trace, self.row, slice(self.end + 1)
         if self.zoom is None:  # the pedestrians' goals may be outside
-            return extent(trace.position[row, states], trace.goal[row, states, 0], trace.obstacles[row], 0.7)
+            return extent(trace.position[row, states], trace.goal[row, states, 0], trace.obstacles[row], 1.1)
         path = trace.position[row, states if state is None else slice(state, state + 1), 0]
         half = self.zoom / 2
         return np.stack([path.min(axis=0) - half, path.max(axis=0) + half])

@@ -41,7 +41,7 @@ def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: f
     positions = np.array([trace.position[row, first * step, 0] for first, _ in waits])
     discs: list[Shape] = [Disc(mark, radius, None, LIGHT.vehicle) for mark in positions]
     apart, walls = inch * LETTER[1] / 2, trace.obstacles[row].swapaxes(0, 1)
-    around = (positions[:, None] + radius * AWAY).reshape(-1, 2)
+    around = (np.concatenate([positions, trace.position[row, end]])[:, None] + radius * AWAY).reshape(-1, 2)
     lines = [_spread(points, apart) for points in (trace.position[row, : end + 1], np.concatenate([walls, walls[:1]]))]
     taken = np.concatenate([*lines, around])
     texts: list[Shape] = []

@@ -41,6 +41,10 @@ NOTES = (
 )
 
 
+OURS = "not in the paper"
+"""The source of a claim that the paper does not make."""
+
+
 class ClaimSpec(TomlTable):
     """`[[tables.claims]]`: that a row is better than another one by more than `bound`.
 
@@ -175,10 +179,11 @@ def claims_table(claims: Sequence[Assessment]) -> str:
 
 
 def tally(claims: Sequence[Assessment]) -> str:
-    """How many claims there are of each verdict, in a sentence."""
-    count = Counter(claim.verdict for claim in claims)
-    words = {verdict: str(verdict) for verdict in Verdict} | {Verdict.ONE_NETWORK: "without a verdict (one network)"}
-    return f"Claims: {', '.join(f'{count[verdict]} {word}' for verdict, word in words.items())}."
+    """Return in a sentence how many of the paper's claims have each verdict. Claims that are `OURS` do not count."""
+    count = Counter(claim.verdict for claim in claims if claim.source != OURS)
+    words = ("hold", "are refuted", "are undecided", "have no verdict (one network)")
+    verdicts = ", ".join(f"{count[verdict]} {word}" for verdict, word in zip(Verdict, words, strict=True))
+    return f"Claims of the paper: {verdicts}."
 
 
 def reduction_over_networks(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:

@@ -39,12 +39,12 @@ def reproduce(
     """
     use_threads(None if is_on_ray(on) else threads)
     from studies.li2020.claims import tally
-    from studies.li2020.table import fill, read_reproduction
+    from studies.li2020.table import FilledClaimedTable, read_reproduction
     from studies.pages import print_filled
 
     study = read_reproduction(table, quick)
     make_runs(study.runs, out, shard, on, threads)
-    tables = fill(study, out)
+    tables = [table for table in study.fill(out) if isinstance(table, FilledClaimedTable)]
     claims = [claim for each in tables for claim in each.claims]
     command = f"python studies/li2020/run.py{f' --table {table}' if table else ''}{' --quick' if quick else ''}"
     page = f"{study.markdown(tables, command)}\n\n{tally(claims)}"

@@ -71,6 +71,7 @@ class ClaimedTable(NetworksTable):
 class FilledClaimedTable(FilledNetworksTable):
     """A table with its figures, and a verdict on each claim. Its fields are what `--format json` prints."""
 
+    with_maximum = ("max_velocity_change",)
     claims: list[Assessment]
 
     def markdown(self) -> str:
@@ -102,8 +103,3 @@ def read_reproduction(number: int | None, quick: bool, file: Path | None = None)
     location = Location(path.name)
     tables = [ClaimedTable.plan(table, location.at("tables", i)) for i, table in enumerate(specs)]
     return Page(path.stem, QUICK if quick else spec.description, tables, spec.sources)
-
-
-def fill(study: Page, out: Path) -> list[FilledClaimedTable]:
-    """Fill the tables of the study from the runs in the folder `out`; raises InputError where one is not there."""
-    return [table.fill(out) for table in study.tables if isinstance(table, ClaimedTable)]

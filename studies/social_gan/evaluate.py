@@ -137,53 +137,30 @@ def _print_errors(
     changed = "".join(f", {key}={value}" for key, value in about.get("overrides", {}).items())
     where = about["data"] if recorded else f"{about['scenario']}{changed}, cases {about['cases']}"
     notes = [MEASURES, ON_TRACKS if recorded else ON_SCENARIO]
-    name, measured = next(iter(found.items()))
-    ahead, dt = about["ahead"], about["dt"]
-    if len(found) == 1:
-        notes[-1] += f" Intervals are over {'pedestrians' if recorded else about['clusters']}."
-        table = _horizons_table(f"{planner_label(name, options)} on {where}", dt, measured)
+    ahead = about["ahead"]
+    if recorded:
+        columns = {scene: (scene, ahead) for scene in next(iter(found.values()))}
     else:
-        if recorded:
-            columns = {scene: (scene, ahead) for scene in measured}
-        else:
-            steps = sorted({1, (ahead + 1) // 2, ahead})
-            columns = {f"{n} {'step' if n == 1 else 'steps'}": (about["scenario"], n) for n in steps}
-        table = _predictors_table(f"ADE / FDE in metres, {ahead} steps of {dt} s ahead, on {where}", columns, found)
+        steps = sorted({1, (ahead + 1) // 2, ahead})
+        columns = {f"{n} {'step' if n == 1 else 'steps'}": (about["scenario"], n) for n in steps}
+    title = f"ADE / FDE in metres, {ahead} steps of {about['dt']} s ahead, on {where}"
+    table = _predictors_table(title, columns, {planner_label(name, options): each for name, each in found.items()})
     if any(errors.modes > 1 for measured in found.values() for errors in measured.values()):
         notes.insert(1, MODES)
     print_table(table)
     print("", *notes, sep="\n")
 
 
-def _horizons_table(title: str, dt: float, measured: Mapping[str, Errors]) -> Grid:
-    """ADE and FDE in metres of one predictor at every horizon, on each dataset, with steps of `dt` seconds."""
-    from crowdbench.metrics.info import MetricInfo
-
-    info = MetricInfo("error", "m")
-    rows = []
-    for dataset, errors in measured.items():
-        for choice, curves in errors.choices().items():
-            label = dataset if errors.modes == 1 else f"{dataset}, {choice}"
-            for steps, pair in enumerate(zip(curves.ade, curves.fde, strict=True), 1):
-                texts = (text for each in pair for text in (info.number(each.mean), info.interval(each.low, each.high)))
-                rows.append((label if steps == 1 else "", str(steps), f"{steps * dt:.2f}", *texts))
-    header = ("", "steps", "time [s]", "ADE [m]", "95 % interval", "FDE [m]", "95 % interval")
-    return Grid(title, header, rows, align="lrrllll")
-
-
 def _predictors_table(
     title: str, columns: Mapping[str, tuple[str, int]], predictors: Mapping[str, Mapping[str, Errors]]
 ) -> Grid:
     """ADE / FDE in metres of several predictors: by heading, the dataset and the horizon in steps of each column."""
-    from crowdbench.metrics.info import MetricInfo
-
-    info = MetricInfo("error", "m")
     rows = []
     for name, measured in predictors.items():
         curves = {dataset: errors.choices() for dataset, errors in measured.items()}
         for row, choice in enumerate(curves[next(iter(curves))]):
             chosen = [(curves[dataset][choice], steps - 1) for dataset, steps in columns.values()]
-            cells = (f"{info.number(one.ade[at].mean)} / {info.number(one.fde[at].mean)}" for one, at in chosen)
+            cells = (f"{one.ade[at].mean:.3f} / {one.fde[at].mean:.3f}" for one, at in chosen)
             rows.append((name if row == 0 else "", choice, *cells))
     header = ("predictor", "", *columns)
     return Grid(title, header, rows, align="ll".ljust(len(header), "r"))

@@ -8,8 +8,10 @@ from typer.exceptions import TyperException
 from crowdbench.cli import build_script
 from crowdbench.runs.spec import Replanning
 from studies.li2020 import table
+from studies.li2020.claims import OURS
 from studies.li2020.run import reproduce as command
-from studies.li2020.table import read_reproduction
+from studies.li2020.table import ReproductionSpec, read_reproduction
+from studies.pages import read_file
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
@@ -103,7 +105,7 @@ def test_what_was_interrupted_goes_on_and_repeats_nothing(tiny, capsys):
     assert re.findall("^## .*", printed.out, re.MULTILINE) == ["## Table 1: first", "## Table 2: second"]
     assert "| learned | 2 | 90 |" in printed.out
     assert re.search(
-        "^Claims: [01] holds, [01] refuted, [01] undecided, 0 without a verdict .one network..$",
+        "^Claims of the paper: [01] hold, [01] are refuted, [01] are undecided, 0 have no verdict .one network..$",
         printed.out,
         re.MULTILINE,
     )
@@ -125,7 +127,7 @@ def test_a_quick_look_at_one_table_says_that_it_is_one_and_runs_no_more(tiny, ca
     first, _, second, *_ = printed.splitlines()
     assert first.startswith("Printed by `python studies/li2020/run.py --table 1 --quick`.")
     assert second.startswith("A quick look: ")
-    assert "Claims: 0 holds, 0 refuted, 0 undecided, 1 without a verdict" in printed
+    assert "Claims of the paper: 0 hold, 0 are refuted, 0 are undecided, 1 have no verdict" in printed
     assert "On circle_crossing_5, cases test:0:3." in printed
     assert "## Table 2" not in printed
     assert sorted("margin" in name for name in finished()) == [False, True]
@@ -156,6 +158,15 @@ def test_the_shipped_file_has_the_paper_s_tables_first(shipped):
     assert reported[4]["sarl_sgan_kce"] == {
         "success_rate": 0.98, "navigation_time": 10.94, "max_velocity_change": 1.16,
     }  # fmt: skip
+
+
+def test_the_page_lists_nine_differences_from_the_paper_and_the_tables_have_its_claims(shipped):
+    description = read_file(table.FILE, ReproductionSpec).description
+    assert re.findall(r"^\| (\d) \|", description, re.MULTILINE) == [*"123456789"]
+    claims = [[claim for claim in each.spec.claims if claim.source != OURS] for each in shipped]
+    assert [len(each) for each in claims] == [2, 6, 7, 7, 4, 0, 0, 0]
+    qualitative = [claim for each in claims for claim in each if not claim.source.startswith("Experiment")]
+    assert {claim.measure for claim in qualitative} == {"stopped_time", "success_path_length"}
 
 
 @pytest.mark.slow

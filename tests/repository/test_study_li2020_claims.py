@@ -9,7 +9,7 @@ from study_folders import cells, fill, refused, table
 from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.runs.paired import LEAST_SHARED
 from crowdbench.utils.toml import Location
-from studies.li2020.claims import difference_over_networks
+from studies.li2020.claims import OURS, difference_over_networks, tally
 from studies.li2020.table import ClaimedTable, read_reproduction
 
 pytestmark = pytest.mark.usefixtures("study_folder")
@@ -181,6 +181,23 @@ def test_a_claim_is_shown_with_its_margin_and_verdict(tmp_path):
     ]  # fmt: skip
     assert change[6] == "**holds**"
     assert any("Bonett and Price" in note for note in found.notes())
+
+
+def test_a_table_has_the_mean_of_the_largest_changes_and_the_largest_of_all(tmp_path):
+    rows = {name: [table([1, 1, 0], change=np.array([1.0, 1.5, 1.9]))] * 2 for name in ("mine", "other")}
+    found = fill(read(TABLE), tmp_path, **rows, orca=[table([1] * 3)])
+    header, mine, *_ = cells(found.markdown())
+    at = header.index("largest change of velocity in any case, m/s")
+    assert mine[at - 1].startswith("1.25")
+    assert mine[at] == "1.500"
+
+
+def test_the_tally_counts_the_claims_of_the_paper_alone(tmp_path):
+    ours = CLAIM.replace("Experiment 1", OURS)
+    rows = {"mine": [table([1] * 60)] * 2, "other": [table([0] * 60)] * 2, "orca": [table([1] * 60)]}
+    claims = fill(read(TABLE + CLAIM + ours), tmp_path, **rows).claims
+    assert [claim.verdict for claim in claims] == ["holds", "holds"]
+    assert tally(claims).startswith("Claims of the paper: 1 hold, 0 are refuted")
 
 
 BROKEN = {

@@ -1,3 +1,4 @@
+import copy
 import dataclasses
 import re
 import shlex
@@ -129,6 +130,27 @@ def test_the_variety_loss_is_of_the_future_best_for_the_whole_scene():
         ]
         total += min(distance)
     assert variety_loss(predicted, future, scene, 2).item() == pytest.approx(total / 5, rel=1e-5)
+
+
+def test_an_update_has_the_loss_and_the_gradient_of_all_futures():
+    trained = social_gan.SocialGANTraining(CONFIG, "cpu")
+    before, rows = copy.deepcopy(trained.generator), np.arange(6)
+    judge = copy.deepcopy(trained.discriminator)
+    loss, _ = trained._update(rows, torch.Generator().manual_seed(1))
+    rng = torch.Generator().manual_seed(1)
+    position, present = trained._scenes(trained.training, rows)
+    position = position @ social_gan._rotations(len(rows), rng)[:, None]
+    predicted = before(position[:, :8], present, torch.randn((len(rows), social_gan.MODES, 8), generator=rng), 8)
+    scene, pedestrian = present.nonzero(as_tuple=True)
+    real = position.transpose(1, 2)[scene, pedestrian].diff(dim=1)
+    expected = variety_loss(predicted, real[:, 7:], scene, len(rows))
+    fake = torch.cat([real[:, :7], predicted[0]], dim=1)
+    expected = expected + social_gan.ADVERSARIAL * non_saturating_loss(judge(fake))
+    assert loss == pytest.approx(expected.item(), rel=1e-5)
+    expected.backward()
+    torch.nn.utils.clip_grad_norm_(before.parameters(), social_gan.CLIP)
+    for one, other in zip(trained.generator.parameters(), before.parameters(), strict=True):
+        torch.testing.assert_close(one.grad, other.grad, rtol=1e-3, atol=1e-5)
 
 
 def test_adversarial_losses_are_cross_entropies():

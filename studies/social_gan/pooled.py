@@ -1,0 +1,7 @@
+"""Social GAN with its pooling module, from the weights `sgan_pooled`: for the comparison in README.md beside this file."""
+
+from functools import partial
+
+from crowdbench.predict.social_gan import load_social_gan
+
+predictor = partial(load_social_gan, "sgan_pooled", modes=20, rescaled=False, device="cpu")
