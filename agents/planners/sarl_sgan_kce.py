@@ -5,9 +5,9 @@ for Autonomous Vehicles", IEEE ITSC 2020, arXiv:2011.11191. `studies/kce` has wh
 
 Differs from the paper in nine points, six of the planner and three of the experiments; `studies/li2020` has reasons:
 
-1. III-B, IV-A: Social GAN has no pooling module, and was trained on ETH/UCY at steps of 0.25 s. `studies/social_gan` has
-   figures with pooling.
-2. IV-A: SARL's network was trained here, among 1 to 10 pedestrians within the limits below. Theirs is the published one.
+1. III-B, IV-A: Social GAN has no pooling module, and was trained on ETH/UCY at steps of 0.25 s. `studies/social_gan`
+   has figures with pooling.
+2. IV-A: SARL's network was trained here, among 1 to 10 pedestrians within the limits below; theirs is CrowdNav's.
 3. Equations 3 and 4: the value of a command is the mean over futures, which the paper leaves open. The discount is
    gamma^(dt v_pref), as in CrowdNav (Chen et al. 2019), and not gamma^(v_pref).
 4. Equation 7: the cost of discomfort is (d_min - 0.2) / 2 dt, as in CrowdNav. As printed, a larger gap would cost more.
@@ -16,7 +16,7 @@ Differs from the paper in nine points, six of the planner and three of the exper
    only for the 8 commands that are best under their mean.
 7. IV-A: pedestrians have the same parameters in the study's tables of the paper, as in CrowdNav, and not Gaussian ones.
 8. IV-A: 500 cases and five networks, and not 100 cases, 500 in Table 1.
-9. IV-B: "Max Acc" is taken for the largest change of velocity in a step: its mean over cases, and its maximum beside it.
+9. IV-B: "Max Acc" is taken for the largest change of velocity in a step, as a mean and as a maximum over cases.
 
 Equations 5 and 6 are the paper's. At 1 m/s the limit of 6.4 m/s^2 excludes nothing: it is 1.6 m/s in a step of 0.25 s.
 """

@@ -130,40 +130,28 @@ def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
 def _print_errors(
     about: Mapping[str, Any], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]
 ) -> None:
-    """Print the table, and below it what its numbers mean."""
+    """Print ADE / FDE in metres of each predictor in each scene or at several horizons, and what the numbers mean."""
     from crowdbench.runs.results import planner_label
 
-    recorded = "data" in about
+    recorded, ahead = "data" in about, about["ahead"]
     changed = "".join(f", {key}={value}" for key, value in about.get("overrides", {}).items())
     where = about["data"] if recorded else f"{about['scenario']}{changed}, cases {about['cases']}"
-    notes = [MEASURES, ON_TRACKS if recorded else ON_SCENARIO]
-    ahead = about["ahead"]
-    if recorded:
-        columns = {scene: (scene, ahead) for scene in next(iter(found.values()))}
-    else:
-        steps = sorted({1, (ahead + 1) // 2, ahead})
-        columns = {f"{n} {'step' if n == 1 else 'steps'}": (about["scenario"], n) for n in steps}
-    title = f"ADE / FDE in metres, {ahead} steps of {about['dt']} s ahead, on {where}"
-    table = _predictors_table(title, columns, {planner_label(name, options): each for name, each in found.items()})
-    if any(errors.modes > 1 for measured in found.values() for errors in measured.values()):
-        notes.insert(1, MODES)
-    print_table(table)
-    print("", *notes, sep="\n")
-
-
-def _predictors_table(
-    title: str, columns: Mapping[str, tuple[str, int]], predictors: Mapping[str, Mapping[str, Errors]]
-) -> Grid:
-    """ADE / FDE in metres of several predictors: by heading, the dataset and the horizon in steps of each column."""
-    rows = []
-    for name, measured in predictors.items():
+    steps = sorted({1, (ahead + 1) // 2, ahead})
+    horizons = {f"{n} {'step' if n == 1 else 'steps'}": (about.get("scenario", ""), n) for n in steps}
+    columns = {scene: (scene, ahead) for scene in next(iter(found.values()))} if recorded else horizons
+    rows, notes = [], [MEASURES, ON_TRACKS if recorded else ON_SCENARIO]
+    for name, measured in found.items():
         curves = {dataset: errors.choices() for dataset, errors in measured.items()}
         for row, choice in enumerate(curves[next(iter(curves))]):
-            chosen = [(curves[dataset][choice], steps - 1) for dataset, steps in columns.values()]
+            chosen = [(curves[dataset][choice], n - 1) for dataset, n in columns.values()]
             cells = (f"{one.ade[at].mean:.3f} / {one.fde[at].mean:.3f}" for one, at in chosen)
-            rows.append((name if row == 0 else "", choice, *cells))
+            rows.append((planner_label(name, options) if row == 0 else "", choice, *cells))
+    if any(errors.modes > 1 for measured in found.values() for errors in measured.values()):
+        notes.insert(1, MODES)
+    title = f"ADE / FDE in metres, {ahead} steps of {about['dt']} s ahead, on {where}"
     header = ("predictor", "", *columns)
-    return Grid(title, header, rows, align="ll".ljust(len(header), "r"))
+    print_table(Grid(title, header, rows, align="ll".ljust(len(header), "r")))
+    print("", *notes, sep="\n")
 
 
 if __name__ == "__main__":

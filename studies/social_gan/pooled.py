@@ -1,4 +1,4 @@
-"""Social GAN with its pooling module, from the weights `sgan_pooled`: for the comparison in README.md beside this file."""
+"""Social GAN with its pooling module, from the weights `sgan_pooled`, for the comparison in README.md."""
 
 from functools import partial
 

@@ -262,6 +262,10 @@ def test_a_vehicle_that_waits_is_marked_once(driven):
     last = (int(trace.steps[1]) - 1) // 8 * 2
     assert once.text == f"0 to {last} s"
     assert np.linalg.norm(once.at - waits[1, 0, 0]) > trace.radius[1, 0, 0]
+    beside = waits.copy()
+    beside[1, int(trace.steps[1]), 1] = once.at  # a pedestrian ends where the time was
+    (moved,) = texts(beside)
+    assert np.linalg.norm(moved.at - once.at) > trace.radius[1, 1, 0]
 
 
 def test_a_vehicle_that_has_hit_an_obstacle_is_red():

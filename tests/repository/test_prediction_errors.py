@@ -304,14 +304,15 @@ def evaluate(*arguments):
     return CliRunner().invoke(build_script(evaluate_predictor), arguments, catch_exceptions=False)
 
 
-def test_the_command_prints_a_row_for_every_horizon_and_json_has_the_same(tmp_path):
+def test_the_command_prints_a_column_for_every_scene_and_json_has_every_horizon(tmp_path):
     rows = [(10 * t, p, 0.5 * t if p else 0.0, p) for p in range(2) for t in range(20)]
     (tmp_path / "street.txt").write_text("\n".join("\t".join(map(str, row)) for row in rows))
     shown = evaluate("constant_velocity", "--data", str(tmp_path))
     assert shown.exit_code == 0, shown.stderr
-    lines = [line.split() for line in shown.stdout.splitlines()]
-    assert [line[:3] for line in lines if line[:1] == ["street"]] == [["street", "1", "0.40"]]
-    assert ["8", "3.20", "0.000", "0.000", "to", "0.000", "0.000", "0.000", "to", "0.000"] in lines
+    title, header, row = shown.stdout.splitlines()[:3]
+    assert title == f"ADE / FDE in metres, 8 steps of 0.4 s ahead, on {tmp_path}"
+    assert header.split() == ["predictor", "street", *MEAN.split()]
+    assert row.split() == "constant_velocity best of 1 0.000 / 0.000 0.000 / 0.000".split()
     told = evaluate("linear", "--cases", "val:5", "--set", "vehicle.visible=true", "--json")
     result = json.loads(told.stdout)
     place = load_scenario("circle_crossing_5", {"vehicle.visible": True})
@@ -338,14 +339,13 @@ def test_several_predictors_share_a_table():
 
 
 @pytest.mark.slow
-def test_one_predictor_of_several_modes_has_a_section_for_each_choice(tmp_path):
+def test_a_predictor_of_several_modes_has_a_row_for_each_choice(tmp_path):
     rows = [(10 * t, p, 0.5 * t, p) for p in range(2) for t in range(20)]
     (tmp_path / "street.txt").write_text("\n".join("\t".join(map(str, row)) for row in rows))
     command = ["constant_velocity_sampled", "--option", "modes=3", "--data", str(tmp_path)]
-    shown = evaluate(*command).stdout
-    assert shown.startswith(f"constant_velocity_sampled (modes=3) on {tmp_path}")
-    for choice in ("best of 1", "best of 3 together", "best of 3 each"):
-        assert f"street, {choice} " in shown
+    first, *others = evaluate(*command).stdout.splitlines()[2:5]
+    assert first.startswith("constant_velocity_sampled (modes=3)  best of 1 ")
+    assert [line.split("  0.")[0].strip() for line in others] == ["best of 3 together", "best of 3 each"]
     told = json.loads(evaluate(*command, "--json").stdout)["predictors"]["constant_velocity_sampled"]
     assert (told["options"], told["errors"]["street"]["modes"]) == ({"modes": 3}, 3)
 
