@@ -312,7 +312,7 @@ def test_the_command_prints_a_column_for_every_scene_and_json_has_every_horizon(
     title, header, row = shown.stdout.splitlines()[:3]
     assert title == f"ADE / FDE in metres, 8 steps of 0.4 s ahead, on {tmp_path}"
     assert header.split() == ["predictor", "street", *MEAN.split()]
-    assert row.split() == "constant_velocity best of 1 0.000 / 0.000 0.000 / 0.000".split()
+    assert row.split() == ["constant_velocity", "best", "of", "1", "0.000", "/", "0.000", "0.000", "/", "0.000"]
     told = evaluate("linear", "--cases", "val:5", "--set", "vehicle.visible=true", "--json")
     result = json.loads(told.stdout)
     place = load_scenario("circle_crossing_5", {"vehicle.visible": True})
