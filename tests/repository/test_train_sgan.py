@@ -219,7 +219,7 @@ def test_the_script_trains_and_resumes(recordings, tmp_path):
     assert "use them with crowdbench check sgan --kind predictors --option weights=" in done.stdout
     config = make_config("sgan", {"data": str(recordings), "epochs": 4}, METHODS)
     trainings.kill(config, tmp_path / "killed", 1)
-    with pytest.raises(InputError, match=r"go on with what is there: python studies/social_gan/train.py --resume"):
+    with pytest.raises(InputError, match=r"go on with python studies/social_gan/train.py --resume"):
         run(*options, "--out", str(tmp_path / "killed"))
     run("--resume", str(tmp_path / "killed"))
     whole, resumed = ((tmp_path / name / "weights.safetensors").read_bytes() for name in ("run", "killed"))
