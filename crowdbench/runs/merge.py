@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from crowdbench.runs.identity import code
 from crowdbench.runs.recording import COMMANDS, join_commands, most_failures
@@ -108,8 +111,10 @@ def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> in
 def _timing(parts: Sequence[RunResult]) -> dict[str, float]:
     timings = [part.result["stated"]["timing"] for part in parts]
     steps = [int(part.episodes.steps.sum()) for part in parts]
-    decided = sum(timing["decision_ms_per_step"] * count for timing, count in zip(timings, steps, strict=True))
-    return {"decision_ms_per_step": decided / sum(steps), "seconds": sum(timing["seconds"] for timing in timings)}
+    decided = [timing.get("decision_ms_per_step", math.nan) for timing in timings]  # robots do not tell
+    mean = float(np.average(decided, weights=steps))
+    known = {} if math.isnan(mean) else {"decision_ms_per_step": mean}
+    return {**known, "seconds": sum(timing["seconds"] for timing in timings)}
 
 
 def _join(tables: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

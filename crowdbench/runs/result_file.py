@@ -37,7 +37,7 @@ _Rest = create_model("_Rest", replanning=_Table, metrics=_Texts, code=str, decis
 _Run = create_model("_Run", __base__=_Rest, planner=_Planner, scenario=str, cases=str)
 _Scenario = create_model("_Scenario", name=str, layout=_Table, pedestrians=_Table, dt=_Seconds, time_limit=_Seconds)
 _Estimate = create_model("_Estimate", n=int, mean=(_Mean, None))
-_Timing = create_model("_Timing", decision_ms_per_step=_Number, seconds=_Number)
+_Timing = create_model("_Timing", seconds=_Number, decision_ms_per_step=(_Number, 0.0))
 _Stated = create_model("_Stated", privileged=bool, overrides=_Table, record=str, timing=_Timing, versions=_Table)
 _Metrics: Any = dict[str, _Estimate]  # type: ignore[valid-type]
 _Found = create_model("_Found", interrupted=bool, outcomes=dict[str, int], metrics=_Metrics)

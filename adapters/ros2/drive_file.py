@@ -1,0 +1,98 @@
+"""The TOML file that says what is in which topic of a robot's bags."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+from pydantic import Field
+
+from crowdbench.utils import files
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.toml import Location, TomlTable, number, parse_table, read_toml, table
+
+
+class RobotTable(TomlTable):
+    """`[vehicle]`: the robot.
+
+    Attributes:
+        odometry: Topic of `nav_msgs/Odometry`; empty for the poses of `frame` in `/tf`.
+        frame: Frame of the robot in `/tf`.
+        offset: Added to the stamps of the odometry in seconds.
+        radius: In metres.
+        preferred_speed: Largest speed that it is meant to drive in m/s.
+        goal: x and y of its goal in metres, in the fixed frame.
+        goal_tolerance: Distance in metres to its goal below which it has arrived.
+    """
+
+    odometry: str = Field(default="", description="the name of a topic")
+    frame: str = Field(default="base_link", description="the name of a frame")
+    offset: float = number(0.0, least=-1e9, below=1e9)
+    radius: float = number(0.3, above=0.0, below=10.0)
+    preferred_speed: float = number(1.0, above=0.0, below=50.0)
+    goal: list[float] = Field(min_length=2, max_length=2, description="x and y in metres, as in [8.0, 0.0]")
+    goal_tolerance: float = number(0.3, above=0.0, below=10.0)
+
+
+class PeopleTable(TomlTable):
+    """`[people]`: the tracked pedestrians. The defaults are those of `people_msgs/People`.
+
+    Attributes:
+        topic: Topic of messages with a list of pedestrians.
+        list: Field with the list.
+        position: Field of a pedestrian with x and y in metres, dotted: `pose.pose.position`.
+        id: Field of a pedestrian with its identity.
+        frame: Frame of the positions; empty for the one in the message's header.
+        offset: Added to the stamps of the messages in seconds.
+        radius: Of each pedestrian in metres.
+    """
+
+    topic: str = Field(default="/people", description="the name of a topic")
+    list: str = Field(default="people", description="the name of a field")
+    position: str = Field(default="position", description="the name of a field")
+    id: str = Field(default="name", description="the name of a field")
+    frame: str = Field(default="", description="the name of a frame")
+    offset: float = number(0.0, least=-1e9, below=1e9)
+    radius: float = number(0.3, above=0.0, below=10.0)
+
+
+class DriveFile(TomlTable):
+    """The whole file. Paths are relative to it.
+
+    Attributes:
+        planner: Name of the planner that drove the robot.
+        bags: The bags, each of which is a case.
+        fixed_frame: Frame in which everything is scored.
+        dt: Length of a step in seconds.
+        max_gap: Longest time in seconds without a message between which poses are interpolated.
+        map: File `map.yaml` of `map_server`; empty for no obstacles.
+        messages: Files `PACKAGE/msg/NAME.msg` with the definitions of messages that the bags do not hold.
+        vehicle: The robot.
+        people: The pedestrians.
+    """
+
+    planner: str = Field(description="the name of a planner")
+    bags: list[str] = Field(min_length=1, description="a list of bags, one at least")
+    fixed_frame: str = Field(default="map", description="the name of a frame")
+    dt: float = number(0.1, above=0.0, below=1.0)
+    max_gap: float = number(0.5, above=0.0, below=10.0)
+    map: str = Field(default="", description="the path of a file")
+    messages: list[str] = Field(default=[], description="a list of files .msg")
+    vehicle: RobotTable = table("vehicle")
+    people: PeopleTable = table("people")
+
+    @functools.cached_property
+    def message_definitions(self) -> dict[str, str]:
+        """The definitions in the files `messages`, by the type of the message."""
+        paths = list(map(Path, self.messages))
+        for path in paths:
+            if not path.is_file() or len(path.parts) < 3:
+                raise InputError(f"there is no file {path} of the form PACKAGE/msg/NAME.msg, which `messages` names")
+        return {f"{path.parts[-3]}/msg/{path.stem}": files.read_text(path) for path in paths}
+
+
+def read_drive_file(path: Path) -> DriveFile:
+    """Read the file; paths in it become absolute. Raises InputError where a key is missing, unknown or wrong."""
+    drive, folder = parse_table(DriveFile, read_toml(path, "drive"), Location(str(path))), path.resolve().parent
+    changes = {name: [str(folder / each) for each in getattr(drive, name)] for name in ("bags", "messages")}
+    return drive.model_copy(update={**changes, "map": str(folder / drive.map) if drive.map else ""})

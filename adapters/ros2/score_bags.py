@@ -1,0 +1,114 @@
+"""Scores the drives of a real robot: writes the run of its bags, and the tracks of the pedestrians whom it met.
+
+python adapters/ros2/convert.py drive.toml --out runs/drive --tracks tracks
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from drive import trace_of
+from drive_file import read_drive_file
+
+from crowdbench.cli import main
+from crowdbench.cli.console import say
+from crowdbench.core.types import Trace
+from crowdbench.metrics.load import load_metrics
+from crowdbench.record.write import Recorder
+from crowdbench.runs.identity import PlannerId, RunId, code, source_of
+from crowdbench.runs.recording import units_of
+from crowdbench.runs.results import RECORDING, Episodes
+from crowdbench.runs.run import read_versions
+from crowdbench.runs.store import write_run
+from crowdbench.utils.files import new_directory
+
+FRAME, STEP = 10, 0.4
+"""Difference of the numbers of two frames of tracks, and the seconds between them, as in ETH/UCY."""
+
+
+def convert(file: Path, out: Path = Path("runs/drive"), tracks: Path | None = None) -> None:
+    """Write the run of the bags that a drive file names.
+
+    Args:
+        file: The drive file, see `drive_file.py`.
+        out: Directory of the run, for `crowdbench score`, `table`, `view` and `render`.
+        tracks: Folder in which the pedestrians of each bag become a file for scenarios with a table [tracks].
+    """
+    drive = read_drive_file(file)
+    trace, notes = trace_of(drive)
+    for note in notes:
+        say(note)
+    contents = hashlib.sha256(file.read_bytes())
+    for bag in map(Path, drive.bags):
+        for part in sorted(bag.iterdir()) if bag.is_dir() else [bag]:
+            contents.update(part.read_bytes())
+    write(trace, drive.planner, file.stem, contents.hexdigest(), out)
+    say(f"wrote {out}: crowdbench score {out}, crowdbench view {out}")
+    if tracks is not None:
+        tracks.mkdir(parents=True, exist_ok=True)
+        for row, name in enumerate(drive.bags):
+            write_tracks(trace, row, tracks / f"{Path(name).stem}.txt")
+        say(f"wrote {tracks}: crowdbench run --scenario eth_recorded --set tracks.scene={Path(drive.bags[0]).stem}")
+
+
+def write(trace: Trace, planner: str, scenario: str, digest: str, out: Path) -> None:
+    """Write a trace as a run.
+
+    Args:
+        trace: The trace.
+        planner: Name of the planner.
+        scenario: Name of the scenario in tables.
+        digest: 64 hexadecimal digits that change with the bags.
+        out: The directory, which is replaced.
+    """
+    metrics, rules = load_metrics([]), trace.rules
+    cases = f"test:{len(trace)}"
+    sources = {name: source_of(metric) for name, metric in metrics.items()}
+    run = RunId(PlannerId(planner, facts={"bags": digest}), digest, cases, {}, None, sources, 0.0, code())
+    episodes = Episodes.of(trace, metrics)
+    with new_directory(out, overwrite=True) as folder:
+        header: dict[str, Any] = {"planner": planner, "scenario": scenario, "scenario_digest": digest, "cases": len(trace)}
+        with Recorder(folder / RECORDING, **header, units=units_of(metrics), identity=run.digest[:8]) as recorder:
+            recorder.add(trace, np.arange(len(trace)), episodes.columns)
+        write_run(
+            folder,
+            episodes,
+            run=run.parts,
+            scenario={
+                "name": scenario,
+                "layout": {},
+                "pedestrians": {},
+                "dt": rules.dt,
+                "time_limit": rules.time_limit,
+            },
+            recorded=len(trace),
+            stated={
+                "privileged": False,
+                "overrides": {},
+                "record": "all",
+                "timing": {"seconds": float(rules.dt * trace.steps.sum())},
+                "versions": read_versions(),
+            },
+        )
+
+
+def write_tracks(trace: Trace, row: int, path: Path) -> None:
+    """Write the pedestrians of a drive in the format of ETH/UCY, every 0.4 s, between its states on straight lines."""
+    position = trace.position[row, : trace.steps[row] + 1, 1:]
+    time = trace.rules.dt * np.arange(len(position))
+    frames = np.arange(0.0, time[-1] + 1e-9, STEP)
+    lines = []
+    for person in range(position.shape[1]):
+        here = np.isfinite(position[:, person, 0])
+        inside = (frames >= time[here].min(initial=np.inf)) & (frames <= time[here].max(initial=-np.inf))
+        x, y = (np.interp(frames[inside], time[here], position[here, person, axis]) for axis in range(2))
+        numbers = (FRAME * np.flatnonzero(inside)).tolist()
+        lines += [(n, person + 1, *at) for n, *at in zip(numbers, x.tolist(), y.tolist(), strict=True)]
+    path.write_text("".join(f"{n}\t{person}\t{x:.6f}\t{y:.6f}\n" for n, person, x, y in sorted(lines)))
+
+
+if __name__ == "__main__":
+    main(convert)

@@ -1,0 +1,219 @@
+"""Robots' bags: a bag of a simulated run scores as the run does, and what is missing or wrong in a bag is said."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crowdbench import load_planner, load_scenario
+from crowdbench.core.types import Outcome
+from crowdbench.metrics.load import load_metrics
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.results import Episodes
+from crowdbench.runs.rollout import rollout
+from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError
+
+rosbag2 = pytest.importorskip("rosbags.rosbag2")
+FOLDER = Path(__file__).parents[2] / "adapters" / "ros2"
+
+from crowdbench.runs.rosbag import NANOSECONDS, typestore, write_bag  # noqa: E402
+
+STORE = typestore()
+TOPICS = {
+    "/odom": "nav_msgs/msg/Odometry",
+    "/people": "people_msgs/msg/People",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+}
+
+@pytest.fixture(scope="module", autouse=True)
+def _importable():
+    sys.path.insert(0, str(FOLDER))
+    yield
+    sys.path.remove(str(FOLDER))
+
+
+@pytest.fixture
+def trace_of():
+    from drive import trace_of
+
+    return trace_of
+
+
+def drive_file(folder, bags, more=""):
+    from drive_file import read_drive_file
+
+    file = folder / "drive.toml"
+    names = ", ".join(f'"{bag}"' for bag in bags)
+    file.write_text(f'planner = "robot"\nbags = [{names}]\ndt = 0.25\n{more}')
+    return read_drive_file(file)
+
+
+def make(kind, *fields):
+    return STORE.types[kind](*fields)
+
+
+def header(seconds, frame="map"):
+    return make(
+        "std_msgs/msg/Header",
+        make("builtin_interfaces/msg/Time", *divmod(round(seconds * NANOSECONDS), NANOSECONDS)),
+        frame,
+    )
+
+
+def pose(x, y, yaw=0.0, kind="Pose"):
+    turn = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
+    point = make("geometry_msgs/msg/Point" if kind == "Pose" else "geometry_msgs/msg/Vector3", x, y, 0.0)
+    return make(f"geometry_msgs/msg/{kind}", point, turn)
+
+
+def odometry(seconds, x, y, frame="map"):
+    twist = make("geometry_msgs/msg/Twist", *(make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0) for _ in range(2)))
+    return make(
+        "nav_msgs/msg/Odometry",
+        header(seconds, frame),
+        "base_link",
+        make("geometry_msgs/msg/PoseWithCovariance", pose(x, y), np.zeros(36)),
+        make("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36)),
+    )
+
+
+def people(seconds, *positions, frame="map"):
+    point = "geometry_msgs/msg/Point"
+    persons = [
+        make("people_msgs/msg/Person", name, make(point, x, y, 0.0), make(point, 0.0, 0.0, 0.0), 1.0, [], [])
+        for name, x, y in positions
+    ]
+    return make("people_msgs/msg/People", header(seconds, frame), persons)
+
+
+def transform(seconds, parent, child, x, y, yaw):
+    moved = make("geometry_msgs/msg/TransformStamped", header(seconds, parent), child, pose(x, y, yaw, "Transform"))
+    return make("tf2_msgs/msg/TFMessage", [moved])
+
+
+def bag_of(path, messages, storage="SQLITE3"):
+    """Write a bag of (topic, seconds at which it is recorded, message)."""
+    plugin = rosbag2.StoragePlugin[storage]
+    with rosbag2.Writer(path, version=9, storage_plugin=plugin) as writer:
+        topics = {
+            topic: writer.add_connection(topic, TOPICS[topic], typestore=STORE)
+            for topic in dict.fromkeys(topic for topic, _, _ in messages)
+        }
+        for topic, seconds, message in messages:
+            raw = STORE.serialize_cdr(message, TOPICS[topic])
+            writer.write(topics[topic], round((seconds + 100.0) * NANOSECONDS), raw)
+    return path
+
+
+def straight(seconds=4.0, frame="map", late=0.0, times=None):
+    """A robot at 1 m/s along the x axis, and a pedestrian who stands 2 m beside it."""
+    times = np.arange(0.0, seconds + 1e-9, 0.1) if times is None else times
+    messages = []
+    for t in times.tolist():
+        messages.append(("/odom", t, odometry(t + 100.0, t, 0.0, frame)))
+        messages.append(("/people", t, people(t + 100.0 - late, ("a", 2.0, 2.0))))
+    return messages
+
+
+VEHICLE = '[vehicle]\nodometry = "/odom"\ngoal = [4.0, 0.0]\n'
+
+
+@pytest.mark.parametrize("scenario", ["blind_corner_3", "unicycle_10"])
+def test_a_bag_of_a_simulated_run_scores_as_the_run_does(tmp_path, trace_of, scenario):
+    trace = rollout(Driver(load_planner("orca")[1], "orca"), load_scenario(scenario), Cases("val", 0, 4))
+    for row in range(4):
+        write_bag(trace, row, tmp_path / f"bag{row}")
+    goals = trace.goal[:, 0, 0]
+    for row in range(4):
+        table = f'[vehicle]\nodometry = "/odom"\ngoal = {goals[row].tolist()}\nradius = {trace.radius[row, 0, 0]}\n'
+        found, notes = trace_of(drive_file(tmp_path, [f"bag{row}"], table))
+        assert not notes
+        assert found.outcome[0] == trace.outcome[row]
+        steps = int(found.steps[0])
+        np.testing.assert_allclose(found.position[0, : steps + 1, 0], trace.position[row, : steps + 1, 0], atol=1e-6)
+        there = trace.present[row, : steps + 1, 1:].any(axis=0)
+        # Chords instead of arcs; a pedestrian who arrives is gone in the bag before the step is over.
+        gaps = found.gap[0, :steps], trace.gap[row, :steps]
+        both = np.isfinite(gaps[0]) & np.isfinite(gaps[1])
+        assert both.mean() > 0.5
+        assert (gaps[0] >= gaps[1] - 0.01).all()
+        limit = 1e-6 if scenario == "blind_corner_3" else 0.01
+        assert np.median(np.abs(gaps[0][both] - gaps[1][both])) < limit
+        assert found.position.shape[2] - 1 == there.sum()
+
+
+def test_frames_are_chained_and_both_storages_are_read(tmp_path, trace_of):
+    messages = [("/tf_static", 0.0, transform(100.0, "map", "hall", 10.0, 0.0, np.pi / 2))]
+    for t in np.arange(0.0, 4.05, 0.1).tolist():
+        messages.append(("/tf", t, transform(100.0 + t, "hall", "odom", 0.0, 0.0, 0.0)))
+        messages.append(("/odom", t, odometry(100.0 + t, t, 0.0, "odom")))
+        messages.append(("/people", t, people(100.0 + t, ("a", 2.0, 2.0), frame="odom")))
+    for storage in ("SQLITE3", "MCAP"):
+        bag_of(tmp_path / storage, messages, storage)
+    found, _ = trace_of(drive_file(tmp_path, ["SQLITE3", "MCAP"], VEHICLE.replace("[4.0, 0.0]", "[10.0, 4.0]")))
+    np.testing.assert_allclose(found.position[0], found.position[1])
+    np.testing.assert_allclose(found.position[0, 4, 0], [10.0, 1.0], atol=1e-6)
+    np.testing.assert_allclose(found.position[0, 4, 1], [8.0, 2.0], atol=1e-6)
+    assert found.outcome.tolist() == [Outcome.SUCCESS] * 2
+
+
+@pytest.mark.parametrize(
+    ("messages", "sentence"),
+    [
+        (straight(times=np.array([0.0, 0.1, 2.0, 2.1])), "there is no message of /people for 1.90 s around 0.25 s"),
+        (straight(late=7.0), "the clock of /people is 7.00 s behind that of /odom: correct it with offset = 7.00"),
+        (straight(frame="odom"), "/tf has no transform from 'odom' to 'map'"),
+        (
+            [message for message in straight() if message[0] == "/odom"],
+            "there is no topic /people; the topics are /odom",
+        ),
+        (straight(seconds=0.1), "observed together for less than one step of 0.25 s"),
+    ],
+)
+def test_what_is_missing_or_wrong_is_said(tmp_path, trace_of, messages, sentence):
+    bag_of(tmp_path / "a", messages)
+    with pytest.raises(InputError, match=sentence.replace("(", r"\(")):
+        trace_of(drive_file(tmp_path, ["a"], VEHICLE))
+
+
+def test_a_clock_is_corrected_by_its_offset(tmp_path, trace_of):
+    bag_of(tmp_path / "a", straight(late=7.0))
+    found, _ = trace_of(drive_file(tmp_path, ["a"], VEHICLE + "[people]\noffset = 7.0\n"))
+    assert found.outcome.tolist() == [Outcome.SUCCESS]
+
+
+def test_an_identity_that_comes_again_or_jumps_is_another_pedestrian(tmp_path, trace_of):
+    messages = []
+    for t in np.arange(0.0, 4.05, 0.1).tolist():
+        messages.append(("/odom", t, odometry(100.0 + t, t, 0.0)))
+        here = [("a", 2.0, 2.0)] if t < 1.0 or t > 2.5 else []
+        messages.append(("/people", t, people(100.0 + t, *here, ("b", 0.0, 5.0 if t < 2.0 else -5.0))))
+    bag_of(tmp_path / "a", messages)
+    found, notes = trace_of(drive_file(tmp_path, ["a"], VEHICLE))
+    assert [note.split(": ")[1] for note in notes] == [
+        "pedestrian a is not seen for 1.70 s at 0.90 s, and counts as somebody else afterwards",
+        "pedestrian b jumps by 10.00 m at 1.90 s, and counts as somebody else afterwards",
+    ]
+    assert found.position.shape[2] == 1 + 4
+
+
+def test_metrics_are_of_the_drive(tmp_path, trace_of):
+    bag_of(tmp_path / "a", straight())
+    found, _ = trace_of(drive_file(tmp_path, ["a"], VEHICLE))
+    columns = Episodes.of(found, load_metrics([])).columns
+    assert columns["navigation_time"][0] == 3.75  # within 0.3 m of its goal
+    np.testing.assert_allclose(columns["minimum_gap"], 2.0 - 0.6)
+    assert np.isnan(columns["imposed_delay"][0])
+
+
+def test_the_readmes_node_calls_a_planner():
+    text = (FOLDER / "README.md").read_text()
+    names = {}
+    exec(text.split("```python\n")[1].split("```")[0], names)
+    people = np.array([[2.0, 0.1], [4.0, 3.0]]), np.zeros((2, 2))
+    command = names["command"](0, 0.1, np.zeros(3), np.zeros(2), np.array([8.0, 0.0]), *people)
+    assert command.shape == (2,)
+    assert 0.1 < np.hypot(*command) <= 1.0 + 1e-9
