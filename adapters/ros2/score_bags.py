@@ -70,8 +70,9 @@ def write(trace: Trace, planner: str, scenario: str, digest: str, out: Path) -> 
     run = RunId(PlannerId(planner, facts={"bags": digest}), digest, cases, {}, None, sources, 0.0, code())
     episodes = Episodes.of(trace, metrics)
     with new_directory(out, overwrite=True) as folder:
-        header: dict[str, Any] = {"planner": planner, "scenario": scenario, "scenario_digest": digest, "cases": len(trace)}
-        with Recorder(folder / RECORDING, **header, units=units_of(metrics), identity=run.digest[:8]) as recorder:
+        header: dict[str, Any] = {"planner": planner, "scenario": scenario, "units": units_of(metrics)}
+        known = {"scenario_digest": digest, "cases": len(trace), "identity": run.digest[:8]}
+        with Recorder(folder / RECORDING, **header, **known) as recorder:
             recorder.add(trace, np.arange(len(trace)), episodes.columns)
         write_run(
             folder,
