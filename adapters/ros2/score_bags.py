@@ -1,6 +1,6 @@
 """Scores the drives of a real robot: writes the run of its bags, and the tracks of the pedestrians whom it met.
 
-python adapters/ros2/convert.py drive.toml --out runs/drive --tracks tracks
+python adapters/ros2/score_bags.py drive.toml --out runs/drive --tracks tracks
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def write(trace: Trace, planner: str, scenario: str, digest: str, out: Path) -> 
     episodes = Episodes.of(trace, metrics)
     with new_directory(out, overwrite=True) as folder:
         header: dict[str, Any] = {"planner": planner, "scenario": scenario, "units": units_of(metrics)}
-        known = {"scenario_digest": digest, "cases": len(trace), "identity": run.digest[:8]}
+        known: dict[str, Any] = {"scenario_digest": digest, "cases": len(trace), "identity": run.digest[:8]}
         with Recorder(folder / RECORDING, **header, **known) as recorder:
             recorder.add(trace, np.arange(len(trace)), episodes.columns)
         write_run(

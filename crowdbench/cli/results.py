@@ -224,7 +224,7 @@ def _load_scenario(run: RunResult, pedestrians: list[str] | None, layout: str | 
 def export(
     run: Path,
     out: Annotated[Path, typer.Option()],
-    format: Literal["txt", "socnav"] = "txt",
+    format: Literal["txt", "socnav", "rosbag2"] = "txt",
     pedestrians: list[str] | None = None,
     layout: str | None = None,
     data: Path | None = None,
@@ -240,7 +240,8 @@ def export(
             in metres; the vehicle is person 0, and a frame is a step. `steps.parquet` has a row for each step, with the
             observation of the environments, the command, CrowdNav's reward, and whether the episode ends.
         format: Format of the tracks. socnav: JSON files of SocNav3 (arXiv:2509.01251), whose metric predicts how people
-            would rate a trajectory. Nobody was asked about these runs.
+            would rate a trajectory. Nobody was asked about these runs. rosbag2: ROS 2 bags (MCAP) for RViz and
+            Foxglove, with the extra ros.
         pedestrians: The file of a pedestrian policy of your own that the run had, ./mine.py. Repeatable.
         layout: The file of a layout of your own that the run had, ./mine.py.
     """
@@ -254,7 +255,7 @@ def export(
     result = RunResult.read(run)
     scenario = _load_scenario(result, pedestrians, layout, data)
     with files.new_directory(out, overwrite, STEPS) as folder, progress(len(result.commands.case)) as report:
-        cases = write(result, scenario, folder, report, format == "socnav")
+        cases = write(result, scenario, folder, report, format)
     print(f"{cases} cases in {out}")
 
 

@@ -1,7 +1,7 @@
 """A run as other programs read it: tracks as files of positions, and a table of what was seen, done and gained.
 
 tracks/test-13.txt   of one case, a line `frame person x y` for each position in metres, tabs between, as in ETH/UCY;
-                     or test-13.json, see `crowdbench.runs.socnav`
+                     or test-13.json, see `crowdbench.runs.socnav`; or a folder test-13, see `crowdbench.runs.rosbag`
 steps.parquet        a row for each step: case, step, observation, action, reward, terminated, truncated
 
 Everything follows from the run's commands, with which its cases are simulated again.
@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -23,6 +24,7 @@ from crowdbench.core.types import Outcome, Trace, World
 from crowdbench.envs.observations import flatten_vehicle
 from crowdbench.runs.replay import traces
 from crowdbench.runs.rollout import Progress
+from crowdbench.runs.rosbag import write_bag
 from crowdbench.runs.socnav import write_trajectory
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.scenario import Scenario
@@ -30,12 +32,14 @@ from crowdbench.scenario.scenario import Scenario
 TRACKS, STEPS = "tracks", "steps.parquet"
 """The folder of the tracks, and the file of the steps."""
 
+TrackFormat = Literal["txt", "socnav", "rosbag2"]
+
 VEHICLE = 0
 """The vehicle's number in the tracks; people are counted from 1."""
 
 
 def export(
-    run: RunResult, scenario: Scenario, folder: Path, progress: Progress | None = None, socnav: bool = False
+    run: RunResult, scenario: Scenario, folder: Path, progress: Progress | None = None, format: TrackFormat = "txt"
 ) -> int:
     """Write the tracks and the steps of all cases of a run.
 
@@ -44,13 +48,13 @@ def export(
         scenario: The scenario that its `result.json` describes, made again.
         folder: Where they are written.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
-        socnav: True for tracks in the format of SocNav3.
+        format: Format of the tracks.
 
     Returns:
         The number of cases.
 
     Raises:
-        InputError: The run has no commands, or a pedestrian policy breaks its contract.
+        InputError: The run has no commands, a pedestrian policy breaks its contract, or an extra is not installed.
     """
     (folder / TRACKS).mkdir()
     cases = 0
@@ -67,7 +71,9 @@ def export(
             cases += len(trace)
             for row, case in enumerate(trace.case.tolist()):
                 path = folder / TRACKS / f"{trace.split}-{case}"
-                if socnav:
+                if format == "rosbag2":
+                    write_bag(trace, row, path)
+                elif format == "socnav":
                     about = (
                         f"crowdbench: {run.label} on {scenario.name}, {trace.split}/{case}; simulated, rated by nobody"
                     )

@@ -28,6 +28,7 @@ TOPICS = {
     "/tf_static": "tf2_msgs/msg/TFMessage",
 }
 
+
 @pytest.fixture(scope="module", autouse=True)
 def _importable():
     sys.path.insert(0, str(FOLDER))
@@ -217,3 +218,12 @@ def test_the_readmes_node_calls_a_planner():
     command = names["command"](0, 0.1, np.zeros(3), np.zeros(2), np.array([8.0, 0.0]), *people)
     assert command.shape == (2,)
     assert 0.1 < np.hypot(*command) <= 1.0 + 1e-9
+
+
+def test_a_run_is_exported_as_bags_that_score_as_the_run(tmp_path, call, trace_of):
+    call("run", "--planner", "orca", "--cases", "val:2", "--out", str(tmp_path / "run"))
+    call("export", str(tmp_path / "run"), "--out", str(tmp_path / "out"), "--format", "rosbag2")
+    bags = [f"out/tracks/val-{case}" for case in range(2)]
+    file = drive_file(tmp_path, bags, '[vehicle]\nodometry = "/odom"\ngoal = [0.0, 4.0]\n')
+    found, _ = trace_of(file)
+    assert found.outcome.tolist() == Episodes.read(tmp_path / "run" / "episodes.csv").outcome.tolist()
