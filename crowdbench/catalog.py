@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -181,7 +182,11 @@ def scenario_path(spec: str) -> Path:
     if spec.endswith(".toml"):
         return Path(spec)
     files = {path.stem: path for path in _scenario_files()}
-    return find_named("scenario", spec, files, ", or give a file: ./mine.toml")
+    stem, _, number = spec.rpartition("_")
+    like = [name for name in files if re.fullmatch(rf"{re.escape(stem)}_\d+", name)]
+    if spec not in files and like and number.isdecimal():
+        raise InputError(f"no scenario is called {spec!r}: give {like[0]} with --set pedestrians.number={number}")
+    return find_named("scenario", spec, files, ".toml")
 
 
 def load_recorded_scenario(

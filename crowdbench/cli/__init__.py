@@ -27,7 +27,7 @@ COMMANDS = {
     "train": ("Run", "train", "train"),
     "merge": ("Run", "run", "merge"),
     "list": ("Look", "listing", "list_"),
-    "view": ("Look", "results", "view"),
+    "view": ("Look", "cases", "view"),
     "render": ("Look", "figures", "render"),
     "plot": ("Look", "figures", "plot"),
     "table": ("Look", "figures", "table"),

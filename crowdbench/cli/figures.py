@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from enum import StrEnum
@@ -15,6 +16,9 @@ from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, floating, format_tables
 
 METRIC = "metric"
+
+OF_A_COLUMN = ("success_rate", "collision_rate", "navigation_time", "jerk")
+"""The metrics of a LaTeX table where none are asked for: they fit a column of a paper."""
 
 
 class Kind(StrEnum):
@@ -30,40 +34,46 @@ def table(
     directories: list[Path],
     columns: str = METRIC,
     metric: list[str] | None = None,
+    all_metrics: bool = False,
+    names: str | None = None,
     caption: str | None = None,
     label: str | None = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Print a table of runs: means with 95 % intervals, a row for each planner.
+    """Print a table of runs of the same cases: means with 95 % intervals, a row for each planner.
 
     Args:
         directories: Directories of runs.
         columns: metric: a column for each metric. scenario, or an option or key such as weights: a column for each
             scenario or value, with one metric in the cells, the best of a column bold, and those marked that cannot be
             told from it.
-        metric: A metric. Repeatable where metrics are columns; else those that most papers have, or success_rate.
+        metric: A metric. Repeatable where metrics are columns; else those that most papers have (in LaTeX, those that
+            fit a column of a paper), or success_rate.
+        all_metrics: Print all metrics, a row for each; the runs are columns.
+        names: What the runs are called, such as "old,new"; else their planners, and versions of one planner their
+            folders.
         caption: With --format latex, the caption of a floating table.
         label: With --format latex, its label.
     """
     from crowdbench.metrics import MAIN
-    from crowdbench.runs.table import PRIVILEGED, RunTable
+    from crowdbench.runs.table import SCENARIO, RunTable
 
     if (caption or label) and format is not Format.LATEX:
         raise InputError("--caption and --label go with --format latex")
-    if columns == METRIC:
-        runs = RunTable.read(directories)
-        grid = runs.grid(metric or MAIN)
-        note = PRIVILEGED if any(run.result["stated"]["privileged"] for run in runs.runs) else ""
-    elif len(metric or []) > 1:
+    if all_metrics and (metric or columns != METRIC):
+        raise InputError("--all-metrics shows all metrics in rows: leave out --metric and --columns")
+    if columns != METRIC and len(metric or []) > 1:
         raise InputError(f"a table with --columns {columns} shows one metric: give --metric once")
+    runs = RunTable.read(directories, SCENARIO if columns == METRIC else columns, names.split(",") if names else [])
+    if all_metrics:
+        grid = runs.all_metrics()
+    elif columns == METRIC:
+        grid = runs.grid(metric or (OF_A_COLUMN if format is Format.LATEX else MAIN))
     else:
-        grid, note = RunTable.read(directories, columns).cross((metric or ["success_rate"])[0])
-    text = format_tables([grid], format)
-    if format is Format.LATEX:
-        text = floating(text, caption, label, note)
-    elif format is Format.MARKDOWN and note:
-        text = f"{text}\n\n{note}"
-    print(text)
+        grid = runs.cross((metric or ["success_rate"])[0])
+    records = [{"cases": str(runs.runs[0].cases), **record} for record in grid.records]
+    text = format_tables([dataclasses.replace(grid, records=records)], format)
+    print(floating(text, caption, label) if caption or label else text)
 
 
 def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Path = Path("figure.pdf")) -> None:
@@ -95,40 +105,43 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
 
 def render(
     what: str,
-    case: Annotated[str, typer.Option()],
+    case: str | None = None,
+    worst: str | None = None,
     strip: Annotated[int | None, typer.Option(min=1, max=12)] = None,
     zoom: Annotated[float | None, typer.Option(min=1.0, max=100.0)] = None,
     out: Path = Path("case.png"),
     data: Path | None = None,
 ) -> None:
-    """Draw a recorded case from above, as a figure or a film, or how a case of a scenario starts. No viewer is needed.
+    """Draw a case of a run from above, as a figure or a film, or how a case of a scenario starts. No viewer is needed.
+
+    A case that was not recorded is simulated again from its commands.
 
     Args:
         what: Directory of a run, an .rrd file, or a scenario: a name, or ./mine.toml.
-        case: The recorded case or, of a scenario, any case: val/37, or a number (of a scenario: of a test case).
+        case: The case: val/37, or its number; else the first failure of a run, or the first test case of a scenario.
+        worst: The case of a run in which this metric, such as minimum_gap, is worst.
         strip: Draw so many moments side by side instead of the whole way.
         zoom: Show so many metres around the vehicle; a film and moments follow it.
         out: A figure (.pdf, .svg or .png) or a film (.gif, or .mp4 with ffmpeg).
     """
-    from crowdbench.cli.results import recording_of
+    from crowdbench.cli.cases import open_case
     from crowdbench.figures import episode
-    from crowdbench.record.cases import find_case
     from crowdbench.scenario.cases import parse_case
 
     if strip is not None and out.suffix in episode.FILMS:
         raise InputError("--strip draws a figure: leave it out, or give a .pdf, .svg or .png file with --out")
     if Path(what).is_dir() or what.endswith(".rrd"):
-        if data is not None:
-            raise InputError("--data is for a scenario: a recording says where everybody walked")
-        recording = recording_of(Path(what))
-        episode.draw_case(recording, find_case(recording, case), out, strip, zoom)
+        with open_case([Path(what)], case, worst, data) as ((recording,), number):
+            if number is None:
+                raise InputError(f"{what} may have several cases: give one of them, --case 37")
+            episode.draw_case(recording, number, out, strip, zoom)
     else:
-        for name, given in (("strip", strip), ("zoom", zoom)):
+        for name, given in (("strip", strip), ("zoom", zoom), ("worst", worst)):
             if given is not None:
-                raise InputError(f"--{name} is for a recorded case: a scenario has its start alone")
+                raise InputError(f"--{name} is for a case of a run: a scenario has its start alone")
         from crowdbench.catalog import load_scenario
 
         scenario = load_scenario(what, data=data)
         scenario.check_data(data)
-        episode.draw_start(scenario, *parse_case(case, "test"), out)
+        episode.draw_start(scenario, *parse_case(case or "0", "test"), out)
     say(f"wrote {out}")

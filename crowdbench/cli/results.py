@@ -1,4 +1,4 @@
-"""The commands that read runs: compare, view, score, export."""
+"""The commands that read runs: compare, score, export."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from crowdbench.cli.cases import load_scenario, recording_of
 from crowdbench.cli.console import announce_compilation, print_table, progress, say
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, Grid, format_tables, plain
@@ -54,77 +55,6 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
             print(f"{scenario}{line}")
 
 
-def view(
-    runs: list[Path],
-    case: str | None = None,
-    worst: str | None = None,
-    time: Annotated[float | None, typer.Option(min=0.0)] = None,
-    screenshot: Path | None = None,
-    web: bool = False,
-) -> None:
-    """Open a recording in the Rerun viewer, or the same case of several.
-
-    Args:
-        runs: Directory of a run, or an .rrd file; several show one case of each, side by side.
-        case: Show only this case: val/37, or its number.
-        worst: Show the recorded case in which this metric, such as jerk, is worst in the (first) run.
-        time: Show this moment of the case first, in seconds, not its end.
-        screenshot: Write a picture of the case to this .png file; no window opens. Where the viewer cannot draw, it is
-            one of `crowdbench render`.
-        web: Open it in a browser.
-    """
-    from crowdbench.record import viewer
-    from crowdbench.record.cases import find_case, recorded_cases
-
-    paths = [recording_of(run) for run in runs]
-    number = None if case is None else find_case(paths[0], case)
-    if worst is not None:
-        if case is not None:
-            raise InputError("--worst chooses the case: leave out --case or --worst")
-        shared = set.intersection(*(set(recorded_cases(path)) for path in paths))
-        number = _worst(runs[0], worst, sorted(shared))
-        print(f"case {number}")
-    try:
-        viewer.view(paths, number, screenshot, seconds=time, web=web)
-    except viewer.NoViewer as error:
-        if screenshot is None or number is None or len(paths) > 1:
-            raise
-        from crowdbench.figures.episode import draw_case
-
-        say(f"crowdbench: {error}. This picture is one of `crowdbench render`")
-        draw_case(paths[0], number, screenshot)
-    if screenshot is not None:
-        say(f"wrote {screenshot}")
-
-
-def _worst(run: Path, metric: str, recorded: list[int]) -> int:
-    """The recorded case of a run with the worst value of a metric.
-
-    Args:
-        run: The directory of the run.
-        metric: The metric's name.
-        recorded: The cases that are recorded.
-
-    Raises:
-        InputError: It is no directory of a run, or has no such metric, or none in a recorded case.
-    """
-    import numpy as np
-
-    from crowdbench.metrics import info_of, no_metric
-    from crowdbench.runs.results import EPISODES, Episodes
-
-    if not run.is_dir():
-        raise InputError(f"--worst needs the directory of a run, whose {EPISODES} has the metrics, not {run}")
-    episodes = Episodes.read(run / EPISODES)
-    if metric not in episodes.columns:
-        raise InputError(f"{run} {no_metric(metric, episodes.columns)}")
-    values = episodes.columns[metric].astype(float) * (-1.0 if info_of(metric).better == "more" else 1.0)
-    values[~np.isin(episodes.case, recorded)] = np.nan
-    if np.isnan(values).all():
-        raise InputError(f"{metric} is not defined in any recorded case of {run}")
-    return int(episodes.case[np.nanargmax(values)])
-
-
 def score(
     recording: Path,
     metric: list[str] | None = None,
@@ -149,7 +79,7 @@ def score(
 
         announce_compilation()
         run = RunResult.read_unchecked(recording)
-        _replay(run, _load_scenario(run, pedestrians, layout, data), load_metrics(metric or []), as_json)
+        _replay(run, load_scenario(run, pedestrians, layout, data), load_metrics(metric or []), as_json)
         return
     for flag, value, recorded in (
         ("--layout", layout, "where everybody started"),
@@ -210,17 +140,6 @@ def _replay(run: RunResult, scenario: Scenario, metrics: Mapping[str, Metric], a
         sys.exit(1)
 
 
-def _load_scenario(run: RunResult, pedestrians: list[str] | None, layout: str | None, data: Path | None) -> Scenario:
-    """Load the scenario of a run, with the files that the run had."""
-    from crowdbench import catalog
-    from crowdbench.runs.result_file import RESULT
-
-    source = str(run.directory / RESULT)
-    scenario = catalog.load_recorded_scenario(run.result["scenario"], source, pedestrians or [], layout, data)
-    scenario.check_data(data)
-    return scenario
-
-
 def export(
     run: Path,
     out: Annotated[Path, typer.Option()],
@@ -253,14 +172,7 @@ def export(
     files.check_free(out, overwrite, STEPS)
     announce_compilation()
     result = RunResult.read(run)
-    scenario = _load_scenario(result, pedestrians, layout, data)
+    scenario = load_scenario(result, pedestrians, layout, data)
     with files.new_directory(out, overwrite, STEPS) as folder, progress(len(result.commands.case)) as report:
         cases = write(result, scenario, folder, report, format)
     print(f"{cases} cases in {out}")
-
-
-def recording_of(path: Path) -> Path:
-    """The recording of a run, given by its directory or by the file itself."""
-    from crowdbench.runs.results import RECORDING
-
-    return path / RECORDING if path.is_dir() else path

@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from crowdbench.runs.run import Run
     from crowdbench.runs.spec import RunSpec
 
-NAMED = 10
-"""How many failed cases are named of each outcome."""
-
 RECORD_HELP = (
     f"What to record: episodes for the viewer (failures: {MOST_FAILURES} at most, fewer in large crowds, and the first "
     f"{FIRST_RECORDED} cases; or all), only the commands, with which `crowdbench score --replay` simulates the cases "
@@ -201,8 +198,9 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         as_json: Whether to print JSON.
         all_metrics: Whether all metrics are printed.
     """
+    from crowdbench.cli.cases import describe_cases
     from crowdbench.runs.result_file import read_result
-    from crowdbench.runs.results import read_estimate
+    from crowdbench.runs.results import EPISODES, Episodes, read_estimate
     from crowdbench.runs.table import metric_grid
 
     result = read_result(directory)
@@ -222,20 +220,9 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         if RECORDED in (policy if isinstance(policy, dict) else [policy]):
             print(UNHEEDED)
     number = result["recorded"]
-    recorded = f"{number} episodes are recorded (crowdbench view shows them)" if number else "no episode is recorded"
+    recorded = f"{number} episodes are recorded" if number else "no episode is recorded"
     print(f"\nKept in {directory}; {recorded}")
-    if number:
-        _print_failures(directory)
-
-
-def _print_failures(directory: Path) -> None:
-    """A line for each way in which episodes failed: in which cases, and how to see the first that is recorded."""
-    from crowdbench.record.cases import recorded_cases
-    from crowdbench.runs.results import EPISODES, RECORDING, Episodes
-
-    recorded = set(recorded_cases(directory / RECORDING))
-    for outcome, cases in Episodes.read(directory / EPISODES).failures.items():
-        which = f"case{'s'[: len(cases) != 1]} {', '.join(map(str, cases[:NAMED]))}{', ...' * (len(cases) > NAMED)}"
-        many = f"{len(cases)} {outcome.replace('_', ' ')}{'s'[: len(cases) != 1]} ({which})"
-        seen = next((f": crowdbench view {directory} --case {case}" for case in cases if case in recorded), "")
-        print(many + seen)
+    if result["stated"]["record"] != "none":
+        # A case that is not recorded is simulated again.
+        for outcome, cases in Episodes.read(directory / EPISODES).failures.items():
+            print(f"{describe_cases(outcome, cases)}: crowdbench view {directory} --case {cases[0]}")

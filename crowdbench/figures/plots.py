@@ -36,8 +36,10 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
     Raises:
         InputError: One of them is not a run, they are too many, or the file cannot be written.
     """
-    runs = RunTable.read(directories).labelled
-    with axes(out) as ax:
+    table = RunTable.read(directories)
+    runs = table.labelled
+    _check_few(len(runs))
+    with axes(out, caption=table.cases) as ax:
         for number, (label, run) in enumerate(runs.items()):
             dt, limit = (float(run.result["scenario"][key]) for key in ("dt", "time_limit"))
             episodes, line = run.episodes, _line(number)
@@ -65,12 +67,10 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
         InputError: One of them is not a run, or has no such metric, or the file cannot be written.
     """
     table = RunTable.read(directories)
-    runs, info = table.labelled, table.infos([metric])[metric]
-    values = [info.factor * run.episodes.columns[metric].astype(float) for run in runs.values()]
-    for label, column in zip(runs, values, strict=True):
-        if not np.isfinite(column).any():
-            raise InputError(f"{metric} is not defined in any case of the run of {label}")
-    with axes(out, height=0.7 + 0.35 * len(runs)) as ax:
+    runs = table.labelled
+    info = info_of(metric, all(metric in run.episodes.rates for run in runs.values()))
+    values = [info.factor * _values(label, run, metric) for label, run in runs.items()]
+    with axes(out, 0.8 + 0.35 * len(runs), table.cases) as ax:
         rows = list(range(len(runs), 0, -1))
         box = {"color": COLOURS[0]}
         ax.boxplot(
@@ -89,7 +89,9 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
             mean = bootstrap(column, np.ones(len(column)), run.episodes.block)
             ends = [[mean.mean - mean.low], [mean.high - mean.mean]]
             ax.errorbar([mean.mean], [row], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
-        ax.set_yticks(rows, [*runs])
+        defined = [int(np.isfinite(column).sum()) for column in values]
+        fewer = [f" [{n}]" if n < len(column) else "" for n, column in zip(defined, values, strict=True)]
+        ax.set_yticks(rows, [label + few for label, few in zip(runs, fewer, strict=True)])
         ax.set(xlabel=info.heading.translate(_POWERS))
         ax.grid(visible=False, axis="y")
 
@@ -105,9 +107,11 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
         InputError: One of them is not a run or has recorded people, or the file cannot be written.
     """
     groups: dict[str, list[RunResult]] = {}
-    for run in RunTable.read(directories).runs:
+    table = RunTable.read(directories)
+    for run in table.runs:
         groups.setdefault(run.label, []).append(run)
-    with axes(out) as ax:
+    _check_few(len(groups))
+    with axes(out, caption=table.cases) as ax:
         from matplotlib.ticker import MaxNLocator
 
         for number, (label, runs) in enumerate(groups.items()):
@@ -140,8 +144,11 @@ def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "suc
         InputError: One of them is not a training or has no such quantity, they are too many, or the file cannot be
             written.
     """
+    from crowdbench.train.training import VALIDATION_CASES
+
     groups = _read_trainings(directories, quantity)
-    with axes(out) as ax:
+    _check_few(len(groups))
+    with axes(out, caption=f"cases {VALIDATION_CASES} of each validation scenario") as ax:
         from matplotlib.ticker import EngFormatter
 
         for number, (label, curves) in enumerate(groups.items()):

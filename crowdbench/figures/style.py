@@ -46,18 +46,21 @@ _STYLE = {
 
 
 @contextlib.contextmanager
-def axes(out: Path, height: float = HEIGHT) -> Iterator[Axes]:
+def axes(out: Path, height: float = HEIGHT, caption: str = "") -> Iterator[Axes]:
     """Axes to draw on. The figure is written when the `with` statement ends without an error.
 
     Args:
         out: The file, whose ending says its format.
         height: In inches.
+        caption: Stands above them, small: the cases of the figure.
 
     Raises:
         InputError: The ending is another one, or the folder does not exist.
     """
     with canvas(out, WIDTH, height) as figure:
-        yield figure.add_subplot()
+        ax = figure.add_subplot()
+        ax.set_title(caption, loc="right", fontsize=6, pad=2)
+        yield ax
 
 
 @contextlib.contextmanager

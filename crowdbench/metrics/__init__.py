@@ -7,7 +7,6 @@ A metric with booleans is a rate. To add a metric, write its function in the mod
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
@@ -80,6 +79,7 @@ from crowdbench.metrics.outcomes import (
     wall_collision_rate,
 )
 from crowdbench.metrics.social import deflection, imposed_delay, imposed_delay_positive, imposed_detour, social_work
+from crowdbench.utils.errors import did_you_mean
 
 SUBJECTS: dict[str, tuple[Metric, ...]] = {
     "end": (success_rate, collision_rate, person_collision_rate, wall_collision_rate, timeout_rate),
@@ -147,6 +147,4 @@ def need_undisturbed(metrics: Mapping[str, Metric]) -> bool:
 
 def no_metric(name: str, known: Collection[str]) -> str:
     """What is said of a run that lacks a metric: which of its metrics may be meant, and all of them."""
-    like = difflib.get_close_matches(name, known, 2)
-    meant = f" (did you mean {' or '.join(like)}?)" if like else ""
-    return f"has no metric {name}{meant}; it has {', '.join(known)}"
+    return f"has no metric {name}{did_you_mean(name, known)}; it has {', '.join(known)}"

@@ -98,7 +98,7 @@ class MetricInfo:
 
     def number(self, value: float) -> str:
         """A value without its unit, such as `99.7`."""
-        return f"{self.factor * value:.{self.places}f}" if math.isfinite(value) else UNDEFINED
+        return f"{self.factor * value:z.{self.places}f}" if math.isfinite(value) else UNDEFINED
 
     def amount(self, value: float) -> str:
         """A value with its unit, such as `99.7 %`."""

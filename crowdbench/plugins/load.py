@@ -90,8 +90,7 @@ class Kind:
             InputError: There is none, or it cannot be loaded.
         """
         file, function = file_and_function(spec)
-        hint = ", or give a file: ./mine.py"
-        source = file or self.built_in().get(spec) or find_named(self.word, spec, self.sources(), hint)
+        source = file or self.built_in().get(spec) or find_named(self.word, spec, self.sources(), ".py")
         if isinstance(source, Path) and (reader := self._reader_of(source)):
             return plugin_name(spec), functools.partial(reader.load(), source)
         if isinstance(source, Path):

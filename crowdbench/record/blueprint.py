@@ -62,8 +62,8 @@ def side_by_side(
 def _panels(*, has_menu: bool, lists: bool) -> list[Any]:
     """Which of the viewer's panels are shown; `lists` is whether there are several recordings to list."""
     return [
-        # "following" opens at the last state, because one wants to see first how an episode ends.
-        rrb.TimePanel(state="collapsed", timeline="time", play_state="following"),
+        # A window plays the episode from its start, a picture shows its end.
+        rrb.TimePanel(state="collapsed", timeline="time", play_state="playing" if has_menu else "following"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TopPanel(state="expanded" if has_menu else "hidden"),
         # The panel that lists the recordings.

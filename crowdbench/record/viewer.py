@@ -61,7 +61,7 @@ def view(
         paths: The recordings.
         case: Number of the only case to show.
         screenshot: Path of a .png file: write a picture of the case instead of opening a window.
-        seconds: The time in the case that is shown first; its end if None.
+        seconds: The time in the case that is shown; None to play it, or for the end of a picture.
         web: Whether to open it in a browser instead of a window.
 
     Raises:
@@ -74,7 +74,7 @@ def view(
     if seconds is not None and (case is None or web):
         raise InputError("--time shows a moment of one case (--case 37), in a window or a picture, not with --web")
     if case is None and len(paths) > 1:
-        raise InputError("several runs are shown side by side in one case: give --case 37 or --worst METRIC")
+        raise InputError("several recordings are shown side by side in one case: give --case 37")
     with tempfile.TemporaryDirectory() as folder:
         file = paths[0].resolve()
         if case is None:
@@ -139,7 +139,7 @@ def show(file: Path, seconds: float | None = None, *, web: bool = False) -> None
 
     Args:
         file: The recording.
-        seconds: The time in the episode that a window shows first; its end if None.
+        seconds: The time in the episode that a window shows; None to play it.
         web: Whether it opens in a browser instead of a window.
 
     Raises:
@@ -230,7 +230,7 @@ def _connected(options: list[str], file: Path, end: float) -> Iterator[tuple[sub
 
 
 def _command(port: str, options: list[str], file: Path) -> list[str]:
-    return [sys.executable, "-m", "rerun_cli", "--port", port, *options, str(file)]
+    return [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", "--port", port, *options, str(file)]
 
 
 def _failed(file: Path) -> NoViewer:

@@ -15,6 +15,7 @@ from crowdbench.metrics import MAIN, info_of
 from crowdbench.runs.paired import MetricDifference, Paired, compare_metric, holm
 from crowdbench.runs.results import EPISODES
 from crowdbench.runs.store import RunResult
+from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid, flatten, markdown
 
@@ -29,7 +30,8 @@ class Comparison:
     Attributes:
         scenario: The name of the scenario, or `POOLED_SCENARIOS`.
         names: What the runs A and B are called.
-        cases: The number of cases that both have driven. Rates, and means that count failures, are over these.
+        shared: The cases that both have driven, such as `test:0:500`.
+        cases: The number of them. Rates, and means that count failures, are over these.
         both_solved: The number of cases that both have solved. Other means are over these.
         rows: The metrics, by name.
         changed: Case, outcome in A and outcome in B, of every case in which the outcomes differ; None for several
@@ -39,6 +41,7 @@ class Comparison:
 
     scenario: str
     names: tuple[str, str]
+    shared: str
     cases: int
     both_solved: int
     rows: dict[str, MetricDifference]
@@ -76,7 +79,7 @@ def compare(a: Path, b: Path) -> Comparison:
     Raises:
         InputError: One of them is not as its run wrote it, they are not runs of the same scenario, or share no case.
     """
-    return compare_results(RunResult.read(a), RunResult.read(b))
+    return compare_results(*(RunResult.read(run, tables_only=True) for run in (a, b)))
 
 
 def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
@@ -94,7 +97,7 @@ def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
         InputError: As `compare` raises it; or, where there are several scenarios, a planner has no run in one of them,
             or two.
     """
-    runs = list(map(RunResult.read, (reference, *others)))
+    runs = [RunResult.read(run, tables_only=True) for run in (reference, *others)]
     if len(runs) == 2 or len(set(map(_scenario, runs))) == 1:
         return correct([compare_results(runs[0], run) for run in runs[1:]])
     by_scenario = _group(runs)
@@ -104,7 +107,8 @@ def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
     for of_planner in planners:
         strata = list(map(_pair, first, of_planner))
         names = first[0].label, of_planner[0].label
-        pooled.append(_summarize(POOLED_SCENARIOS.format(len(strata)), names, strata, []))
+        cases = ", ".join(dict.fromkeys(map(_shared, first, of_planner)))
+        pooled.append(_summarize(POOLED_SCENARIOS.format(len(strata)), names, cases, strata, []))
     return [*correct(single), *correct(pooled)]
 
 
@@ -127,11 +131,11 @@ def comparison_grid(comparisons: Sequence[Comparison], metrics: Sequence[str] = 
     a, b = first.names if single else (first.names[0], "the run")
     if single:
         labels = []
-        title = f"{a} and {b}: {first.cases} shared cases, {first.both_solved} solved by both"
+        title = f"{a} and {b}: {first.cases} shared cases ({first.shared}), {first.both_solved} solved by both"
     else:
         labels = ["scenario", "run"] if len({comparison.scenario for comparison in comparisons}) > 1 else ["run"]
-        cases = ", ".join(dict.fromkeys(str(comparison.cases) for comparison in comparisons))
-        title = f"Compared with {a}: {cases} shared cases"
+        cases = ", ".join(dict.fromkeys(f"{comparison.cases} ({comparison.shared})" for comparison in comparisons))
+        title = f"Compared with {a}; shared cases: {cases}"
     rows, records = [], []
     for name, comparison in itertools.product(metrics or chosen, comparisons):
         row, info = comparison.rows[name], info_of(name, first.rows[name].p is not None)
@@ -187,14 +191,24 @@ def _pair(a: RunResult, b: RunResult) -> Paired:
     return Paired(a.episodes.take(rows[0]), b.episodes.take(rows[1]))
 
 
+def _shared(a: RunResult, b: RunResult) -> str:
+    """Return the cases that two runs of the same split share."""
+    return str(Cases(a.cases.split, max(a.cases.start, b.cases.start), min(a.cases.stop, b.cases.stop)))
+
+
 def compare_results(a: RunResult, b: RunResult, metrics: Sequence[str] = ()) -> Comparison:
     """Compare two runs in metrics, all where none are named. Raises InputError as `compare` does."""
     names = (a.label, b.label) if a.label != b.label else (str(a.directory), str(b.directory))
-    return _summarize(a.result["scenario"]["name"], names, [_pair(a, b)], _warnings((a, b)), metrics)
+    return _summarize(a.result["scenario"]["name"], names, _shared(a, b), [_pair(a, b)], _warnings((a, b)), metrics)
 
 
 def _summarize(
-    scenario: str, names: tuple[str, str], strata: Sequence[Paired], warnings: list[str], chosen: Sequence[str] = ()
+    scenario: str,
+    names: tuple[str, str],
+    shared: str,
+    strata: Sequence[Paired],
+    warnings: list[str],
+    chosen: Sequence[str] = (),
 ) -> Comparison:
     """Compare two planners in scenarios, the strata, by the chosen metrics or by all."""
     first, tables = strata[0], [table.columns for pair in strata for table in (pair.a, pair.b)]
@@ -206,6 +220,7 @@ def _summarize(
     return Comparison(
         scenario=scenario,
         names=names,
+        shared=shared,
         cases=sum(len(pair.a) for pair in strata),
         both_solved=sum(int(pair.solved.sum()) for pair in strata),
         rows={name: compare_metric(name, strata) for name in metrics},

@@ -96,12 +96,10 @@ def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> in
         return 0
     from crowdbench.record.write import Recorder
 
-    scenario, number = parts[0].result["scenario"], 0
+    number = 0
     # Recorded crowds have no number, and are not that many.
-    most = most_failures(scenario["pedestrians"].get("number", [0, 0])[1])
-    digest_of_scenario = parts[0].result["run"]["scenario"]
-    header = {"planner": parts[0].label, "scenario": scenario["name"], "scenario_digest": digest_of_scenario}
-    with Recorder(path, **header, cases=len(cases)) as recorder:
+    most = most_failures(parts[0].result["scenario"]["pedestrians"].get("number", [0, 0])[1])
+    with Recorder(path, **parts[0].header | {"cases": len(cases)}) as recorder:
         for part in recorded:
             if number < most or part.result["stated"].get("record") == "all":
                 number += recorder.copy(part.directory / RECORDING)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -176,6 +177,30 @@ def traces(
             command[~possible[chosen]] = 0.0  # the driver would end the replay at them
             driver = Driver(Playback(command), "of the replay")
             yield rollout(driver, scenario, part, undisturbed=undisturbed, progress=progress, watch=watch)
+
+
+def record_case(run: RunResult, scenario: Scenario, case: int, path: Path) -> None:
+    """Simulate a case of a run again from its commands, and write a recording of it.
+
+    Args:
+        run: The run.
+        scenario: The scenario that its `result.json` describes, made again.
+        case: The number of the case.
+        path: The recording to write.
+
+    Raises:
+        InputError: The run has no commands of the case, or the case ends in another way than in the run.
+    """
+    from crowdbench.record.write import Recorder
+
+    (trace,) = traces(run, scenario, [case])
+    episode = run.episodes.take(np.flatnonzero(run.episodes.case == case))
+    if (trace.outcome[0], trace.steps[0]) != (episode.outcome[0], episode.steps[0]):
+        raise InputError(
+            f"case {case} of {run.directory} ends in another way when it is simulated again: make it again"
+        )
+    with Recorder(path, **run.header) as recorder:
+        recorder.add(trace, np.array([0]), episode.columns)
 
 
 def _possible(recorded: Commands, scenario: Scenario) -> Bool[np.ndarray, "case"]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -69,8 +69,9 @@ def read_result(directory: Path) -> dict[str, Any]:
     try:
         result = files.read_json(path)
     except OSError as error:
+        inside = f"; give those in it: {directory}/*" if any(directory.glob(f"*/{RESULT}")) else ""
         raise InputError(
-            f"{directory} is not the directory of a run: {path} cannot be read ({error.strerror})"
+            f"{directory} is not the directory of a run: {path} cannot be read ({error.strerror}){inside}"
         ) from None
     check_record(_Result, result, path, "result", FORMAT)
     if elsewhere := [name for name in result["files"] if Path(name).name != name]:
@@ -82,12 +83,13 @@ def read_result(directory: Path) -> dict[str, Any]:
     return result
 
 
-def check_result(directory: Path, needed: Iterable[str] = ()) -> dict[str, Any]:
+def check_result(directory: Path, needed: Collection[str] = (), only: bool = False) -> dict[str, Any]:
     """Read `result.json`, and check that it is whole and that the files of the run are those that it wrote.
 
     Args:
         directory: The directory of the run.
         needed: The files that will be read: `result.json` must list them.
+        only: True where no other file is checked: others may be missing.
 
     Returns:
         The contents of `result.json`.
@@ -105,6 +107,8 @@ def check_result(directory: Path, needed: Iterable[str] = ()) -> dict[str, Any]:
         if name not in digests and (directory / name).exists():
             raise InputError(f"{directory / name} is not a file of this run: {RESULT} does not list it; remove it")
     for name, expected in digests.items():
+        if only and name not in needed:
+            continue
         try:
             actual = files.sha256(directory / name)
         except OSError as error:

@@ -81,13 +81,17 @@ class RunResult:
     broken: str = ""
 
     @classmethod
-    def read(cls, directory: Path) -> RunResult:
+    def read(cls, directory: Path, tables_only: bool = False) -> RunResult:
         """Read a run and check it.
+
+        Args:
+            directory: Its directory.
+            tables_only: Whether to check `result.json` and `episodes.csv` alone; other files may be missing.
 
         Raises:
             InputError: A file is missing, cannot be read, is not the one that the run wrote, or contradicts another.
         """
-        result = check_result(directory, (EPISODES,))
+        result = check_result(directory, (EPISODES,), tables_only)
         episodes = Episodes.read(directory / EPISODES)
         if differences := _contradictions(result, episodes):
             raise InputError(f"{directory / EPISODES} and {RESULT} differ in {differences[0]}; make the run again")
@@ -114,6 +118,12 @@ class RunResult:
     def label(self) -> str:
         """The planner's name with its settings, as shown to people."""
         return result_label(self.result)
+
+    @property
+    def header(self) -> dict[str, Any]:
+        """What a recording says of the run that it is from, see `record.write.Recorder`."""
+        names = {"planner": self.label, "scenario": self.result["scenario"]["name"], "cases": len(self.cases)}
+        return names | {"scenario_digest": self.result["run"]["scenario"]}
 
     @functools.cached_property
     def commands(self) -> Commands:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -20,6 +20,8 @@ from crowdbench.utils.tables import Grid
 SCENARIO = "scenario"
 
 NOTE = "Bold: the best of a column. †: not distinguishable from it, paired by case ({test})."
+BEST = "best"
+FEWER = "[n]: a mean over n cases only, those in which it is defined."
 RATES = "p ≥ 0.05 by McNemar's exact test, corrected for the runs of the column by Holm's method"
 MEANS = "the 95 % interval of the difference, over the cases that both solve or over all, holds 0"
 
@@ -31,7 +33,7 @@ PRIVILEGED = (
 
 @dataclass(frozen=True)
 class RunTable:
-    """Runs by column and planner. Runs in the same column have the same scenario and cases.
+    """Runs of the same cases, by column and planner. Runs in the same column have the same scenario.
 
     Attributes:
         columns: The runs by planner of each scenario, or of each value of an option of the planner or key of the
@@ -41,33 +43,43 @@ class RunTable:
     columns: Mapping[str, Mapping[str, RunResult]]
 
     @classmethod
-    def read(cls, directories: Sequence[Path], columns: str = SCENARIO) -> RunTable:
+    def read(cls, directories: Sequence[Path], columns: str = SCENARIO, names: Sequence[str] = ()) -> RunTable:
         """Read runs.
 
         Args:
             directories: Their directories.
             columns: `scenario`, or the name of an option of the planner or of a key of the scenario.
+            names: What the runs are called; none for their planners, and for the folders of versions of one planner.
 
         Raises:
-            InputError: A directory is not a run, was made without the option, or is in the same place as another; or
-                runs in the same column have different scenarios or cases.
+            InputError: A directory is not a run, was made without the option, or is in the same place as another; runs
+                have different cases, or runs in the same column different scenarios; or names are missing.
         """
         table: dict[str, dict[str, RunResult]] = {}
-        for run in map(RunResult.read, directories):
-            row, column = _row_and_column(run, columns)
-            runs = table.setdefault(column, {})
-            if row in runs:
-                both = f"{run.directory} and {runs[row].directory}"
-                raise InputError(f"{both} are both of {row} and {column}: leave one of them out")
-            runs[row] = run
-            first = next(iter(runs.values()))
-            check_comparable(first, run)
-            if first.cases != run.cases:
+        runs = [RunResult.read(directory, tables_only=True) for directory in directories]
+        places = [_row_and_column(run, columns) for run in runs]
+        if names and len(names) != len(runs):
+            raise InputError(f"there are {len(names)} names of {len(runs)} runs: give one for each, in the same order")
+        rows = names or _row_names(runs, places)
+        for run, row, (_, column) in zip(runs, rows, places, strict=True):
+            if run.cases != runs[0].cases:
                 raise InputError(
-                    f"{first.directory} has the cases {first.cases} and {run.directory} has {run.cases}: "
-                    "make both runs with the same cases"
+                    f"{runs[0].directory} has the cases {runs[0].cases} and {run.directory} has {run.cases}: "
+                    "make all runs with the same cases"
                 )
+            of_column = table.setdefault(column, {})
+            if row in of_column:
+                both = f"{run.directory} and {of_column[row].directory}"
+                raise InputError(f"{both} are both of {row} and {column}: leave one of them out")
+            of_column[row] = run
+            check_comparable(next(iter(of_column.values())), run)
         return cls(table)
+
+    @property
+    def cases(self) -> str:
+        """The cases of every run, and how many they are."""
+        run = self.runs[0]
+        return f"cases {run.cases}, n = {len(run.episodes)}"
 
     @property
     def runs(self) -> list[RunResult]:
@@ -106,27 +118,54 @@ class RunTable:
         for scenario, runs in self.columns.items():
             for planner, run in runs.items():
                 labels = {SCENARIO: scenario} if len(self.columns) > 1 else {}
-                labels["planner"] = f"{planner} *" if run.result["stated"]["privileged"] else planner
+                labels["planner"] = _starred(planner, run)
                 records.append({**labels, **estimates(run, infos, solved)})
-        return estimate_grid(" and ".join(self.columns), records, infos)
+        grid = estimate_grid(" and ".join(self.columns), records, infos, cases=len(self.runs[0].episodes))
+        return self._with_note(grid)
 
-    def cross(self, metric: str) -> tuple[Grid, str]:
-        """Return one metric with a row for each planner, and what its marks mean. Raises InputError as `grid` does."""
-        info = self.infos([metric])[metric]
+    def all_metrics(self) -> Grid:
+        """Return a row for each metric that all runs have, and a column for each run."""
+        shared = [
+            name for name in self.runs[0].episodes.columns if all(name in run.episodes.columns for run in self.runs)
+        ]
+        infos, labels = self.infos(shared), [*self.labelled]
+        columns = [estimates(run, infos) for run in self.labelled.values()]
+        grid = estimate_grid("all metrics", columns, infos, cases=len(self.runs[0].episodes))
+        records = [
+            {"metric": name, **{label: column[name] for label, column in zip(labels, columns, strict=True)}}
+            for name in infos
+        ]
+        rows = list(zip(grid.header, *grid.rows, strict=True))
+        return self._with_note(Grid(grid.title, ["metric", *labels], rows, records))
+
+    def cross(self, metric: str) -> Grid:
+        """Return one metric with a row for each planner. Raises InputError as `grid` does."""
+        info, cases = self.infos([metric])[metric], len(self.runs[0].episodes)
         records: dict[str, dict[str, Any]] = {}
         cells: dict[str, dict[str, str]] = {}
         for column, runs in self.columns.items():
             means = {planner: estimates(run, {metric: info})[metric] for planner, run in runs.items()}
             marks = _mark(runs, means, metric, info)
             for planner, mean in means.items():
-                records.setdefault(planner, {"planner": planner})[column] = mean
-                cells.setdefault(planner, {})[column] = _cell(mean, marks.get(planner, ""), info)
+                row = _starred(planner, runs[planner])
+                records.setdefault(row, {"planner": row})[column] = mean
+                cells.setdefault(row, {})[column] = _cell(info, mean, cases, marks.get(planner, ""))
         rows = [
             [planner, *(row.get(column, info.estimate(UNDEFINED)) for column in self.columns)]
             for planner, row in cells.items()
         ]
-        note = NOTE.format(test=RATES if all(metric in run.episodes.rates for run in self.runs) else MEANS)
-        return Grid(info.heading, [info.heading, *self.columns], rows, list(records.values())), note
+        marked = NOTE.format(test=RATES if all(metric in run.episodes.rates for run in self.runs) else MEANS)
+        return self._with_note(Grid(info.heading, [info.heading, *self.columns], rows, list(records.values())), marked)
+
+    def _with_note(self, grid: Grid, marks: str = "") -> Grid:
+        """Return a table with a note on its cases, and on the marks of its cells."""
+        notes = {
+            f"{self.cases.capitalize()}.": True,
+            marks: bool(marks),
+            FEWER: any(" [" in cell for row in grid.rows for cell in row),
+            PRIVILEGED: any(run.result["stated"]["privileged"] for run in self.runs),
+        }
+        return replace(grid, note=" ".join(note for note, applies in notes.items() if applies))
 
 
 def estimates(run: RunResult, infos: Mapping[str, MetricInfo], solved: bool = False) -> dict[str, Estimate]:
@@ -138,7 +177,11 @@ def estimates(run: RunResult, infos: Mapping[str, MetricInfo], solved: bool = Fa
 
 
 def estimate_grid(
-    title: str, records: Sequence[Mapping[str, Any]], infos: Mapping[str, MetricInfo], brief: Collection[str] = ()
+    title: str,
+    records: Sequence[Mapping[str, Any]],
+    infos: Mapping[str, MetricInfo],
+    brief: Collection[str] = (),
+    cases: int = 0,
 ) -> Grid:
     """Return a table of estimates.
 
@@ -148,11 +191,12 @@ def estimate_grid(
             missing is undefined.
         infos: The descriptions of the metrics in the columns.
         brief: Metrics without their intervals.
+        cases: Cases of each row: estimates over fewer are marked.
     """
     labels = [name for name, value in records[0].items() if isinstance(value, str)]
 
     def cell(name: str, estimate: Estimate) -> str:
-        return infos[name].number(estimate.mean) if name in brief else infos[name].estimate(estimate)
+        return infos[name].number(estimate.mean) if name in brief else _cell(infos[name], estimate, cases)
 
     rows = [
         [*(record[label] for label in labels), *(cell(name, record.get(name, UNDEFINED)) for name in infos)]
@@ -189,6 +233,23 @@ def metric_grid(
     return Grid(title, ("metric", "mean", "95 % interval", "max", "n"), rows, align="lrlrr")
 
 
+def _row_names(runs: Sequence[RunResult], places: Sequence[tuple[str, str]]) -> list[str]:
+    """Return the rows of runs: their planners, or the runs' folders where a planner has versions in the same column."""
+    ids: dict[tuple[str, str], set[str]] = {}
+    for run, place in zip(runs, places, strict=True):
+        ids.setdefault(place, set()).add(run.result["id"])
+    versions = {planner for (planner, _), different in ids.items() if len(different) > 1}
+    folders = [run.directory.resolve().name for run in runs]
+    if len(set(folders)) < len(folders):
+        folders = [str(run.directory) for run in runs]
+    return [folder if row in versions else row for folder, (row, _) in zip(folders, places, strict=True)]
+
+
+def _starred(planner: str, run: RunResult) -> str:
+    """Return what a planner is called, with an asterisk where it is privileged."""
+    return f"{planner} *" if run.result["stated"]["privileged"] else planner
+
+
 def _row_and_column(run: RunResult, columns: str) -> tuple[str, str]:
     """The row and the column of a run. Raises InputError where it has no such option or key."""
     planner, overrides = run.result["run"]["planner"], run.result["stated"]["overrides"]
@@ -204,20 +265,23 @@ def _row_and_column(run: RunResult, columns: str) -> tuple[str, str]:
 def _mark(
     runs: Mapping[str, RunResult], means: Mapping[str, Estimate], metric: str, info: MetricInfo
 ) -> dict[str, str]:
-    """`best` for the best run of a column, and † for those that cannot be told from it."""
+    """`BEST` for the best runs of a column, which show the same mean, and † for those that cannot be told from it."""
     known = {planner: info.sign * mean.mean for planner, mean in means.items() if not math.isnan(mean.mean)}
     if len(known) < 2 or not info.sign:
         return {}
     best = max(known, key=lambda planner: known[planner])
-    others = [planner for planner in known if planner != best]
+    shown = info.number(means[best].mean)
+    marks = {planner: BEST for planner in known if info.number(means[planner].mean) == shown}
+    others = [planner for planner in known if planner not in marks]
     comparisons = correct([compare_results(runs[best], runs[planner], [metric]) for planner in others])
-    marks = {best: "best"}
     for planner, row in zip(others, (comparison.rows[metric] for comparison in comparisons), strict=True):
         if row.difference.low <= 0.0 <= row.difference.high if row.corrected is None else row.corrected >= 0.05:
             marks[planner] = "†"
     return marks
 
 
-def _cell(estimate: Estimate, mark: str, info: MetricInfo) -> str:
+def _cell(info: MetricInfo, estimate: Estimate, cases: int, mark: str = "") -> str:
+    """Return an estimate with its mark, and with the number of its cases in brackets where they are fewer."""
     mean, *interval = info.estimate(estimate).split(" ", 1)
-    return " ".join([f"**{mean}**" if mark == "best" else mean + mark, *interval])
+    fewer = [f"[{estimate.n}]"] if 0 < estimate.n < cases else []
+    return " ".join([f"**{mean}**" if mark == BEST else mean + mark, *interval, *fewer])

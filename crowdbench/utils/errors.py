@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import math
 import os
 import signal
 import sysconfig
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -153,15 +154,33 @@ def require_not_negative(name: str, value: object) -> None:
     require(name, value, is_number(value) and 0.0 <= value < math.inf, "a number, 0 or more")  # type: ignore[operator]
 
 
-def find_named(kind: str, name: str, known: Mapping[str, Item], hint: str = "") -> Item:
+def find_named(kind: str, name: str, known: Mapping[str, Item], suffix: str = "") -> Item:
     """Return the item that has a name. Raises InputError, which tells their names, where none has it.
 
     Args:
         kind: What each of them is, such as `planner`.
         name: The name.
         known: The items by their names.
-        hint: How the sentence ends, such as `, or give a file: ./mine.py`.
+        suffix: Suffix of the files in which users define others, such as `.py`; empty if they cannot.
     """
     if name not in known:
-        raise InputError(f"no {kind} is called {name!r}; there are {', '.join(known)}{hint}")
+        hint = f", or give a file: ./mine{suffix}" if suffix else ""
+        files = [f"./{name}{suffix}"] if suffix and os.path.isfile(name + suffix) else []
+        raise InputError(
+            f"no {kind} is called {name!r}{did_you_mean(name, known, files)}; there are {', '.join(known)}{hint}"
+        )
     return known[name]
+
+
+def did_you_mean(name: str, known: Iterable[str], files: Sequence[str] = ()) -> str:
+    """Return ` (did you mean A or B?)` with names that are like a name, or have it as a word; empty without any.
+
+    Args:
+        name: The name.
+        known: The names that there are.
+        files: Files of that name, which come first.
+    """
+    names = list(known)
+    close = difflib.get_close_matches(name, names, 2) or [other for other in names if name in other.split("_")]
+    meant = " or ".join([*files, *close][:2])
+    return f" (did you mean {meant}?)" if meant else ""

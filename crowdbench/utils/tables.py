@@ -33,6 +33,7 @@ class Grid:
         rows: Its cells, as people read them.
         records: What is in each row, as programs read it: dataclasses, or values by name.
         align: How each column is aligned: `l` for left, `r` for right.
+        note: What stands below it, in Markdown.
     """
 
     title: str
@@ -40,6 +41,7 @@ class Grid:
     rows: Sequence[Sequence[str]]
     records: Sequence[Any] = ()
     align: str = ""
+    note: str = ""
 
 
 def printed_by(command: str) -> str:
@@ -50,7 +52,8 @@ def printed_by(command: str) -> str:
 def format_tables(grids: Sequence[Grid], kind: Format) -> str:
     """Return tables as a text.
 
-    In Markdown and LaTeX the titles stand above the tables where there are several, in CSV in the first column.
+    In Markdown and LaTeX the titles stand above the tables where there are several, in CSV in the first column. LaTeX
+    needs the package booktabs; intervals are indices, so that some metrics fit a column of a paper.
     """
     if kind is Format.JSON:
         records = {grid.title: plain(list(grid.records)) for grid in grids}
@@ -60,7 +63,7 @@ def format_tables(grids: Sequence[Grid], kind: Format) -> str:
         pairs = zip(titles, grids, strict=True)
         return _csv([{**title, **flatten(plain(record))} for title, grid in pairs for record in grid.records])
     title = "### " if kind is Format.MARKDOWN else "% "
-    texts = [markdown(grid.header, grid.rows) if kind is Format.MARKDOWN else _latex(grid) for grid in grids]
+    texts = [_with_note(grid) if kind is Format.MARKDOWN else _latex(grid) for grid in grids]
     if len(grids) == 1:
         return texts[0]
     return "\n\n".join(f"{title}{grid.title}\n\n{text}" for grid, text in zip(grids, texts, strict=True))
@@ -88,34 +91,33 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def floating(tabular: str, caption: str | None, label: str | None, note: str) -> str:
-    """Return a LaTeX table with a note below it, in a floating environment where it has a caption or a label.
+def _with_note(grid: Grid) -> str:
+    """Return a table in Markdown with its note."""
+    return "\n\n".join([markdown(grid.header, grid.rows), *([grid.note] if grid.note else [])])
 
-    Args:
-        tabular: The table.
-        caption: Its caption, as LaTeX.
-        label: Its label.
-        note: What stands below it, as text.
-    """
-    lines = [tabular, rf"\\[1ex] \footnotesize {_escaped(note)}"] if note else [tabular]
-    if not (caption or label):
-        return "\n".join(lines)
+
+def floating(table: str, caption: str | None, label: str | None) -> str:
+    """Return a LaTeX table in a floating environment with a caption and a label, both as LaTeX."""
     head = [rf"\caption{{{caption}}}"] if caption else []
     head += [rf"\label{{{label}}}"] if label else []
-    return "\n".join([r"\begin{table}", r"\centering", *head, *lines, r"\end{table}"])
+    return "\n".join([r"\begin{table}", r"\centering", *head, table, r"\end{table}"])
 
 
 def _latex(grid: Grid) -> str:
-    """Return a table with the rules of the package booktabs."""
-    header, *rows = (" & ".join(map(_escaped, cells)) + r" \\" for cells in (grid.header, *grid.rows))
+    """Return a table with the rules of the package booktabs, and its note below, in a group of smaller type."""
     align = grid.align or "l".ljust(len(grid.header), "r")
-    lines = [rf"\begin{{tabular}}{{{align}}}", r"\toprule", header, r"\midrule", *rows]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
+    heads, *rows = ([*map(_escaped, cells)] for cells in (grid.header, *grid.rows))
+    heads = [rf"\shortstack{{{cell}}}".replace(", ", r"\\") if ", " in cell else cell for cell in heads]
+    top, *below = (" & ".join(cells) + r" \\" for cells in (heads, *rows))
+    lines = [rf"\begin{{tabular}}{{{align}}}", r"\toprule", top, r"\midrule", *below, r"\bottomrule", r"\end{tabular}"]
+    note = [rf"\\[1ex] Indices: 95 \% interval. {_escaped(grid.note)}"] if grid.note else []
+    return "\n".join([r"{\footnotesize\setlength{\tabcolsep}{3pt}", *lines, *note, r"\par}"])
 
 
 def _escaped(text: str) -> str:
-    """Return a text as LaTeX writes it."""
-    plain = re.sub(r"\^(\d)", r"$^\1$", re.sub(r"([%&_#{}])", r"\\\1", text))
+    """Return a text as LaTeX writes it: the interval of an estimate as indices, and what is bold in Markdown bold."""
+    plain = re.sub(r"\^(\d)", r"$^\1$", re.sub(r"([%&_#{}])", r"\\\1", text.replace(r"\*", "*")))
+    plain = re.sub(r" \((-?[\d.]+) to (-?[\d.]+)\)", r"$_{\1}^{\2}$", plain)
     return re.sub(r"\*\*(.+?)\*\*", r"\\textbf{\1}", plain).replace("†", r"$^\dagger$").replace("≥", r"$\geq$")
 
 
