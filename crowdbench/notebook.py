@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import tempfile
 from collections.abc import Mapping
@@ -25,6 +26,8 @@ from crowdbench.runs.table import metric_grid
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.defaults import RECORD
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.progress import announce_compilation
+from crowdbench.utils.progress import progress as show_progress
 from crowdbench.utils.tables import markdown
 
 if TYPE_CHECKING:
@@ -160,7 +163,7 @@ def run(
         record: Which episodes the viewer can show of a run that is kept, one of `defaults.RECORD`.
         overwrite: Whether an earlier run in `out` is replaced.
         progress: Called after each step with what it added to the episodes, in parts of an episode, such as
-            `tqdm(total=500, unit_scale=True).update`.
+            `tqdm(total=500, unit_scale=True).update`; None to show a line of progress every few seconds.
 
     Returns:
         What was measured.
@@ -186,15 +189,17 @@ def run(
         record=record if out is not None else "none",
         data=Path(data).absolute() if data is not None else None,
     )
+    announce_compilation()
     loaded = load_run(spec, None if isinstance(planner, str) else planner, key=key)
     if metrics:
         identity = dataclasses.replace(loaded.planner, key=loaded.planner.key or key or new_key())
         loaded = dataclasses.replace(loaded, metrics={**loaded.metrics, **metrics}, planner=identity)
     loaded.scenario.check_data(spec.data)
-    if out is not None:
-        if not make_run(loaded, Path(out), overwrite=overwrite, progress=progress):
-            raise InputError(f"another process is making the run {out}: try again when it has ended")
-        return Result.read(out)
-    with tempfile.TemporaryDirectory() as folder:
-        make_run(loaded, Path(folder) / "run", progress=progress)
+    shown = contextlib.nullcontext(progress) if progress else show_progress(len(spec.cases))
+    with tempfile.TemporaryDirectory() as folder, shown as report:
+        if out is not None:
+            if not make_run(loaded, Path(out), overwrite=overwrite, progress=report):
+                raise InputError(f"another process is making the run {out}: try again when it has ended")
+            return Result.read(out)
+        make_run(loaded, Path(folder) / "run", progress=report)
         return dataclasses.replace(Result.read(Path(folder) / "run"), directory=None)

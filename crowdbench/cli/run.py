@@ -121,9 +121,8 @@ def make_one_run(
         The run and its directory.
     """
     from crowdbench.runs.load import open_run
-    from crowdbench.runs.shards import Parts, Shard, make_run
+    from crowdbench.runs.shards import Parts, Shard, check_out, make_run
     from crowdbench.runs.spec import directory_name
-    from crowdbench.utils.files import check_free
 
     share = Shard.parse(shard)
     with exit_on_interrupt(), open_run(spec) as run, progress(len(spec.cases)) as report:
@@ -135,7 +134,7 @@ def make_one_run(
         if cpus is not None:
             from crowdbench.runs.on_ray import make_parts
 
-            check_free(directory, overwrite)
+            check_out(run, directory, overwrite)
             make_parts([Parts.of(run, directory, share)], cpus=cpus, progress=report)
         if make_run(run, directory, shard=share, overwrite=overwrite, progress=None if cpus else report):
             return run, directory

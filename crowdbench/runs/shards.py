@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 from filelock import Timeout
 
 from crowdbench.runs.merge import merge
-from crowdbench.runs.result_file import RESULT, check_result
+from crowdbench.runs.result_file import RESULT, check_result, read_result
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
@@ -216,7 +216,7 @@ def make_run(
         InputError: The directory is taken, or as `Run.drive` raises it.
         KeyboardInterrupt: Somebody interrupted it. The parts that are finished are kept.
     """
-    check_free(out, overwrite)
+    check_out(run, out, overwrite)
     parts = Parts.of(run, out, shard)
     drive = drive or functools.partial(run.drive, progress=progress)
     with parts.open():
@@ -224,6 +224,19 @@ def make_run(
             if not parts.make(part, drive) and progress is not None:
                 progress(len(part))
         return parts.merge(overwrite)
+
+
+def check_out(run: Run, out: Path, overwrite: bool) -> None:
+    """Raise NotWritten where the directory of a run is taken; say which of the planner's files was edited since."""
+    try:
+        check_free(out, overwrite)
+    except NotWritten as error:
+        with contextlib.suppress(InputError):
+            before = read_result(out)["run"]["planner"]["files"].get("planner", {})
+            for name, digest in run.planner.files.get("planner", {}).items():
+                if before.get(name, digest) != digest:
+                    error.add_note(f"{name} was edited since that run")
+        raise
 
 
 def _name(part: Cases) -> str:
