@@ -71,7 +71,7 @@ def table(
         grid = runs.grid(metric or (OF_A_COLUMN if format is Format.LATEX else MAIN))
     else:
         grid = runs.cross((metric or ["success_rate"])[0])
-    records = [{"cases": str(runs.runs[0].cases), **record} for record in grid.records]
+    records = [{**record, "cases": str(runs.runs[0].cases)} for record in grid.records]
     text = format_tables([dataclasses.replace(grid, records=records)], format)
     print(floating(text, caption, label) if caption or label else text)
 

@@ -79,7 +79,7 @@ def compare(a: Path, b: Path) -> Comparison:
     Raises:
         InputError: One of them is not as its run wrote it, they are not runs of the same scenario, or share no case.
     """
-    return compare_results(*(RunResult.read(run, tables_only=True) for run in (a, b)))
+    return compare_results(RunResult.read(a, tables_only=True), RunResult.read(b, tables_only=True))
 
 
 def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:

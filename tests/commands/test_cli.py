@@ -173,7 +173,7 @@ def test_a_run_that_replans_seldom_says_so_everywhere(call, tmp_path):
         json.loads((tmp_path / run / "result.json").read_text())["run"]["replanning"].get("look_first") for run in runs
     ] == [None, 8]
     title = call("compare", *runs).stdout.splitlines()[0]
-    assert title == "mine and mine (replan_every=8, look_first=8): 3 shared cases, 0 solved by both"
+    assert title == "mine and mine (replan_every=8, look_first=8): 3 shared cases (test:0:3), 0 solved by both"
 
 
 @pytest.mark.slow

@@ -56,7 +56,8 @@ def words(figure):
 
 def test_success_over_time_ends_at_the_success_rate(made, tmp_path):
     plots.success_over_time([made / "orca-5", made / "straight-5"], tmp_path / "a.svg")
-    assert {"orca", "straight", "time, s", "cases solved, %"} <= set(words(tmp_path / "a.svg"))
+    said = set(words(tmp_path / "a.svg"))
+    assert {"orca", "straight", "time, s", "cases solved, %", "cases test:0:30, n = 30"} <= said
 
 
 def test_a_metric_has_its_unit_and_a_row_for_each_run(made, tmp_path):
@@ -125,9 +126,10 @@ def printed(*arguments):
 
 
 def test_a_table_has_a_row_for_each_run(made):
-    head, _, *rows = printed(
+    head, _, *rows, _, note = printed(
         made / "orca-5", made / "straight-5", "--metric", "success_rate", "--metric", "jerk"
     ).splitlines()
+    assert note == "Cases test:0:30, n = 30."
     assert head == "| planner | success, % | jerk, m/s^3 |"
     found = {cells[0]: cells[1:] for cells in ([cell.strip() for cell in row.strip("|").split("|")] for row in rows)}
     result = json.loads((made / "orca-5" / "result.json").read_text())["metrics"]["success_rate"]
@@ -138,18 +140,22 @@ def test_a_table_has_a_row_for_each_run(made):
 
 def test_a_table_in_latex_is_escaped_and_has_rules(made):
     text = printed(made / "orca-5", made / "straight-5", "--format", "latex")
-    assert text.startswith("\\begin{tabular}{lrrrrrrrr}\n\\toprule\nplanner & success, \\% & ")
-    assert "jerk, m/s$^3$" in text
-    assert text.count("\\\\\n") == 3
-    assert not re.search(r"(?<!\\)[%_]", text)
+    lines = text.splitlines()
+    heads = [("success", "\\%"), ("collisions", "\\%"), ("time", "s"), ("jerk", "m/s$^3$")]
+    stacks = [rf"\shortstack{{{title}\\{unit}}}" for title, unit in heads]
+    assert lines[1:4] == [r"\begin{tabular}{lrrrr}", r"\toprule", " & ".join(["planner", *stacks]) + r" \\"]
+    assert sum(line.endswith(r"\\") for line in lines) == 3
+    assert re.fullmatch(r"orca & [\d.]+\$_{[\d.]+}\^{[\d.]+}\$ & .*", lines[5])
+    assert not re.search(r"(?<!\\)%", text)
 
 
 def test_csv_and_json_have_the_same_numbers(made):
     head, row = csv.reader(printed(made / "orca-5", "--metric", "jerk", "--format", "csv").splitlines())
     (found,) = json.loads(printed(made / "orca-5", "--metric", "jerk", "--format", "json"))
     assert found["planner"] == row[0] == "orca"
-    assert head == ["planner", *(f"jerk.{name}" for name in found["jerk"])]
-    assert [float(value) for value in row[1:]] == list(found["jerk"].values())
+    assert head == ["planner", *(f"jerk.{name}" for name in found["jerk"]), "cases"]
+    assert [float(value) for value in row[1:-1]] == list(found["jerk"].values())
+    assert found["cases"] == row[-1] == "test:0:30"
 
 
 def test_runs_are_compared_with_one_and_corrected_for_their_number(made, tmp_path):
@@ -290,7 +296,7 @@ def test_a_picture_shows_what_is_around_the_vehicle(driven, tmp_path):
     given = ["render", str(driven), "--case", "1", "--zoom", "4", "--strip", "2", "--out", str(tmp_path / "a.svg")]
     assert CliRunner().invoke(app, given).exit_code == 0
     refused = CliRunner().invoke(app, ["render", "blind_corner_3", "--case", "3", "--zoom", "4"])
-    assert "--zoom is for a recorded case" in str(refused.exception)
+    assert "--zoom is for a case of a run" in str(refused.exception)
 
 
 def test_a_scenario_is_drawn_before_anything_is_run(tmp_path):
@@ -339,7 +345,7 @@ def test_a_film_has_a_picture_for_each_state_and_stays_at_the_end(driven, tmp_pa
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--case", "7"], "case test/7 is not recorded in"),
+        (["--case", "7"], "case 7 is none of the cases test:0:2 of"),
         (["--case", "1", "--strip", "3", "--out", "a.gif"], "--strip draws a figure"),
         (["--case", "1", "--out", "a.avi"], "with the ending .pdf, .png or .svg, not a.avi"),
         (

@@ -94,7 +94,7 @@ def test_a_kept_run_shows_its_failures_and_what_differs(tmp_path, monkeypatch):
     found = orca.compare(other)
     assert found.names == ("orca", "straight")
     text = found._repr_markdown_()
-    assert text.startswith("orca and straight: 12 shared cases, ")
+    assert text.startswith("orca and straight: 12 shared cases (test:0:12), ")
     assert "| metric | orca | straight | difference (95 % interval) | p |" in text
     assert repr(found) == text
     picture = orca.render(3)

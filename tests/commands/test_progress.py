@@ -1,16 +1,17 @@
 import io
 import sys
+import time
 
 import numpy as np
 import pytest
 from helpers import Still
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.cli import console
-from crowdbench.cli.console import progress
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils import progress as module
+from crowdbench.utils.progress import progress
 
 
 class Terminal(io.StringIO):
@@ -29,7 +30,7 @@ def clock(monkeypatch):
             return self.now
 
     clock = Clock()
-    monkeypatch.setattr(console, "time", clock)
+    monkeypatch.setattr(module, "time", clock)
     return clock
 
 
@@ -45,14 +46,15 @@ def test_the_time_left_does_not_count_what_comes_before_the_first_report(clock, 
         work(clock, tell, 1.0, 2.5, times=10)
     assert capsys.readouterr().err.splitlines() == [
         "1 % of 100 cases",
-        "13 % of 100 cases, about 35 s left",
-        "26 % of 100 cases, about 30 s left",
+        "8 % of 100 cases, about 37 s left",
+        "16 % of 100 cases, about 34 s left",
+        "23 % of 100 cases, about 31 s left",
     ]
 
 
 def test_no_time_left_is_estimated_from_a_moment_or_without_progress(clock, capsys):
     with progress(100, "of 100 cases") as tell:
-        work(clock, tell, 4.9, 1)
+        work(clock, tell, 2.4, 1)
         work(clock, tell, 0.1, 1)
     with progress(1.0, "trained") as tell:
         work(clock, tell, 5.0, 0.0, times=3)
@@ -63,13 +65,23 @@ def test_all_that_is_done_has_no_time_left(clock, capsys):
     with progress(3, "of 3 cases") as tell:
         work(clock, tell, 0.4, 0.1, times=30)
     *_, before, last = capsys.readouterr().err.splitlines()
-    assert before.endswith("about 2 s left")
+    assert before.endswith("about 1 s left")
     assert last == "100 % of 3 cases"
 
 
 def test_work_that_is_done_at_once_shows_nothing(clock, capsys):
     with progress(3, "of 3 cases") as tell:
-        work(clock, tell, 1.0, 1, times=3)
+        work(clock, tell, 0.8, 1, times=3)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_line_comes_also_while_nothing_is_reported(monkeypatch, capsys):
+    monkeypatch.setattr(module, "PLAIN_INTERVAL", 0.01)
+    with progress(100, "of 100 cases"):
+        time.sleep(0.2)
+    said = capsys.readouterr().err
+    assert said.splitlines()[:2] == 2 * ["0 % of 100 cases"]
+    time.sleep(0.05)
     assert capsys.readouterr().err == ""
 
 

@@ -1,13 +1,18 @@
 """`crowdbench view`: which case it shows."""
 
+import shutil
+
 import numpy as np
 import pytest
+from helpers import reseal
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
+from crowdbench.catalog import load_scenario
 from crowdbench.cli import app
+from crowdbench.metrics import METRICS
 from crowdbench.record import rrd, viewer
-from crowdbench.record.cases import recorded_cases
+from crowdbench.record.cases import read_case, recorded_cases
 from crowdbench.runs.results import EPISODES, Episodes
 from crowdbench.utils.errors import InputError
 
@@ -29,12 +34,37 @@ def shown(monkeypatch):
 
 
 @pytest.mark.parametrize(("metric", "sign"), [("jerk", 1.0), ("minimum_gap", -1.0), ("navigation_time", 1.0)])
-def test_the_worst_recorded_case_is_shown(metric, sign, run, shown):
+def test_the_worst_case_is_shown(metric, sign, run, shown):
     assert CliRunner().invoke(app, ["view", str(run), "--worst", metric, "--time", "2"]).exit_code == 0
-    recorded = recorded_cases(run / "run.rrd")
-    assert 10 <= len(recorded) < 20
-    values = sign * Episodes.read(run / EPISODES).columns[metric][recorded]
-    assert shown == [(recorded[int(np.nanargmax(values))], {"seconds": 2.0, "web": False})]
+    values = sign * Episodes.read(run / EPISODES).columns[metric]
+    assert shown == [(int(np.nanargmax(values)), {"seconds": 2.0, "web": False})]
+
+
+def test_the_first_failure_is_shown_and_the_cases_of_each_outcome_are_listed(run, shown):
+    done = CliRunner().invoke(app, ["view", str(run)])
+    episodes = Episodes.read(run / EPISODES)
+    failed, solved = episodes.failures["collision"], episodes.case[episodes.columns["success_rate"]]
+    assert shown == [(failed[0], {"seconds": None, "web": False})]
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith(f"{len(failed)} collisions (cases {failed[0]}, {failed[1]}")
+    assert lines[1].startswith(f"{len(solved)} successes (cases {solved[0]}, {solved[1]}")
+    assert lines[2] == f"case test/{failed[0]}"
+
+
+def test_a_case_that_is_not_recorded_is_simulated_again(run, monkeypatch, tmp_path):
+    recorded, episodes = recorded_cases(run / "run.rrd"), Episodes.read(run / EPISODES)
+    (case, *_) = [case for case in range(20) if case not in recorded]
+    found = []
+    monkeypatch.setattr(viewer, "view", lambda paths, number, *_, **__: found.append(read_case(paths[0], number)))
+    assert CliRunner().invoke(app, ["view", str(run), "--case", str(case)]).exit_code == 0
+    trace = found[0].trace
+    assert (trace.case[0], trace.steps[0]) == (case, episodes.steps[case])
+    assert METRICS["path_length"](trace)[0] == episodes.columns["path_length"][case]
+    shutil.copytree(run, tmp_path / "run")
+    reseal(tmp_path / "run", lambda table: table["run"].update(scenario="another"))
+    monkeypatch.setattr("crowdbench.cli.cases.load_scenario", lambda *_: load_scenario("square_crossing_5"))
+    with pytest.raises(InputError, match=f"case {case} of .* ends in another way when it is simulated again"):
+        raise CliRunner().invoke(app, ["view", str(tmp_path / "run"), "--case", str(case)]).exception
 
 
 def test_a_picture_is_drawn_without_the_viewer_where_that_does_not_start(run, tmp_path, monkeypatch):
@@ -55,7 +85,7 @@ def test_a_picture_is_drawn_without_the_viewer_where_that_does_not_start(run, tm
     [
         (["--worst", "jerk", "--case", "3"], "--worst chooses the case"),
         (["--worst", "jerkk"], "has no metric jerkk .did you mean jerk..; it has success_rate"),
-        (["--worst", "imposed_delay"], "imposed_delay is not defined in any recorded case"),
+        (["--worst", "imposed_delay"], "imposed_delay is not defined in any case"),
     ],
 )
 def test_a_case_that_cannot_be_chosen_gets_one_sentence(arguments, sentence, run, shown):
@@ -95,7 +125,7 @@ def test_two_runs_are_shown_side_by_side_in_one_case(run, other, monkeypatch):
     done = CliRunner().invoke(app, ["view", str(run), str(other), "--worst", "jerk", "--time", "2"])
     assert done.exit_code == 0, done.output
     ((name, title, paths, seconds, web),) = found
-    assert name == f"test-{int(done.stdout.removeprefix('case ')):04d}"
+    assert name == f"test-{int(done.stdout.removeprefix('case test/')):04d}"
     assert (title, seconds, web) == (f"case {int(name[5:])} of 2 planners", 2.0, False)
     assert {"/0/world/agents", "/1/world/agents", "/0/plots/speed", "/1/plots/speed"} <= paths
     assert all(path.startswith(("/0/", "/1/")) for path in paths)
@@ -106,9 +136,9 @@ def test_runs_that_are_not_of_one_case_are_not_shown_side_by_side(run, other, tm
     given = ["run", "--planner", "orca", "--scenario", "square_crossing_5", "--cases", "12", "--out", str(elsewhere)]
     assert CliRunner().invoke(app, given).exit_code == 0
     for arguments, sentence in (
-        ([run, other], "give --case 37 or --worst METRIC"),
+        ([run / "run.rrd", other], "give --case 37"),
         ([run, elsewhere, "--case", "1"], r"case 1 starts otherwise in .* give runs of one scenario"),
-        ([run, other, "--case", "300"], "case test/300 is not recorded"),
+        ([run, other, "--case", "300"], "case 300 is none of the cases test:0:20"),
     ):
         with pytest.raises(InputError, match=sentence):
             raise CliRunner().invoke(app, ["view", *map(str, arguments)]).exception

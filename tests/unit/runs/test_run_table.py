@@ -45,7 +45,9 @@ def test_intervals_are_those_of_the_results(runs):
         result = table.columns[record["scenario"]][record["planner"]].result["metrics"]
         for name, cell in zip(METRICS, row[2:], strict=True):
             assert record[name] == read_estimate(result[name])
-            assert cell == info_of(name).estimate(record[name])
+            fewer = "" if record[name].n == 40 else f" [{record[name].n}]"
+            assert cell == info_of(name).estimate(record[name]) + fewer
+    assert grid.note == "Cases test:0:40, n = 40. [n]: a mean over n cases only, those in which it is defined."
 
 
 def test_means_may_be_over_the_cases_that_a_planner_solves(runs):
@@ -86,16 +88,12 @@ def test_a_table_shows_the_metrics_that_are_asked_for_and_a_dash_where_there_is_
     assert grid.rows == [["a", "50.0 (40.0 to 60.0)", "9.000"], ["b", "-", "-"]]
 
 
-@pytest.mark.parametrize(
-    ("other", "sentence"),
-    [
-        ("few", "has the cases test:0:40 and .*few has test:0:30: make both runs with the same cases"),
-        ("val", "test cases and .*val has val cases: run both planners on the same cases"),
-    ],
-)
-def test_runs_of_different_cases_are_refused(runs, others, other, sentence):
+@pytest.mark.parametrize(("other", "cases"), [("few", "test:0:30"), ("val", "val:0:40")])
+@pytest.mark.parametrize("scenario", ["circle_crossing_5", "square_crossing_5"])
+def test_runs_of_different_cases_are_refused_also_in_other_scenarios(runs, others, other, cases, scenario):
+    sentence = f"has the cases test:0:40 and .*{other} has {cases}: make all runs with the same cases"
     with pytest.raises(InputError, match=sentence) as error:
-        RunTable.read([runs["orca", "circle_crossing_5"], others / other])
+        RunTable.read([runs["orca", scenario], others / other])
     assert "\n" not in str(error.value)
 
 

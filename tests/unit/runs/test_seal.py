@@ -67,10 +67,20 @@ def test_an_edited_file_is_named_and_so_is_a_missing_one(a, runs, name):
     edited = content.replace(b'"outcomes"', b'"note": 1, "outcomes"') if name == "result.json" else content + b"\n"
     (a / name).write_bytes(edited)
     with pytest.raises(InputError, match=rf"{name} is not the file that the run wrote: its sha256 differs"):
-        compare(a, runs / "b")
+        RunResult.read(a)
     (a / name).unlink()
     with pytest.raises(InputError, match=rf"{name}.* cannot be read"):
-        compare(a, runs / "b")
+        RunResult.read(a)
+
+
+@pytest.mark.parametrize("name", ["result.json", "episodes.csv", "run.rrd", "commands.parquet"])
+def test_a_comparison_needs_the_result_and_the_episodes_alone(a, runs, name):
+    (a / name).unlink()
+    if name in ("result.json", "episodes.csv"):
+        with pytest.raises(InputError, match=rf"{name}.* cannot be read"):
+            compare(a, runs / "b")
+    else:
+        assert compare(a, runs / "b").cases == 12
 
 
 def test_another_runs_recording_is_not_taken_for_the_own(runs, tmp_path):
