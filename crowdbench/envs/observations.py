@@ -83,7 +83,7 @@ def states_of(world: World) -> tuple[np.ndarray, ...]:
 
 
 def ego_views(world: World) -> World:
-    """A world for each agent of one world, in which that agent is agent 0 and the others follow in their order.
+    """A world for each agent of each world, in which that agent is agent 0 and the others follow in their order.
 
     So what is written for the vehicle serves pedestrians too. A pedestrian's world lacks a vehicle that is not visible.
     Everybody sees everybody exactly and at once: a sensor is the vehicle's alone. Headings, histories, persons, groups,
@@ -93,11 +93,12 @@ def ego_views(world: World) -> World:
     agents = world.radius.shape[1]
     order = np.arange(agents)
     agent = np.where(order[None] == 0, order[:, None], order - (order[None] <= order[:, None]))
-    worlds = world.take(np.zeros(agents, np.int64))
-    present = world.present[0][agent]
-    present[1:, 1:2] &= world.rules.visible  # a slice, because there may be no other agent
+    row, agent = np.repeat(np.arange(len(world)), agents)[:, None], np.tile(agent, (len(world), 1))
+    worlds = world.take(row[:, 0])
+    present = world.present[row, agent]
+    present[:, 1:2] &= (agent[:, :1] == 0) | world.rules.visible  # a slice, because there may be no other agent
     rules = world.rules if world.rules.sensor == PERFECT else dataclasses.replace(world.rules, sensor=PERFECT)
-    ordered = {name: getattr(world, name)[0][agent] for name in _OF_AGENTS}
+    ordered = {name: getattr(world, name)[row, agent] for name in _OF_AGENTS}
     return worlds.replace(present=present, rules=rules, sight={}, **ordered)
 
 

@@ -1,0 +1,69 @@
+"""Pedestrians who act by a network that vehicle and pedestrians learned together, see studies/learn_together.
+
+PPO with shared parameters (Schulman et al. 2017; de Witt et al. 2020, arXiv:2011.09533).
+"""
+
+from pathlib import Path
+from typing import no_type_check
+
+import numpy as np
+
+from crowdbench import PedestrianPolicy
+from crowdbench.envs.observations import ego_views
+from crowdbench.envs.views import encode
+from crowdbench.networks.features import direction, in_disc, to_world
+from crowdbench.sim.routes import goals_on_way
+from crowdbench.sim.sensor import observe
+from crowdbench.utils.compiled import njit
+
+WEIGHTS = Path(__file__).with_name("learned.npz")
+
+NEAREST = 3
+"""How many others a pedestrian observes."""
+
+
+class Learned(PedestrianPolicy):
+    """Takes the mean action of the network, no faster than the pedestrian prefers, and stops at the goal."""
+
+    def __init__(self):
+        with np.load(WEIGHTS) as weights:
+            self.weights = [weights[name].astype(np.float64) for name in sorted(weights)]
+
+    def velocities(self, world, parameters):
+        """See `PedestrianPolicy`."""
+        observed = encode(observe(ego_views(world)), "goal_frame", NEAREST)
+        action = mean_action(observed, *self.weights).reshape(*world.position.shape)[:, 1:]
+        position, goal = world.position[:, 1:], goals_on_way(world)[:, 1:]
+        left = np.linalg.norm(world.goal[:, 1:] - position, axis=2) / world.rules.dt
+        velocity = to_world(action.reshape(-1, 2), direction(position.reshape(-1, 2), goal.reshape(-1, 2)))
+        return in_disc(velocity, np.minimum(world.preferred_speed[:, 1:], left).ravel()).reshape(position.shape)
+
+
+@no_type_check
+@njit
+def mean_action(observed, b0, b1, b2, w0, w1, w2):
+    """Compute two hidden layers and the action of each row by itself: matrix products depend on the batch."""
+    actions = np.empty((len(observed), 2))
+    for row in range(len(observed)):
+        hidden = np.tanh(_layer(observed[row], w0, b0))
+        actions[row] = _layer(np.tanh(_layer(hidden, w1, b1)), w2, b2)
+    return actions
+
+
+@no_type_check
+@njit
+def _layer(values, weight, bias):
+    out = bias.copy()
+    for unit in range(len(out)):
+        for index in range(len(values)):
+            out[unit] += weight[unit, index] * values[index]
+    return out
+
+
+def policy() -> Learned:
+    """Make the policy. It has no parameters.
+
+    Returns:
+        The policy.
+    """
+    return Learned()

@@ -1,0 +1,111 @@
+"""Print the cross-play of vehicles and crowds that learned with each other, or train them anew."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
+
+HERE = Path(__file__).parent
+WITH_ORCA, TOGETHER = HERE / "with_orca.onnx", HERE / "together.onnx"
+SCENARIO = "circle_crossing_5_visible"
+VIEW = {"reward": "progress", "observation": "goal_frame", "action": "goal_frame", "nearest": 3}
+VEHICLES = (str(WITH_ORCA), str(TOGETHER), "mppi", "sarl_cvm")
+CROWDS = ("orca", "social_force", "learned")
+METRICS = ("success_rate", "at_fault_rate", "navigation_time")
+WORLDS = 16
+
+DESCRIPTION = f"""# Learning together
+
+One network drives the vehicle and all pedestrians (`together`, and the pedestrian policy `learned`): PPO with shared
+parameters (IPPO, de Witt et al. 2020, [arXiv:2011.09533](https://arxiv.org/abs/2011.09533)) in the PettingZoo
+environment of `{SCENARIO}`, where everybody is paid for progress to the goal. `with_orca` is a vehicle of the same
+network and the same PPO, which learned among ORCA pedestrians. Columns are crowds, rows are vehicles. Pedestrians see
+the vehicle. `--train MINUTES` trains both networks."""
+
+
+@help_from_docstring
+def cross_play(
+    train: Annotated[float | None, typer.Option(min=0.0)] = None,
+    cases: str = "val:50",
+    out: Path = Path("runs/study-learn_together"),
+    threads: ThreadsOption = None,
+) -> None:
+    """Make the runs of each vehicle in each crowd that are not there yet, and print the page of the study.
+
+    Args:
+        train: Train both networks first, for so many minutes each, and replace those that ship.
+        cases: The cases of each run.
+        out: Folder that keeps the runs.
+    """
+    use_threads(threads)
+    from crowdbench.cli.study import make_runs
+    from crowdbench.runs.load import load_run
+    from crowdbench.runs.spec import RunSpec
+    from crowdbench.runs.table import RunTable
+    from crowdbench.scenario.cases import Cases
+    from crowdbench.study.folder import run_directory
+    from crowdbench.utils.tables import markdown, printed_by
+
+    if train is not None:
+        train_both(train)
+    drawn = Cases.parse(cases)
+    specs = [RunSpec(v, SCENARIO, drawn, pedestrians=crowd, record="none") for v in VEHICLES for crowd in CROWDS]
+    runs = list(map(load_run, specs))
+    make_runs(runs, out, None, None, threads)
+    grids = list(map(RunTable.read([run_directory(run, out) for run in runs], "pedestrians").cross, METRICS))
+    tables = [f"{markdown(grid.header, grid.rows)}\n\n{grid.note}" for grid in grids]
+    print("\n\n".join([printed_by("python studies/learn_together/run.py"), DESCRIPTION, *tables]))
+
+
+def train_both(minutes: float) -> None:
+    """Train the network of everybody, and that of a vehicle among ORCA pedestrians, for some minutes each."""
+    import numpy as np
+    import supersuit
+    from stable_baselines3.common.utils import set_random_seed
+
+    from agents.pedestrians.learned.learned import WEIGHTS
+    from crowdbench import export_policy, parallel_env
+    from crowdbench.envs.stable_baselines import CrowdVecEnv
+
+    set_random_seed(0)
+    alone = CrowdVecEnv(WORLDS * 6, SCENARIO, **VIEW)
+    # SuperSuit makes each agent a copy of the same learner; one at its goal observes zeros until its episode is over.
+    single = supersuit.pettingzoo_env_to_vec_env_v1(supersuit.black_death_v3(parallel_env(SCENARIO, **VIEW)))
+    worlds = supersuit.concat_vec_envs_v1(single, WORLDS, num_cpus=1, base_class="stable_baselines3")
+    worlds.venv.reset(seed=0)
+    together = learn(worlds, minutes)
+    export_policy(together, TOGETHER, alone)
+    layers = [together.policy.mlp_extractor.policy_net[0], together.policy.mlp_extractor.policy_net[2]]
+    layers.append(together.policy.action_net)
+    weights = {f"{part[0]}{n}": getattr(one, part).detach().numpy() for n, one in enumerate(layers) for part in PARTS}
+    np.savez(WEIGHTS, **weights)
+    export_policy(learn(alone, minutes), WITH_ORCA, alone)
+
+
+PARTS = ("bias", "weight")
+
+
+def learn(worlds, minutes: float):
+    """Train a network by PPO for some minutes."""
+    import torch
+    from stable_baselines3 import PPO
+
+    torch.set_num_threads(1)  # networks this small are faster in one thread
+    end = time.monotonic() + 60.0 * minutes
+    network = {"log_std_init": -0.5, "net_arch": [64, 64]}
+    steps = {"n_steps": 64, "batch_size": 1024, "n_epochs": 6, "gamma": 0.97, "learning_rate": 7e-4}
+    model = PPO("MlpPolicy", worlds, **steps, policy_kwargs=network, device="cpu")
+    return model.learn(10**9, lambda *_: time.monotonic() < end)
+
+
+if __name__ == "__main__":
+    main(cross_play)
