@@ -42,7 +42,7 @@ def cross_play(
     """Make the runs of each vehicle in each crowd that are not there yet, and print the page of the study.
 
     Args:
-        train: Train both networks first, for so many minutes each, and replace those that ship.
+        train: Train both networks first, for so many minutes of processor time each, and replace those that ship.
         cases: The cases of each run.
         out: Folder that keeps the runs.
     """
@@ -95,16 +95,16 @@ PARTS = ("bias", "weight")
 
 
 def learn(worlds, minutes: float):
-    """Train a network by PPO for some minutes."""
+    """Train a network by PPO for some minutes of processor time."""
     import torch
     from stable_baselines3 import PPO
 
     torch.set_num_threads(1)  # networks this small are faster in one thread
-    end = time.monotonic() + 60.0 * minutes
+    end = time.process_time() + 60.0 * minutes
     network = {"log_std_init": -0.5, "net_arch": [64, 64]}
     steps = {"n_steps": 64, "batch_size": 1024, "n_epochs": 6, "gamma": 0.97, "learning_rate": 7e-4}
     model = PPO("MlpPolicy", worlds, **steps, policy_kwargs=network, device="cpu")
-    return model.learn(10**9, lambda *_: time.monotonic() < end)
+    return model.learn(10**9, lambda *_: time.process_time() < end)
 
 
 if __name__ == "__main__":
