@@ -219,7 +219,7 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         if RECORDED in (policy if isinstance(policy, dict) else [policy]):
             print(UNHEEDED)
     number = result["recorded"]
-    recorded = f"{number} episodes are recorded" if number else "no episode is recorded"
+    recorded = f"{number} episodes are recorded (crowdbench view shows them)" if number else "no episode is recorded"
     print(f"\nKept in {directory}; {recorded}")
     if result["stated"]["record"] != "none":
         # A case that is not recorded is simulated again.

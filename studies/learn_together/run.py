@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -17,11 +17,12 @@ from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threa
 HERE = Path(__file__).parent
 WITH_ORCA, TOGETHER = HERE / "with_orca.onnx", HERE / "together.onnx"
 SCENARIO = "circle_crossing_5_visible"
-VIEW = {"reward": "progress", "observation": "goal_frame", "action": "goal_frame", "nearest": 3}
+VIEW: dict[str, Any] = {"reward": "progress", "observation": "goal_frame", "action": "goal_frame", "nearest": 3}
 VEHICLES = (str(WITH_ORCA), str(TOGETHER), "mppi", "sarl_cvm")
 CROWDS = ("orca", "social_force", "learned")
 METRICS = ("success_rate", "at_fault_rate", "navigation_time")
 WORLDS = 16
+WEIGHTS = HERE.parents[1] / "agents" / "pedestrians" / "learned" / "learned.npz"
 
 DESCRIPTION = f"""# Learning together
 
@@ -72,7 +73,6 @@ def train_both(minutes: float) -> None:
     import supersuit
     from stable_baselines3.common.utils import set_random_seed
 
-    from agents.pedestrians.learned.learned import WEIGHTS
     from crowdbench import export_policy, parallel_env
     from crowdbench.envs.stable_baselines import CrowdVecEnv
 
@@ -84,17 +84,14 @@ def train_both(minutes: float) -> None:
     worlds.venv.reset(seed=0)
     together = learn(worlds, minutes)
     export_policy(together, TOGETHER, alone)
-    layers = [together.policy.mlp_extractor.policy_net[0], together.policy.mlp_extractor.policy_net[2]]
-    layers.append(together.policy.action_net)
-    weights = {f"{part[0]}{n}": getattr(one, part).detach().numpy() for n, one in enumerate(layers) for part in PARTS}
-    np.savez(WEIGHTS, **weights)
+    hidden = together.policy.mlp_extractor.policy_net
+    layers = enumerate((hidden[0], hidden[2], together.policy.action_net))
+    arrays = [(f"{name[0]}{n}", part) for n, layer in layers for name, part in layer.named_parameters()]
+    np.savez(WEIGHTS, **{name: part.detach().numpy() for name, part in arrays})
     export_policy(learn(alone, minutes), WITH_ORCA, alone)
 
 
-PARTS = ("bias", "weight")
-
-
-def learn(worlds, minutes: float):
+def learn(worlds: Any, minutes: float) -> Any:
     """Train a network by PPO for some minutes of processor time."""
     import torch
     from stable_baselines3 import PPO

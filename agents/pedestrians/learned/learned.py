@@ -22,6 +22,10 @@ NEAREST = 3
 """How many others a pedestrian observes."""
 
 
+LEAST = 1e-9
+"""The least speed in m/s."""
+
+
 class Learned(PedestrianPolicy):
     """Takes the mean action of the network, no faster than the pedestrian prefers, and stops at the goal."""
 
@@ -32,11 +36,12 @@ class Learned(PedestrianPolicy):
     def velocities(self, world, parameters):
         """See `PedestrianPolicy`."""
         observed = encode(observe(ego_views(world)), "goal_frame", NEAREST)
-        action = mean_action(observed, *self.weights).reshape(*world.position.shape)[:, 1:]
-        position, goal = world.position[:, 1:], goals_on_way(world)[:, 1:]
-        left = np.linalg.norm(world.goal[:, 1:] - position, axis=2) / world.rules.dt
-        velocity = to_world(action.reshape(-1, 2), direction(position.reshape(-1, 2), goal.reshape(-1, 2)))
-        return in_disc(velocity, np.minimum(world.preferred_speed[:, 1:], left).ravel()).reshape(position.shape)
+        speed = world.preferred_speed[:, 1:].reshape(-1)
+        action = mean_action(observed, *self.weights).reshape(world.position.shape)[:, 1:].reshape(-1, 2)
+        position, goal, way = (part[:, 1:].reshape(-1, 2) for part in (world.position, world.goal, goals_on_way(world)))
+        left = np.maximum(np.linalg.norm(goal - position, axis=1) / world.rules.dt, LEAST)
+        velocity = to_world(np.clip(action, -speed[:, None], speed[:, None]), direction(position, way))
+        return in_disc(velocity, np.minimum(speed, left)).reshape(len(world), -1, 2)
 
 
 @no_type_check

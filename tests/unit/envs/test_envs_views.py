@@ -28,7 +28,6 @@ from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.features import features, in_disc, to_world
 from crowdbench.networks.policy import Seen
 from crowdbench.planners.policy import NetworkPlanner, PolicyInterface
-from crowdbench.plugins.load import load_module
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
@@ -323,15 +322,6 @@ def test_pettingzoos_tests_pass_in_the_frame_of_the_goal():
         warnings.simplefilter("ignore", DeprecationWarning)
         from pettingzoo.test import parallel_api_test
     parallel_api_test(parallel_env(reward="progress", observation="goal_frame", action="goal_frame"), num_cycles=100)
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore")
-def test_vehicle_and_pedestrians_learn_together():
-    example = load_module(EXAMPLES / "learn_together.py")
-    scenario = "circle_crossing_5_visible"
-    before, after = (example.drive(example.train(steps, scenario, 0), scenario, cases=20)[0] for steps in (0, 100_000))
-    assert before < 0.3 < 0.7 < after
 
 
 def test_a_video_is_recorded(tmp_path):
