@@ -21,7 +21,7 @@ from typing import Any
 from crowdbench.plugins.files import PluginFiles, read_files, read_module
 from crowdbench.plugins.options import read_options, takes_any
 from crowdbench.utils import files
-from crowdbench.utils.errors import InputError, find_named, plugin_errors
+from crowdbench.utils.errors import InputError, did_you_mean, find_named, plugin_errors
 
 _PACKAGE = Path(__file__).parent.parent
 
@@ -133,7 +133,10 @@ class Kind:
         known = {option.name: option for option in read_options(factory)}
         for option in options:
             if option not in known and not takes_any(factory):
-                raise InputError(f"{name} has no option {option!r}; its options are: {', '.join(known) or 'none'}")
+                meant = did_you_mean(option, known)
+                raise InputError(
+                    f"{name} has no option {option!r}{meant}; its options are: {', '.join(known) or 'none'}"
+                )
         with plugin_errors(f"{name} cannot be made with {dict(options)}:"):
             arguments = {
                 option: known[option].argument(value) if option in known else value for option, value in options.items()

@@ -6,6 +6,7 @@ up is not: for that, a run is simulated again (`runs.replay`).
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 from collections.abc import Collection, Mapping
@@ -69,7 +70,7 @@ def read_result(directory: Path) -> dict[str, Any]:
     try:
         result = files.read_json(path)
     except OSError as error:
-        inside = f"; give those in it: {directory}/*" if any(directory.glob(f"*/{RESULT}")) else ""
+        inside = f"; give those in it: {directory}/*" if glob.glob(f"*/{RESULT}", root_dir=directory) else ""
         raise InputError(
             f"{directory} is not the directory of a run: {path} cannot be read ({error.strerror}){inside}"
         ) from None

@@ -19,7 +19,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, Va
 from pydantic.fields import FieldInfo
 
 from crowdbench.utils import files
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, did_you_mean
 
 DEEPEST = 32
 """Tables and lists are nested no deeper than this."""
@@ -236,7 +236,8 @@ def _explained(
         fields = _fields(owner)
         if part not in fields:
             unknown = location.at(*path[:depth]).key
-            return InputError(f"{location.file}: unknown key {unknown}; the keys here are {', '.join(fields)}")
+            meant = did_you_mean(part, fields)
+            return InputError(f"{location.file}: unknown key {unknown}{meant}; the keys here are {', '.join(fields)}")
         if description := fields[part].description:
             key, expected = path[:depth], description
         owner = _table_in(fields[part].annotation)

@@ -29,6 +29,7 @@ from crowdbench.cli.options import help_from_docstring
 from crowdbench.metrics import METRICS, info_of
 from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.files import new_directory
+from crowdbench.utils.progress import progress
 
 INDEX = "index.html"
 
@@ -76,15 +77,20 @@ def build_site(root: Path, out: Path, names: Collection[str] = ()) -> int:
     _check_replaceable(out)
     by_name = {board.name: board for board in read_boards(root)}
     chosen = [find_named("board", name, by_name) for name in names or by_name]
-    with new_directory(out, overwrite=True, mark=INDEX) as folder:
+    work = progress(2 * len(chosen), "of the pages")
+    with new_directory(out, overwrite=True, mark=INDEX) as folder, work as report:
         season = read_season(root) if (root / SEASON).exists() else None
         templates.globals["season"] = season
-        boards = [standings(board, read_entries(board, root), season) for board in chosen]
+        boards = []
+        for board in chosen:
+            boards.append(standings(board, read_entries(board, root), season))
+            report(1)
         seeds = {found.board.name: _find_seed(season, found.board) for found in boards}
         shutil.copyfile(STYLE, folder / STYLE.name)
         _write(folder / INDEX, templates, "index.html", top="", boards=boards, seeds=seeds)
         for found in boards:
             _write_board(folder / found.board.name, templates, found, seeds[found.board.name])
+            report(1)
     return 1 + sum(1 + len(found.entries) for found in boards)
 
 

@@ -101,10 +101,15 @@ def test_json_is_all_that_json_prints(call):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["run", "--planner", "orka"], "no planner is called 'orka'"),
+        (["run", "--planner", "orka"], "no planner is called 'orka' (did you mean orca"),
+        (
+            ["run", "--planner", "orca", "--scenario", "circle_crossing_7"],
+            "give circle_crossing_5 with --set pedestrians",
+        ),
+        (["run", "--planner", "orca", "--scenario", "corner_3"], "no scenario is called 'corner_3' (did you mean "),
         (["run", "--planner", "orca", "--cases", "many"], "write 500"),
         (["run", "--planner", "orca", "--set", "collision"], "write --set key=value"),
-        (["run", "--planner", "orca", "--set", "vehicle.visable=true"], "unknown key vehicle.visable"),
+        (["run", "--planner", "orca", "--set", "vehicle.visable=true"], "vehicle.visable (did you mean visible?); the"),
         (["run", "--planner", "orca", "--option", "margin=1"], "its options are: safety_space"),
         (["run", "--planner", "orca", "--record", "some"], "failures, all, commands, none"),
         (["run", "--planner", "orca", "--threads", "4096"], "--threads 4096 is more than"),
@@ -137,6 +142,15 @@ def test_bad_input_gets_one_sentence_and_a_non_zero_exit(call, tmp_path, argumen
     assert said.stderr.count("\n") == 1
     assert expected in said.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "arguments"),
+    [("elbow.toml", ["--planner", "orca", "--scenario", "elbow"]), ("elbow.py", ["--planner", "elbow"])],
+)
+def test_a_file_that_lies_here_may_be_meant(call, tmp_path, file, arguments):
+    (tmp_path / file).write_text("")
+    assert f" is called 'elbow' (did you mean ./{file}?); there are " in call("run", *arguments).stderr
 
 
 def test_a_replay_refuses_tracks_that_its_scenario_does_not_need(call, tmp_path):

@@ -19,6 +19,7 @@ from crowdbench.drawing import LIGHT, Disc, Moment, Text, draw_moment
 from crowdbench.figures import plots
 from crowdbench.figures.episode import Episode
 from crowdbench.figures.time_marks import mark_times
+from crowdbench.metrics import METRICS, info_of
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.record.contents import read
@@ -230,6 +231,41 @@ def test_a_comparison_refuses_a_metric_that_there_is_not(made):
     given = ["compare", str(made / "orca-5"), str(made / "straight-5"), "--metric", "jerkk"]
     with pytest.raises(InputError, match="not all runs have a metric jerkk; they have success_rate"):
         raise CliRunner().invoke(app, given).exception
+
+
+def test_a_metric_may_be_meant_by_a_word_of_its_name(made):
+    with pytest.raises(InputError, match=r"has no metric gap \(did you mean minimum_gap\?\); it has"):
+        raise CliRunner().invoke(app, ["table", str(made / "orca-5"), "--metric", "gap"]).exception
+
+
+def test_all_metrics_have_a_row_each(made):
+    head, _, *rows, _, note = printed(made / "orca-5", made / "straight-5", "--all-metrics").splitlines()
+    assert head == "| metric | orca | straight |"
+    assert len(rows) == len(METRICS)
+    stored = json.loads((made / "straight-5" / "result.json").read_text())["metrics"]
+    fewer = {name: found for name, found in stored.items() if 0 < found["n"] < 30}
+    assert fewer
+    for row, (name, found) in zip(rows, stored.items(), strict=True):
+        title, _, cell = row.strip("| ").split(" | ")
+        assert title == info_of(name, name in ("success_rate", "collision_rate")).heading or name.endswith("_rate")
+        assert cell.endswith(f" [{found['n']}]") == (name in fewer)
+    assert note.endswith("[n]: a mean over n cases only, those in which it is defined.")
+    for more in (["--metric", "jerk"], ["--columns", "scenario"]):
+        refused = CliRunner().invoke(app, ["table", str(made / "orca-5"), "--all-metrics", *more])
+        assert "--all-metrics shows all metrics in rows" in str(refused.exception)
+
+
+def test_names_are_those_of_the_runs_in_their_order(made):
+    runs = made / "orca-5", made / "straight-5"
+    rows = printed(*runs, "--names", "a,b", "--metric", "jerk").splitlines()[2:4]
+    assert [row.split(" | ")[0] for row in rows] == ["| a", "| b"]
+    with pytest.raises(InputError, match="there are 1 names of 2 runs: give one for each"):
+        raise CliRunner().invoke(app, ["table", *map(str, runs), "--names", "a"]).exception
+
+
+def test_zero_has_no_sign():
+    assert info_of("minimum_gap").number(-0.0001) == "0.000"
+    assert info_of("success_rate", is_rate=True).number(-1e-9) == "0.0"
 
 
 def test_a_table_refuses_a_metric_that_there_is_not(made):

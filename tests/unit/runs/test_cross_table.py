@@ -32,6 +32,15 @@ def test_planners_stand_in_rows_and_scenarios_in_columns(runs, capsys):
     assert "McNemar" in text
 
 
+def test_all_that_show_the_best_value_are_bold(tmp_path, capsys):
+    for planner, width in (("orca", 0.3), ("straight", 0.3)):
+        overrides = {"pedestrians.number": 0, "vehicle.radius": width}
+        run(planner, cases="6", overrides=overrides, record="none", out=tmp_path / planner)
+    text = table(capsys, sorted(tmp_path.iterdir()), "--columns", "scenario")
+    assert text.count("**100.0**") == 2
+    assert "†" not in text.splitlines()[2] + text.splitlines()[3]
+
+
 def test_a_mark_says_that_a_planner_cannot_be_told_from_the_best(runs, capsys):
     lines = table(capsys, runs, "--columns", "scenario").splitlines()
     cells = next(line.split("|")[2:4] for line in lines if line.startswith("| orca |"))

@@ -312,14 +312,13 @@ def test_a_run_shows_its_main_metrics_and_how_to_see_its_failures(tmp_path, caps
     assert len(capsys.readouterr().out.splitlines()) > len(shown.splitlines()) + 10
 
 
-def test_a_failure_that_is_not_recorded_is_counted_and_a_run_without_any_says_nothing(tmp_path, capsys, monkeypatch):
+def test_a_failure_can_be_viewed_where_commands_are_kept_and_a_run_without_any_says_nothing(tmp_path, capsys):
     out = str(tmp_path / "run")
-    monkeypatch.setattr("crowdbench.record.cases.recorded_cases", lambda path: [2])
-    app(["run", "--planner", "straight", "--cases", "4", "--out", out], standalone_mode=False)
-    assert capsys.readouterr().out.endswith(f"4 collisions (cases 0, 1, 2, 3): crowdbench view {out} --case 2\n")
-    monkeypatch.setattr("crowdbench.record.cases.recorded_cases", lambda path: [])
-    app(["run", "--planner", "straight", "--cases", "4", "--out", out, "--overwrite"], standalone_mode=False)
-    assert capsys.readouterr().out.endswith("\n4 collisions (cases 0, 1, 2, 3)\n")
+    app(["run", "--planner", "straight", "--cases", "4", "--record", "commands", "--out", out], standalone_mode=False)
+    assert capsys.readouterr().out.endswith(f"4 collisions (cases 0, 1, 2, 3): crowdbench view {out} --case 0\n")
+    given = ["run", "--planner", "straight", "--cases", "4", "--record", "none", "--out", out, "--overwrite"]
+    app(given, standalone_mode=False)
+    assert capsys.readouterr().out.endswith(f"Kept in {out}; no episode is recorded\n")
     empty = ["--set", "pedestrians.number=0", "--cases", "2", "--out", str(tmp_path / "empty")]
     app(["run", "--planner", "straight", *empty], standalone_mode=False)
     assert capsys.readouterr().out.endswith("(crowdbench view shows them)\n")
