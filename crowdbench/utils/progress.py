@@ -73,18 +73,18 @@ class _Work:
         self.add(done)
         self.show()
 
-    def show(self) -> None:
+    def show(self, more: str = "") -> None:
         """Print a line, unless there was one not long ago."""
         # The end is told after other lines only, because what comes then, such as intervals, may take its time too.
         is_end = self.percent == 100 and self.printed > self.created
         if is_end or time.monotonic() - self.printed >= PLAIN_INTERVAL:
             self.printed = time.monotonic()
-            say(str(self))
+            say(f"{self}{more}")
 
     def repeat(self, ended: threading.Event) -> None:
         """Print lines also while nothing is reported, such as during compilation, until the work has ended."""
         while not ended.wait(PLAIN_INTERVAL):
-            self.show()
+            self.show(", finishing" if self.percent == 100 else "")
 
     @property
     def percent(self) -> int:
