@@ -50,9 +50,8 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
         print("p corrected: for the number of tests of a metric (Holm 1979), those of all scenarios apart.")
     several = len({comparison.scenario for comparison in comparisons}) > 1
     for comparison in comparisons:
-        scenario = f"{comparison.scenario}: " if several else ""
         for line in comparison.list_changed_cases():
-            print(f"{scenario}{line}")
+            print(f"{comparison.scenario}: {line}" if several else line)
 
 
 def score(
@@ -81,13 +80,9 @@ def score(
         run = RunResult.read_unchecked(recording)
         _replay(run, load_scenario(run, pedestrians, layout, data), load_metrics(metric or []), as_json)
         return
-    for flag, value, recorded in (
-        ("--layout", layout, "where everybody started"),
-        ("--data", data, "where everybody walked"),
-        ("--pedestrians", pedestrians, "where the pedestrians walked"),
-    ):
-        if value:
-            raise InputError(f"{flag} is for --replay: a recording says {recorded}")
+    given = {"--layout": layout, "--data": data, "--pedestrians": pedestrians}
+    if wrong := [flag for flag, value in given.items() if value]:
+        raise InputError(f"{wrong[0]} is for --replay: a recording says where everybody started and walked")
     from crowdbench.metrics.load import load_metrics
     from crowdbench.record.contents import read
     from crowdbench.runs.result_file import check_result, warn_of_other_code

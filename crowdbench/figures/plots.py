@@ -67,8 +67,7 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
         InputError: One of them is not a run, or has no such metric, or the file cannot be written.
     """
     table = RunTable.read(directories)
-    runs = table.labelled
-    info = info_of(metric, all(metric in run.episodes.rates for run in runs.values()))
+    runs, info = table.labelled, table.infos([metric])[metric]
     values = [info.factor * _values(label, run, metric) for label, run in runs.items()]
     with axes(out, 0.8 + 0.35 * len(runs), table.cases) as ax:
         rows = list(range(len(runs), 0, -1))
@@ -89,9 +88,8 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
             mean = bootstrap(column, np.ones(len(column)), run.episodes.block)
             ends = [[mean.mean - mean.low], [mean.high - mean.mean]]
             ax.errorbar([mean.mean], [row], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
-        defined = [int(np.isfinite(column).sum()) for column in values]
-        fewer = [f" [{n}]" if n < len(column) else "" for n, column in zip(defined, values, strict=True)]
-        ax.set_yticks(rows, [label + few for label, few in zip(runs, fewer, strict=True)])
+        fewer = [f" [{np.isfinite(column).sum()}]" * (not np.isfinite(column).all()) for column in values]
+        ax.set_yticks(rows, list(map(str.__add__, runs, fewer)))
         ax.set(xlabel=info.heading.translate(_POWERS))
         ax.grid(visible=False, axis="y")
 
@@ -213,3 +211,17 @@ def _line(number: int) -> dict[str, Any]:
     if number >= len(COLOURS):
         raise InputError(f"more than {len(COLOURS)} series cannot be told apart in one figure")
     return {"color": COLOURS[number], "linestyle": DASHES[number % len(DASHES)]}
+
+
+def _values(label: str, run: RunResult, metric: str) -> np.ndarray:
+    """The values of a metric in the cases of a run. Raises InputError where it is defined in none."""
+    values = run.episodes.columns[metric].astype(float)
+    if not np.isfinite(values).any():
+        raise InputError(f"{metric} is not defined in any case of the run of {label}")
+    return values
+
+
+def _check_few(series: int) -> None:
+    """Raise InputError where there are more series than can be told apart."""
+    if series > MOST:
+        raise InputError(f"{series} series cannot be told apart in one figure: give {MOST} at most")

@@ -107,8 +107,7 @@ def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
     for of_planner in planners:
         strata = list(map(_pair, first, of_planner))
         names = first[0].label, of_planner[0].label
-        cases = ", ".join(dict.fromkeys(map(_shared, first, of_planner)))
-        pooled.append(_summarize(POOLED_SCENARIOS.format(len(strata)), names, cases, strata, []))
+        pooled.append(_summarize(POOLED_SCENARIOS.format(len(strata)), names, strata, []))
     return [*correct(single), *correct(pooled)]
 
 
@@ -188,27 +187,18 @@ def _pair(a: RunResult, b: RunResult) -> Paired:
     _, *rows = np.intersect1d(a.episodes.case, b.episodes.case, return_indices=True)
     if len(rows[0]) == 0:
         raise InputError(f"{a.directory} ({a.cases}) and {b.directory} ({b.cases}) share no case to compare")
-    return Paired(a.episodes.take(rows[0]), b.episodes.take(rows[1]))
-
-
-def _shared(a: RunResult, b: RunResult) -> str:
-    """Return the cases that two runs of the same split share."""
-    return str(Cases(a.cases.split, max(a.cases.start, b.cases.start), min(a.cases.stop, b.cases.stop)))
+    shared = Cases(a.cases.split, max(a.cases.start, b.cases.start), min(a.cases.stop, b.cases.stop))
+    return Paired(a.episodes.take(rows[0]), b.episodes.take(rows[1]), str(shared))
 
 
 def compare_results(a: RunResult, b: RunResult, metrics: Sequence[str] = ()) -> Comparison:
     """Compare two runs in metrics, all where none are named. Raises InputError as `compare` does."""
     names = (a.label, b.label) if a.label != b.label else (str(a.directory), str(b.directory))
-    return _summarize(a.result["scenario"]["name"], names, _shared(a, b), [_pair(a, b)], _warnings((a, b)), metrics)
+    return _summarize(a.result["scenario"]["name"], names, [_pair(a, b)], _warnings((a, b)), metrics)
 
 
 def _summarize(
-    scenario: str,
-    names: tuple[str, str],
-    shared: str,
-    strata: Sequence[Paired],
-    warnings: list[str],
-    chosen: Sequence[str] = (),
+    scenario: str, names: tuple[str, str], strata: Sequence[Paired], warnings: list[str], chosen: Sequence[str] = ()
 ) -> Comparison:
     """Compare two planners in scenarios, the strata, by the chosen metrics or by all."""
     first, tables = strata[0], [table.columns for pair in strata for table in (pair.a, pair.b)]
@@ -220,7 +210,7 @@ def _summarize(
     return Comparison(
         scenario=scenario,
         names=names,
-        shared=shared,
+        shared=", ".join(dict.fromkeys(pair.cases for pair in strata)),
         cases=sum(len(pair.a) for pair in strata),
         both_solved=sum(int(pair.solved.sum()) for pair in strata),
         rows={name: compare_metric(name, strata) for name in metrics},

@@ -66,10 +66,11 @@ class MetricDifference:
 
 @dataclass(frozen=True)
 class Paired:
-    """The episodes of the runs A and B in the cases that both drove."""
+    """The episodes of the runs A and B in the cases that both drove, such as `test:0:500`."""
 
     a: Episodes
     b: Episodes
+    cases: str = ""
 
     @property
     def solved(self) -> Bool[np.ndarray, "case"]:

@@ -107,9 +107,7 @@ def check_result(directory: Path, needed: Collection[str] = (), only: bool = Fal
     for name in needed:
         if name not in digests and (directory / name).exists():
             raise InputError(f"{directory / name} is not a file of this run: {RESULT} does not list it; remove it")
-    for name, expected in digests.items():
-        if only and name not in needed:
-            continue
+    for name, expected in ((name, digests[name]) for name in digests if name in needed or not only):
         try:
             actual = files.sha256(directory / name)
         except OSError as error:

@@ -19,6 +19,9 @@ from crowdbench.utils.tables import Grid
 
 SCENARIO = "scenario"
 
+Records = Sequence[Mapping[str, Any]]
+"""The rows of a table, see `estimate_grid`."""
+
 NOTE = "Bold: the best of a column. †: not distinguishable from it, paired by case ({test})."
 BEST = "best"
 FEWER = "[n]: a mean over n cases only, those in which it is defined."
@@ -63,10 +66,8 @@ class RunTable:
         rows = names or _row_names(runs, places)
         for run, row, (_, column) in zip(runs, rows, places, strict=True):
             if run.cases != runs[0].cases:
-                raise InputError(
-                    f"{runs[0].directory} has the cases {runs[0].cases} and {run.directory} has {run.cases}: "
-                    "make all runs with the same cases"
-                )
+                both = f"{runs[0].directory} has the cases {runs[0].cases} and {run.directory} has {run.cases}"
+                raise InputError(f"{both}: make all runs with the same cases")
             of_column = table.setdefault(column, {})
             if row in of_column:
                 both = f"{run.directory} and {of_column[row].directory}"
@@ -125,18 +126,13 @@ class RunTable:
 
     def all_metrics(self) -> Grid:
         """Return a row for each metric that all runs have, and a column for each run."""
-        shared = [
-            name for name in self.runs[0].episodes.columns if all(name in run.episodes.columns for run in self.runs)
-        ]
-        infos, labels = self.infos(shared), [*self.labelled]
-        columns = [estimates(run, infos) for run in self.labelled.values()]
-        grid = estimate_grid("all metrics", columns, infos, cases=len(self.runs[0].episodes))
-        records = [
-            {"metric": name, **{label: column[name] for label, column in zip(labels, columns, strict=True)}}
-            for name in infos
-        ]
+        shared = [n for n in self.runs[0].episodes.columns if all(n in run.episodes.columns for run in self.runs)]
+        infos, cases = self.infos(shared), len(self.runs[0].episodes)
+        found = {label: estimates(run, infos) for label, run in self.labelled.items()}
+        grid = estimate_grid("all metrics", list(found.values()), infos, cases=cases)
+        records = [{"metric": name} | {label: of_run[name] for label, of_run in found.items()} for name in infos]
         rows = list(zip(grid.header, *grid.rows, strict=True))
-        return self._with_note(Grid(grid.title, ["metric", *labels], rows, records))
+        return self._with_note(Grid(grid.title, ["metric", *found], rows, records))
 
     def cross(self, metric: str) -> Grid:
         """Return one metric with a row for each planner. Raises InputError as `grid` does."""
@@ -150,10 +146,8 @@ class RunTable:
                 row = _starred(planner, runs[planner])
                 records.setdefault(row, {"planner": row})[column] = mean
                 cells.setdefault(row, {})[column] = _cell(info, mean, cases, marks.get(planner, ""))
-        rows = [
-            [planner, *(row.get(column, info.estimate(UNDEFINED)) for column in self.columns)]
-            for planner, row in cells.items()
-        ]
+        missing = info.number(math.nan)
+        rows = [[row, *(of_row.get(column, missing) for column in self.columns)] for row, of_row in cells.items()]
         marked = NOTE.format(test=RATES if all(metric in run.episodes.rates for run in self.runs) else MEANS)
         return self._with_note(Grid(info.heading, [info.heading, *self.columns], rows, list(records.values())), marked)
 
@@ -177,11 +171,7 @@ def estimates(run: RunResult, infos: Mapping[str, MetricInfo], solved: bool = Fa
 
 
 def estimate_grid(
-    title: str,
-    records: Sequence[Mapping[str, Any]],
-    infos: Mapping[str, MetricInfo],
-    brief: Collection[str] = (),
-    cases: int = 0,
+    title: str, records: Records, infos: Mapping[str, MetricInfo], brief: Collection[str] = (), cases: int = 0
 ) -> Grid:
     """Return a table of estimates.
 

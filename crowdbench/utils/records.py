@@ -35,4 +35,5 @@ def check_record(model: type[Model], contents: Any, path: Path, what: str, versi
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = ".".join(map(str, first["loc"])) or "the whole file"
-        raise InputError(f"{path} is no {what} of crowdbench: {key}: {first['msg']}") from None
+        said = first.get("ctx", {}).get("error", first["msg"])  # pydantic's own message begins with "Value error"
+        raise InputError(f"{path} is no {what} of crowdbench: {key}: {said}") from None

@@ -63,7 +63,9 @@ def format_tables(grids: Sequence[Grid], kind: Format) -> str:
         pairs = zip(titles, grids, strict=True)
         return _csv([{**title, **flatten(plain(record))} for title, grid in pairs for record in grid.records])
     title = "### " if kind is Format.MARKDOWN else "% "
-    texts = [_with_note(grid) if kind is Format.MARKDOWN else _latex(grid) for grid in grids]
+    below = [f"\n\n{grid.note}" if grid.note else "" for grid in grids]
+    pages = [markdown(grid.header, grid.rows) + note for grid, note in zip(grids, below, strict=True)]
+    texts = pages if kind is Format.MARKDOWN else list(map(_latex, grids))
     if len(grids) == 1:
         return texts[0]
     return "\n\n".join(f"{title}{grid.title}\n\n{text}" for grid, text in zip(grids, texts, strict=True))
@@ -89,11 +91,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, list):
         return [plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _with_note(grid: Grid) -> str:
-    """Return a table in Markdown with its note."""
-    return "\n\n".join([markdown(grid.header, grid.rows), *([grid.note] if grid.note else [])])
 
 
 def floating(table: str, caption: str | None, label: str | None) -> str:
