@@ -58,9 +58,8 @@ def axes(out: Path, height: float = HEIGHT, caption: str = "") -> Iterator[Axes]
         InputError: The ending is another one, or the folder does not exist.
     """
     with canvas(out, WIDTH, height) as figure:
-        ax = figure.add_subplot()
-        ax.set_title(caption, loc="right", fontsize=6, pad=2)
-        yield ax
+        figure.add_subplot().set_title(caption, loc="right", fontsize=6, pad=2)
+        yield figure.axes[0]
 
 
 @contextlib.contextmanager

@@ -79,8 +79,7 @@ class RunTable:
     @property
     def cases(self) -> str:
         """The cases of every run, and how many they are."""
-        run = self.runs[0]
-        return f"cases {run.cases}, n = {len(run.episodes)}"
+        return f"cases {self.runs[0].cases}, n = {len(self.runs[0].episodes)}"
 
     @property
     def runs(self) -> list[RunResult]:
@@ -153,13 +152,10 @@ class RunTable:
 
     def _with_note(self, grid: Grid, marks: str = "") -> Grid:
         """Return a table with a note on its cases, and on the marks of its cells."""
-        notes = {
-            f"{self.cases.capitalize()}.": True,
-            marks: bool(marks),
-            FEWER: any(" [" in cell for row in grid.rows for cell in row),
-            PRIVILEGED: any(run.result["stated"]["privileged"] for run in self.runs),
-        }
-        return replace(grid, note=" ".join(note for note, applies in notes.items() if applies))
+        has_fewer = any(" [" in cell for row in grid.rows for cell in row)
+        has_privileged = any(run.result["stated"]["privileged"] for run in self.runs)
+        notes = [f"{self.cases.capitalize()}.", marks, FEWER * has_fewer, PRIVILEGED * has_privileged]
+        return replace(grid, note=" ".join(filter(None, notes)))
 
 
 def estimates(run: RunResult, infos: Mapping[str, MetricInfo], solved: bool = False) -> dict[str, Estimate]:
