@@ -26,11 +26,12 @@ WEIGHTS = HERE.parents[1] / "agents" / "pedestrians" / "learned" / "learned.npz"
 
 DESCRIPTION = f"""# Learning together
 
-One network drives the vehicle and all pedestrians (`together`, and the pedestrian policy `learned`): PPO with shared
-parameters (IPPO, de Witt et al. 2020, [arXiv:2011.09533](https://arxiv.org/abs/2011.09533)) in the PettingZoo
-environment of `{SCENARIO}`, where everybody is paid for progress to the goal. `with_orca` is a vehicle of the same
-network and the same PPO, which learned among ORCA pedestrians. Columns are crowds, rows are vehicles. Pedestrians see
-the vehicle. `--train MINUTES` trains both networks."""
+One network drives the vehicle and all pedestrians: the vehicle `together`, and the pedestrian policy `learned`. It was
+trained by PPO with shared parameters (IPPO, de Witt et al. 2020, [arXiv:2011.09533](https://arxiv.org/abs/2011.09533))
+in the PettingZoo environment of `{SCENARIO}`, where everybody is paid for progress to the goal. The vehicle
+`with_orca` has the same network and the same PPO, and was trained among ORCA pedestrians. Columns are crowds, rows are
+vehicles. Pedestrians see the vehicle. The networks that ship were trained with one seed, `together` for 5 and
+`with_orca` for 2 minutes of processor time; `--train MINUTES` trains both anew."""
 
 
 @help_from_docstring
