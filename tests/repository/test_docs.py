@@ -125,12 +125,12 @@ TABLES = ("suite", "learned", "policies", "crowds", "kce", "recorded", "speciali
 PRINTED = {f"studies/{name}/README.md": f"python studies/run.py studies/{name}/study.toml" for name in TABLES}
 PRINTED["studies/recorded/README.md"] += " --data DIR"
 SCRIPTS = {
-    "published": " NETWORKS --cases val:10",
-    "validity": "",
+    "validity": " --data DIR",
     "transfer": " --data DIR",
     "ladder": "",
     "dials": "",
     "li2020": "",
+    "learn_together": "",
 }
 PRINTED |= {f"studies/{name}/README.md": f"python studies/{name}/run.py{data}" for name, data in SCRIPTS.items()}
 PRINTED["studies/validity/motion.md"] = "python studies/validity/motion.py --data DIR"
