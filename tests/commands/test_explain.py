@@ -31,7 +31,7 @@ def test_every_option_that_ships_has_a_meaning_and_every_number_a_unit(factory):
 @pytest.mark.parametrize("name", [name for name, _ in catalog.PEDESTRIANS.names()])
 def test_every_parameter_of_a_pedestrian_policy_has_a_meaning_and_a_unit(name):
     rows = parameter_rows(name, catalog.PEDESTRIANS.find(name)[1])
-    assert bool(rows) == (name not in {"recorded", "standing", "straight"})
+    assert bool(rows) == (name not in {"learned", "recorded", "standing", "straight"})
     assert [(row.name, lacks(row)) for row in rows if lacks(row)] == []
 
 
@@ -132,8 +132,8 @@ def test_one_thing_is_explained(arguments, expected, capsys):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["planners", "orka"], "no planner is called 'orka'; there are"),
-        (["predictors", "orka"], "no predictor is called 'orka'; there are"),
+        (["planners", "orka"], "no planner is called 'orka' .did you mean orca.*; there are"),
+        (["predictors", "orka"], "no predictor is called 'orka' .did you mean oracle.*; there are"),
         (["metrics", "orka"], "no metric is called 'orka'; there are"),
         (["scenarios", "orka"], "no scenario is called 'orka'; there are"),
         (["weights", "orka"], "no file of weights is called 'orka'; there are"),

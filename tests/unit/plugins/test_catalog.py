@@ -118,11 +118,11 @@ def test_a_broken_file_gets_one_sentence(tmp_path, text, expected):
 
 
 def test_unknown_names_and_options_are_told_with_the_known(mine):
-    with pytest.raises(InputError, match=r"no planner is called 'orka'; there are .*orca"):
+    with pytest.raises(InputError, match=r"no planner is called 'orka' .did you mean orca.*; there are .*orca"):
         catalog.load_planner("orka")
     with pytest.raises(InputError, match="there is no file"):
         catalog.load_planner("./nowhere.py")
-    with pytest.raises(InputError, match="mine has no option 'sped'; its options are: speed"):
+    with pytest.raises(InputError, match="mine has no option 'sped' .did you mean speed.*; its options are: speed"):
         catalog.load_planner(mine, {"sped": 1})
 
 
