@@ -185,7 +185,8 @@ def _compare_networks(names: tuple[str, str], one: Sequence[RunResult], two: Seq
         rows[metric] = MetricDifference(
             estimate(metric, runs[0]).mean, estimate(metric, runs[1]).mean, found, None, None
         )
-    return Comparison(one[0].result["scenario"]["name"], names, len(solved), int(solved.sum()), rows, None, [])
+    scenario, cases = one[0].result["scenario"]["name"], str(one[0].cases)
+    return Comparison(scenario, names, len(solved), int(solved.sum()), rows, None, [], cases)
 
 
 def verdict_grid(found: Sequence[Comparison]) -> Grid:

@@ -37,10 +37,8 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
         InputError: One of them is not a run, they are too many, or the file cannot be written.
     """
     table = RunTable.read(directories)
-    runs = table.labelled
-    _check_few(len(runs))
     with axes(out, caption=table.cases) as ax:
-        for number, (label, run) in enumerate(runs.items()):
+        for number, (label, run) in enumerate(table.labelled.items()):
             dt, limit = (float(run.result["scenario"][key]) for key in ("dt", "time_limit"))
             episodes, line = run.episodes, _line(number)
             solved = np.where(episodes.outcome == Outcome.SUCCESS, episodes.steps * dt, np.inf)
@@ -68,7 +66,10 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
     """
     table = RunTable.read(directories)
     runs, info = table.labelled, table.infos([metric])[metric]
-    values = [info.factor * _values(label, run, metric) for label, run in runs.items()]
+    values = [info.factor * run.episodes.columns[metric].astype(float) for run in runs.values()]
+    for label, column in zip(runs, values, strict=True):
+        if not np.isfinite(column).any():
+            raise InputError(f"{metric} is not defined in any case of the run of {label}")
     with axes(out, 0.8 + 0.35 * len(runs), table.cases) as ax:
         rows = list(range(len(runs), 0, -1))
         box = {"color": COLOURS[0]}
@@ -108,7 +109,6 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
     table = RunTable.read(directories)
     for run in table.runs:
         groups.setdefault(run.label, []).append(run)
-    _check_few(len(groups))
     with axes(out, caption=table.cases) as ax:
         from matplotlib.ticker import MaxNLocator
 
@@ -145,7 +145,6 @@ def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "suc
     from crowdbench.train.training import VALIDATION_CASES
 
     groups = _read_trainings(directories, quantity)
-    _check_few(len(groups))
     with axes(out, caption=f"cases {VALIDATION_CASES} of each validation scenario") as ax:
         from matplotlib.ticker import EngFormatter
 
@@ -211,17 +210,3 @@ def _line(number: int) -> dict[str, Any]:
     if number >= len(COLOURS):
         raise InputError(f"more than {len(COLOURS)} series cannot be told apart in one figure")
     return {"color": COLOURS[number], "linestyle": DASHES[number % len(DASHES)]}
-
-
-def _values(label: str, run: RunResult, metric: str) -> np.ndarray:
-    """The values of a metric in the cases of a run. Raises InputError where it is defined in none."""
-    values = run.episodes.columns[metric].astype(float)
-    if not np.isfinite(values).any():
-        raise InputError(f"{metric} is not defined in any case of the run of {label}")
-    return values
-
-
-def _check_few(series: int) -> None:
-    """Raise InputError where there are more series than can be told apart."""
-    if series > MOST:
-        raise InputError(f"{series} series cannot be told apart in one figure: give {MOST} at most")

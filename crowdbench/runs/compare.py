@@ -30,23 +30,23 @@ class Comparison:
     Attributes:
         scenario: The name of the scenario, or `POOLED_SCENARIOS`.
         names: What the runs A and B are called.
-        shared: The cases that both have driven, such as `test:0:500`.
-        cases: The number of them. Rates, and means that count failures, are over these.
+        cases: The number of cases that both have driven. Rates, and means that count failures, are over these.
         both_solved: The number of cases that both have solved. Other means are over these.
         rows: The metrics, by name.
         changed: Case, outcome in A and outcome in B, of every case in which the outcomes differ; None for several
             scenarios.
         warnings: Reasons against comparing them, a sentence each.
+        shared: The cases that both have driven, such as `test:0:500`.
     """
 
     scenario: str
     names: tuple[str, str]
-    shared: str
     cases: int
     both_solved: int
     rows: dict[str, MetricDifference]
     changed: list[tuple[int, int, int]] | None
     warnings: list[str]
+    shared: str
 
     def list_changed_cases(self) -> list[str]:
         """Return a line with the cases for each pair of different outcomes; none for several scenarios."""

@@ -120,7 +120,11 @@ def test_a_board_of_recorded_people_has_a_digest_without_their_tracks(tmp_path, 
     ("old", "new", "sentence"),
     [
         ('title = "Five"', "", r"^five/board\.toml: title is missing, but must be a text in quotes, not an empty one$"),
-        ("cases", "case", r"^five/board\.toml: unknown key case .did you mean cases.*; the keys here are title, description, version, "),
+        (
+            "cases",
+            "case",
+            r"^five/board\.toml: unknown key case .did you mean cases.*; the keys here are title, description, version, ",
+        ),
         (
             "circle_crossing_10",
             "nowhere",

@@ -122,7 +122,7 @@ def test_unknown_names_and_options_are_told_with_the_known(mine):
         catalog.load_planner("orka")
     with pytest.raises(InputError, match="there is no file"):
         catalog.load_planner("./nowhere.py")
-    with pytest.raises(InputError, match="mine has no option 'sped' .did you mean speed.*; its options are: speed"):
+    with pytest.raises(InputError, match=r"mine has no option 'sped' .did you mean speed.*; its options are: speed"):
         catalog.load_planner(mine, {"sped": 1})
 
 

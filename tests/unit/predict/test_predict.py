@@ -184,7 +184,11 @@ def test_options_reach_the_predictor_and_wrong_ones_are_told():
     assert load_predictor("constant_velocity_sampled", {"modes": 3})[1].modes == 3
     for name, options, expected in [
         ("linear", {"modes": 3}, "linear has no option 'modes'; its options are: none"),
-        ("constant_velocity_sampled", {"mode": 3}, "has no option 'mode' .did you mean modes.*; its options are: modes, angle"),
+        (
+            "constant_velocity_sampled",
+            {"mode": 3},
+            "has no option 'mode' .did you mean modes.*; its options are: modes, angle",
+        ),
         ("constant_velocity_sampled", {"modes": 0}, "modes is 0, but must be a whole number, 1 or more"),
         ("constant_velocity_sampled", {"modes": 2.5}, "modes is 2.5, but must be a whole number"),
         ("constant_velocity_sampled", {"modes": True}, "modes is true, but must be a whole number"),

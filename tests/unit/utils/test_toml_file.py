@@ -53,7 +53,10 @@ NAMED = {"name": "a"}
 
 WRONG = [
     ({"wheels": [NAMED, {"colour": "red"}]}, "unknown key wheels[2].colour; the keys here are name, radius, spokes"),
-    ({"body": {"colour": 3}, "wheel": 4}, "unknown key wheel (did you mean wheels?); the keys here are wheels, spare, body"),
+    (
+        {"body": {"colour": 3}, "wheel": 4},
+        "unknown key wheel (did you mean wheels?); the keys here are wheels, spare, body",
+    ),
     ({"wheels": [{"radius": 1.0}]}, "wheels[1].name is missing, but must be a text in quotes"),
     ({"wheels": [{"name": ""}]}, "wheels[1].name is '', but must be a text in quotes, not an empty one"),
     ({"wheels": NAMED}, "wheels is {'name': 'a'}, but must be a list of tables [[wheels]]"),
