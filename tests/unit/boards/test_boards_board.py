@@ -123,7 +123,7 @@ def test_a_board_of_recorded_people_has_a_digest_without_their_tracks(tmp_path, 
         (
             "cases",
             "case",
-            r"^five/board\.toml: unknown key case .did you mean cases.*; the keys here are title, description, version, ",
+            r"^five/board\.toml: unknown key case .did you mean cases.*; the keys here are title, description, ",
         ),
         (
             "circle_crossing_10",
