@@ -120,8 +120,8 @@ def test_a_policy_of_stable_baselines3_is_trained_and_exported(done):
 
 def test_an_onnx_file_is_ready_for_a_board(call, done):
     export("policy.onnx")
-    done("new-planner", "mine")
-    card = Path("mine/card.toml")
+    done("new-planner", "swift_heron")
+    card = Path("swift_heron/card.toml")
     answers = {"Your Name": "Ada Lovelace", "you@": "ada@", "slowly where a pedestrian is near": "never waits"}
     for asked, answer in answers.items():
         card.write_text(card.read_text().replace(asked, answer))
