@@ -34,6 +34,7 @@ if TYPE_CHECKING:  # the aliases tell type checkers, and `public_names`, that th
     from crowdbench.planners.base import Planner as Planner
     from crowdbench.planners.driver import Driver as Driver
     from crowdbench.planners.lookahead import ValuePlanner as ValuePlanner
+    from crowdbench.planners.reactive import along_walls as along_walls
     from crowdbench.predict import Prediction as Prediction
     from crowdbench.predict import Predictor as Predictor
     from crowdbench.predict.load import load_predictor as load_predictor

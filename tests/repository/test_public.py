@@ -25,6 +25,7 @@ NAMES = [
     "Trace",
     "ValuePlanner",
     "World",
+    "along_walls",
     "export_policy",
     "flatten",
     "load_network",
