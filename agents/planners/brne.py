@@ -1,8 +1,8 @@
 """Bayesian Recursive Nash Equilibrium (BRNE): the vehicle and the people nearest to it negotiate the free space.
 
-Each agent has a mixed strategy: trajectories sampled from a Gaussian process, and their weights. Bayesian updates change
-the weights of one agent after the other by the expected risk of a collision with the others, until they are a Nash
-equilibrium. The vehicle drives along the weighted mean of its trajectories.
+Each agent has a mixed strategy: trajectories sampled from a Gaussian process, and their weights. Bayesian updates
+change the weights of one agent after the other by the expected risk of a collision with the others, until they are a
+Nash equilibrium. The vehicle drives along the weighted mean of its trajectories.
 
 Sun, Baldini, Hughes, Trautman and Murphey, "Mixed strategy Nash equilibrium for crowd navigation", International
 Journal of Robotics Research, 2024, arXiv:2403.01537. The formulas are those of the authors' code, MurpheyLab/brne on
@@ -11,8 +11,8 @@ socnavbench/brne.py.
 
 Differs from that code in that
 - distances are relative to the sum of two radii, because agents have different sizes here;
-- trajectories into walls have no weight (in brne_nav/brne_py: those of the robot that leave a corridor), and the command
-  goes along walls, because the paper leaves walls to another planner;
+- trajectories into walls have no weight (in brne_nav/brne_py: those of the robot that leave a corridor), and the
+  command goes along walls, because walls are left to another planner there;
 - the samples of the vehicle are around its route, because walls may be in the straight way to the goal;
 - the samples of a person are scaled by the person's speed, as in brne_nav/brne_py.
 """

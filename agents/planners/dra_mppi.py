@@ -10,8 +10,8 @@ and its approximation for all samples at once (IV-A), the cost omega_soft P + om
 
 Differs from the paper in that
 - the modes are futures of Social GAN, around which the variance grows with time as that of the paper's pedestrians;
-- the points of the approximation are a lattice with a random offset, whose points in a circle are quickly found, so that
-  5000 are more exact than the paper's 20000 random ones;
+- the points of the approximation are a lattice with a random offset, whose points in a circle are quickly found, and
+  5000 instead of 20000;
 - the temperature is solved for in each decision, not adapted from one decision to the next;
 - the terms of tracking and speed are relative to a point that moves along the route at the preferred speed, in place of
   a corridor's centreline, and changes of the velocity cost in place of the turn rate, which a holonomic vehicle lacks;
