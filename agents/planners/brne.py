@@ -239,14 +239,14 @@ def along_route(obs: Observation, length: Float[np.ndarray, "world time"]) -> Po
 
 
 def planner(
-    samples: int = 100,
-    people: int = 5,
+    samples: int = 60,
+    people: int = 4,
     iterations: int = 10,
-    horizon: int = 16,
-    straightness: float = 0.13,
-    width: float = 2.0,
-    zone: float = 10.0,
-    penalty: float = 100.0,
+    horizon: int = 19,
+    straightness: float = 0.08,
+    width: float = 1.0,
+    zone: float = 8.0,
+    penalty: float = 400.0,
 ) -> Brne:
     """Make the planner.
 

@@ -6,12 +6,12 @@ Monte Carlo approximations", IROS 2025, arXiv:2506.21205.
 From the paper are the mixture of Gaussians of each person (section III-A), the joint probability of a collision (III-D)
 and its approximation for all samples at once (IV-A), the cost omega_soft P + omega_hard 1(P > sigma) in each step
 (IV-B), splines through a Halton sequence, the adapted temperature, the sample that brakes and the shifted last plan
-(IV-C), K = 400 samples, a horizon of 4 s, sigma = 0.05 and people's noise of 0.3 m/s (V).
+(IV-C), a horizon of 4 s, sigma = 0.05 and people's noise of 0.3 m/s (V).
 
 Differs from the paper in that
 - the modes are futures of Social GAN, around which the variance grows with time as that of the paper's pedestrians;
 - the points of the approximation are a lattice with a random offset, whose points in a circle are quickly found, and
-  5000 instead of 20000;
+  2000 instead of 20000;
 - the temperature is solved for in each decision, not adapted from one decision to the next;
 - the terms of tracking and speed are relative to a point that moves along the route at the preferred speed, in place of
   a corridor's centreline, and changes of the velocity cost in place of the turn rate, which a holonomic vehicle lacks;
@@ -188,10 +188,11 @@ def collision_probability(
     low, high = centre.min(axis=1) - radius[:, None], centre.max(axis=1) + radius[:, None]
     spacing = (high - low) / grid
     lattice = low[:, None] + spacing[:, None] * (np.arange(grid)[:, None] + offset[:, None])
-    away = (lattice[:, None, None] - mean.swapaxes(1, 2)[:, :, :, None]) / sigma[:, :, None, None, None]
-    density = np.exp(-0.5 * away**2) / (np.sqrt(2.0 * np.pi) * sigma[:, :, None, None, None])
-    density[..., 0] *= present[:, :, None, None] / mean.shape[1]
-    x, y = np.moveaxis(density.astype(np.float32), -1, 0)
+    scale = sigma[:, :, None, None, None]
+    away = ((lattice.swapaxes(1, 2)[:, None, None] - mean.swapaxes(1, 2)[..., None]) / scale).astype(np.float32)
+    density = np.exp(-0.5 * away * away) / (np.sqrt(2.0 * np.pi) * scale).astype(np.float32)
+    density[..., 0, :] *= (present / mean.shape[1])[:, :, None, None]
+    x, y = density[..., 0, :], density[..., 1, :]
     nobody = np.subtract(1.0, np.matmul(x.swapaxes(2, 3), y), dtype=np.float32)
     joint = 1.0 - np.multiply.reduce(nobody, axis=1)
     # Sums along y up to each point: those of a column of a circle are a difference of two.
@@ -280,23 +281,23 @@ def along_route(obs: Observation, length: Float[np.ndarray, "world time"]) -> Po
 
 def planner(
     predictor: str = "sgan",
-    samples: int = 400,
+    samples: int = 200,
     horizon: int = 16,
-    points: int = 5000,
+    points: int = 2000,
     threshold: float = 0.05,
-    soft: float = 10.0,
-    hard: float = 100.0,
+    soft: float = 30.0,
+    hard: float = 300.0,
     speed: float = 0.5,
     change: float = 0.5,
     spread: float = 0.4,
     noise: float = 0.3,
-    effective: float = 8.0,
+    effective: float = 1.5,
 ) -> DraMppi:
     """Make the planner.
 
     Args:
         predictor: What predicts the modes of people's motion: a name (`crowdbench list predictors`) or a file.
-        samples: Number of sequences of commands, the paper's K [1].
+        samples: Number of sequences of commands, the paper's K, which is 400 there [1].
         horizon: Number of steps of a sequence, the paper's T [1].
         points: Number of points at which the density of people is computed in each step, the paper's N_mc [1].
         threshold: Probability of a collision in a step above which a sample is rejected, the paper's sigma [1].
