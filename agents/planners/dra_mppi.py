@@ -44,6 +44,9 @@ BATCH = 2
 WALL = 1e4
 """Cost of a collision with a wall."""
 
+ROUNDING = 0.05
+"""By how much a vehicle is nearer to a corner within a step than at its ends, in metres, and a little more."""
+
 
 @dataclass(eq=False)
 class DraMppi(Planner):
@@ -143,7 +146,7 @@ class DraMppi(Planner):
                 crowd = futures[:, :, t], sigma[:, t], obs.pedestrians.seen
                 probable = collision_probability(centre, radius[:, 0] + people, *crowd, offset[:, t], self.points)
                 risk = np.maximum(risk, probable)
-                crashed = np.maximum(crashed, distance_to_walls(centre, obs.obstacles) < radius)
+                crashed = np.maximum(crashed, distance_to_walls(centre, obs.obstacles) < radius + ROUNDING)
             step = np.linalg.norm(state.position - reference[:, None, t], axis=2)
             step += self.speed * ((np.linalg.norm(state.velocity, axis=2) - speed) / speed) ** 2
             step += self.change * (((state.velocity - before.velocity) / speed[..., None]) ** 2).sum(axis=2)
