@@ -5,9 +5,9 @@ change the weights of one agent after the other by the expected risk of a collis
 Nash equilibrium. The vehicle drives along the weighted mean of its trajectories.
 
 Sun, Baldini, Hughes, Trautman and Murphey, "Mixed strategy Nash equilibrium for crowd navigation", International
-Journal of Robotics Research, 2024, arXiv:2403.01537. The formulas are those of the authors' code, MurpheyLab/brne on
-GitHub: `gaussian_process`, `risks` and `equilibrium` compute the same as `get_Lmat_nb`, `costs_nb` and `brne_nav` of
-socnavbench/brne.py.
+Journal of Robotics Research, 2024, arXiv:2403.01537. The paper itself was not at hand. The formulas are those of the
+authors' code, MurpheyLab/brne on GitHub: `gaussian_process`, `risks` and `equilibrium` compute the same as
+`get_Lmat_nb`, `costs_nb` and `brne_nav` of socnavbench/brne.py.
 
 Differs from that code in that
 - distances are relative to the sum of two radii, because agents have different sizes here;

@@ -8,6 +8,9 @@ and its approximation for all samples at once (IV-A), the cost omega_soft P + om
 (IV-B), splines through a Halton sequence, the adapted temperature, the sample that brakes and the shifted last plan
 (IV-C), a horizon of 4 s, sigma = 0.05 and people's noise of 0.3 m/s (V).
 
+The displayed equations of the paper were not at hand. The joint probability is that of its text and of a published
+review of it, one minus the product over people of the probability of no contact. Costs other than the risk are ours.
+
 Differs from the paper in that
 - the modes are futures of Social GAN, around which the variance grows with time as that of the paper's pedestrians;
 - the points of the approximation are a lattice with a random offset, whose points in a circle are quickly found, and
