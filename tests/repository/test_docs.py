@@ -125,7 +125,8 @@ TABLES = ("suite", "learned", "policies", "crowds", "kce", "recorded", "speciali
 PRINTED = {f"studies/{name}/README.md": f"python studies/run.py studies/{name}/study.toml" for name in TABLES}
 PRINTED["studies/recorded/README.md"] += " --data DIR"
 SCRIPTS = {
-    "validity": " --data DIR",
+    "published": " NETWORKS --cases val:10",
+    "validity": "",
     "transfer": " --data DIR",
     "ladder": "",
     "dials": "",
