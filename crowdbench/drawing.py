@@ -173,12 +173,12 @@ class Moment:
         if len(self.step) < 2 or self.step[-1] - self.step[-2] != 1:
             return []
         (before, now), rules = self.position[-2:], self.rules
-        motion = np.empty(now.shape)
-        fill_motion(before, now, self.velocity[-2], rules.numbers.collision, rules.dt, motion)
+        fill_motion(before, now, self.velocity[-2], rules.numbers.collision, rules.dt, motion := np.empty(now.shape))
         turn_rate = turn(*self.heading[-2:]) / rules.dt
         arc = rules.numbers.body, self.heading[-2], float(np.hypot(*self.velocity[-1, 0])), turn_rate, rules.dt
         is_holonomic, hit = isinstance(rules.dynamics, Holonomic), []
-        for agent in (1 + np.flatnonzero(np.isfinite(self.position[-2:, 1:, 0]).all(axis=0))).tolist():
+        stays = np.isfinite((before + now)[:, 0]) & same_agents(self.person[-2:])[0]  # nobody has come in their place
+        for agent in np.flatnonzero(stays).tolist()[1:]:
             pair = [0, agent]
             discs = Discs(before[pair], motion[pair], self.radius[pair], np.ones(2, bool))
             gap, _ = nearest_in_step(0, discs) if is_holonomic else gaps_on_arc(*arc, discs, np.empty((0, 0, 2)))

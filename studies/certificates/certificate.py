@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
+import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -34,6 +34,7 @@ from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 from studies.certificates.crowds import Crowd, Known, Reacting, known_steps
 from studies.certificates.search import Effort, SearchResult, Task, search
+from studies.pages import keep
 
 PLANNERS = ("orca_margin", "orca", "social_force")
 """Planners that decide fast, and need no torch. A run of theirs that succeeds is a certificate."""
@@ -54,8 +55,6 @@ CODE = sorted(set(Path(__file__).parent.glob("*.py")) - {Path(__file__).with_nam
 
 PART = 25
 """Cases of a part: what an interrupt loses is no more than one."""
-
-_COLUMNS = ("case", "means", "margin", "gap", "seconds", "exhausted")
 
 
 class Certificate(NamedTuple):
@@ -96,6 +95,8 @@ def certificates(scenario: Scenario, cases: Cases, margins: Sequence[float], pro
     Raises:
         InputError: The scenario breaks its contract.
     """
+    # What the vehicle sees need not be simulated: people do not mind it, and planners do better without noise.
+    scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT))
     drivers = [Driver(load_planner(name)[1], name) for name in PLANNERS]
     driven = [(driver.name, rollout(driver, scenario, cases, undisturbed=False)) for driver in drivers]
     found: dict[int, Certificate] = {}
@@ -134,14 +135,12 @@ def _search_cases(
     """
     if not cases:
         return
-    # The search need not simulate what the vehicle sees, which people do not mind.
-    simulated = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT))
     is_visible = scenario.rules.visible
     # Whether anybody's way depends on the vehicle's: who sees it does, and who is placed where it is not.
     is_placed = scenario.crowd.arrival in ("new_goal", "respawn") or scenario.crowd.goal_change is not None
     heeds_vehicle = is_visible or is_placed or scenario.tracks is not None
-    world = simulated.draw(split, np.array(cases))
-    tasks = [Task.of(world, row) for row in range(len(cases))]
+    world = scenario.draw(split, np.array(cases))
+    tasks = [Task.of(world, row, margin) for row in range(len(cases))]
     certified: set[int] = set()
 
     def replay(rows: Sequence[int], results: Iterable[SearchResult]) -> Iterator[Certificate]:
@@ -159,7 +158,7 @@ def _search_cases(
                 exhausted.add(cases[row])
 
     if not is_visible:
-        steps = known_steps(simulated, world)
+        steps = known_steps(scenario, world)
 
         def search_known(row: int) -> SearchResult:
             return _search_harder(tasks[row], Known([step.row(row) for step in steps]), margin, KNOWN)
@@ -171,7 +170,7 @@ def _search_cases(
         left = [row for row in range(len(cases)) if row not in certified]
 
         def search_reacting(row: int) -> SearchResult:
-            crowd = Reacting(simulated, world.take(np.array([row])))
+            crowd = Reacting(scenario, world.take(np.array([row])))
             return _search_harder(tasks[row], crowd, margin, REACTING)
 
         yield from replay(left, map(search_reacting, left))
@@ -206,7 +205,7 @@ def make(
 ) -> list[Certificate]:
     """Make certificates, going on from those that are there.
 
-    In `out` they are a run, in a directory named after the split. Beside it, a table `SPLIT.csv` tells what each one
+    In `out` they are a run, in a directory named after the split. Beside it, `SPLIT.json` tells what each one
     is from, and `NAME.toml` which cases have none, if the first ones are among the cases.
 
     Args:
@@ -228,7 +227,7 @@ def make(
     if not 0.0 <= margin < LARGEST:
         raise InputError(f"a margin of {margin:g} m is not possible: give 0 m or more, and less than {LARGEST:g} m")
     margins = list(dict.fromkeys([margin, 0.0]))
-    directory, table = out / cases.split, out / f"{cases.split}.csv"
+    directory, table = out / cases.split, out / f"{cases.split}.json"
     spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))
     identity = PlannerId(NAME, code=code_digest([], CODE), key=f"margins {margins}")
     run = Run(spec, play_back([], scenario), scenario, METRICS, identity)
@@ -236,9 +235,9 @@ def make(
 
     def drive(part: Cases, folder: Path) -> None:
         found = certificates(scenario, part, margins, progress)
-        _write(found, parts / f"{part.start}.csv")
+        _write(found, parts / f"found-{part.start}.json")
         with files.hold_lock(parts / ".table"):
-            _write(_read(sorted(parts.glob("*.csv"))), table)
+            _write(_read(sorted(parts.glob("found-*.json"))), table)
         player = play_back([each.commands for each in found], scenario)
         dataclasses.replace(run, driver=player).drive(part, folder)
 
@@ -250,26 +249,16 @@ def make(
 
 
 def _write(found: Sequence[Certificate], path: Path) -> None:
-    with files.whole(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        for each in found:
-            numbers = ("" if math.isnan(number) else repr(number) for number in (each.margin, each.gap, each.seconds))
-            writer.writerow([each.case, each.means, *numbers, "yes" if each.is_exhausted else "no"])
+    """Write what was found for some cases, without the commands."""
+    keep([{name: getattr(each, name) for name in Certificate._fields[:-1]} for each in found], path)
 
 
 def _read(paths: Sequence[Path]) -> list[Certificate]:
-    """What some tables say, by the number of the case. Raises InputError where one of them was changed."""
+    """Return what some files say, by the number of the case."""
     found = []
-    for path in paths:
-        with path.open(newline="", encoding="utf-8") as file:
-            try:
-                for row in csv.DictReader(file):
-                    margin, gap, seconds = (float(row[name] or "nan") for name in ("margin", "gap", "seconds"))
-                    is_exhausted = row["exhausted"] == "yes"
-                    found.append(Certificate(int(row["case"]), row["means"], margin, gap, seconds, is_exhausted))
-            except (KeyError, TypeError, ValueError):
-                raise InputError(f"{path} is not a table of certificates as crowdbench writes it") from None
+    for row in (row for path in paths for row in json.loads(path.read_text(encoding="utf-8"))):
+        fields: dict[str, Any] = {name: math.nan if value is None else value for name, value in row.items()}
+        found.append(Certificate(**fields))
     return sorted(found, key=lambda each: each.case)
 
 

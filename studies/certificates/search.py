@@ -17,9 +17,9 @@ from crowdbench.core.dynamics import Bicycle, Holonomic, State, Unicycle
 from crowdbench.core.dynamics.base import HEADINGS, REACHED, SPEEDS, TURNS
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Rules, World
-from studies.certificates.cost_to_go import CostToGo, find_cost_to_go
+from studies.certificates.cost_to_go import CostToGo, cost_left, find_cost_to_go
 from studies.certificates.crowds import Crowd
-from studies.certificates.expand import Grid, Layer, Vehicle, expand
+from studies.certificates.expand import SAFE, Grid, Layer, Vehicle, expand
 
 _HEADINGS, _SPEEDS = (16, 96), (4, 8)
 """The least and the largest number of cells of headings and speeds, where the vehicle cannot change them at once."""
@@ -65,7 +65,7 @@ class Task(NamedTuple):
         rules: The rules of the scenario.
         start: Position, velocity, heading and turn rate at the start.
         vehicle: How it moves.
-        cost: The ways to its goal.
+        cost: The ways to its goal that keep the margin to walls.
     """
 
     rules: Rules
@@ -74,13 +74,14 @@ class Task(NamedTuple):
     cost: CostToGo
 
     @classmethod
-    def of(cls, world: World, row: int) -> Task:
-        """The task in one of several worlds at their start."""
+    def of(cls, world: World, row: int, margin: float = 0.0) -> Task:
+        """The task in one of several worlds at their start, with a margin to walls in metres."""
         rules, position, radius = world.rules, world.position[row, 0], float(world.radius[row, 0])
         speed, tolerance = float(world.preferred_speed[row, 0]), float(rules.goal_tolerance or radius)
         vehicle = Vehicle(rules.numbers, speed, tolerance, np.ascontiguousarray(world.obstacles[row]))
         start = np.array([*position, *world.velocity[row, 0], world.heading[row], world.angular_speed[row]])
-        cost = find_cost_to_go(position, world.goal[row, 0].copy(), radius, world.obstacles[row])
+        room = radius + (margin + SAFE if margin else 0.0)
+        cost = find_cost_to_go(position, world.goal[row, 0].copy(), room, world.obstacles[row])
         return cls(rules, start, vehicle, cost)
 
 
@@ -94,6 +95,8 @@ def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> SearchRes
         effort: How thoroughly to search.
     """
     rules, vehicle, cost = task.rules, task.vehicle, task.cost
+    if margin and math.isinf(cost_left(task.start[0], task.start[1], cost)):
+        return SearchResult(None, False)  # a door is too narrow, say, and no search need find that out
     cell = min(effort.cell, _OF_STEP * vehicle.max_speed * rules.dt)
     number = np.array([*np.ceil((cost.high - cost.low) / cell).astype(np.int64), *_turns_and_speeds(task)])
     cells = int(number.prod())

@@ -1,4 +1,4 @@
-"""Turn the scenarios of the suite up until the best planner fails. Prints a table with a row for each level."""
+"""Measure the best planners in the scenarios of the suite, as they are and at other levels of difficulty."""
 
 from __future__ import annotations
 
@@ -20,11 +20,15 @@ from crowdbench.study.folder import read_episodes
 from crowdbench.study.schema import CasesText, Planners, StudyHead
 from crowdbench.study.study import load_runs
 from crowdbench.utils.tables import Format, Grid, markdown, printed_by
+from crowdbench.utils.toml import Names
 from studies.pages import read_file
 
 FILE = Path(__file__).with_suffix(".toml")
-LOWEST, HIGHEST = 0.85, 0.93
-"""Bounds of the success rate that the best planner should have."""
+LOWEST, HIGHEST = 85.0, 93.0
+"""Bounds of the success rate in % that the best planner should have."""
+
+RATES = ("success_rate", "at_fault_rate", "struck_rate", "struck_noticed_rate")
+"""The rates of the table: two of each planner, then two of the best one."""
 
 
 class HeadroomSpec(StudyHead):
@@ -33,12 +37,14 @@ class HeadroomSpec(StudyHead):
     Attributes:
         cases: The cases of each level.
         planners: The planners.
+        scenarios: The scenarios to measure as they are.
         levels: By key of a scenario and by scenario, the levels, from easy to hard.
     """
 
     cases: CasesText
     planners: Planners
-    levels: dict[str, dict[str, list[float | int]]] = Field(description="a table [levels.KEY] of lists of numbers")
+    scenarios: Names = Field(default=[])
+    levels: dict[str, dict[str, list[float | int]]] = Field({}, description="a table [levels.KEY] of lists of numbers")
 
 
 @help_from_docstring
@@ -51,38 +57,43 @@ def headroom(
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Measure the success of planners at several levels of difficulty, on validation cases.
+    """Measure the success of planners in scenarios and at levels of their difficulty, on validation cases.
 
     Args:
         scenario: Scenarios of the file.
-        file: Scenarios with the key that is changed and its levels, and the planners.
+        file: The scenarios, those whose key is changed with its levels, and the planners.
         out: Folder that keeps the runs.
     """
     use_threads(None if is_on_ray(on) else threads)
     spec = read_file(file, HeadroomSpec)
-    rows = {
-        (name, key, level): load_runs(spec.planners, RunSpec("", name, spec.cases, {}, {key: level}, record="none"))
-        for key, scenarios in spec.levels.items()
-        for name, levels in scenarios.items()
+    places: list[tuple[str, dict[str, float]]] = [(name, {}) for name in spec.scenarios]
+    for key, scenarios in spec.levels.items():
+        places += [(name, {key: level}) for name, levels in scenarios.items() for level in levels]
+    metrics = tuple(f"{Path(__file__).with_name('struck.py')}:{rate}" for rate in RATES[2:])
+    rows = [
+        load_runs(spec.planners, RunSpec("", name, spec.cases, overrides=level, metrics=metrics, record="none"))
+        for name, level in places
         if not scenario or name in scenario
-        for level in levels
-    }
-    make_runs([run for runs in rows.values() for run in runs], out, shard, on, threads)
-    header = ["scenario", "key", "level", *(run.label for run in next(iter(rows.values()))), "best"]
+    ]
+    make_runs([run for runs in rows for run in runs], out, shard, on, threads)
+    header = ["scenario", "level", *(run.label for run in rows[0]), "best", "struck", "struck though noticed"]
     cells, records = [], []
-    for (name, key, level), runs in rows.items():
-        episodes = [read_episodes(run, out).columns for run in runs]
-        success, fault = (
-            [float(np.mean(each[rate])) for each in episodes] for rate in ("success_rate", "at_fault_rate")
-        )
-        mark = "*" if LOWEST <= max(success) <= HIGHEST else ""
-        figures = [f"{100 * share:.0f} ({100 * blame:.0f})" for share, blame in zip(success, fault, strict=True)]
-        cells.append([name, key, f"{level:g}", *figures, f"{100 * max(success):.0f}{mark}"])
-        records.append({"scenario": name, "key": key, "level": level, "success": success, "at_fault": fault})
+    for runs in rows:
+        columns = [read_episodes(run, out).columns for run in runs]
+        rates = {name: [100 * float(np.mean(each[name])) for each in columns] for name in RATES}
+        success, fault, *others = rates.values()
+        best = int(np.argmax(success))
+        mark = "*" if LOWEST <= success[best] <= HIGHEST else ""
+        level = ", ".join(f"{key} = {value:g}" for key, value in runs[0].spec.overrides.items())
+        figures = [f"{share:.1f} ({blame:.1f})" for share, blame in zip(success, fault, strict=True)]
+        figures += [f"{success[best]:.1f}{mark}", *(f"{each[best]:.1f}" for each in others)]
+        cells.append([runs[0].scenario.name, level, *figures])
+        records.append({"scenario": runs[0].scenario.name, "level": runs[0].spec.overrides, **rates})
     grid = Grid("Success, % (at fault, %)", header, cells, records, "ll" + "r" * (len(header) - 2))
-    note = f"Cases {spec.cases}. A star marks levels at which the best succeeds in {LOWEST:.0%} to {HIGHEST:.0%}."
+    note = f"Cases {spec.cases}. A star marks levels at which the best succeeds in {LOWEST:g} to {HIGHEST:g} %."
     table = markdown(header, cells)
-    page = "\n\n".join([printed_by("python studies/suite/headroom.py"), spec.description, table, note])
+    command = f"python studies/suite/headroom.py{'' if file == FILE else f' --file {file}'}"
+    page = "\n\n".join([printed_by(command), spec.description, table, note, *spec.sources])
     print_study(records, [grid], page, format)
 
 

@@ -110,14 +110,14 @@ class RankingsTable:
     def fill(self, out: Path) -> FilledRankings:
         """The table with the figures of the runs in the folder `out`; raises InputError where one is not there."""
         cases = {
-            world: [_read_cases(runs, out) for runs in scenarios] for world, scenarios in self.runs_by_world.items()
+            world: [read_cases(runs, out) for runs in scenarios] for world, scenarios in self.runs_by_world.items()
         }
         planners = [run.label for run in self.runs_by_world[SUITE][0]]
         return FilledRankings.of(self.spec, planners, self.family, cases, self.power())
 
 
-def _read_cases(runs: Sequence[Run], out: Path) -> Cases:
-    """What the planners did in a scenario."""
+def read_cases(runs: Sequence[Run], out: Path) -> Cases:
+    """Return in which cases of a scenario each planner succeeded. Raises InputError where a run is not there."""
     found = [read_episodes(run, out) for run in runs]
     success = np.stack([each.columns[SUCCESS_RATE].astype(float) for each in found])
     block, tracks = found[0].block, runs[0].scenario.tracks
@@ -148,7 +148,7 @@ class Agreement:
     def cells(self) -> list[str]:
         """Return its row in a table."""
         share = f"{self.agree} of {self.decided}"
-        return [self.world, _say(self.tau), share, _say(self.alone), _say(self.more)]
+        return [self.world, say_tau(self.tau), share, say_tau(self.alone), say_tau(self.more)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -196,16 +196,16 @@ class FilledRankings:
         worlds = [
             Agreement(
                 world,
-                _estimate(tau),
+                estimate_tau(tau),
                 *agreement(rates[SUITE], rates[world]),
-                alone=_estimate(alone[world]),
-                more=_estimate(tau - alone[world]),
+                alone=estimate_tau(alone[world]),
+                more=estimate_tau(tau - alone[world]),
             )
             for world, tau in taus.items()
         ]
         order = np.argsort(-rates[SUITE][0], kind="stable")
         ordered = {world: rates[world][0][order].tolist() for world in (SUITE, *spec.worlds)}
-        mean = _estimate(np.mean(list(taus.values()), axis=0))
+        mean = estimate_tau(np.mean(list(taus.values()), axis=0))
         return cls(spec, [planners[each] for each in order], ordered, worlds, mean, power)
 
     @property
@@ -214,7 +214,7 @@ class FilledRankings:
         met = self.mean.low > self.spec.criterion
         said = "Met" if met else "Not met"
         return (
-            f"The mean of tau over the worlds is {_say(self.mean)}. The criterion was a lower bound above "
+            f"The mean of tau over the worlds is {say_tau(self.mean)}. The criterion was a lower bound above "
             f"{self.spec.criterion:g}. **{said}.** {say_power(self.power)}"
         )
 
@@ -247,10 +247,12 @@ def say_power(power: Mapping[str, float]) -> str:
     return f"Power: {shares}."
 
 
-def _estimate(tau: Float[np.ndarray, "resample"]) -> Estimate:
+def estimate_tau(tau: Float[np.ndarray, "resample"]) -> Estimate:
+    """Return a tau with its interval, the first of its values and the resampled ones."""
     drawn = tau[1:][np.isfinite(tau[1:])]
     return Estimate(float(tau[0]), *interval(drawn), n=len(drawn), max=float(drawn.max()))
 
 
-def _say(tau: Estimate) -> str:
+def say_tau(tau: Estimate) -> str:
+    """Return a tau with its interval in words."""
     return f"{tau.mean:+.2f} ({tau.low:+.2f} to {tau.high:+.2f})"

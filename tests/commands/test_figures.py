@@ -324,6 +324,18 @@ def test_a_vehicle_that_has_hit_an_obstacle_is_red():
     assert LIGHT.failure not in colors(end - 1)
 
 
+def test_nobody_is_red_who_takes_the_place_of_somebody_across_the_vehicle():
+    scenario = load_scenario("circle_crossing_5", {"pedestrians.number": 1})
+    trace = rollout(Driver(Sideways(), "sideways"), scenario, Cases("test", 0, 1))
+    vehicle = trace.position[0, 3, 0]
+    position, person = trace.position.copy(), trace.person.copy()
+    position[0, 2:4, 1] = vehicle + np.array([[-5.0, 0.0], [5.0, 0.0]])
+    moment = Moment.of_trace(dataclasses.replace(trace, position=position), 0, 3)
+    assert moment.hit == [1]
+    person[0, 3] += 1
+    assert Moment.of_trace(dataclasses.replace(trace, position=position, person=person), 0, 3).hit == []
+
+
 def test_a_picture_shows_what_is_around_the_vehicle(driven, tmp_path):
     episode = Episode(read(driven / "run.rrd").trace, 1, zoom=4.0)
     way = episode.trace.position[1, : episode.end + 1, 0]

@@ -132,9 +132,11 @@ SCRIPTS = {
     "dials": "",
     "li2020": "",
     "learn_together": "",
+    "reactions": " --cases val:20",
 }
 PRINTED |= {f"studies/{name}/README.md": f"python studies/{name}/run.py{data}" for name, data in SCRIPTS.items()}
 PRINTED["studies/validity/motion.md"] = "python studies/validity/motion.py --data DIR"
+PRINTED["docs/noticing.md"] = "python docs/noticing_page.py"
 """The pages that a command prints from the first to the last line, and the command."""
 
 PAGES = sorted([*DOCS.glob("*.md"), *ROOT.glob("studies/*/*.md")])

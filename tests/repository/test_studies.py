@@ -15,6 +15,7 @@ from studies.ladder.table import LadderStudy
 from studies.li2020.table import ReproductionSpec
 from studies.pages import read_file
 from studies.published.table import PublishedSpec
+from studies.reactions.run import ReactionsSpec
 from studies.tables import PageSpec
 from studies.transfer.table import TransferStudy
 
@@ -26,6 +27,7 @@ SPECS = {
     "ladder": LadderStudy,
     "li2020": ReproductionSpec,
     "published": PublishedSpec,
+    "reactions": ReactionsSpec,
     "transfer": TransferStudy,
 }
 

@@ -1,0 +1,122 @@
+"""Draws docs/noticing/ and prints docs/noticing.md, who notices the vehicle: python docs/noticing_page.py."""
+
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+
+from crowdbench.catalog import load_planner, load_scenario, scenarios
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import Rules, Trace
+from crowdbench.drawing import LIGHT, Disc, Moment, Polygon, Shape, draw_moment, extent
+from crowdbench.figures.episode import draw
+from crowdbench.figures.style import canvas
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.rollout import rollout
+from crowdbench.scenario.cases import Cases
+from crowdbench.sim.attention import HALF_FIELD, LOOKS_AWAY, PERIOD, RANGE
+from crowdbench.sim.lines_of_sight import share_to_walls
+from crowdbench.utils.tables import printed_by
+
+DOCS = Path(__file__).parent
+SIDE = 2.4
+"""The longer side of a picture in inches."""
+
+REACH = 10.0
+"""Metres that a picture shows at most on each side of the vehicle."""
+
+PLANNER, CASE = "orca_margin", Cases("val", 0, 1)
+
+NOTE = f"""\
+Pedestrians have [attention](pedestrians.md#attention-to-the-vehicle) where the scenario has a table
+`[pedestrians.attention]`: they notice the vehicle in their field of view, {math.degrees(HALF_FIELD):.0f} degrees to
+either side of the direction of walking, up to {RANGE:g} m and to the walls. Distracted people look away for
+{LOOKS_AWAY:g} s in every {PERIOD:g} s.
+
+The pictures are of case val/0, driven by `{PLANNER}`, at the time at which the numbers of people who have noticed the
+vehicle (filled) and of those who have not (outlined) differ least. Yellow is the field of view of the person who is
+nearest to the vehicle."""
+
+
+def main() -> None:
+    """Write the pictures, and print the page."""
+    study = tomllib.loads((DOCS.parent / "studies" / "suite" / "study.toml").read_text())
+    described = dict(scenarios())
+    names = dict.fromkeys(name for table in study["tables"] for name in table["scenarios"])
+    print(f"# Who notices the vehicle\n\n{printed_by('python docs/noticing_page.py')}\n\n{NOTE}")
+    for name in names:
+        scenario = load_scenario(name)
+        trace = rollout(Driver(load_planner(PLANNER)[1], PLANNER), scenario, CASE)
+        state = moment(trace)
+        vehicle = trace.position[0, state, 0]
+        low, high = extent(trace.position[0, :1], trace.goal[0, :1, 0], trace.obstacles[0], 0.7)
+        low, high = np.maximum(low, vehicle - REACH), np.minimum(high, vehicle + REACH)
+        width, height = SIDE * (high - low) / (high - low).max()
+        with canvas(DOCS / "noticing" / f"{name}.png", width, height) as figure:
+            axes = figure.add_subplot()
+            axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+            axes.axis("off")
+            draw(axes, shapes(trace, state, low))
+        print(f"\n## {name}\n\n{described[name]}. {sentence(scenario.rules)}\n")
+        print(f"![Who has noticed the vehicle in {name}](noticing/{name}.png)")
+
+
+def sentence(rules: Rules) -> str:
+    """Return in words how people react to the vehicle, from the rules of a scenario."""
+    attention = rules.attention
+    if not rules.visible:
+        return "Nobody notices the vehicle."
+    if attention is None:
+        return "Everybody notices the vehicle, and avoids it as people avoid each other."
+    shares = {
+        "avoid it": 1.0 - attention.ignores - attention.yields_late - attention.attracted,
+        "ignore it while it moves": attention.ignores,
+        "yield late": attention.yields_late,
+        "come to look at it": attention.attracted,
+    }
+    reactions = " and ".join(f"{100 * share:.0f} % {reaction}" for reaction, share in shares.items() if share > 0.0)
+    return (
+        f"Of the people who have had the vehicle in view for {attention.delay:g} s, {reactions}; "
+        f"{100 * attention.distracted:.0f} % of all people are distracted."
+    )
+
+
+def moment(trace: Trace) -> int:
+    """Return the state in which the numbers of people who have noticed the vehicle and who have not differ least."""
+    present = np.isfinite(trace.position[0, : trace.steps[0] + 1, 1:, 0])
+    noticed = (have_noticed(trace)[: len(present)] & present).sum(axis=1)
+    return int(np.argmin(np.abs(present.sum(axis=1) - 2 * noticed)))
+
+
+def have_noticed(trace: Trace) -> np.ndarray:
+    """Return who has noticed the vehicle in each state of an episode, `[time, pedestrian]`."""
+    everybody = np.full(trace.person[0].shape, trace.rules.visible)
+    return everybody if trace.noticed is None else trace.noticed[0]
+
+
+def shapes(trace: Trace, state: int, corner: np.ndarray) -> list[Shape]:
+    """Return the picture of a state, in which filled people have noticed the vehicle."""
+    people, drawn = trace.position[0, state, 1:], list[Shape]()
+    here = np.flatnonzero(np.isfinite(people[:, 0]))
+    if trace.noticed is not None:
+        nearest = here[np.argmin(norm(people[here] - trace.position[0, state, 0]))]
+        drawn.append(field_of_view(people[nearest], trace.velocity[0, state, 1 + nearest], trace.obstacles[0]))
+    drawn += draw_moment(Moment.of_trace(trace, 0, state), corner)
+    for person in here[~have_noticed(trace)[state, here]]:
+        radius = float(trace.radius[0, state, 1 + person])
+        drawn.append(Disc(people[person], radius, LIGHT.background, LIGHT.pedestrian, 1.0))
+    return drawn
+
+
+def field_of_view(position: np.ndarray, velocity: np.ndarray, obstacles: np.ndarray) -> Polygon:
+    """Return what a person sees who walks with a velocity, up to the walls."""
+    angles = math.atan2(velocity[1], velocity[0]) + np.linspace(-HALF_FIELD, HALF_FIELD, 121)
+    rays = RANGE * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    if len(obstacles):
+        rays *= np.array([share_to_walls(*position, *ray, obstacles) for ray in rays])[:, None]
+    return Polygon(np.vstack([position, position + rays]), (255, 243, 200), (255, 243, 200), 0.0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""Rank planners among people of each type of reaction to the vehicle. Prints README.md beside this file."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.study import ShardOption, make_runs, print_study
+from crowdbench.runs.run import Run
+from crowdbench.runs.spec import RunSpec
+from crowdbench.scenario.cases import Cases
+from crowdbench.study.folder import read_episodes
+from crowdbench.study.schema import CasesText, Planners, StudyHead
+from crowdbench.study.study import load_runs
+from crowdbench.utils.tables import Format, Grid, markdown, printed_by
+from crowdbench.utils.toml import Names
+from studies.pages import SUCCESS, read_file
+from studies.transfer.kendall import agreement, draw_families, kendall, mean_rates
+from studies.transfer.table import estimate_tau, read_cases, say_tau
+
+FILE = Path(__file__).with_name("study.toml")
+
+TYPES = {"avoid": "", "ignore": "ignores", "yield late": "yields_late", "are attracted": "attracted"}
+"""The types of reaction, with the share of `[pedestrians.attention]` that is 1; those who are in no share avoid."""
+
+NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
+"""The notes below the tables."""
+
+
+class ReactionsSpec(StudyHead):
+    """The TOML file of the study.
+
+    Attributes:
+        cases: The cases of each scenario.
+        scenarios: The scenarios, in which people notice the vehicle.
+        planners: The planners, no two of them alike.
+    """
+
+    cases: CasesText
+    scenarios: Names
+    planners: Planners
+
+
+@help_from_docstring
+def reactions(
+    file: Path = FILE,
+    cases: Annotated[str | None, typer.Option(show_default="those of the file")] = None,
+    out: Path = Path("runs/study-reactions"),
+    shard: ShardOption = None,
+    on: OnOption = None,
+    threads: ThreadsOption = None,
+    format: Format = Format.MARKDOWN,
+) -> None:
+    """Rank planners among people who avoid the vehicle, ignore it, yield late, or are attracted by it.
+
+    Args:
+        file: The scenarios and planners.
+        cases: The cases of each scenario: test:200 (the first 200 test cases), val:20.
+        out: Folder that keeps the runs.
+    """
+    use_threads(None if is_on_ray(on) else threads)
+    spec = read_file(file, ReactionsSpec)
+    driven = Cases.parse(cases) if cases else spec.cases
+    changes = {
+        name: {f"pedestrians.attention.{each}": float(each == share) for each in TYPES.values() if each}
+        for name, share in TYPES.items()
+    }
+    specs = {name: RunSpec("", "", driven, overrides=change, record="none") for name, change in changes.items()}
+    runs = {
+        name: [load_runs(spec.planners, dataclasses.replace(base, scenario=scenario)) for scenario in spec.scenarios]
+        for name, base in specs.items()
+    }
+    make_runs([run for scenarios in runs.values() for each in scenarios for run in each], out, shard, on, threads)
+    rates = {name: mean_rates([read_cases(each, out) for each in scenarios]) for name, scenarios in runs.items()}
+    fault = {name: np.mean([_at_fault(each, out) for each in scenarios], axis=0) for name, scenarios in runs.items()}
+    labels = [run.label for run in runs["avoid"][0]]
+    rows = [
+        [labels[k], *(f"{SUCCESS.amount(rates[name][0, k])} ({SUCCESS.amount(fault[name][k])})" for name in TYPES)]
+        for k in np.argsort(-rates["avoid"][0], kind="stable").tolist()
+    ]
+    times, pairs = draw_families(np.arange(len(labels))), []
+    for one, other in itertools.combinations(TYPES, 2):
+        tau, (same, decided) = kendall(rates[one], rates[other], times), agreement(rates[one], rates[other])
+        pairs.append([one, other, say_tau(estimate_tau(tau)), f"{same} of {decided}"])
+    grids = [
+        Grid("Success", ["planner", *TYPES], rows),
+        Grid("Agreement", ["people", "other people", "tau", "decided pairs that agree"], pairs),
+    ]
+    command = f"python studies/reactions/run.py{f' --cases {cases}' if cases else ''}"
+    tables = [markdown(grid.header, grid.rows) for grid in grids]
+    notes = f"Cases {driven} of {', '.join(f'`{name}`' for name in spec.scenarios)}. {NOTES}"
+    print_study(grids, grids, "\n\n".join([printed_by(command), spec.description, *tables, notes]), format)
+
+
+def _at_fault(runs: Sequence[Run], out: Path) -> list[float]:
+    """Return the share of the cases in which each of several planners is at fault."""
+    return [float(np.mean(read_episodes(run, out).columns["at_fault_rate"])) for run in runs]
+
+
+if __name__ == "__main__":
+    main(reactions)

@@ -1,0 +1,23 @@
+"""Metrics of the study: contacts that the vehicle could not have avoided, and those that people should have."""
+
+import numpy as np
+from jaxtyping import Bool
+
+from crowdbench.core.types import Trace
+from crowdbench.metrics import describe
+from crowdbench.metrics.contacts import contacts_of
+from crowdbench.sim.contacts import LITTLE, Fault
+
+
+@describe("struck", "less", share=True)
+def struck_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes that ended in a contact in which the vehicle had no share, or one below 0.1 [1]."""
+    contacts = contacts_of(trace)
+    return (contacts.fault != Fault.NONE) & ~(contacts.share >= LITTLE)
+
+
+@describe("struck standing though noticed", "less", share=True)
+def struck_noticed_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes that ended with somebody who had noticed the vehicle touching it after it stood for 1 s [1]."""
+    contacts = contacts_of(trace)
+    return (contacts.fault == Fault.STRUCK_STANDING) & contacts.saw

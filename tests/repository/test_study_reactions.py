@@ -1,0 +1,33 @@
+"""The study of reactions: people of each type, and how far their orders of planners agree."""
+
+from pathlib import Path
+
+from typer.testing import CliRunner
+
+from crowdbench.cli import build_script
+from studies.reactions.run import reactions
+
+STUDY = """
+description = "Few."
+cases = "test:2"
+scenarios = ["blind_corner_3"]
+planners = ["straight", "orca", "orca_margin"]
+"""
+
+
+def test_people_of_each_type_have_a_column_and_each_pair_of_types_a_tau(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("few.toml").write_text(STUDY)
+    result = CliRunner().invoke(build_script(reactions), ["--file", "few.toml", "--cases", "val:12"])
+    assert result.exit_code == 0, result.output
+    lines = result.stdout.splitlines()
+    table = lines.index("| planner | avoid | ignore | yield late | are attracted |")
+    rates = {
+        cells[1].strip(): [float(cell.split()[0]) for cell in cells[2:-1]]
+        for cells in (line.split("|") for line in lines[table + 2 : table + 5])
+    }
+    assert set(rates) == {"straight", "orca", "orca_margin"}
+    # `straight` never slows down: it lives on people who avoid it.
+    assert rates["straight"][0] > rates["straight"][1]
+    assert sum(line.count(" to ") == 1 and " of " in line for line in lines if line.startswith("| ")) == 6
+    assert "Cases val:0:12 of `blind_corner_3`." in result.stdout
