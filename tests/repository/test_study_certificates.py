@@ -247,7 +247,7 @@ def test_a_margin_that_cannot_be_is_refused(made):
 
 
 STALE = {
-    "suite": "intersection_16 intersection_16_seen restless_20",
+    "suite": "intersection_16 intersection_16_seen",
     "generalisation": "",
     "maps": "office_8 shop_10",
 }
