@@ -245,8 +245,10 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, people_radius, resul
                         start[0, 0], start[0, 1], motion[0, 0], motion[0, 1] = x, y, dx, dy
                         gap = min(gap, nearest_in_step(0, discs)[0])
                     dx, dy = vehicle.goal[w, 0] - path[t + 1, 0], vehicle.goal[w, 1] - path[t + 1, 1]
-                    ended = step_outcome(gap, to_walls[t], dx, dy, vehicle.goal_tolerance[w], _NOT_LAST)
                     result.gap[w, s, m, t] = gap
+                    # A contact is predicted, a wall is there: where a step has both, it is the wall that counts.
+                    contact = gap if to_walls[t] >= 0.0 else np.inf
+                    ended = step_outcome(contact, to_walls[t], dx, dy, vehicle.goal_tolerance[w], _NOT_LAST)
                     t += 1
                 result.outcome[w, s, m], result.steps[w, s, m] = ended, t
 

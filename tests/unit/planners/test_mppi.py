@@ -145,3 +145,14 @@ def test_a_recording_says_what_the_lines_mean():
 def test_wrong_options_are_refused(wrong, right):
     with pytest.raises(InputError, match=right):
         load_planner("mppi", wrong)
+
+
+def test_a_wall_counts_where_a_contact_is_predicted_in_the_same_step():
+    obs = dataclasses.replace(lone_vehicle(), obstacles=np.array([[[[0.45, -2.0], [0.45, 2.0]]]]))
+    planner = MPPIPlanner(Says([[[0.5, 0.0]]] * 2), weights=WEIGHTS)
+    obs.pedestrians.position[:] = [0.5, 0.0]
+    found, into = cost(planner, obs, [[1.0, 0.0]] * 2)
+    away, back = cost(planner, obs, [[-1.0, 0.0]] * 2)
+    assert into.outcome[0, 0, 0] == Outcome.WALL_COLLISION
+    assert back.outcome[0, 0, 0] == Outcome.COLLISION
+    assert found > away + WEIGHTS.wall - WEIGHTS.contact - 10.0
