@@ -34,16 +34,19 @@ if TYPE_CHECKING:  # the aliases tell type checkers, and `public_names`, that th
     from crowdbench.planners.base import Planner as Planner
     from crowdbench.planners.driver import Driver as Driver
     from crowdbench.planners.lookahead import ValuePlanner as ValuePlanner
+    from crowdbench.planners.mppi import MPPIPlanner as MPPIPlanner
     from crowdbench.planners.reactive import along_walls as along_walls
     from crowdbench.predict import Prediction as Prediction
     from crowdbench.predict import Predictor as Predictor
     from crowdbench.predict.load import load_predictor as load_predictor
+    from crowdbench.predict.roll_out import roll_out as roll_out
     from crowdbench.runs.results import Episodes as Episodes
     from crowdbench.runs.rollout import rollout as rollout
     from crowdbench.scenario.cases import Cases as Cases
     from crowdbench.scenario.scenario import Scenario as Scenario
     from crowdbench.sim.pedestrians.base import PedestrianPolicy as PedestrianPolicy
     from crowdbench.sim.pedestrians.base import PolicyWithMemory as PolicyWithMemory
+    from crowdbench.sim.pedestrians.orca_crowd import ORCA as ORCA
     from crowdbench.train.policy_export import export_policy as export_policy
     from crowdbench.utils.errors import InputError as InputError
 

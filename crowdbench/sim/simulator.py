@@ -190,7 +190,7 @@ def step(
 
 def move(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[World, StepCheck]:
     """The first part of a step: motion, and the check of how it ended; see `step`."""
-    after, check = _motion(world, command, crowd)
+    after, check = advance(world, command, crowd)
     routes, sizes = (world.goal, world.route, world.waypoint), (world.radius, world.obstacles, world.present)
     route, waypoint = follow_routes(after.position, *routes, *sizes)
     return world.replace(**after._asdict(), route=route, waypoint=waypoint), check
@@ -224,10 +224,10 @@ def walk(world: World, crowd: Velocities, post_step_rule: PostStepRule | None) -
 
 def limit_velocities(world: World, crowd: Velocities) -> Velocities:
     """The velocities in m/s that pedestrians take in the next step, of those in m/s that their policies ask for."""
-    return _motion(world, np.zeros((len(world), 2)), crowd)[0].velocity[:, 1:]
+    return advance(world, np.zeros((len(world), 2)), crowd)[0].velocity[:, 1:]
 
 
-def _motion(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[After, StepCheck]:
+def advance(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[After, StepCheck]:
     """What a step makes of worlds, and what its check finds."""
     worlds, points = len(world), world.position.shape
     steps, heading, angular_speed = np.empty(worlds, np.int64), np.empty(worlds), np.empty(worlds)

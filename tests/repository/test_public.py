@@ -5,6 +5,8 @@ import crowdbench
 
 NAMES = [
     "METRICS",
+    "MPPIPlanner",
+    "ORCA",
     "Cases",
     "Driver",
     "Encoder",
@@ -33,6 +35,7 @@ NAMES = [
     "load_predictor",
     "load_scenario",
     "parallel_env",
+    "roll_out",
     "rollout",
     "run",
 ]

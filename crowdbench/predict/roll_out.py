@@ -1,0 +1,117 @@
+"""Roll-outs of a pedestrian policy from what a vehicle observes, towards goals that are assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.core import rng
+from crowdbench.core.types import Observation, Rules, World
+from crowdbench.core.types.rules import WalkingLimits
+from crowdbench.predict.base import Prediction
+from crowdbench.sim.pedestrians import PedestrianPolicy
+from crowdbench.sim.simulator import advance, crowd_decisions, init_memories
+from crowdbench.utils.errors import require
+
+Goals = Float[np.ndarray, "world mode pedestrian 2"]
+
+
+def roll_out(
+    policy: PedestrianPolicy,
+    obs: Observation,
+    goals: Goals | Callable[[Goals], Goals],
+    speed: Float[np.ndarray, "world mode pedestrian"],
+    steps: int,
+    *,
+    plan: Float[np.ndarray, "world time 2"] | None = None,
+    parameters: Mapping[str, float] | None = None,
+    limits: tuple[float, float, float] = (np.inf, np.inf, np.inf),
+) -> Prediction:
+    """Return futures in which the observed pedestrians walk by a policy among the obstacles.
+
+    Args:
+        policy: The policy.
+        obs: The observation of every world. Pedestrians that are not seen neither walk nor are avoided.
+        goals: Goals in metres; or a function that returns, for positions, the points to walk to from there, such as the
+            next corners of ways around obstacles.
+        speed: Preferred and largest speed of each pedestrian in each future, in m/s.
+        steps: Number of steps, each of `obs.dt` seconds.
+        plan: Commands of the vehicle, to which the policy reacts; without them nobody sees the vehicle.
+        parameters: Parameters of the policy that differ from its defaults.
+        limits: Largest acceleration, braking and sideways acceleration of pedestrians, in m/s^2.
+
+    Returns:
+        The futures, one for each mode of `speed`. A world has the same ones in any batch.
+
+    Raises:
+        InputError: The goals or the speeds are not of these shapes, or the policy fails.
+    """
+    worlds, pedestrians = obs.pedestrians.seen.shape
+    shape = (worlds, *speed.shape[1:2], pedestrians)
+    require("shape of speed", list(speed.shape), speed.shape == shape, "[world, mode, pedestrian]")
+    ahead = goals if callable(goals) else lambda position: goals
+    names, row = {"policy": policy}, np.repeat(np.arange(worlds), shape[1])
+    world = init_memories(_worlds(policy, obs, speed, plan is not None, parameters or {}, limits), names)
+    position, velocity = np.empty((2, *shape[:2], steps, pedestrians, 2))
+    for t in range(steps):
+        goal, points = world.goal.copy(), ahead(world.position[:, 1:].reshape(*shape, 2))
+        require("shape of goals", list(points.shape), points.shape == (*shape, 2), "[world, mode, pedestrian, 2]")
+        goal[:, 1:] = points.reshape(-1, pedestrians, 2)
+        crowd, world = crowd_decisions(world.replace(goal=goal), names)
+        world = world.replace(
+            **advance(world, np.zeros((len(row), 2)) if plan is None else plan[row, t], crowd)[0]._asdict()
+        )
+        position[:, :, t], velocity[:, :, t] = (
+            each[:, 1:].reshape(*shape, 2) for each in (world.position, world.velocity)
+        )
+    return Prediction(position, velocity)
+
+
+def _worlds(
+    policy: PedestrianPolicy,
+    obs: Observation,
+    speed: Float[np.ndarray, "world mode pedestrian"],
+    visible: bool,
+    parameters: Mapping[str, float],
+    limits: tuple[float, float, float],
+) -> World:
+    """Return a world for each mode of each observed one, mode by mode, without routes and goals."""
+    modes, vehicle = speed.shape[1], obs.vehicle
+    rows = obs.rows(lambda array: np.repeat(array, modes, axis=0), logs=None)
+    position, velocity, radius, present = rows.everybody()
+    position[:, 0], radius[:, 0] = rows.vehicle.position, rows.vehicle.radius
+    worlds, agents = radius.shape
+    none, person = np.zeros((worlds, agents - 1), np.int64), np.tile(np.arange(agents - 1), (worlds, 1))
+    keys = np.stack([rng.other_chance(obs.noise_key, 0, mode) for mode in range(modes)], axis=1).ravel()
+    own = {**policy.parameters, **parameters}
+    return World(
+        case=np.arange(worlds),
+        key=keys,
+        noise_key=rows.noise_key,
+        step=rows.step,
+        position=position,
+        velocity=velocity,
+        heading=rows.vehicle.heading,
+        angular_speed=rows.vehicle.angular_speed,
+        origin=position,
+        goal=np.concatenate([rows.vehicle.goal[:, None], position[:, 1:]], axis=1),
+        route=np.empty((worlds, agents, 0, 2)),
+        waypoint=np.zeros((worlds, agents), np.int64),
+        radius=radius,
+        preferred_speed=np.column_stack([rows.vehicle.preferred_speed, speed.reshape(worlds, -1)]),
+        present=present,
+        person=person,
+        since=none,
+        track=np.empty((worlds, 0, agents - 1, 2)),
+        group=none - 1,
+        history=rows.pedestrians.history,
+        obstacles=rows.obstacles,
+        policy=none,
+        parameters={"policy": {name: np.full((worlds, agents), float(value)) for name, value in own.items()}},
+        memory={"policy": {}},
+        rules=Rules(
+            obs.dt, visible=visible, dynamics=vehicle.dynamics, body=vehicle.body, walking=WalkingLimits(*limits)
+        ),
+    )
