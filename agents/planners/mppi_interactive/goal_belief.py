@@ -1,0 +1,136 @@
+"""Goals of pedestrians, inferred online from where they head."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from geodesics import Geodesics, find_geodesics
+from jaxtyping import Float, Int
+from scipy.special import ndtr
+
+from crowdbench import InputError, Observation
+
+JUMP = 1.0
+"""Somebody farther than this from where the same index was expected is another person, in metres."""
+
+SLOW = 0.2
+"""Speed in m/s below which a heading is no evidence."""
+
+UNLIKELY = -50.0
+"""Added to the logarithm of the weight of a candidate that is too near to be a goal."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Inference:
+    """How goals are inferred.
+
+    Attributes:
+        concentration: Kappa of the von Mises distribution of headings around the way to the goal, per second [1/s].
+        memory: Time in which evidence is forgotten to 1 / e [s].
+        near: Candidates nearer than this are no goals [m].
+        slowing: How fast the largest speed that was seen is forgotten [m/s^2].
+
+    Raises:
+        InputError: A number is impossible.
+    """
+
+    concentration: float = 4.0
+    memory: float = 3.0
+    near: float = 3.0
+    slowing: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (value >= 0.0 and (value > 0.0 or name != "memory")):
+                raise InputError(
+                    f"{name} is {value}, but must be a number, {'above 0' if name == 'memory' else '0 or more'}"
+                )
+
+
+INFERENCE = Inference()
+
+
+class GoalBelief:
+    """The posterior of the goal of each pedestrian over candidates, and the largest speed at which each was seen.
+
+    A heading theta at a place x is evidence for the candidate g by the von Mises likelihood
+    exp(kappa cos(theta - phi(x, g))) / (2 pi I0(kappa)), where phi(x, g) is the direction of the shortest way to it.
+    The logarithm of the posterior is that of a uniform prior plus the sum of this evidence. Evidence of t seconds ago
+    is weighted by exp(-t / memory) (a power prior), because people leave their ways to avoid others.
+
+    Args:
+        inference: How goals are inferred.
+        futures: Number of goals that are sampled of each pedestrian [1].
+    """
+
+    def __init__(self, inference: Inference, futures: int) -> None:
+        self.inference, self.futures = inference, futures
+        self.geodesics: Geodesics | None = None
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self.geodesics = None
+
+    def ways(self) -> Geodesics:
+        """Return the candidates, and the ways to them; raises AssertionError before the first observation."""
+        assert self.geodesics is not None
+        return self.geodesics
+
+    def update(self, obs: Observation) -> None:
+        """Take an observation as evidence, once for each step."""
+        geodesics = self.geodesics or self._start(obs)
+        row, crowd, inference = self.index[obs.row], obs.pedestrians, self.inference
+        if (obs.time <= self.time[row]).all():
+            return
+        elapsed = np.maximum(obs.time - self.time[row], 0.0)[:, None]
+        speed = np.hypot(crowd.velocity[..., 0], crowd.velocity[..., 1])
+        expected = self.last[row] + elapsed[..., None] * crowd.velocity
+        is_new = ~(np.abs(crowd.position - expected).max(axis=2) < JUMP)
+        log = np.where(is_new[:, None], 0.0, self.log[row] * np.exp(-elapsed / inference.memory)[:, None])
+        here = crowd.position[:, None]
+        way = geodesics.ahead(row, here, np.arange(log.shape[1])[None, :, None]) - here
+        length = np.hypot(way[..., 0], way[..., 1]) * speed[:, None]
+        cosine = (way * crowd.velocity[:, None]).sum(axis=3) / np.maximum(length, 1e-9)
+        measured = crowd.seen & (crowd.age <= obs.sensor.delay + 1e-6) & (speed > SLOW)
+        kappa = np.where(measured, inference.concentration, 0.0)
+        if crowd.deviation is not None:  # a heading is as uncertain as the velocity across it, over the speed
+            kappa /= 1.0 + inference.concentration * (crowd.deviation[..., 1] / np.maximum(speed, SLOW)) ** 2
+        self.log[row] = log + obs.dt * kappa[:, None] * cosine
+        fastest = np.where(is_new, 0.0, self.speed[row] - inference.slowing * elapsed)
+        self.speed[row] = np.where(crowd.seen, np.maximum(fastest, speed), self.speed[row])
+        self.last[row] = np.where(crowd.seen[..., None], crowd.position, np.nan)
+        self.time[row] = obs.time
+
+    def _start(self, obs: Observation) -> Geodesics:
+        """Place candidates in the worlds of a batch, at their first observation."""
+        crowd, vehicle = obs.pedestrians, obs.vehicle
+        people = np.where(crowd.seen[..., None], crowd.position, np.nan)
+        points = np.concatenate([vehicle.position[:, None], vehicle.goal[:, None], people], axis=1)
+        self.geodesics = geodesics = find_geodesics(obs.obstacles, points)
+        worlds, pedestrians = crowd.seen.shape
+        self.index = np.zeros(obs.row.max() + 1, np.int64)
+        self.index[obs.row] = np.arange(worlds)
+        self.log = np.zeros((worlds, geodesics.goal.shape[1], pedestrians))
+        self.speed, self.last = np.zeros((worlds, pedestrians)), np.full((worlds, pedestrians, 2), np.nan)
+        self.time = obs.time - obs.dt
+        # The same in a whole episode, so that goals that are sampled change with the posterior alone.
+        noise = obs.noise("goals", (pedestrians, self.futures + 1))
+        stratum = noise[..., 1:].argsort(axis=2)
+        self.quantile = ((stratum + ndtr(noise[..., :1])) / self.futures).swapaxes(1, 2)
+        return geodesics
+
+    def posterior(self, obs: Observation) -> Float[np.ndarray, "world goal pedestrian"]:
+        """Return the probability of each candidate."""
+        row, geodesics = self.index[obs.row], self.ways()
+        away = geodesics.goal[row][:, :, None] - obs.pedestrians.position[:, None]
+        log = self.log[row] + np.where(np.hypot(away[..., 0], away[..., 1]) < self.inference.near, UNLIKELY, 0.0)
+        log = np.where(geodesics.exists[row][..., None], log, -np.inf)
+        weight = np.exp(log - log.max(axis=1, keepdims=True))
+        return weight / weight.cumsum(axis=1)[:, -1:]  # a cumulative sum has the same bits with any padding
+
+    def sample(self, obs: Observation) -> Int[np.ndarray, "world mode pedestrian"]:
+        """Return a goal of each pedestrian in each future: indices of candidates, stratified over the posterior."""
+        below = self.posterior(obs).cumsum(axis=1)
+        quantile = np.minimum(self.quantile[self.index[obs.row]], 1.0 - 1e-9)[:, :, None]
+        return np.asarray((below[:, None] <= quantile * below[:, None, -1:]).sum(axis=2))
