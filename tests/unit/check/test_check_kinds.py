@@ -358,7 +358,7 @@ LATER = np.random.default_rng(0)
 LAYOUTS_THAT_OFFEND = {
     "an exception": (lambda rng, radius, speed: radius[99], "answers", "in case val/0, the layout raised IndexError"),
     "a pair": (lambda rng, radius, speed: (radius, radius), "answers", "a tuple instead of a Placement"),
-    "too few": (changed_row(goal=lambda one: one.goal[1:]), "answers", "with goal of shape"),
+    "too few": (changed_row(goal=lambda one: one.goal[1:]), "answers", "the layout returned goal of shape"),
     "a flat wall": (
         changed_row(obstacles=lambda one: np.zeros((2, 2))),
         "answers",

@@ -307,7 +307,7 @@ def test_distances_from_walls_are_those_of_the_tracks_and_walls(tmp_path):
     scenario = load_scenario("doorway_8")
     make(tmp_path / "run", "straight", scenario, "val:12")
     (tmp_path / "export").mkdir()
-    export(RunResult.read(tmp_path / "run"), scenario, tmp_path / "export", socnav=True)
+    export(RunResult.read(tmp_path / "run"), scenario, tmp_path / "export", format="socnav")
     episodes = Episodes.read(tmp_path / "run" / "episodes.csv")
     for row, case in enumerate(episodes.case.tolist()):
         content = json.loads((tmp_path / "export" / "tracks" / f"val-{case}.json").read_text())

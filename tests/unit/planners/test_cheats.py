@@ -164,9 +164,9 @@ def test_a_planner_cannot_become_privileged_on_the_way():
         def privileged(self):
             return next(self.asked) > 0
 
-    with pytest.raises(InputError, match=r"true_next\(\) shows what no vehicle can see"):
+    with pytest.raises(InputError, match=r"true_next\(\) shows what no vehicle sees"):
         drive(Late(), "2")
-    with pytest.raises(InputError, match=r"true_next\(\) shows what no vehicle can see"):
+    with pytest.raises(InputError, match=r"true_next\(\) shows what no vehicle sees"):
         drive(type("Then", (Now,), {"plan": lambda self, obs: obs.true_next()})(), "2")
 
 

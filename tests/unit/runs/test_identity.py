@@ -210,7 +210,7 @@ EDITS = {
     "a metric": ("metrics/motion.py", "axis=1", "axis=0", [True, True, False]),
     "the title of a metric": ("metrics/motion.py", '@describe("', '@describe("Other ', [True, True, True]),
     "another metric": ("metrics/social.py", "axis=", "axis=-", [True, True, True]),
-    "a command": ("cli/run.py", "NAMED = 10", "NAMED = 11", [True, True, True]),
+    "a command": ("cli/cases.py", "NAMED = 10", "NAMED = 11", [True, True, True]),
 }  # fmt: skip
 
 

@@ -175,6 +175,8 @@ def test_people_are_placed_anew_where_the_last_one_finds_no_room():
 
 def test_a_missing_scenario_is_told_with_what_there_is():
     with pytest.raises(InputError, match=r"circle_crossing_5, .*square_crossing_5"):
+        load_scenario("nothing_like_it")
+    with pytest.raises(InputError, match=r"give circle_crossing_5 with --set pedestrians.number=7"):
         load_scenario("circle_crossing_7")
     with pytest.raises(InputError, match=r"nowhere.toml cannot be read"):
         load_scenario("nowhere.toml")
