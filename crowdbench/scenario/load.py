@@ -145,7 +145,7 @@ def _known_defaults(spec: ScenarioSpec, layout: Layout, policies: Mapping[str, _
     if layout not in LAYOUTS.values():
         defaults["layout"] = LayoutSpec().complete()
     for name, part in policies.items():
-        if not type(part.policy).__module__.startswith("crowdbench."):
+        if part.digest is not None:
             defaults["pedestrians"].pop(name, None)
     # Tables that may be left out as a whole have defaults where they are given.
     for section, key in (("pedestrians", "goal_change"), ("pedestrians", "clear_space"), ("sensor", "lidar")):

@@ -9,5 +9,4 @@ from crowdbench.sim.pedestrians.habits import StopAndGo as StopAndGo
 from crowdbench.sim.pedestrians.habits import Straight as Straight
 from crowdbench.sim.pedestrians.orca_crowd import ORCA as ORCA
 from crowdbench.sim.pedestrians.orca_crowd import ORCAPlus as ORCAPlus
-from crowdbench.sim.pedestrians.power_law import PowerLaw as PowerLaw
 from crowdbench.sim.pedestrians.social_force import SocialForce as SocialForce

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from helpers import Still, drive, with_walkers
 
+from agents.pedestrians import power_law
 from crowdbench.catalog import load_scenario
 from crowdbench.core.geometry import norm
 from crowdbench.networks.weights import WEIGHTS
 from crowdbench.scenario.cases import Cases
-from crowdbench.sim.pedestrians import forces, power_law
+from crowdbench.sim.pedestrians import forces
 
 
 def power_law_velocities(*inputs, **options):

@@ -9,8 +9,9 @@ import pytest
 from helpers import to_walkers
 
 import crowdbench
+from agents.pedestrians import power_law
 from crowdbench.sim import kernels, neighbors
-from crowdbench.sim.pedestrians import forces, orca, power_law, social_force
+from crowdbench.sim.pedestrians import forces, orca, social_force
 
 WORLDS, AGENTS = 40, 6
 
