@@ -51,7 +51,7 @@ def test_every_measurement_is_in_the_table(monkeypatch):
             monkeypatch.setattr(module, name, work)
     assert taken == 16
     lines = printed().splitlines()
-    assert sum("SARL decision, 5 pedestrians" in line for line in lines) == 3
+    assert sum("SARL decision, 5 pedestrians" in line for line in lines) == 2
     assert sum("environment, 6 agents, per step" in line for line in lines) == 2
     assert sum("start-up of the command line" in line for line in lines) == 1
 

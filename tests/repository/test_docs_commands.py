@@ -91,6 +91,8 @@ def where_else(arguments):
         "--data": "tests/unit/scenario/test_recorded.py",
         "number=10000": "tests/unit/sim/test_thousands.py",
         ".onnx": "tests/unit/envs/test_policy_planner.py and tests/unit/envs/test_envs_vehicle.py",
+        "runs/drive": "tests/repository/test_ros2.py",
+        "--format rosbag2": "tests/repository/test_ros2.py",
         "weights=mine.": "tests/parity/test_crowdnav_convert.py",
         "weights=CrowdNav_DSRNN": "tests/parity/test_ds_rnn_planner.py",
         "clone=": "tests/parity/test_crowdnav_planner.py and tests/parity/test_crowdnav_plus_planner.py",

@@ -128,7 +128,7 @@ def test_entries_are_frozen_after_the_season_closes_and_before_anybody_knows_the
     with pytest.raises(InputError, match="has the randomness of round 5000000 already, but the entries of small must"):
         freeze(tmp_path, "small", {"a": "0" * 64})
     write(-2, season.replace("ab" * 32, ""))
-    with pytest.raises(TooEarly, match="fetch it from drand and write it there, now that entries are frozen"):
+    with pytest.raises(TooEarly, match="fetch it from drand, and write it there"):
         freeze(tmp_path, "small", {"a": "0" * 64}).seed("small")
     write(-2)
     assert read_season(tmp_path).seed("small")

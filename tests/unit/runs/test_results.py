@@ -411,7 +411,7 @@ def test_runs_that_cannot_be_compared_are_told_why(tmp_path):
         compare(tmp_path / "a", tmp_path / "nowhere")
     (tmp_path / "a" / "episodes.csv").write_text("case,outcome\n1,sucess\n")
     reseal(tmp_path / "a")
-    with pytest.raises(InputError, match="not a table of episodes"):
+    with pytest.raises(InputError, match="no table of episodes"):
         compare(tmp_path / "a", tmp_path / "c")
 
 

@@ -181,7 +181,11 @@ def test_a_study_prints_one_table_of_its_runs(capsys):
     def named(rows):
         return {(row["scenario"], row["planner"]): row for row in rows}
 
-    assert named(table["rows"]) == named(records)
+    shown = named(table["rows"])
+    assert shown.keys() == named(records).keys()
+    for place, row in named(records).items():
+        assert row.pop("cases") == "test:0:8"
+        assert {name: shown[place][name] for name in row} == row  # a study also prints thresholds of fault
     success = table["rows"][0]["success_rate"]
     assert "| {mean:.1f} ({low:.1f} to {high:.1f}) |".format_map({k: 100 * v for k, v in success.items()}) in printed
     study(text, "--format", "csv")
