@@ -167,7 +167,7 @@ def _check_encoder(weights: Path, trained: object, encoder: str | None) -> None:
     given = None if file is None else read_files(file).digests
     if given != trained:
         right = f"with the encoder {', '.join(trained)}" if isinstance(trained, dict) else "without an encoder file"
-        raise InputError(f"the weights {weights} were trained {right}: give the option encoder as it was then")
+        raise InputError(f"the weights {weights} were trained {right}: the option encoder must be the same")
 
 
 def _most_pedestrians(training: Mapping[str, Any]) -> int | None:

@@ -57,7 +57,7 @@ def test_a_policy_is_trained_and_drives_with_an_encoder_of_ones_own(network, min
     assert f"--encoder {mine}" in card["command"]
     _, planner = load_planner("ppo", {"weights": str(weights), "encoder": mine})
     assert type(planner.policy.encoder).__name__ == "Mean"
-    with pytest.raises(InputError, match=r"trained with the encoder mine\.py: give the option encoder"):
+    with pytest.raises(InputError, match=r"trained with the encoder mine\.py: the option encoder must be"):
         load_planner("ppo", {"weights": str(weights)})
     (tmp_path / "mine.py").write_text(MEAN + "# otherwise\n")
     with pytest.raises(InputError, match=r"trained with the encoder mine\.py"):
