@@ -33,6 +33,8 @@ if TYPE_CHECKING:  # the aliases tell type checkers, and `public_names`, that th
     from crowdbench.planners.base import OneWorldPlanner as OneWorldPlanner
     from crowdbench.planners.base import Planner as Planner
     from crowdbench.planners.driver import Driver as Driver
+    from crowdbench.planners.geometry import along_route as along_route
+    from crowdbench.planners.geometry import distance_to_walls as distance_to_walls
     from crowdbench.planners.lookahead import ValuePlanner as ValuePlanner
     from crowdbench.planners.mppi import MPPIPlanner as MPPIPlanner
     from crowdbench.planners.reactive import along_walls as along_walls

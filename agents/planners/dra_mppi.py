@@ -32,7 +32,15 @@ from scipy.interpolate import make_interp_spline
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from crowdbench import InputError, Observation, Planner, Predictor, load_predictor
+from crowdbench import (
+    InputError,
+    Observation,
+    Planner,
+    Predictor,
+    along_route,
+    distance_to_walls,
+    load_predictor,
+)
 
 Sequences = Float[np.ndarray, "world sample time 2"]
 Probabilities = Float[np.ndarray, "world sample"]
@@ -248,41 +256,6 @@ def limited(obs: Observation, commands: Sequences) -> Sequences:
         size = np.linalg.norm(commands, axis=3, keepdims=True)
         commands *= np.minimum(speed[:, None, None, None] / np.maximum(size, 1e-9), 1.0)
     return commands
-
-
-def distance_to_walls(points: Points, obstacles: Float[np.ndarray, "world polygon corner 2"]) -> np.ndarray:
-    """Return the distance of each point to the nearest edge of an obstacle, `[world, point]` in metres.
-
-    Args:
-        points: In metres.
-        obstacles: Polygons in metres, NaN after the last corner.
-    """
-    following = np.roll(obstacles, -1, axis=2)
-    edge = np.where(np.isnan(following), obstacles[:, :, :1], following) - obstacles
-    nearest = np.full(points.shape[:2], np.inf)
-    for polygon, corner in np.ndindex(obstacles.shape[1:3]):
-        offset, along = points - obstacles[:, polygon, corner, None], edge[:, polygon, corner, None]
-        share = (offset * along).sum(axis=2) / np.maximum((along**2).sum(axis=2), 1e-12)
-        offset -= np.clip(share, 0.0, 1.0)[..., None] * along
-        nearest = np.fmin(nearest, np.sqrt((offset**2).sum(axis=2)))
-    return nearest
-
-
-def along_route(obs: Observation, length: Float[np.ndarray, "world time"]) -> Points:
-    """Return the points in metres at some lengths of the vehicle's way over its next waypoints to its goal."""
-    vehicle, route = obs.vehicle, obs.vehicle.route
-    passed = np.arange(route.shape[1]) < vehicle.waypoint[:, None]
-    ahead = np.where(passed[..., None], vehicle.position[:, None], route)
-    ahead = np.where(np.isnan(ahead), vehicle.goal[:, None], ahead)
-    corner = np.concatenate([vehicle.position[:, None], ahead, vehicle.goal[:, None]], axis=1)
-    leg = np.diff(corner, axis=1)
-    size = np.linalg.norm(leg, axis=2)
-    end = size.cumsum(axis=1)
-    number = np.minimum((length[..., None] > end[:, None]).sum(axis=2), leg.shape[1] - 1)
-    start, leg, size, end = (np.take_along_axis(each, number.reshape(*number.shape, *[1] * (each.ndim - 2)), axis=1)
-                             for each in (corner, leg, size, end))  # fmt: skip
-    share = np.clip(1.0 - (end - length) / np.maximum(size, 1e-9), 0.0, 1.0)
-    return start + share[..., None] * leg
 
 
 def planner(
