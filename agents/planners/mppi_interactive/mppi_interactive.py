@@ -130,7 +130,8 @@ def planner(
         InputError: A number is impossible.
     """
     if not (futures >= 1 and 0 <= ignoring <= futures):
-        raise InputError(f"futures is {futures} and ignoring {ignoring}, but must be 1 or more, and 0 to {futures}")
+        right = "futures must be 1 or more, and ignoring from 0 to futures"
+        raise InputError(f"futures is {futures} and ignoring is {ignoring}, but {right}")
     predictor = GoalRollOuts(inference, futures, ignoring)
     costs = dataclasses.replace(MPPIPlanner.weights, **(weights or {}))
     search = dataclasses.replace(MPPIPlanner.search, samples=samples)
