@@ -12,7 +12,7 @@ import typer
 sys.path.append(str(Path(__file__).parents[1]))
 
 from crowdbench.cli import main
-from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
 from crowdbench.cli.study import ShardOption, make_runs
 from crowdbench.utils.tables import Format
 
@@ -23,7 +23,6 @@ def page(
     out: Annotated[Path | None, typer.Option(show_default="runs/study-<name>")] = None,
     data: Path | None = None,
     shard: ShardOption = None,
-    on: OnOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -33,14 +32,14 @@ def page(
         file: A study, such as studies/crowds/study.toml.
         out: Folder that keeps its runs.
     """
-    use_threads(None if is_on_ray(on) else threads)
+    use_threads(threads)
     from crowdbench.study.study import study_name
     from studies.pages import print_page
     from studies.tables import read_tables
 
     head, tables = read_tables(file, data.absolute() if data else None)
     folder = out or Path("runs") / f"study-{study_name(file)}"
-    make = functools.partial(make_runs, out=folder, shard=shard, on=on, threads=threads)
+    make = functools.partial(make_runs, out=folder, shard=shard)
     command = f"python studies/run.py {file}{' --data DIR' if data else ''}"
     print_page(head, tables, command, folder, make, format, study_name(file))
 

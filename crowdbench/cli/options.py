@@ -16,7 +16,6 @@ from docstring_parser import DocstringStyle, parse
 from crowdbench.utils.errors import InputError
 
 ThreadsOption = Annotated[int | None, typer.Option(min=1, show_default="one per core")]
-OnOption = Annotated[str | None, typer.Option(show_default="here")]
 
 SHARED = {
     "as_json": "Print the result as JSON instead of a table.",
@@ -24,7 +23,6 @@ SHARED = {
     "decision_limit": "Longest time in seconds that the planner may take for one decision of a whole batch.",
     "format": "How the table is written; latex needs the package booktabs.",
     "metric": "A file with a metric of your own: ./mine.py. Repeatable.",
-    "on": "ray: on the Ray cluster of RAY_ADDRESS, or Ray on this machine. --threads are then those of each batch.",
     "option": "An option of the planner or predictor: key=value. Repeatable. `crowdbench list planners NAME` and "
     "`list predictors NAME` show them.",
     "overrides": "Change a key of the scenario, such as vehicle.visible=true. Repeatable.",
@@ -82,13 +80,6 @@ def _with_help(parameter: inspect.Parameter, text: str | None) -> inspect.Parame
     info = copy.copy(infos[0])  # several commands may have it
     info.help = text
     return parameter.replace(annotation=Annotated[kind, info])
-
-
-def is_on_ray(on: str | None) -> bool:
-    """What `--on` says. Raises InputError where it is something else than `ray`."""
-    if on not in (None, "ray"):
-        raise InputError(f"--on {on} is not known: write --on ray, or leave it out")
-    return on is not None
 
 
 def use_threads(threads: int | None) -> None:

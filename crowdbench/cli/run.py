@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, print_table, progress, say
-from crowdbench.cli.options import OnOption, ThreadsOption, assignments, is_on_ray, use_threads
+from crowdbench.cli.options import ThreadsOption, assignments, use_threads
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
 
@@ -51,7 +51,6 @@ def run(
     overwrite: bool = False,
     batch: Annotated[int, typer.Option(min=1)] = BATCH,
     shard: str | None = None,
-    on: OnOption = None,
     threads: ThreadsOption = None,
     decision_limit: float = DECISION_LIMIT,
     all_metrics: bool = False,
@@ -72,8 +71,7 @@ def run(
         shard: Run one share of the batches, such as 2/8; the last shard to finish merges the run.
         all_metrics: Print all metrics, and not only the main ones; result.json has them all.
     """
-    on_ray = is_on_ray(on)
-    use_threads(None if on_ray else threads)
+    use_threads(threads)
     if board is not None:
         from crowdbench.cli.run_board import refuse_other_options, run_board
 
@@ -97,17 +95,15 @@ def run(
         batch,
         isolated,
         decision_limit,
-        data.absolute() if data else None,  # workers of a cluster have other working directories
+        data.absolute() if data else None,
     )
-    loaded, directory = make_one_run(spec, out, shard, overwrite, (threads or 1) if on_ray else None)
+    loaded, directory = make_one_run(spec, out, shard, overwrite)
     changes = "".join(f", {key}={value}" for key, value in spec.changes.items())
     title = f"{loaded.label} on {loaded.scenario.name}{changes}"
     print_result(title, directory, loaded.metrics, as_json, all_metrics)
 
 
-def make_one_run(
-    spec: RunSpec, out: Path | None, shard: str | None, overwrite: bool, cpus: int | None
-) -> tuple[Run, Path]:
+def make_one_run(spec: RunSpec, out: Path | None, shard: str | None, overwrite: bool) -> tuple[Run, Path]:
     """Make a run, or a shard of it, and print warnings; say what is missing, and exit, where parts are missing.
 
     Args:
@@ -115,13 +111,12 @@ def make_one_run(
         out: Its directory; in `runs/`, named after the run, if None.
         shard: Which share of its parts is made, such as 2/8.
         overwrite: Whether an earlier run in its directory is replaced.
-        cpus: CPUs of each part on a Ray cluster; None without one.
 
     Returns:
         The run and its directory.
     """
     from crowdbench.runs.load import open_run
-    from crowdbench.runs.shards import Parts, Shard, check_out, make_run
+    from crowdbench.runs.shards import Parts, Shard, make_run
     from crowdbench.runs.spec import directory_name
 
     share = Shard.parse(shard)
@@ -131,12 +126,7 @@ def make_one_run(
         if run.scenario.certificates is not None:
             say(f"crowdbench: {run.scenario.certificates.sentence(spec.cases)}")
         directory = out or Path("runs") / directory_name(run.driver.name, run.scenario.name, spec)
-        if cpus is not None:
-            from crowdbench.runs.on_ray import make_parts
-
-            check_out(run, directory, overwrite)
-            make_parts([Parts.of(run, directory, share)], cpus=cpus, progress=report)
-        if make_run(run, directory, shard=share, overwrite=overwrite, progress=None if cpus else report):
+        if make_run(run, directory, shard=share, overwrite=overwrite, progress=report):
             return run, directory
     parts = Parts.of(run, directory)
     finished = f"{parts.count_finished()} of {len(spec.cases)} cases are in {parts.folder}"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import OnOption, ThreadsOption, is_on_ray, use_threads
+from crowdbench.cli.options import ThreadsOption, use_threads
 from crowdbench.utils.tables import Format, Grid, format_tables, plain
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ def study(
     out: Annotated[Path | None, typer.Option(show_default="runs/study-<name>")] = None,
     data: Path | None = None,
     shard: ShardOption = None,
-    on: OnOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -37,12 +36,12 @@ def study(
         file: A study, such as studies/crowds/study.toml.
         out: Folder that keeps its runs.
     """
-    use_threads(None if is_on_ray(on) else threads)
+    use_threads(threads)
     from crowdbench.study.study import read_study
 
     study = read_study(file, data.absolute() if data else None)
     directory = out or Path("runs") / f"study-{study.name}"
-    make_runs(study.runs, directory, shard, on, threads)
+    make_runs(study.runs, directory, shard)
     grids = [table.grid(directory) for table in study.tables]
     tables = [{"title": grid.title, "rows": list(grid.records)} for grid in grids]
     page = study.page(grids, f"crowdbench study {file}{' --data DIR' if data else ''}")
@@ -66,29 +65,20 @@ def print_study(contents: object, grids: Sequence[Grid], page: str, format: Form
         print(format_tables(grids, format))
 
 
-def make_runs(runs: Sequence[Run], out: Path, shard: str | None, on: str | None, threads: int | None) -> None:
+def make_runs(runs: Sequence[Run], out: Path, shard: str | None) -> None:
     """Make the runs that the folder `out` lacks; exits after an interrupt, and where runs of others are missing.
 
     Args:
         runs: The runs, some perhaps twice.
         out: The folder.
         shard: Which share of them is made, such as 2/8.
-        on: `ray` for the workers of a Ray cluster.
-        threads: The number of threads; with Ray, of each part.
     """
-    from crowdbench.runs.shards import Parts, Shard
+    from crowdbench.runs.shards import Shard
     from crowdbench.study.folder import describe_run, make_in_folder, missing_runs, run_directory
 
     announce_compilation()
     lacking = missing_runs(runs, out, Shard.parse(shard))
     with exit_on_interrupt(f"the same command goes on with the runs that are kept in {out}"):
-        if is_on_ray(on) and lacking:
-            from crowdbench.runs.on_ray import make_parts
-
-            cases = sum(len(run.spec.cases) for run in lacking)
-            with progress(cases, f"of {cases} cases of {len(lacking)} runs") as report:
-                parts = [Parts.of(run, run_directory(run, out)) for run in lacking]
-                make_parts(parts, cpus=threads or 1, progress=report)
         for number, run in enumerate(lacking, 1):
             say(f"run {number} of {len(lacking)}: {describe_run(run)}")
             # The time left is that of this run: a case of another planner may take a hundred times as long.

@@ -12,7 +12,7 @@ import typer
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
-from crowdbench.cli.options import OnOption, ThreadsOption, assignments, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.cli.study import ShardOption, make_runs, print_study
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, markdown
@@ -31,7 +31,6 @@ def dial(
     file: Path = FILE,
     out: Annotated[Path | None, typer.Option(show_default="runs/dials, or runs/study-dials for the page")] = None,
     shard: ShardOption = None,
-    on: OnOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -45,7 +44,7 @@ def dial(
         file: The dials and planners of the page.
         out: Folder that keeps the runs, and a file for plot.py.
     """
-    use_threads(None if is_on_ray(on) else threads)
+    use_threads(threads)
     from studies.dials.dial import load_dial
     from studies.dials.table import DialsTable, DialStudy, FilledDial, Measurement
     from studies.pages import keep, print_two_steps, read_file
@@ -53,7 +52,7 @@ def dial(
     if (name is None) != (planner is None):
         raise InputError("a dial needs a planner: give NAME and --planner, or neither for the page")
     folder = out or Path("runs/study-dials" if name is None else "runs/dials")
-    make = functools.partial(make_runs, out=folder, shard=shard, on=on, threads=threads)
+    make = functools.partial(make_runs, out=folder, shard=shard)
     if name is None or planner is None:
         spec, location = read_file(file, DialStudy), Location(file.name)
         tables = [DialsTable.of(each, location.at("dials", i)) for i, each in enumerate(spec.dials)]

@@ -12,7 +12,7 @@ import typer
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
-from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
 from crowdbench.cli.study import ShardOption, make_runs, print_study
 from crowdbench.utils.tables import Format, markdown
 from crowdbench.utils.toml import Location, parse_table
@@ -29,7 +29,6 @@ def ladder(
     cases: str = "100",
     out: Annotated[Path | None, typer.Option(show_default="runs/ladders, or runs/study-ladders for the page")] = None,
     shard: ShardOption = None,
-    on: OnOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -44,12 +43,12 @@ def ladder(
         cases: 100 (the first 100 test cases), 2000:2100, val:100 (validation cases).
         out: Folder that keeps the runs, and a file for plot.py for each scenario.
     """
-    use_threads(None if is_on_ray(on) else threads)
+    use_threads(threads)
     from studies.ladder.table import CANDIDATES, LaddersSpec, LaddersTable, LadderStudy
     from studies.pages import keep, print_two_steps, read_file
 
     folder = out or Path("runs/ladders" if scenarios else "runs/study-ladders")
-    make = functools.partial(make_runs, out=folder, shard=shard, on=on, threads=threads)
+    make = functools.partial(make_runs, out=folder, shard=shard)
     if not scenarios:
         spec, location = read_file(FILE, LadderStudy), Location(FILE.name)
         tables = [LaddersTable.of(each, location.at("ladders", i)) for i, each in enumerate(spec.ladders)]

@@ -11,7 +11,7 @@ import typer
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
-from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
 from crowdbench.cli.study import ShardOption, make_runs
 from crowdbench.utils.tables import Format
 
@@ -22,7 +22,6 @@ def reproduce(
     quick: bool = False,
     out: Path = Path("runs/li2020"),
     shard: ShardOption = None,
-    on: OnOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -37,13 +36,13 @@ def reproduce(
         quick: A quick look: one network per row, few cases.
         out: Folder that keeps the runs.
     """
-    use_threads(None if is_on_ray(on) else threads)
+    use_threads(threads)
     from studies.li2020.claims import tally
     from studies.li2020.table import FilledClaimedTable, read_reproduction
     from studies.pages import print_filled
 
     study = read_reproduction(table, quick)
-    make_runs(study.runs, out, shard, on, threads)
+    make_runs(study.runs, out, shard)
     tables = [table for table in study.fill(out) if isinstance(table, FilledClaimedTable)]
     claims = [claim for each in tables for claim in each.claims]
     command = f"python studies/li2020/run.py{f' --table {table}' if table else ''}{' --quick' if quick else ''}"

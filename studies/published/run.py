@@ -12,7 +12,7 @@ import typer
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
-from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
 from crowdbench.cli.study import ShardOption, make_runs
 from crowdbench.utils.tables import Format
 
@@ -23,7 +23,6 @@ def published(
     cases: Annotated[str | None, typer.Option(show_default="those of study.toml")] = None,
     out: Path = Path("runs/study-published"),
     shard: ShardOption = None,
-    on: OnOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -34,7 +33,7 @@ def published(
         cases: Other cases of each scenario, such as val:20.
         out: Folder that keeps the runs.
     """
-    use_threads(None if is_on_ray(on) else threads)
+    use_threads(threads)
     from crowdbench.scenario.cases import Cases
     from studies.pages import print_page, read_file
     from studies.published.table import PublishedSpec, PublishedTable
@@ -43,7 +42,7 @@ def published(
     specs = [each.model_copy(update={"cases": Cases.parse(cases)}) if cases else each for each in spec.tables]
     tables = [PublishedTable.load(each, networks) for each in specs]
     command = f"python studies/published/run.py NETWORKS{f' --cases {cases}' if cases else ''}"
-    make = functools.partial(make_runs, out=out, shard=shard, on=on, threads=threads)
+    make = functools.partial(make_runs, out=out, shard=shard)
     print_page(spec, tables, command, out, make, format)
 
 

@@ -15,7 +15,7 @@ import typer
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
-from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
 from crowdbench.cli.study import ShardOption, make_runs, print_study
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
@@ -58,7 +58,6 @@ def reactions(
     cases: Annotated[str | None, typer.Option(show_default="those of the file")] = None,
     out: Path = Path("runs/study-reactions"),
     shard: ShardOption = None,
-    on: OnOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -69,7 +68,7 @@ def reactions(
         cases: The cases of each scenario: test:200 (the first 200 test cases), val:20.
         out: Folder that keeps the runs.
     """
-    use_threads(None if is_on_ray(on) else threads)
+    use_threads(threads)
     spec = read_file(file, ReactionsSpec)
     driven = Cases.parse(cases) if cases else spec.cases
     changes = {
@@ -81,7 +80,7 @@ def reactions(
         name: [load_runs(spec.planners, dataclasses.replace(base, scenario=scenario)) for scenario in spec.scenarios]
         for name, base in specs.items()
     }
-    make_runs([run for scenarios in runs.values() for each in scenarios for run in each], out, shard, on, threads)
+    make_runs([run for scenarios in runs.values() for each in scenarios for run in each], out, shard)
     rates = {name: mean_rates([read_cases(each, out) for each in scenarios]) for name, scenarios in runs.items()}
     fault = {name: np.mean([_at_fault(each, out) for each in scenarios], axis=0) for name, scenarios in runs.items()}
     labels = [run.label for run in runs["avoid"][0]]

@@ -13,7 +13,7 @@ from pydantic import Field
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
-from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
 from crowdbench.cli.study import ShardOption, make_runs, print_study
 from crowdbench.runs.spec import RunSpec
 from crowdbench.study.folder import read_episodes
@@ -53,7 +53,6 @@ def headroom(
     file: Path = FILE,
     out: Path = Path("runs/study-headroom"),
     shard: ShardOption = None,
-    on: OnOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -64,7 +63,7 @@ def headroom(
         file: The scenarios, those whose key is changed with its levels, and the planners.
         out: Folder that keeps the runs.
     """
-    use_threads(None if is_on_ray(on) else threads)
+    use_threads(threads)
     spec = read_file(file, HeadroomSpec)
     places: list[tuple[str, dict[str, float]]] = [(name, {}) for name in spec.scenarios]
     for key, scenarios in spec.levels.items():
@@ -75,7 +74,7 @@ def headroom(
         for name, level in places
         if not scenario or name in scenario
     ]
-    make_runs([run for runs in rows for run in runs], out, shard, on, threads)
+    make_runs([run for runs in rows for run in runs], out, shard)
     header = ["scenario", "level", *(run.label for run in rows[0]), "best", "struck", "struck though noticed"]
     cells, records = [], []
     for runs in rows:

@@ -9,7 +9,7 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
-from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
 from crowdbench.cli.study import ShardOption, make_runs
 from crowdbench.utils.tables import Format
 from crowdbench.utils.toml import Location
@@ -23,7 +23,6 @@ def transfer(
     out: Path = Path("runs/study-rankings"),
     data: Path | None = None,
     shard: ShardOption = None,
-    on: OnOption = None,
     threads: ThreadsOption = None,
     power: bool = False,
     format: Format = Format.MARKDOWN,
@@ -35,7 +34,7 @@ def transfer(
         out: Folder that keeps the runs.
         power: Print the power of the study, and make no runs.
     """
-    use_threads(None if is_on_ray(on) else threads)
+    use_threads(threads)
     from studies.pages import print_page, read_file
     from studies.transfer.table import RankingsTable, TransferStudy, say_power
 
@@ -47,7 +46,7 @@ def transfer(
             print(f"{table.spec.title}. {say_power(table.power())}")
         return
     command = f"python studies/transfer/run.py{' --data DIR' if data else ''}"
-    make = functools.partial(make_runs, out=out, shard=shard, on=on, threads=threads)
+    make = functools.partial(make_runs, out=out, shard=shard)
     print_page(spec, tables, command, out, make, format)
 
 
