@@ -16,7 +16,9 @@ from studies.pages import read_kept
 FIRST = "#bbbbbb"
 """The colour of the success of the lowest rung."""
 
-KNOWLEDGE = dict(zip(("perception", "goals", "policies", "attention", "chance", "search"), COLOURS, strict=False))
+KNOWLEDGE = dict(
+    zip(("perception", "inference", "goals", "policies", "attention", "chance", "search"), COLOURS, strict=False)
+)
 """The colours of the gains."""
 
 COMMAND = "python studies/ladder/run.py"

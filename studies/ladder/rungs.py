@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.catalog import load_scenario
+from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import PERFECT, Observation, World
 from crowdbench.metrics import METRICS
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.filtered import FilteredPlanner
-from crowdbench.planners.mppi import MPPIPlanner
+from crowdbench.planners.mppi import SEARCH, MPPIPlanner
 from crowdbench.plugins.code import code_digest
 from crowdbench.predict import ConstantVelocity, Predictor
 from crowdbench.runs.identity import PlannerId
@@ -25,7 +26,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from studies.certificates.certificate import CODE, certificates, play_back
 from studies.ladder import futures
-from studies.ladder.futures import Knowledge, Simulated
+from studies.ladder.futures import FUTURES, Knowledge, Simulated
 
 SECONDS = 5.0
 """How far ahead the search looks."""
@@ -39,6 +40,7 @@ LIMIT = 3600.0
 RUNGS = {
     "P0": "sensed state; people at constant velocity",
     "P1": "true state; people at constant velocity",
+    "I": "true state; people walk by ORCA to goals inferred from headings, and ignore the vehicle",
     "G": "true goals; people walk by ORCA and ignore the vehicle",
     "GP": "true goals and policies, not who notices the vehicle",
     "P2": "everything but chance",
@@ -94,18 +96,23 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
     if rung != "P0":
         scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT))
     planner: Planner
+    horizon, files = max(1, round(SECONDS / scenario.rules.dt)), [Path(__file__), Path(futures.__file__), *CODE]
     foresee: Callable[[World], None] | None = None
     if rung == "C":
         planner = certified = CertifiedPlanner(scenario, spec.cases.split)
         foresee = certified.foresee
+    elif rung == "I":
+        options = {"futures": FUTURES, "ignoring": 1.0, "worst": WORST, "horizon": horizon, "samples": SEARCH.samples}
+        _, planner = load_planner("mppi_interactive", options)
+        files += sorted(Path(inspect.getfile(type(planner))).parent.glob("*.py"))
     else:
         predictor: Predictor = ConstantVelocity()
         if rung in KNOWLEDGE:
             predictor = simulated = Simulated(scenario, KNOWLEDGE[rung])
             foresee = simulated.foresee
-        planner = MPPIPlanner(predictor, horizon=max(1, round(SECONDS / scenario.rules.dt)), worst=WORST)
+        planner = MPPIPlanner(predictor, horizon=horizon, worst=WORST)
         if scenario.rules.sensor != PERFECT:
             planner = FilteredPlanner(planner)
     named = dataclasses.replace(spec, planner=rung)
-    identity = PlannerId(rung, code=code_digest([], [Path(__file__), Path(futures.__file__), *CODE]))
+    identity = PlannerId(rung, code=code_digest([], files))
     return Run(named, Driver(planner, rung, LIMIT), scenario, METRICS, identity, foresee=foresee)

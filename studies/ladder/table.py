@@ -28,7 +28,15 @@ from studies.pages import SUCCESS, draw_bar, read_successes
 CHOICE = Cases("val", 0, 50)
 """The cases that choose the best planner."""
 
-STEPS = {"P1": "perception", "G": "goals", "GP": "policies", "P2": "attention", "P3": "chance", "C": "search"}
+STEPS = {
+    "P1": "perception",
+    "I": "inference",
+    "G": "goals",
+    "GP": "policies",
+    "P2": "attention",
+    "P3": "chance",
+    "C": "search",
+}
 """The knowledge that a rung has and the one below lacks."""
 
 NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
@@ -81,7 +89,8 @@ class Ladder:
         base = RunSpec("", name, spec.cases, record="none")
         first = load_rung("P1", base, sensed)
         rungs = {"P0": first if sensed.rules.sensor == PERFECT else load_rung("P0", base, sensed), "P1": first}
-        for below, (rung, knows) in zip(("P1", *KNOWLEDGE), KNOWLEDGE.items(), strict=False):
+        rungs["I"] = load_rung("I", base, sensed)
+        for below, (rung, knows) in zip(("I", *KNOWLEDGE), KNOWLEDGE.items(), strict=False):
             rungs[rung] = rungs[below] if adds_nothing(sensed, knows) else load_rung(rung, base, sensed)
         choices = [
             dataclasses.replace(base, planner=each.planner, options=each.options, cases=CHOICE)

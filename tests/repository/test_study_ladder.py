@@ -150,7 +150,7 @@ def test_a_ladder_is_kept_and_drawn(tmp_path):
     again = CliRunner().invoke(build_script(ladder), [*command, "--format", "json"])
     assert "run 1" not in again.output  # all are kept
     (found,) = json.loads(again.stdout)
-    assert list(found["success"]) == ["P0", "P1", "G", "GP", "P2", "P3"]  # nobody looked for certificates
+    assert list(found["success"]) == ["P0", "P1", "I", "G", "GP", "P2", "P3"]  # nobody looked for certificates
     assert [step["knowledge"] for step in found["steps"]] == ["perception", "goals", "policies", "attention", "chance"]
     assert [step["gain"] is None for step in found["steps"]] == [False, False, False, True, False]
     file, figure = tmp_path / "runs" / "own.json", tmp_path / "ladder.svg"

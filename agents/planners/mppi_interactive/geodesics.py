@@ -26,7 +26,7 @@ BESIDE = 0.3
 ROOM = 0.2
 """Smallest distance of the points of ways from walls, in metres."""
 
-OPEN = 4.0
+OPEN = 8.0
 """Without walls, candidates lie up to so many metres beyond the agents and the vehicle's goal."""
 
 REACHED = 0.35

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 from geodesics import Geodesics, find_geodesics
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.special import ndtr
 
 from crowdbench import InputError, Observation
@@ -17,8 +17,8 @@ JUMP = 1.0
 SLOW = 0.2
 """Speed in m/s below which a heading is no evidence."""
 
-UNLIKELY = -50.0
-"""Added to the logarithm of the weight of a candidate that is too near to be a goal."""
+UNLIKELY = 2.0
+"""By how much the logarithm of the weight of a candidate is smaller for each metre that it is too near [1/m]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Inference:
     Attributes:
         concentration: Kappa of the von Mises distribution of headings around the way to the goal, per second [1/s].
         memory: Time in which evidence is forgotten to 1 / e [s].
-        near: Candidates nearer than this are no goals [m].
+        near: Candidates nearer than this are the less likely, the nearer they are: few people are about to stop [m].
         slowing: How fast the largest speed that was seen is forgotten [m/s^2].
 
     Raises:
@@ -37,7 +37,7 @@ class Inference:
 
     concentration: float = 4.0
     memory: float = 3.0
-    near: float = 3.0
+    near: float = 6.0
     slowing: float = 0.1
 
     def __post_init__(self) -> None:
@@ -118,13 +118,14 @@ class GoalBelief:
         noise = obs.noise("goals", (pedestrians, self.futures + 1))
         stratum = noise[..., 1:].argsort(axis=2)
         self.quantile = ((stratum + ndtr(noise[..., :1])) / self.futures).swapaxes(1, 2)
+        self.order = obs.noise("ignores", (pedestrians, self.futures)).argsort(axis=2).swapaxes(1, 2)
         return geodesics
 
     def posterior(self, obs: Observation) -> Float[np.ndarray, "world goal pedestrian"]:
         """Return the probability of each candidate."""
         row, geodesics = self.index[obs.row], self.ways()
         away = geodesics.goal[row][:, :, None] - obs.pedestrians.position[:, None]
-        log = self.log[row] + np.where(np.hypot(away[..., 0], away[..., 1]) < self.inference.near, UNLIKELY, 0.0)
+        log = self.log[row] - UNLIKELY * np.maximum(self.inference.near - np.hypot(away[..., 0], away[..., 1]), 0.0)
         log = np.where(geodesics.exists[row][..., None], log, -np.inf)
         weight = np.exp(log - log.max(axis=1, keepdims=True))
         return weight / weight.cumsum(axis=1)[:, -1:]  # a cumulative sum has the same bits with any padding
@@ -134,3 +135,7 @@ class GoalBelief:
         below = self.posterior(obs).cumsum(axis=1)
         quantile = np.minimum(self.quantile[self.index[obs.row]], 1.0 - 1e-9)[:, :, None]
         return np.asarray((below[:, None] <= quantile * below[:, None, -1:]).sum(axis=2))
+
+    def ignores(self, obs: Observation, share: float) -> Bool[np.ndarray, "world mode pedestrian"]:
+        """Return who ignores the vehicle in which future: each one in this share of them, rounded up."""
+        return np.asarray(self.order[self.index[obs.row]] < np.ceil(share * self.futures))

@@ -6,7 +6,8 @@ At each decision, in each world:
    of the heading around the shortest way to each, with forgetting.
 2. Futures are foreseen: in each one every person has a goal that is sampled from the posterior, and walks there
    around walls by ORCA (van den Berg et al., "Reciprocal n-body collision avoidance", 2011), at the largest speed at
-   which it was seen lately. In one future all ignore the vehicle; in the others they avoid it, as it last planned.
+   which it was seen lately. Each person ignores the vehicle in some futures, drawn for each, and avoids it, as it last
+   planned, in the others.
 3. Sequences of commands are sampled as `mppi` does (Williams et al., "Information theoretic MPC for model-based
    reinforcement learning", ICRA 2017). A sequence costs the mean of the costs in the worst futures for it, the
    conditional value at risk (Rockafellar and Uryasev, "Optimization of conditional value-at-risk", 2000).
@@ -51,11 +52,11 @@ class GoalRollOuts(Predictor):
     Args:
         inference: How goals are inferred.
         futures: Number of futures [1].
-        ignoring: Number of these in which people ignore the vehicle; in the others they avoid it as planned [1].
+        ignoring: The share of the futures in which a person ignores the vehicle [1].
     """
 
-    def __init__(self, inference: Inference, futures: int, ignoring: int) -> None:
-        self.reacting, self.belief = futures - ignoring, GoalBelief(inference, futures)
+    def __init__(self, inference: Inference, futures: int, ignoring: float) -> None:
+        self.ignoring, self.belief = ignoring, GoalBelief(inference, futures)
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """See `Predictor`: the vehicle stands."""
@@ -64,12 +65,13 @@ class GoalRollOuts(Predictor):
     def predict_given(self, obs: Observation, steps: int, plan: Float[np.ndarray, "world time 2"]) -> Prediction:
         """See `Predictor`."""
         self.belief.update(obs)
-        goal, seen = self.belief.sample(obs), self.reacting
-        parts = [self._walk(obs, goal[:, :seen], steps, plan)] if seen else []
-        if seen < self.belief.futures:
-            parts.append(self._walk(obs, goal[:, seen:], steps, None))
-        position, velocity = zip(*((part.position, part.velocity) for part in parts), strict=True)
-        return Prediction(np.concatenate(position, axis=1), np.concatenate(velocity, axis=1))
+        goal, ignores = self.belief.sample(obs), self.belief.ignores(obs, self.ignoring)[:, :, None, :, None]
+        blind = self._walk(obs, goal, steps, None)
+        if ignores.all():
+            return blind
+        aware = self._walk(obs, goal, steps, plan)
+        pairs = (blind.position, aware.position), (blind.velocity, aware.velocity)
+        return Prediction(*(np.where(ignores, *pair) for pair in pairs))
 
     def _walk(
         self,
@@ -105,8 +107,8 @@ class InteractiveMPPI(MPPIPlanner):
 
 def planner(
     futures: int = 6,
-    ignoring: int = 1,
-    worst: float = 0.5,
+    ignoring: float = 0.15,
+    worst: float = 0.75,
     horizon: int = 18,
     samples: int = 100,
     inference: Inference = INFERENCE,
@@ -116,7 +118,8 @@ def planner(
 
     Args:
         futures: Number of futures [1].
-        ignoring: Number of futures in which people ignore the vehicle; in the others they avoid it as planned [1].
+        ignoring: The share of the futures, rounded up, in which a person ignores the vehicle; in the others it avoids
+            it as planned [1].
         worst: The share of the futures, the worst for a sequence, of which the mean counts (CVaR); 1 for all [1].
         horizon: Number of steps of a sequence [1].
         samples: Number of sequences that are sampled in a round [1].
@@ -129,8 +132,8 @@ def planner(
     Raises:
         InputError: A number is impossible.
     """
-    if not (futures >= 1 and 0 <= ignoring <= futures):
-        right = "futures must be 1 or more, and ignoring from 0 to futures"
+    if not (futures >= 1 and 0.0 <= ignoring <= 1.0):
+        right = "futures must be 1 or more, and ignoring a share from 0 to 1"
         raise InputError(f"futures is {futures} and ignoring is {ignoring}, but {right}")
     predictor = GoalRollOuts(inference, futures, ignoring)
     costs = dataclasses.replace(MPPIPlanner.weights, **(weights or {}))

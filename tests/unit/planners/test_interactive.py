@@ -114,6 +114,26 @@ def test_goals_of_futures_are_stratified_over_the_posterior(worlds):
         assert np.abs(share - posterior[:, goal]).max() <= 1.0 / 50 + 1e-9
 
 
+@pytest.mark.parametrize(("share", "number"), [(0.0, 0), (0.15, 1), (0.5, 3), (1.0, 6)])
+def test_each_person_ignores_the_vehicle_in_a_share_of_the_futures_of_its_own(worlds, share, number):
+    belief = goal_belief.GoalBelief(goal_belief.INFERENCE, 6)
+    belief.update(obs := observed(worlds[0]))
+    ignores = belief.ignores(obs, share)
+    assert (ignores.sum(axis=1) == number).all()
+    if number == 1:
+        assert ignores.any(axis=2).sum() > len(obs)  # not all in the same future
+
+
+def test_people_avoid_the_vehicle_in_futures_in_which_they_do_not_ignore_it(worlds):
+    obs = observed(worlds[0])
+    plan = np.zeros((len(obs), 6, 2))
+    none, some, everybody = (interactive.GoalRollOuts(goal_belief.INFERENCE, 6, share) for share in (0.0, 0.15, 1.0))
+    found = [each.predict_given(obs, 6, plan).position for each in (none, some, everybody)]
+    ignores = some.belief.ignores(obs, 0.15)[:, :, None, :, None]
+    np.testing.assert_array_equal(found[1], np.where(ignores, found[2], found[0]))
+    assert (found[0] != found[2]).any()
+
+
 def test_with_the_true_goals_and_speeds_people_are_foreseen(worlds):
     world = worlds[2]
     obs, present = observed(world), world.present[:, 1:]
@@ -141,7 +161,7 @@ def test_people_of_a_roll_out_avoid_a_vehicle_whose_plan_is_given(worlds):
 
 def test_a_world_is_the_same_in_a_batch_and_a_run_works():
     scenario, cases = load_scenario("blocks_12"), Cases.parse("val:3")
-    options = {"futures": 3, "ignoring": 2}
+    options = {"futures": 3}
     together, alone = (
         [
             rollout(Driver(load_planner("mppi_interactive", options)[1], "mppi_interactive"), scenario, each)
