@@ -7,15 +7,20 @@ import dataclasses
 import numpy as np
 from geodesics import Geodesics, find_geodesics
 from jaxtyping import Bool, Float, Int
-from scipy.special import ndtr
+from scipy.special import expit, logit, ndtr
 
 from crowdbench import InputError, Observation
+
+Velocities = Float[np.ndarray, "world pedestrian 2"]
 
 JUMP = 1.0
 """Somebody farther than this from where the same index was expected is another person, in metres."""
 
 SLOW = 0.2
 """Speed in m/s below which a heading is no evidence."""
+
+DEVIATION = 0.2
+"""Standard deviation of the velocity of a person from the one that was foreseen, in m/s."""
 
 UNLIKELY = 2.0
 """By how much the logarithm of the weight of a candidate is smaller for each metre that it is too near [1/m]."""
@@ -87,7 +92,8 @@ class GoalBelief:
         speed = np.hypot(crowd.velocity[..., 0], crowd.velocity[..., 1])
         expected = self.last[row] + elapsed[..., None] * crowd.velocity
         is_new = ~(np.abs(crowd.position - expected).max(axis=2) < JUMP)
-        log = np.where(is_new[:, None], 0.0, self.log[row] * np.exp(-elapsed / inference.memory)[:, None])
+        kept = np.where(is_new, 0.0, np.exp(-elapsed / inference.memory))
+        log = self.log[row] * kept[:, None]
         here = crowd.position[:, None]
         way = geodesics.ahead(row, here, np.arange(log.shape[1])[None, :, None]) - here
         length = np.hypot(way[..., 0], way[..., 1]) * speed[:, None]
@@ -97,6 +103,10 @@ class GoalBelief:
         if crowd.deviation is not None:  # a heading is as uncertain as the velocity across it, over the speed
             kappa /= 1.0 + inference.concentration * (crowd.deviation[..., 1] / np.maximum(speed, SLOW)) ** 2
         self.log[row] = log + obs.dt * kappa[:, None] * cosine
+        aware, blind = ((crowd.velocity - each) ** 2 for each in self.foreseen[:, row])
+        variance = DEVIATION**2 + (0.0 if crowd.deviation is None else crowd.deviation[..., 1] ** 2)
+        blinder = np.where(measured & ~is_new, np.nansum(aware - blind, axis=2), 0.0) / (2.0 * variance)
+        self.blinder[row] = self.blinder[row] * kept + blinder
         fastest = np.where(is_new, 0.0, self.speed[row] - inference.slowing * elapsed)
         self.speed[row] = np.where(crowd.seen, np.maximum(fastest, speed), self.speed[row])
         self.last[row] = np.where(crowd.seen[..., None], crowd.position, np.nan)
@@ -113,6 +123,8 @@ class GoalBelief:
         self.index[obs.row] = np.arange(worlds)
         self.log = np.zeros((worlds, geodesics.goal.shape[1], pedestrians))
         self.speed, self.last = np.zeros((worlds, pedestrians)), np.full((worlds, pedestrians, 2), np.nan)
+        self.blinder = np.zeros((worlds, pedestrians))
+        self.foreseen = np.full((2, worlds, pedestrians, 2), np.nan)
         self.time = obs.time - obs.dt
         # The same in a whole episode, so that goals that are sampled change with the posterior alone.
         noise = obs.noise("goals", (pedestrians, self.futures + 1))
@@ -137,5 +149,19 @@ class GoalBelief:
         return np.asarray((below[:, None] <= quantile * below[:, None, -1:]).sum(axis=2))
 
     def ignores(self, obs: Observation, share: float) -> Bool[np.ndarray, "world mode pedestrian"]:
-        """Return who ignores the vehicle in which future: each one in this share of them, rounded up."""
-        return np.asarray(self.order[self.index[obs.row]] < np.ceil(share * self.futures))
+        """Return who ignores the vehicle in which future.
+
+        Each person does so in a share of the futures, rounded up: the posterior of two hypotheses, that it avoids the
+        vehicle and that it ignores it. The evidence is how much better its velocities were foreseen by one of them.
+
+        Args:
+            obs: The observation.
+            share: The prior probability that a person ignores the vehicle.
+        """
+        row = self.index[obs.row]
+        probability = expit(logit(share) + self.blinder[row])
+        return np.asarray(self.order[row] < np.ceil(probability * self.futures)[:, None])
+
+    def foresee(self, obs: Observation, aware: Velocities, blind: Velocities) -> None:
+        """Keep the velocities in m/s that people will have in the next step if they avoid or ignore the vehicle."""
+        self.foreseen[:, self.index[obs.row]] = aware, blind

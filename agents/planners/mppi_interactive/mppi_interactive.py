@@ -7,7 +7,7 @@ At each decision, in each world:
 2. Futures are foreseen: in each one every person has a goal that is sampled from the posterior, and walks there
    around walls by ORCA (van den Berg et al., "Reciprocal n-body collision avoidance", 2011), at the largest speed at
    which it was seen lately. Each person ignores the vehicle in some futures, drawn for each, and avoids it, as it last
-   planned, in the others.
+   planned, in the others: the more it has walked as if it ignored it, the more of them.
 3. Sequences of commands are sampled as `mppi` does (Williams et al., "Information theoretic MPC for model-based
    reinforcement learning", ICRA 2017). A sequence costs the mean of the costs in the worst futures for it, the
    conditional value at risk (Rockafellar and Uryasev, "Optimization of conditional value-at-risk", 2000).
@@ -52,7 +52,7 @@ class GoalRollOuts(Predictor):
     Args:
         inference: How goals are inferred.
         futures: Number of futures [1].
-        ignoring: The share of the futures in which a person ignores the vehicle [1].
+        ignoring: The prior probability that a person ignores the vehicle [1].
     """
 
     def __init__(self, inference: Inference, futures: int, ignoring: float) -> None:
@@ -65,11 +65,13 @@ class GoalRollOuts(Predictor):
     def predict_given(self, obs: Observation, steps: int, plan: Float[np.ndarray, "world time 2"]) -> Prediction:
         """See `Predictor`."""
         self.belief.update(obs)
-        goal, ignores = self.belief.sample(obs), self.belief.ignores(obs, self.ignoring)[:, :, None, :, None]
+        goal = self.belief.sample(obs)
         blind = self._walk(obs, goal, steps, None)
-        if ignores.all():
+        if self.ignoring == 1.0:
             return blind
         aware = self._walk(obs, goal, steps, plan)
+        ignores = self.belief.ignores(obs, self.ignoring)[:, :, None, :, None]
+        self.belief.foresee(obs, *(each.velocity[:, :, 0].mean(axis=1) for each in (aware, blind)))
         pairs = (blind.position, aware.position), (blind.velocity, aware.velocity)
         return Prediction(*(np.where(ignores, *pair) for pair in pairs))
 
@@ -118,8 +120,7 @@ def planner(
 
     Args:
         futures: Number of futures [1].
-        ignoring: The share of the futures, rounded up, in which a person ignores the vehicle; in the others it avoids
-            it as planned [1].
+        ignoring: The prior probability that a person ignores the vehicle [1].
         worst: The share of the futures, the worst for a sequence, of which the mean counts (CVaR); 1 for all [1].
         horizon: Number of steps of a sequence [1].
         samples: Number of sequences that are sampled in a round [1].
@@ -133,7 +134,7 @@ def planner(
         InputError: A number is impossible.
     """
     if not (futures >= 1 and 0.0 <= ignoring <= 1.0):
-        right = "futures must be 1 or more, and ignoring a share from 0 to 1"
+        right = "futures must be 1 or more, and ignoring from 0 to 1"
         raise InputError(f"futures is {futures} and ignoring is {ignoring}, but {right}")
     predictor = GoalRollOuts(inference, futures, ignoring)
     costs = dataclasses.replace(MPPIPlanner.weights, **(weights or {}))

@@ -124,6 +124,19 @@ def test_each_person_ignores_the_vehicle_in_a_share_of_the_futures_of_its_own(wo
         assert ignores.any(axis=2).sum() > len(obs)  # not all in the same future
 
 
+@pytest.mark.parametrize(("walks", "number"), [("blind", 6), ("aware", 1)])
+def test_people_who_walk_as_if_they_ignored_the_vehicle_do_so_in_more_futures(worlds, walks, number):
+    belief = goal_belief.GoalBelief(goal_belief.INFERENCE, 6)
+    before, now = observed(worlds[4]), observed(worlds[5])
+    belief.update(before)
+    true, other = now.pedestrians.velocity, now.pedestrians.velocity + 0.5
+    belief.foresee(before, *((true, other) if walks == "aware" else (other, true)))
+    belief.update(now)
+    present = now.pedestrians.seen & (np.hypot(*np.moveaxis(true, 2, 0)) > goal_belief.SLOW)
+    assert present.sum() > 20
+    assert (belief.ignores(now, 0.15).sum(axis=1)[present] == number).all()
+
+
 def test_people_avoid_the_vehicle_in_futures_in_which_they_do_not_ignore_it(worlds):
     obs = observed(worlds[0])
     plan = np.zeros((len(obs), 6, 2))
