@@ -29,7 +29,7 @@ REACH = 10.0
 PLANNER, CASE = "orca_margin", Cases("val", 0, 1)
 
 NOTE = f"""\
-Pedestrians have [attention](pedestrians.md#attention-to-the-vehicle) where the scenario has a table
+Pedestrians have [attention](pedestrians.md#cooperation-and-attention) where the scenario has a table
 `[pedestrians.attention]`: they notice the vehicle in their field of view, {math.degrees(HALF_FIELD):.0f} degrees to
 either side of the direction of walking, up to {RANGE:g} m and to the walls. Distracted people look away for
 {LOOKS_AWAY:g} s in every {PERIOD:g} s.

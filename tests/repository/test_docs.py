@@ -1,6 +1,5 @@
 """The pages of docs/ say what is there: the map of the folders, the way of one run, the API pages, the references."""
 
-import dataclasses
 import inspect
 import re
 import shutil
@@ -13,16 +12,18 @@ from readme import write_readme
 from typer.testing import CliRunner
 
 import crowdbench
+from crowdbench.catalog import PLANNERS
 from crowdbench.cli import app
-from crowdbench.core.types.observation import Observation, Pedestrians, Vehicle
 from crowdbench.plugins.load import load_module
 from crowdbench.utils.tables import printed_by
+from studies.publish import publish
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 ARCHITECTURE = (DOCS / "architecture.md").read_text()
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 FIGURE = load_module(DOCS / "run_figure.py")
+words = load_module(DOCS / "words.py")
 
 MODULES = {path.parent.name for path in ROOT.glob("crowdbench/*/__init__.py")} | {
     path.stem for path in ROOT.glob("crowdbench/*.py") if not path.stem.startswith("__")
@@ -59,14 +60,6 @@ def test_every_folder_beside_the_package_is_on_the_map():
     beside = {f"{path.name}/" for path in ROOT.iterdir() if path.is_dir()} - ignored
     second_table = ARCHITECTURE.split("| beside `crowdbench/` |")[1].split("\n\n")[0]
     assert set(re.findall(r"^\| `([\w.]+/)", second_table, re.MULTILINE)) == beside
-
-
-def test_the_table_of_what_a_planner_is_given_is_whole():
-    table = (DOCS / "plugins.md").read_text().split("| in `obs` |")[1].split("\n\n")[0]
-    named = {name.split(".")[-1] for name in re.findall(r"`([\w.]+)`", table)}
-    given = [field.name for part in (Observation, Vehicle, Pedestrians) for field in dataclasses.fields(part)]
-    parts_and_what_is_called = {"vehicle", "pedestrians", "noise_key", "future", "logs"}  # noise(), true_next(), log()
-    assert set(given) - named == parts_and_what_is_called
 
 
 def test_the_map_stands_in_the_order_of_the_imports():
@@ -177,28 +170,73 @@ def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(f
     assert [source for source in study.get("sources", []) if source not in page] == []
 
 
-@pytest.mark.parametrize("name", ["suite", "recorded", "crowdnav_plus"])
-def test_the_tables_and_what_they_show_link_to_each_other(name):
-    assert f"(../studies/{name}/README.md)" in (DOCS / f"{name}.md").read_text()
-    assert f"(../../docs/{name}.md" in (ROOT / "studies" / name / "README.md").read_text()
+@pytest.mark.parametrize(
+    ("page", "study"), [("suite", "suite"), ("recorded", "recorded"), ("crowdnav", "crowdnav_plus")]
+)
+def test_the_tables_and_what_they_show_link_to_each_other(page, study):
+    assert f"(../studies/{study}/README.md)" in (DOCS / f"{page}.md").read_text()
+    assert f"(../../docs/{page}.md" in (ROOT / "studies" / study / "README.md").read_text()
 
 
-def test_the_start_page_links_every_page():
-    start = (DOCS / "index.md").read_text()
-    pages = [page.name for page in DOCS.glob("*.md")]
-    pages += [f"../{page.relative_to(ROOT).as_posix()}" for page in ROOT.glob("studies/*/*.md")]
-    assert [page for page in pages if f"({page})" not in start] == ["index.md"]
+def test_the_page_of_tables_links_the_pages_of_every_study():
+    text = (DOCS / "results.md").read_text()
+    pages = [f"../{page.relative_to(ROOT).as_posix()}" for page in ROOT.glob("studies/*/*.md")]
+    assert [page for page in pages if f"({page})" not in text] == []
 
 
-def test_every_module_has_its_place_in_the_api_pages():
-    pages = [path.read_text() for path in (DOCS / "api").glob("*.md")]
-    described = re.findall(r"^::: crowdbench\.(\w+)$", "\n".join(pages), re.MULTILINE)
-    assert sorted(described) == sorted(MODULES)
+def test_every_page_is_in_the_menu_once():
+    menu = re.findall(r"(\w+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
+    assert sorted(menu) == sorted(page.name for page in DOCS.glob("*.md"))
 
 
-def test_every_public_name_is_on_the_first_api_page():
-    page = (DOCS / "api" / "index.md").read_text()
-    assert sorted(re.findall(r"^\| \[?`(\w+)`", page, re.MULTILINE)) == sorted(crowdbench.__all__)
+def test_every_public_name_has_its_place_on_the_api_page():
+    page = (DOCS / "api.md").read_text()
+    assert sorted(re.findall(r"`(\w+)`", page.split("## Names")[0])) == sorted(crowdbench.__all__)
+
+
+def test_the_page_of_planners_has_each_in_one_family():
+    table = (DOCS / "planners.md").read_text().split("|---|---|---|\n")[1].split("\n\n")[0]
+    assert sorted(re.findall(r"`(\w+)`", table)) == sorted(name for name, _ in PLANNERS.names())
+
+
+def test_the_heat_table_is_drawn_from_its_script():
+    figure = load_module(DOCS / "heat_figure.py")
+    assert figure.FIGURE.read_text() == figure.figure()
+    assert float(re.search(r'width="(\d+)"', figure.figure())[1]) <= 1000
+
+
+def test_the_parts_from_the_code_are_there():
+    reference = load_module(DOCS / "reference.py")
+    marked = re.findall(r"<!-- generated: (\w+) -->", "".join(page.read_text() for page in DOCS.glob("*.md")))
+    assert len(set(marked)) > 8
+    for name in marked:
+        assert len(getattr(reference, name)()) > 50 or name == "provisional"
+    assert "`--replan-every N`" in reference.commands()
+    assert "obs.pedestrians" in reference.observation_fields()
+
+
+def test_a_printed_page_is_split_into_an_overview_and_tables():
+    printed = (
+        "Printed\n\n## Crowds\n\n| success | a |\n| --- | --- |\n| one | 1.0 % |\n\n"
+        "### one\n\n| planner | success |\n| --- | --- |\n| a | **1.0 %** |\n\n"
+        "| significantly better or worse than | a |\n| --- | --- |\n| b | better: time; worse: jerk, gap |\n\n"
+        "### two\n\n| planner | success | wall |\n| --- | --- | --- |\n| a | 2.0 % | 3 |\n\nA note.\n"
+    )
+    page, files = publish(printed)
+    assert page.startswith("Printed\n\n## Crowds\n\n| success | a |")
+    assert page.endswith("Each scenario: [crowds.csv](tables/crowds.csv), [crowds_pairs.csv](tables/crowds_pairs.csv).\n\nA note.\n")
+    assert files["crowds.csv"] == "scenario,planner,success,wall\none,a,1.0 %,\ntwo,a,2.0 %,3\n"
+    assert files["crowds_pairs.csv"] == 'scenario,planner,other planner,better,worse,note\none,b,a,time,"jerk, gap",\n'
+    assert publish(page) == (page, {})
+
+
+@pytest.mark.parametrize("file", sorted(ROOT.glob("studies/*/tables/*.csv")), ids=lambda file: file.stem)
+def test_a_table_is_linked_by_the_page_of_its_study(file):
+    assert f"(tables/{file.name})" in (file.parents[1] / "README.md").read_text()
+
+
+def test_the_hand_written_pages_have_at_most_22000_words():
+    assert words.main() <= words.MOST
 
 
 CITATION = re.compile(
@@ -247,28 +285,6 @@ def test_the_readme_says_so_while_the_boards_are_being_filled():
     pages = [ROOT / "README.md", ROOT / "leaderboards" / "README.md", DOCS / "boards.md"]
     has_entries = any((ROOT / "leaderboards").glob("*/entries/*"))
     assert ["boards are being filled" in page.read_text() for page in pages] == [not has_entries] * 3
-
-
-@pytest.mark.slow
-def test_the_readme_shows_the_suite_as_its_page_has_it():
-    suite = (ROOT / "studies" / "suite" / "README.md").read_text()
-    tables = [
-        [[cell.strip(" *`%") for cell in row.strip("|").split("|")] for row in table.splitlines()]
-        for table in re.findall(r"^\| success[^\n]+\n(?:\|.+\n)+", suite, re.MULTILINE)
-    ]
-    page = {
-        (row[0], name): cell
-        for (head, _, *rows) in reversed(tables)  # the first counts, which has the most cases
-        for row in rows
-        for name, cell in zip(head, row, strict=True)
-    }
-    shown = re.search(r"^\| success, %[^\n]+\n(?:\|.+\n)+", (DOCS.parent / "README.md").read_text(), re.MULTILINE)[0]
-    head, _, *rows = [[cell.strip(" *`") for cell in row.strip("|").split("|")] for row in shown.splitlines()]
-    for name, *cells in rows:
-        for planner, cell in zip(head[1:], cells, strict=True):
-            label = f"{planner} (filter=kalman)" if planner in ("dwa", "mppi") else planner
-            assert page[name, label] == cell
-    assert len(rows) == 15
 
 
 @pytest.mark.slow

@@ -14,15 +14,19 @@ from crowdbench.check.contract import Subject
 from crowdbench.check.subjects import PLANNER, POLICY, SCENARIO
 from crowdbench.cli import app
 from crowdbench.envs.vehicle import VehicleEnv
-from crowdbench.plugins.options import read_options
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.layouts import LAYOUTS
 
 ROOT = Path(__file__).parents[2]
 
 
 def blocks(file):
     return re.findall(r"^```python\n(.*?)^```", (ROOT / file).read_text(), re.DOTALL | re.MULTILINE)
+
+
+def block(file, sign):
+    """The block of Python in a file that has a text in it."""
+    (text,) = [block for block in blocks(file) if sign in block]
+    return text
 
 
 def test_the_planner_of_the_readme_keeps_the_contract(tmp_path):
@@ -32,18 +36,18 @@ def test_the_planner_of_the_readme_keeps_the_contract(tmp_path):
     assert not failed_checks(Subject(PLANNER, lambda: load_planner(str(path))[1], "mine", {"": place}, neural=False))
 
 
-def test_the_composition_of_the_readme_drives(tmp_path):
+def test_the_composition_of_the_docs_drives(tmp_path):
     path = tmp_path / "mine.py"
-    path.write_text(blocks("README.md")[1])
+    path.write_text(block("docs/planner.md", "ValuePlanner"))
     _, planner = load_planner(str(path))
     assert {planner.facts["network"], *planner.facts} == {"sarl", "network", "weights"}
 
 
-def test_the_environments_of_the_readme_start():
+def test_the_environments_of_the_docs_start():
     import gymnasium
 
     names = {}
-    exec(blocks("README.md")[2], names)
+    exec(block("docs/training.md", "gymnasium.make_vec"), names)
     assert names["info"]["case"] == "test/37"
     assert names["many"].num_envs == 64
     assert isinstance(names["vehicle"], gymnasium.Env)
@@ -52,8 +56,7 @@ def test_the_environments_of_the_readme_start():
 @pytest.mark.parametrize(("name", "parameters"), [("stroll", {"pace": 0.5}), ("tired", {})])
 def test_the_policies_of_the_docs_keep_the_contract(name, parameters, tmp_path):
     path = tmp_path / f"{name}.py"
-    (text,) = [block for block in blocks("docs/plugins.md") if f"class {name.title()}" in block]
-    path.write_text(text)
+    path.write_text(block("docs/plugins.md", f"class {name.title()}"))
     loaded, policy = PEDESTRIANS.load(str(path))
     assert (loaded, policy.parameters) == (name, parameters)
     place = load_scenario("circle_crossing_5", {"time_limit": 3.0}, str(path))
@@ -61,13 +64,17 @@ def test_the_policies_of_the_docs_keep_the_contract(name, parameters, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("sign", "kind"),
-    [("class Waits", "planners"), ("def metric(", "metrics"), ("class Slows", "predictors")],
+    ("page", "sign", "kind"),
+    [
+        ("planner", "class Waits", "planners"),
+        ("planner", "def decide(", "planners"),
+        ("plugins", "def metric(", "metrics"),
+        ("plugins", "class Slows", "predictors"),
+    ],
 )
-def test_the_plug_ins_of_the_docs_keep_the_contract(sign, kind, tmp_path, capsys):
+def test_the_plug_ins_of_the_docs_keep_the_contract(page, sign, kind, tmp_path, capsys):
     path = tmp_path / "mine.py"
-    (text,) = [block for block in blocks("docs/plugins.md") if sign in block]
-    path.write_text(text)
+    path.write_text(block(f"docs/{page}.md", sign))
     app(["check", str(path), "--kind", kind, "--cases", "val:4"], standalone_mode=False)
     said = capsys.readouterr().out
     assert said.count("kept") == 3
@@ -77,8 +84,7 @@ def test_the_plug_ins_of_the_docs_keep_the_contract(sign, kind, tmp_path, capsys
 def test_the_reward_of_the_docs_pays(tmp_path):
     from crowdbench.envs.vector import VehicleVectorEnv
 
-    (text,) = [block for block in blocks("docs/plugins.md") if "def reward(" in block]
-    (tmp_path / "mine.py").write_text(text)
+    (tmp_path / "mine.py").write_text(block("docs/plugins.md", "def reward("))
     mine, built_in = (VehicleVectorEnv(20, reward=reward) for reward in (str(tmp_path / "mine.py"), "progress"))
     for envs in (mine, built_in):
         envs.reset(seed=0)
@@ -91,9 +97,8 @@ def test_the_reward_of_the_docs_pays(tmp_path):
 
 
 def test_the_function_of_the_docs_drives():
-    (text,) = [block for block in blocks("docs/plugins.md") if "PolicyPlanner(" in block]
     names = {}
-    exec(text, names)
+    exec(block("docs/training.md", "PolicyPlanner("), names)
     assert names["result"].metrics["timeout_rate"].mean == 0.0  # it drives to the goal, or into somebody
 
 
@@ -119,7 +124,7 @@ def test_the_runs_that_are_shown_run(command, monkeypatch, tmp_path, capsys):
 
 
 def test_the_scenario_of_the_docs_loads(tmp_path):
-    text = re.search(r"^```toml\n(.*?)^```", (ROOT / "docs/plugins.md").read_text(), re.DOTALL | re.MULTILINE)[1]
+    text = re.search(r"^```toml\n(.*?)^```", (ROOT / "docs/scenario.md").read_text(), re.DOTALL | re.MULTILINE)[1]
     (tmp_path / "mine.toml").write_text(text)
     place = load_scenario(str(tmp_path / "mine.toml"))
     assert place.crowd.number == (1, 8)
@@ -146,9 +151,3 @@ def test_the_layout_that_draws_people_again_in_the_docs_keeps_the_contract(tmp_p
     new = np.diff(trace.person, axis=1) != 0
     assert new.any()
     assert np.hypot(*trace.position[:, 1:, 1:][new].T) == pytest.approx(4.0)
-
-
-def test_the_docs_list_every_layout_with_its_options():
-    rows = re.findall(r"^\| `(\w+)` \| .*? \| (.*?) \|", (ROOT / "docs" / "layouts.md").read_text(), re.MULTILINE)
-    options = {name: {option.name for option in read_options(LAYOUTS[name]) if option.keyword_only} for name in LAYOUTS}
-    assert {name: set(re.findall(r"`(\w+)`", cell)) for name, cell in rows} == options

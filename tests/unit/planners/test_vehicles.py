@@ -283,7 +283,7 @@ def test_spl_counts_the_way_to_where_the_vehicle_arrives():
 
 
 def test_the_planner_of_the_page_about_vehicles_commands_unicycles_only(tmp_path):
-    page = (Path(__file__).parents[3] / "docs" / "vehicles.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "observation.md").read_text()
     (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     (tmp_path / "turning.py").write_text(code)
     _, planner = load_planner(str(tmp_path / "turning.py"))

@@ -1,0 +1,50 @@
+"""Hooks of MkDocs: pages of studies, tables as data, and the parts of the reference that are generated from the code.
+
+A page contains `<!-- generated: NAME -->` where the function NAME of `docs/reference.py` writes Markdown. On GitHub the
+comment is invisible.
+"""
+
+import os
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+
+sys.path.append(str(Path(__file__).parent))
+
+import reference
+import tables
+
+STUDIES = Path(__file__).parent.parent / "studies"
+PRINTED = "---\nsearch:\n  exclude: true\n---\n"
+"""Keeps the pages that studies print out of the search, which would find their numbers before the guides."""
+
+
+def on_config(config: Any) -> Any:
+    """Link the header to the repository that builds the site."""
+    if name := os.environ.get("GITHUB_REPOSITORY"):
+        config.repo_url = f"{os.environ.get('GITHUB_SERVER_URL', 'https://github.com')}/{name}"
+        config.repo_name = name
+    return config
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the pages and figures of the studies, and their tables as data."""
+    for path in sorted(STUDIES.glob("*/*.png")):
+        files.append(File.generated(config, path.relative_to(STUDIES.parent).as_posix(), abs_src_path=str(path)))
+    for path in sorted(STUDIES.glob("*/*.md")):
+        uri = path.relative_to(STUDIES.parent).as_posix()
+        files.append(File.generated(config, uri, content=PRINTED + path.read_text()))
+    for name, content in tables.scripts(STUDIES).items():
+        files.append(File.generated(config, f"tables/{name}", content=content))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
+    """Write the generated parts, and let links lead to where a page is on the site."""
+    if page.file.src_uri.startswith("studies/"):
+        return re.sub(r"\]\((tables/[\w-]+\.csv)\)", "](../../results.md)", markdown.replace("](../../docs/", "](../../"))
+    markdown = re.sub(r"<!-- generated: (\w+) -->", lambda found: getattr(reference, found[1])(), markdown)
+    return markdown.replace("](../studies/", "](studies/")

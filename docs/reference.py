@@ -1,0 +1,205 @@
+"""The parts of the reference that are generated from the code, as Markdown; `docs/hooks.py` puts them into pages."""
+
+import dataclasses
+import inspect
+import re
+from collections.abc import Callable, Iterable
+from enum import Enum
+from typing import Any, get_args
+
+from docstring_parser import DocstringStyle, parse
+from typer.main import get_command
+
+import crowdbench
+from crowdbench.catalog import scenario_path, scenarios
+from crowdbench.check.kinds import KINDS
+from crowdbench.cli import COMMANDS, app
+from crowdbench.cli.listing import FILTER, OptionRow, option_rows, parameter_rows
+from crowdbench.core.types import observation
+from crowdbench.metrics import SUBJECTS, info_of
+from crowdbench.networks.card import headline
+from crowdbench.networks.weights import built_in, read_card
+
+
+STYLE = DocstringStyle.GOOGLE
+
+PROVISIONAL = True
+"""Whether the results in pages were measured before the scenarios had their present levels; one switch for all pages."""
+
+
+def provisional() -> str:
+    """Return the note that pages with provisional results have."""
+    note = "Results on this site were measured on earlier versions of the scenarios and planners. They are provisional."
+    return f'!!! note "Provisional results"\n\n    {note}' if PROVISIONAL else ""
+
+
+def commands() -> str:
+    """Return every command with its arguments and options."""
+    found = get_command(app).commands  # type: ignore[attr-defined]
+    return "\n\n".join(_command(name, found[name]) for name in COMMANDS)
+
+
+def _command(name: str, command: Any) -> str:
+    arguments = [item for item in command.params if item.param_type_name == "argument"]
+    usage = " ".join(["crowdbench", name, *(_metavar(item) for item in arguments), "[OPTIONS]"])
+    entries = [(_names(item), _meaning(item)) for item in command.params if item.name != "help"]
+    return f"### {name}\n\n{_paragraphs(command.help)}\n\n```\n{usage}\n```\n\n{_definitions(entries)}"
+
+
+def _metavar(item: Any) -> str:
+    text = item.name.upper() + ("..." if item.nargs == -1 else "")
+    return text if item.required else f"[{text}]"
+
+
+def _names(item: Any) -> str:
+    if item.param_type_name == "argument":
+        return f"`{item.name.upper()}`"
+    return f"`{', '.join(item.opts)}{'' if item.is_flag else ' ' + _kind(item.type_descriptor.annotation)}`"
+
+
+def _kind(annotation: Any) -> str:
+    """Return what the value of an option is: its choices, or the kind of value in capitals."""
+    annotation, *_ = [*get_args(annotation), annotation]
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
+        return "|".join(str(each.value) for each in annotation)
+    return {int: "N", float: "NUMBER", str: "TEXT"}.get(annotation, "PATH")
+
+
+def _meaning(item: Any) -> str:
+    default = item.show_default if isinstance(item.show_default, str) else item.default
+    shown = default not in (None, False, (), [], ...) and not callable(default) and "REQUIRED" not in repr(default)
+    shown = shown and "UNSET" not in repr(default)
+    text = f" Default: {getattr(default, 'value', default)}." if shown else ""
+    return _one_line(item.help or "") + text
+
+
+def planners() -> str:
+    """Return every planner with its options."""
+    return _plugins("planners", lambda factory: [*option_rows(factory), FILTER])
+
+
+def predictors() -> str:
+    """Return every predictor with its options."""
+    return _plugins("predictors", option_rows)
+
+
+def layouts() -> str:
+    """Return every layout with its options."""
+    return _plugins("layouts", lambda factory: option_rows(factory, keyword_only=True))
+
+
+def pedestrians() -> str:
+    """Return every pedestrian policy with its parameters."""
+    return _plugins("pedestrians", None)
+
+
+def _plugins(kind: str, rows: Callable[[Any], list[OptionRow]] | None) -> str:
+    plugins, parts = KINDS[kind], []
+    for name, _ in plugins.names():
+        plugin, factory = plugins.find(name)
+        text = parse(factory.__doc__ or "", STYLE).description if plugins.functions else None
+        options = rows(factory) if rows else parameter_rows(plugin, factory)
+        entries = [(_option_name(row), _option_meaning(row)) for row in options]
+        parts.append(f"### {name}\n\n{_paragraphs(text or plugins.docstring(name))}\n\n{_definitions(entries)}")
+    return "\n\n".join(parts)
+
+
+def _option_name(row: OptionRow) -> str:
+    default = f" = {row.default}" if row.default not in ("", "as below") else ""
+    name = row.name.strip().rpartition(".")[2] if row.name.startswith("pedestrians.") else row.name.strip()
+    return f"{'&emsp;' * row.name.startswith('  ')}`{name}{default}`"
+
+
+def _option_meaning(row: OptionRow) -> str:
+    unit = f" Unit: {row.unit}." if row.unit not in ("", "1") else ""
+    return f"{_one_line(row.meaning)}{unit}"
+
+
+def weights() -> str:
+    """Return the weights that ship, one line each from its card."""
+    rows = [f"| `{path.stem}` | {_cell(headline(read_card(path)))} |" for path in built_in()]
+    return "\n".join(["| weights | training and result |", "|---|---|", *rows])
+
+
+def scenario_list() -> str:
+    """Return the scenarios that ship, by folder."""
+    folders: dict[str, list[str]] = {}
+    for name, description in scenarios():
+        path = scenario_path(name)
+        folders.setdefault(path.parent.name, []).append(f"| `{name}` | {_cell(description)} |")
+    head = "| scenario | description |\n|---|---|\n"
+    return "\n\n".join(f"### Folder {folder}\n\n{head}" + "\n".join(rows) for folder, rows in folders.items())
+
+
+def metrics() -> str:
+    """Return every metric with its unit, direction and source, by subject."""
+    return "\n\n".join(
+        f"### {subject.capitalize()}\n\n{_definitions((f'`{each.__name__}`', _metric(each)) for each in functions)}"
+        for subject, functions in SUBJECTS.items()
+    )
+
+
+def _metric(function: Callable[..., Any]) -> str:
+    info = info_of(function.__name__)
+    parts = [f"Table heading: {info.heading}.", f"Better: {info.better}." if info.better else ""]
+    parts.append(f"Source: {info.source.rstrip('.')}." if info.source else "")
+    text = parse(function.__doc__ or "", STYLE).description or ""
+    return f"{_paragraphs(text)}\n\n{' '.join(filter(None, parts))}"
+
+
+def observation_fields() -> str:
+    """Return the fields and methods of an observation, with shapes."""
+    parts = []
+    for title, kind in (
+        ("obs", observation.Observation),
+        ("obs.vehicle", observation.Vehicle),
+        ("obs.pedestrians", observation.Pedestrians),
+    ):
+        texts = {entry.arg_name: entry.description for entry in parse(kind.__doc__ or "", STYLE).params}
+        entries = [
+            (f"`{field.name}` {_shape(field.type)}", texts[field.name] or "") for field in dataclasses.fields(kind)
+        ]
+        own = [(name, value) for name, value in vars(kind).items() if not name.startswith("_") and _is_documented(value)]
+        entries += [(f"`{name}{_signature(value)}`", parse(value.__doc__, STYLE).description or "") for name, value in own]
+        parts.append(f"### {title}\n\n{_definitions((name, _paragraphs(text)) for name, text in entries)}")
+    return "\n\n".join(parts)
+
+
+def _is_documented(value: object) -> bool:
+    return (inspect.isfunction(value) or isinstance(value, property)) and bool(value.__doc__)
+
+
+def _signature(value: Any) -> str:
+    if isinstance(value, property):
+        return ""
+    return f"({', '.join(name for name in inspect.signature(value).parameters if name != 'self')})"
+
+
+def _shape(annotation: object) -> str:
+    found = re.search(r"\w+\[np\.ndarray, ['\"]\*?([\w ]*)['\"]\]", str(annotation))
+    return f"`[{', '.join(found[1].split())}]`" if found else ""
+
+
+def public_names() -> str:
+    """Return a directive of mkdocstrings for each public name."""
+    return "\n\n".join(f"::: {module}.{name}" for name, module in sorted(crowdbench.public_names().items()))
+
+
+def _paragraphs(text: str) -> str:
+    """Return a docstring with its sections as plain paragraphs, and names of the code in code style."""
+    return inspect.cleandoc(text).strip()
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split()).replace("<", "&lt;")
+
+
+def _cell(text: str) -> str:
+    return _one_line(text).replace("|", r"\|")
+
+
+def _definitions(entries: Iterable[tuple[str, str]]) -> str:
+    """Return a definition list, which is readable on a phone."""
+    return "\n\n".join(
+        f"{name}\n:   " + (text or "—").replace("\n", "\n    ") for name, text in entries
+    )
