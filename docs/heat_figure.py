@@ -29,7 +29,7 @@ COLUMNS = {  # scenario: heading of its column
     "blocks_12": "blocks",
     "blocks_12_perfect_sight": "blocks, seen",
 }
-LEFT, TOP, WIDE, HIGH = 152, 84, 49, 26
+LEFT, TOP, WIDE, HIGH = 166, 84, 49, 26
 LOW, MIDDLE, FULL = (194, 84, 45), (246, 236, 214), (31, 98, 150)
 """Colours of 0, 50 and 100 %: they differ in lightness and for colour-blind readers."""
 

@@ -44,7 +44,7 @@ function showTable(place, table, name) {
   const chooser = element("details", { className: "columns" }, element("summary", { textContent: "Columns" }));
   const body = element("tbody");
   const heads = element("tr");
-  const grid = element("table", { className: "grid" }, element("thead", {}, heads), body);
+  const grid = element("table", { className: "sheet" }, element("thead", {}, heads), body);
 
   const shown = () => table.header.map((_, i) => i).filter((i) => !hidden.has(i));
   function rows() {
