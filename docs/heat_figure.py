@@ -30,6 +30,7 @@ COLUMNS = {  # scenario: heading of its column
     "blocks_12_perfect_sight": "blocks, seen",
 }
 LEFT, TOP, WIDE, HIGH = 166, 84, 49, 26
+INK = "#10151a"
 LOW, MIDDLE, FULL = (194, 84, 45), (246, 236, 214), (31, 98, 150)
 """Colours of 0, 50 and 100 %: they differ in lightness and for colour-blind readers."""
 
@@ -43,7 +44,9 @@ def successes() -> dict[str, dict[str, float]]:
         for name, *cells in rows:
             for planner, cell in zip(head[1:], cells, strict=True):
                 if match := re.match(r"[\d.]+", cell):
-                    found.setdefault(re.sub(r",? \(?(filter=kalman|\d+ networks).*", "", planner), {})[name] = float(match[0])
+                    found.setdefault(re.sub(r",? \(?(filter=kalman|\d+ networks).*", "", planner), {})[name] = float(
+                        match[0]
+                    )
     whole = {planner: values for planner, values in found.items() if set(COLUMNS) <= set(values)}
     mean = {planner: sum(values[name] for name in COLUMNS) / len(COLUMNS) for planner, values in whole.items()}
     return {planner: {"mean": mean[planner], **whole[planner]} for planner in sorted(mean, key=mean.get, reverse=True)}
@@ -73,20 +76,21 @@ def figure() -> str:
         f'<rect width="{width}" height="{height}" rx="6" fill="#ffffff"/>',
     ]
     for i, title in enumerate(columns.values()):
-        x = LEFT + WIDE * i + WIDE / 2
-        parts.append(f'<text transform="translate({x + 4} {TOP - 6}) rotate(-45)" fill="#1b2126">{escape(title)}</text>')
+        place = f"translate({LEFT + WIDE * (i + 0.5) + 4} {TOP - 6}) rotate(-45)"
+        parts.append(f'<text transform="{place}" fill="{INK}">{escape(title)}</text>')
     for row, (planner, values) in enumerate(found.items()):
         y = TOP + HIGH * row
-        parts.append(f'<text x="{LEFT - 8}" y="{y + 18}" text-anchor="end" fill="#1b2126">{escape(planner)}</text>')
-        for i, name in enumerate(columns):
-            red, green, blue = colour(values[name])
-            ink = "#ffffff" if luminance(red, green, blue) < 0.18 else "#10151a"
-            x, weight = LEFT + WIDE * i, ' font-weight="700"' if name == "mean" else ""
-            parts.append(f'<rect x="{x}" y="{y}" width="{WIDE - 2}" height="{HIGH - 2}" fill="rgb({red},{green},{blue})"/>')
-            parts.append(
-                f'<text x="{x + WIDE / 2 - 1}" y="{y + 17}" text-anchor="middle" fill="{ink}"{weight}>{values[name]:.0f}</text>'
-            )
+        parts.append(f'<text x="{LEFT - 8}" y="{y + 18}" text-anchor="end" fill="{INK}">{escape(planner)}</text>')
+        parts += [_cell(LEFT + WIDE * i, y, values[name], name == "mean") for i, name in enumerate(columns)]
     return "\n".join([*parts, "</svg>"]) + "\n"
+
+
+def _cell(x: int, y: int, value: float, is_bold: bool) -> str:
+    red, green, blue = colour(value)
+    ink = "#ffffff" if luminance(red, green, blue) < 0.18 else INK
+    box = f'<rect x="{x}" y="{y}" width="{WIDE - 2}" height="{HIGH - 2}" fill="rgb({red},{green},{blue})"/>'
+    style = f'text-anchor="middle" fill="{ink}" font-weight="{700 if is_bold else 400}"'
+    return f'{box}<text x="{x + WIDE / 2 - 1}" y="{y + 17}" {style}>{value:.0f}</text>'
 
 
 if __name__ == "__main__":

@@ -18,8 +18,12 @@ import reference
 import tables
 
 STUDIES = Path(__file__).parent.parent / "studies"
-PRINTED = "---\nsearch:\n  exclude: true\n---\n"
-"""Keeps the pages that studies print out of the search, which would find their numbers before the guides."""
+TUTORIALS = ("quickstart", "planner", "training", "recordings")
+BOOST = dict.fromkeys(TUTORIALS, 3) | {"architecture": 0.3, "results": 0.5, "references": 0.3, "index": 0.5}
+"""How much more or less pages count in the search; the pages that studies print are not in it."""
+
+WIDE = ("index", "results")
+"""Pages without a menu at the side."""
 
 
 def on_config(config: Any) -> Any:
@@ -36,7 +40,7 @@ def on_files(files: Files, config: Any) -> Files:
         files.append(File.generated(config, path.relative_to(STUDIES.parent).as_posix(), abs_src_path=str(path)))
     for path in sorted(STUDIES.glob("*/*.md")):
         uri = path.relative_to(STUDIES.parent).as_posix()
-        files.append(File.generated(config, uri, content=PRINTED + path.read_text()))
+        files.append(File.generated(config, uri, abs_src_path=str(path)))
     for name, content in tables.scripts(STUDIES).items():
         files.append(File.generated(config, f"tables/{name}", content=content))
     return files
@@ -44,7 +48,13 @@ def on_files(files: Files, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
     """Write the generated parts, and let links lead to where a page is on the site."""
+    page.meta["search"] = {"boost": BOOST.get(Path(page.file.src_uri).stem, 1)}
+    if page.file.src_uri in map("{}.md".format, WIDE):
+        page.meta["hide"] = ["navigation", "toc"]
     if page.file.src_uri.startswith("studies/"):
-        return re.sub(r"\]\((tables/[\w-]+\.csv)\)", "](../../results.md)", markdown.replace("](../../docs/", "](../../"))
+        page.meta["search"] = {"exclude": True}
+        return re.sub(
+            r"\]\((tables/[\w-]+\.csv)\)", "](../../results.md)", markdown.replace("](../../docs/", "](../../")
+        )
     markdown = re.sub(r"<!-- generated: (\w+) -->", lambda found: getattr(reference, found[1])(), markdown)
     return markdown.replace("](../studies/", "](studies/")

@@ -20,11 +20,10 @@ from crowdbench.metrics import SUBJECTS, info_of
 from crowdbench.networks.card import headline
 from crowdbench.networks.weights import built_in, read_card
 
-
 STYLE = DocstringStyle.GOOGLE
 
 PROVISIONAL = True
-"""Whether the results in pages were measured before the scenarios had their present levels; one switch for all pages."""
+"""True while results in pages are of earlier versions of the scenarios. The one switch for all pages."""
 
 
 def provisional() -> str:
@@ -159,8 +158,9 @@ def observation_fields() -> str:
         entries = [
             (f"`{field.name}` {_shape(field.type)}", texts[field.name] or "") for field in dataclasses.fields(kind)
         ]
-        own = [(name, value) for name, value in vars(kind).items() if not name.startswith("_") and _is_documented(value)]
-        entries += [(f"`{name}{_signature(value)}`", parse(value.__doc__, STYLE).description or "") for name, value in own]
+        for name, value in vars(kind).items():
+            if not name.startswith("_") and _is_documented(value):
+                entries.append((f"`{name}{_signature(value)}`", parse(value.__doc__, STYLE).description or ""))
         parts.append(f"### {title}\n\n{_definitions((name, _paragraphs(text)) for name, text in entries)}")
     return "\n\n".join(parts)
 
@@ -200,6 +200,4 @@ def _cell(text: str) -> str:
 
 def _definitions(entries: Iterable[tuple[str, str]]) -> str:
     """Return a definition list, which is readable on a phone."""
-    return "\n\n".join(
-        f"{name}\n:   " + (text or "—").replace("\n", "\n    ") for name, text in entries
-    )
+    return "\n\n".join(f"{name}\n:   " + (text or "—").replace("\n", "\n    ") for name, text in entries)

@@ -1,7 +1,7 @@
 """Write a printed page beside its study: `python studies/run.py FILE | python studies/publish.py FOLDER`.
 
-The page keeps the tables of its sections. The tables of subsections, one of each scenario, become CSV files in the folder
-`tables`, which the documentation shows as data.
+The page keeps the tables of its sections. The tables of subsections, one of each scenario, become CSV files in the
+folder `tables`, which the documentation shows as data.
 """
 
 from __future__ import annotations
