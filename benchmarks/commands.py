@@ -33,7 +33,7 @@ be smaller than what is measured.
 
 
 class Usage(NamedTuple):
-    """What a process used, together with the processes that it started and waited for.
+    """Resources of a process, together with the processes that it started and waited for.
 
     Attributes:
         seconds: Elapsed time.
@@ -91,9 +91,9 @@ def run_timed(arguments: list[str], name: str, folder: Path | None = None, **env
 
     Args:
         arguments: Its program and arguments.
-        name: What an error calls it.
+        name: Its name in errors.
         folder: The folder that it runs in; None for that of this process.
-        environment: Environment variables that it gets besides those of this process.
+        environment: Environment variables that it gets beside the variables of this process.
 
     Raises:
         InputError: It fails.

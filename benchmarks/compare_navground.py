@@ -156,7 +156,7 @@ def compare(work: str, rounds: int, ours: Callable[[], float], theirs: Callable[
     """Measure two works by turns, and print their medians in microseconds and the ratio.
 
     Args:
-        work: What is measured, as it is printed.
+        work: The measured work, as it is printed.
         rounds: How often each is measured.
         ours: Our work; it returns its seconds.
         theirs: The same work of navground.

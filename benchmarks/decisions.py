@@ -157,7 +157,7 @@ def one_by_one(decide: Callable[[Observation], object], pedestrians: int, worlds
 
 
 def observation(pedestrians: int, worlds: int) -> Observation:
-    """What the vehicle sees at the start of test cases.
+    """Return the observation at the start of test cases.
 
     Args:
         pedestrians: Number of pedestrians in each world.

@@ -1,4 +1,4 @@
-"""What is measured, and how times are taken."""
+"""Measurements, and how times are taken."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Measurement:
     """The speed of one piece of work.
 
     Attributes:
-        work: What was measured.
+        work: The measured work.
         value: The result, in `unit`.
         unit: The unit of both values.
         crowdnav: The same in CrowdNav's code, recorded once and not measured in this run; None where there is no such

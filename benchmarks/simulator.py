@@ -184,7 +184,7 @@ def thousands(start: tuple[Scenario, World]) -> float:
     """Seconds of processor time, of all cores together, per agent and step of one world as in a rollout.
 
     Args:
-        start: What `start_of_thousands` made.
+        start: The return value of `start_of_thousands`.
     """
     return _drive(*start, FEW_STEPS, time.process_time) / start[1].radius.size
 

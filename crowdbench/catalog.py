@@ -203,7 +203,7 @@ def load_recorded_scenario(
 
     Args:
         table: The table `scenario` of the run's `result.json`.
-        source: What that file is called, for errors.
+        source: Name of that file, for errors.
         pedestrians: The files of the pedestrian policies that are the user's own.
         layout: The file of the layout, if it is the user's own.
         data: The folder with the recorded tracks, if the run had any.
@@ -229,14 +229,14 @@ def load_recorded_scenario(
 def _make_loader(
     kind: Kind, option: str, specs: Iterable[str], digests: Mapping[str, str], source: str
 ) -> Callable[[str], PluginWithDigest]:
-    """What loads the plug-ins of a run by name: those that are built in, and the files that the user gives.
+    """Return a loader of the plug-ins of a run by name: the ones that are built in, and the files that the user gives.
 
     Args:
         kind: The kind of plug-in.
         option: The option by which files are given.
         specs: The files that the user gives.
         digests: By name, the digests of the files that the run had.
-        source: What the file of the run is called, for errors.
+        source: Name of the file of the run, for errors.
 
     Raises:
         InputError: The run had no such file, or another one of the same name.

@@ -129,10 +129,10 @@ class Moment:
         person: Number of each pedestrian as a person.
         goal: In metres, now, as is all that follows.
         radius: In metres.
-        seen: Whether the vehicle sees the pedestrian.
+        seen: True if the vehicle sees the pedestrian.
         obstacles: Polygons in metres, NaN after the last corner.
         rules: The rules of the scenario.
-        hits_obstacle: Whether the vehicle has hit one in the last step, which has ended the episode.
+        hits_obstacle: True if the vehicle has hit one in the last step, which has ended the episode.
     """
 
     step: Int[np.ndarray, "time"]
@@ -201,7 +201,7 @@ def extent(position: Points, goal: Points, obstacles: Polygons, margin: float) -
 
 
 def same_agents(person: Int[np.ndarray, "time pedestrian"]) -> Bool[np.ndarray, "step agent"]:
-    """Whether each agent is the same one after each step: somebody else can take the place of a pedestrian."""
+    """Return whether each agent is the same one after each step: somebody else can take the place of a pedestrian."""
     same = np.ones((len(person) - 1, 1 + person.shape[1]), bool)
     same[:, 1:] = np.diff(person, axis=0) == 0
     return same
@@ -214,7 +214,7 @@ def paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"])
 
 
 def draw_moment(moment: Moment, corner: Float[np.ndarray, "2"], palette: Palette = LIGHT) -> Iterator[Shape]:
-    """What a picture of a moment shows, from the ground up. An arrow is the way of the next second.
+    """Yield the shapes of a picture of a moment, from the ground up. An arrow is the way of the next second.
 
     Args:
         moment: The moment.

@@ -87,7 +87,7 @@ class Result:
 
         Args:
             case: The number of the case, or its name: "val/37".
-            web: Whether to open it in a browser instead of a window.
+            web: True to open it in a browser instead of a window.
 
         Raises:
             InputError: The run was not kept, the case is not recorded, or the viewer does not start.
@@ -126,7 +126,7 @@ class Result:
         return f"{title}\n\n{markdown(grid.header, grid.rows)}"
 
     def _repr_markdown_(self) -> str:
-        """What Jupyter shows."""
+        """Return the Markdown that Jupyter shows."""
         return repr(self)
 
 
@@ -158,15 +158,15 @@ def run(
         metrics: Metrics of your own by name: functions of a trace, measured after the built-in ones.
         data: The folder with recorded tracks, where the scenario needs them.
         out: The directory in which the run is kept; None to keep nothing.
-        key: What you call this version of a planner, or of metrics, that you made in Python. An interrupted run goes
+        key: Your name of this version of a planner, or of metrics, that you made in Python. An interrupted run goes
             on only with a key: without one, crowdbench cannot know whether they are the same as before.
         record: Which episodes the viewer can show of a run that is kept, one of `defaults.RECORD`.
-        overwrite: Whether an earlier run in `out` is replaced.
+        overwrite: True if an earlier run in `out` is replaced.
         progress: Called after each step with what it added to the episodes, in parts of an episode, such as
             `tqdm(total=500, unit_scale=True).update`; None to show a line of progress every few seconds.
 
     Returns:
-        What was measured.
+        The result.
 
     Raises:
         InputError: Something does not exist, breaks its contract, or cannot be written.

@@ -1,6 +1,6 @@
 """Draws docs/heat.svg, success of planners in the suite: python docs/heat_figure.py.
 
-The numbers are those of the tables in studies/suite/README.md. Text is drawn on filled cells, so that the figure can be
+The numbers come from the tables in studies/suite/README.md. Text is drawn on filled cells, so that the figure can be
 read on a light and on a dark page.
 """
 

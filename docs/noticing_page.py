@@ -44,7 +44,7 @@ def main() -> None:
     study = tomllib.loads((DOCS.parent / "studies" / "suite" / "study.toml").read_text())
     described = dict(scenarios())
     names = dict.fromkeys(name for table in study["tables"] for name in table["scenarios"])
-    print(f"# Who notices the vehicle\n\n{printed_by('python docs/noticing_page.py')}\n\n{NOTE}")
+    print(f"# Reactions in each scenario\n\n{printed_by('python docs/noticing_page.py')}\n\n{NOTE}")
     for name in names:
         scenario = load_scenario(name)
         trace = rollout(Driver(load_planner(PLANNER)[1], PLANNER), scenario, CASE)
@@ -59,7 +59,7 @@ def main() -> None:
             axes.axis("off")
             draw(axes, shapes(trace, state, low))
         print(f"\n## {name}\n\n{described[name]}. {sentence(scenario.rules)}\n")
-        print(f"![Who has noticed the vehicle in {name}](noticing/{name}.png)")
+        print(f"![Pedestrians that have noticed the vehicle in {name}](noticing/{name}.png)")
 
 
 def sentence(rules: Rules) -> str:

@@ -23,7 +23,7 @@ RUN = [  # depth of the call, file (under crowdbench/, apart from agents/), what
     (3, "runs/results.py", "metrics, intervals"),
 ]
 EVERY_STEP = slice(7, 11)
-"""The files that are entered anew at every step."""
+"""The files that are entered at every step."""
 
 COLOURS = {  # by folder; white text can be read on each
     "agents": "#6b46a3",

@@ -26,7 +26,7 @@ def _json(value: Any) -> str:
 
 
 def _tables(folder: Path) -> list[dict[str, Any]]:
-    """Return the tables of a study: those of its page, and those beside it."""
+    """Return the tables of a study: on its page, and beside it."""
     tables = []
     for page in sorted(folder.glob("*.md")):
         title = folder.name

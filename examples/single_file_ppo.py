@@ -35,14 +35,14 @@ def collect(envs, observed, over, actor, critic, spread):
 
     Args:
         envs: The worlds. The step after the last one of an episode starts the next episode, and does nothing else.
-        observed: What they show.
-        over: Whether their episodes are over.
+        observed: Their observations.
+        over: True if their episodes are over.
         actor: The network of the mean action.
         critic: The network of the value.
         spread: The logarithm of the standard deviation of actions.
 
     Returns:
-        What was observed, actions, their log-probabilities, advantages and returns; then `observed` and `over` anew.
+        The observations, actions, their log-probabilities, advantages and returns; then the new `observed` and `over`.
     """
     shown, actions, log_probabilities, values, rewards, ended, kept = [], [], [], [], [], [], []
     with torch.inference_mode():

@@ -96,7 +96,7 @@ def train(
         out: The ONNX file; the model is saved beside it.
         worlds: Number of worlds that are simulated at once.
         minutes: How long the training takes, at most.
-        progress_bar: Whether to show the progress.
+        progress_bar: True to show the progress.
     """
     torch.set_num_threads(1)  # a network this small, and so few worlds, are faster in one thread
     numba.set_num_threads(1)

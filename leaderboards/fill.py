@@ -97,7 +97,7 @@ def fill(
     by_name = {board.name: board for board in read_boards(root)}
     chosen = [find_named("board", name, by_name) for name in boards or by_name]
     if data is not None and not any(board.spec.recorded for board in chosen):
-        raise InputError(f"--data goes with boards whose people were recorded, and those of {chosen[0].name} were not")
+        raise InputError(f"--data goes with boards of recorded people, unlike {chosen[0].name}")
     announce_compilation()
     with exit_on_interrupt(f"the same command goes on with what is kept in {root} and {work}"):
         for board in chosen:
@@ -183,7 +183,7 @@ def _submit(submission: Submission, root: Path, work: Path, progress: Progress) 
 
 
 def freeze_entries(board: Board, root: Path) -> Season:
-    """Freeze the entries of a board, if those of the season are not frozen yet."""
+    """Freeze the entries of a board, if its season is not frozen yet."""
     entries = read_entries(board, root)
     return freeze(root, board.name, {entry.name: entry.digest for entry in entries if not is_pending(entry, board)})
 

@@ -17,7 +17,7 @@ def gain_in_success(ours: Values, theirs: Float[np.ndarray, "their_network case"
     One discordant case is added to each side, one that only `ours` solves and one that only `theirs` solve, as in
     Bonett and Price, "Adjusted Wald confidence interval for a difference of binomial proportions based on paired data",
     Journal of Educational and Behavioral Statistics 37(4) (2012), 479-488, doi:10.3102/1076998611411915. Theirs is an
-    adjusted Wald interval of one pair of samples; here the cases so completed are those of every network.
+    adjusted Wald interval of one pair of samples; here the cases of every network are completed in this way.
     """
     won, lost = (np.tile(pair, (len(row), 1)) for pair, row in (([1.0, 0.0], ours), ([0.0, 1.0], theirs)))
     guarded = difference_over_networks(np.hstack([ours, won]), np.hstack([theirs, lost]), paired)
@@ -31,7 +31,7 @@ def difference_over_networks(ours: Values, theirs: Float[np.ndarray, "their_netw
     Args:
         ours: A metric of each network in each case, NaN where it is not defined.
         theirs: The same metric of other networks, or of the same ones under another planner, in the same cases.
-        paired: Whether the networks are the same ones in the same order. Those of two trainings are not, and their
+        paired: True if the networks are the same ones in the same order. Networks of two trainings are not, and their
             parts of the variance are added.
 
     Returns:

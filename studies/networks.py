@@ -57,7 +57,7 @@ class RowSpec(TomlTable):
     """`[[networks.rows]]`: a planner, with each of several networks or without any, and its label.
 
     The first network, which is the shipped one, is run on the cases of `second_reading` too, where there are any: cases
-    that nobody has looked at, while those of the table have been looked at often.
+    that nobody has looked at, while the cases of the table have been looked at often.
     """
 
     label: Text = ""
@@ -97,9 +97,9 @@ class PlannerRow:
     """A planner, and the runs of its row.
 
     Attributes:
-        label: What the table calls the planner.
+        label: Name of the planner in the table.
         weights: The weights of its networks; none for a planner without a choice of them.
-        reported: What others report, by metric.
+        reported: Published results, by metric.
         runs: A run with each of the weights, or the one run without any.
         variant: Runs under the table's variant, with all the weights or the first; none where there is no variant.
         second_reading: The run with the first weights on the cases of the second reading, if the row has one.
@@ -132,7 +132,7 @@ class PlannerRow:
                 variant = load(of_variant, overrides=table.variant.overrides)
             second = load(choices[:1], cases=row.second_reading)[0] if row.second_reading else None
         if row.second_reading and set(row.second_reading.indices) & set(table.cases.indices):
-            right = f"cases that are not among {table.cases}, those of the table"
+            right = f"cases that are not among {table.cases}, the cases of the table"
             raise location.at("second_reading").wrong(str(row.second_reading), right)
         label = row.label or planner_label(runs[0].driver.name, row.options)
         return cls(label, row.weights, row.reported.model_dump(exclude_none=True), runs, variant, second)
@@ -148,14 +148,14 @@ class PlannerRow:
         return [*self.runs, *self.variant, *([self.second_reading] if self.second_reading else [])]
 
     def episodes(self, out: Path) -> dict[str, Episodes]:
-        """What `runs` left in the folder `out`, by their networks."""
+        """Return the episodes of `runs` in the folder `out`, by network."""
         return {name: read_episodes(run, out) for name, run in zip(self.networks, self.runs, strict=True)}
 
     def fill(self, episodes: Mapping[str, Episodes], measures: Sequence[str], out: Path) -> FilledPlannerRow:
         """The row with its figures.
 
         Args:
-            episodes: What `episodes` gives.
+            episodes: The return value of `episodes`.
             measures: Metrics of `PLANNER_MEASURES` to show.
             out: The folder that holds the runs.
         """
@@ -190,7 +190,7 @@ class NetworksTable:
         """Plan the runs of a table.
 
         Args:
-            spec: What the file says of the table.
+            spec: The table of the file.
             location: Where in the file.
 
         Raises:
@@ -229,8 +229,8 @@ class SecondReading:
 
     Attributes:
         cases: The other cases.
-        first: What it does on the table's cases, by metric.
-        second: What it does on the other cases.
+        first: Its results on the table's cases, by metric.
+        second: Its results on the other cases.
     """
 
     cases: str
@@ -243,15 +243,15 @@ class FilledPlannerRow:
     """A row with its figures.
 
     Attributes:
-        planner: What the table calls the planner.
-        privileged: Whether it uses what no vehicle could know.
+        planner: Name of the planner in the table.
+        privileged: True if it uses what no vehicle could know.
         weights: The weights of its networks, where it was given any.
         networks: Number of its networks; 0 for a planner without any.
-        reported: What others report, by metric.
-        measured: What the networks do, by metric.
+        reported: Published results, by metric.
+        measured: Results of the networks, by metric.
         success_rates: The success rate of each network.
         variant_success_rate: The success rate under the table's variant.
-        second_reading: What the first network does on other cases, if the row has them.
+        second_reading: Results of the first network on other cases, if the row has them.
     """
 
     planner: str
@@ -322,7 +322,7 @@ class FilledNetworksTable:
         return [Grid(self.title, header, rows, self.rows)]
 
     def notes(self) -> list[str]:
-        """What a page says below its tables, once for all that say the same."""
+        """Return the notes below the tables of a page, each once."""
         notes = {
             NOTES["networks"]: True,
             ALONE: any(len(row.weights) > 1 for row in self.rows),

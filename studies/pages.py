@@ -29,7 +29,7 @@ SUCCESS = info_of(SUCCESS_RATE)
 NOTES = {
     name: " ".join(text.split()) for name, text in read_toml(Path(__file__).with_name("notes.toml"), "file").items()
 }
-"""What pages say below their tables."""
+"""Notes below the tables of pages."""
 
 Head = TypeVar("Head", bound=StudyHead)
 
@@ -97,7 +97,7 @@ class Page:
         """Return the page in Markdown: the filled tables, then their notes, then the references.
 
         Args:
-            tables: What `fill` returns.
+            tables: The return value of `fill`.
             command: The command that prints the page.
         """
         head = [printed_by(command), *([self.description] if self.description else [])]
@@ -137,14 +137,14 @@ def print_page(
 
 
 def print_filled(found: object, tables: Sequence[FilledTable], page: str, format: Format) -> None:
-    """Print filled tables; the other arguments are those of `print_study`."""
+    """Print filled tables; see `print_study` for the other arguments."""
     print_study(found, [grid for table in tables for grid in table.grids()], page, format)
 
 
 def print_two_steps(
     head: StudyHead, tables: Sequence[TwoSteps], command: str, out: Path, make: MakeRuns, format: Format
 ) -> None:
-    """Make the runs of both steps, and print the page; the arguments are those of `print_page`."""
+    """Make the runs of both steps, and print the page; see `print_page` for the arguments."""
     make([run for table in tables for run in table.runs])
     make([run for table in tables for run in table.second(out)])
     print_page(head, tables, command, out, make, format)

@@ -25,7 +25,7 @@ from studies.networks import estimate
 from studies.pages import NOTES, SUCCESS, SUCCESS_RATE, values_of
 
 OVER_SOLVED = ("navigation_time", "discomfort", "jerk", "minimum_gap")
-"""What is measured over solved cases: each planner's own, or those that both of a pair solve."""
+"""Metrics over solved cases: each planner's own, or the ones that both of a pair solve."""
 
 FAILURES = ("collision_rate", "at_fault_rate", "wall_collision_rate", "timeout_rate")
 """Of the other cases."""
@@ -79,7 +79,7 @@ class FilledCrowd:
         return "\n\n".join([f"### {self.scenario}{of_time}", *(markdown(each.header, each.rows) for each in grids)])
 
     def grid(self) -> Grid:
-        """What was measured."""
+        """The result."""
         infos = {name: info_of(name) for name in self.planners[0] if name != "planner"}
         return estimate_grid(self.scenario, self.planners, infos, brief=FAILURES)
 
@@ -99,7 +99,8 @@ class FilledCrowdsTable:
         return "\n\n".join([f"## {self.title}", *parts])
 
     def success(self) -> str:
-        """Who succeeds where, a row for each crowd, as GitHub shows it; the highest of each row is bold."""
+        """Return successes by crowd and planner, a row for each crowd, as GitHub shows it; the highest of each row is
+        bold."""
         rows = []
         for crowd in self.crowds:
             rates = [row[SUCCESS_RATE].mean for row in crowd.planners]
@@ -119,7 +120,7 @@ class FilledCrowdsTable:
         return [crowd.grid() for crowd in self.crowds]
 
     def notes(self) -> list[str]:
-        """What a page says below its tables, once for all that say the same."""
+        """Return the notes below the tables of a page, each once."""
         tests = len(self.crowds[0].pairs) * (1 + len(OVER_SOLVED))
         notes = {
             NOTES["side_by_side"]: True,
@@ -193,7 +194,7 @@ def verdict_grid(found: Sequence[Comparison]) -> Grid:
     """Return in which metrics the planner of a row is significantly better or worse than that of a column.
 
     Args:
-        found: What `comparisons` returns for two runs or more.
+        found: The return value of `comparisons` for two runs or more.
     """
     cells = {one.names: _verdict(one) for one in found}
     planners = list(dict.fromkeys(name for names in cells for name in names))

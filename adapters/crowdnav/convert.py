@@ -44,7 +44,7 @@ def read_network(content: bytes, name: str) -> ValueNetwork:
         name: The name of the file, for errors.
 
     Raises:
-        InputError: It holds no weights, or its layers are not those of one of the three networks.
+        InputError: It holds no weights, or its layers belong to none of the three networks.
     """
     try:
         found = torch.load(io.BytesIO(content), "cpu", weights_only=True)

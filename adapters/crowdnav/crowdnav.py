@@ -60,7 +60,7 @@ def planner(clone: str = "CrowdNav", output: str = "crowd_nav/data/output", poli
 
 
 class _Agent:
-    """What both states say in two ways. They are tuples, because policies add them: a row of 14 numbers."""
+    """Base of both states. They are tuples, because policies add them: a row of 14 numbers."""
 
     px: float
     py: float
@@ -79,7 +79,7 @@ class _Agent:
 
 
 class FullState(_Agent, namedtuple("FullState", "px py vx vy radius gx gy v_pref theta")):
-    """What the vehicle knows of itself: positions in metres, velocities in m/s, heading `theta` in [0, 2 pi)."""
+    """State of the vehicle: positions in metres, velocities in m/s, heading `theta` in [0, 2 pi)."""
 
     @property
     def goal_position(self) -> tuple[float, float]:
@@ -88,12 +88,12 @@ class FullState(_Agent, namedtuple("FullState", "px py vx vy radius gx gy v_pref
 
 
 class ObservableState(_Agent, namedtuple("ObservableState", "px py vx vy radius")):
-    """What the vehicle sees of a pedestrian: position in metres, velocity in m/s, radius in metres."""
+    """Visible state of a pedestrian: position in metres, velocity in m/s, radius in metres."""
 
 
 @dataclass
 class JointState:
-    """What a policy is shown. Not frozen, because CrowdNav's LSTM-RL sorts the humans in place.
+    """Input of a policy. Not frozen, because CrowdNav's LSTM-RL sorts the humans in place.
 
     Attributes:
         self_state: The vehicle.
@@ -173,7 +173,7 @@ class CrowdNavPlanner(OneWorldPlanner):
         return np.array([first * math.cos(heading), first * math.sin(heading)])
 
     def _state(self, obs: Observation, heading: float) -> Any:
-        """What the policy is shown of one world, in Python's own numbers."""
+        """Return the input of the policy for one world, in Python's own numbers."""
         full, observable, joint = self._states
         vehicle, crowd = obs.vehicle, obs.pedestrians
         own = [*vehicle.position, *vehicle.velocity, vehicle.radius, *vehicle.local_goal, vehicle.preferred_speed]
@@ -217,7 +217,7 @@ def _prepare(policy: Any, name: str) -> Any:
     """A copy of a policy, ready to drive. Raises InputError where it cannot be copied."""
     with plugin_errors(f"the policy {name} cannot be copied or prepared, which every episode needs:"):
         own = copy.copy(policy)
-        # Neither can be copied: a whole simulator, and ORCA's simulator of RVO2, which the next `predict` makes anew.
+        # Neither can be copied: a whole simulator, and ORCA's simulator of RVO2, which the next `predict` makes again.
         for attribute, instead in (("env", _NoEnvironment()), ("sim", None)):
             if hasattr(own, attribute):
                 setattr(own, attribute, instead)

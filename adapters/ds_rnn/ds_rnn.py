@@ -43,7 +43,7 @@ LAYERS = {
     "actor.2": "actor.2",
     "dist.fc_mean": "action",
 }
-"""Layers by their names in the file of the weights. Its other layers are those of the critic and of the variance."""
+"""Layers by their names in the file of the weights. Its other layers belong to the critic and the variance."""
 
 
 class DSRNN(nn.Module):
@@ -115,7 +115,7 @@ def load_ds_rnn(weights: Path) -> DSRNN:
         network.load_state_dict(state)
     except Exception as error:  # torch and safetensors raise many kinds
         reason = " ".join(str(error).split())[:200]
-        raise InputError(f"the weights {weights} are not those of a DS-RNN: {reason}") from None
+        raise InputError(f"the weights {weights} do not belong to a DS-RNN: {reason}") from None
     return network.double().eval()
 
 
@@ -127,7 +127,7 @@ class DSRNNPlanner(Planner):
 
     Args:
         network: The network.
-        unicycle: Whether its actions are those of a unicycle: changes of speed and of heading in a step.
+        unicycle: True if its actions are changes of speed and of heading in a step.
     """
 
     def __init__(self, network: DSRNN, unicycle: bool = False) -> None:
@@ -176,7 +176,7 @@ def planner(weights: str = "27776.pt", unicycle: bool = False) -> DSRNNPlanner:
 
     Args:
         weights: The file of the weights.
-        unicycle: Whether they were trained with a unicycle.
+        unicycle: True if they were trained with a unicycle.
 
     Returns:
         The planner.

@@ -49,7 +49,7 @@ class Trajectory(NamedTuple):
         Args:
             time: The times in seconds.
             max_gap: Largest time in seconds between the two messages around a time.
-            name: What moves, for errors.
+            name: Name of the moving frame, for errors.
 
         Raises:
             InputError: There is no message near a time.
@@ -72,7 +72,7 @@ class Trajectory(NamedTuple):
 
 @dataclass(frozen=True)
 class Bag:
-    """What is used of a bag; times are in seconds since its first message.
+    """The used content of a bag; times are in seconds since its first message.
 
     Attributes:
         robot: Poses of the robot in the fixed frame.
@@ -92,7 +92,7 @@ def read_bag(path: Path, drive: DriveFile) -> Bag:
 
     Args:
         path: The folder of a ROS 2 bag, or a file `.mcap`, `.db3` or `.bag`.
-        drive: What is in which topic.
+        drive: The content of the topics.
 
     Raises:
         InputError: The bag cannot be read, a topic, a field or a transform is missing, or clocks differ.

@@ -35,7 +35,7 @@ class RobotTable(TomlTable):
 
 
 class PeopleTable(TomlTable):
-    """`[people]`: the tracked pedestrians. The defaults are those of `people_msgs/People`.
+    """`[people]`: the tracked pedestrians. The defaults fit `people_msgs/People`.
 
     Attributes:
         topic: Topic of messages with a list of pedestrians.

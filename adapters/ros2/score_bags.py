@@ -1,4 +1,4 @@
-"""Scores the drives of a real robot: writes the run of its bags, and the tracks of the pedestrians whom it met.
+"""Scores the drives of a real robot: writes the run of its bags, and the tracks of the pedestrians that it met.
 
 python adapters/ros2/score_bags.py drive.toml --out runs/drive --tracks tracks
 """

@@ -18,7 +18,7 @@ def policy() -> ORCAPlus:
         time_horizon: How far ahead a pedestrian avoids collisions: the paper's tau [s].
         safety_space: Margin that is added to every radius [m].
         time_horizon_obst: How far ahead a pedestrian avoids collisions with obstacles [s].
-        line_of_sight: 1 if a pedestrian avoids only those whom no obstacle hides; 0 as in RVO2, through walls [1].
+        line_of_sight: 1 if a pedestrian avoids only agents that no obstacle hides; 0 as in RVO2, through walls [1].
 
     Returns:
         The policy.

@@ -56,7 +56,7 @@ class PowerLaw(PedestrianPolicy):
     parameters: ClassVar[Mapping[str, float]] = PARAMETERS
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
-        """See `PedestrianPolicy`. The parameters are those of `power_law_velocities`."""
+        """See `PedestrianPolicy`, and `power_law_velocities` for the parameters."""
         dt = world.rules.dt
         return power_law_velocities(walkers_of(world), time_step=dt, parameters=parameters)[:, 1:]
 
@@ -69,8 +69,8 @@ def power_law_velocities(
     Args:
         walkers: The agents.
         time_step: Length of the step in seconds.
-        parameters: Those of `PARAMETERS` that are not the defaults, of the agent that feels the force, one number or
-            one per agent: xi in seconds, k in m^2, tau0 in seconds, and the bound of the sum of the forces of others
+        parameters: Parameters of `PARAMETERS` that are not the defaults, of the agent that feels the force, one number
+            or one per agent: xi in seconds, k in m^2, tau0 in seconds, and the bound of the sum of the forces of others
             and walls in m/s^2.
 
     Returns:

@@ -5,13 +5,13 @@ change the weights of one agent after the other by the expected risk of a collis
 Nash equilibrium. The vehicle drives along the weighted mean of its trajectories.
 
 Sun, Baldini, Hughes, Trautman and Murphey, "Mixed strategy Nash equilibrium for crowd navigation", International
-Journal of Robotics Research, 2024, arXiv:2403.01537. The paper itself was not at hand. The formulas are those of the
+Journal of Robotics Research, 2024, arXiv:2403.01537. The paper itself was not at hand. The formulas come from the
 authors' code, MurpheyLab/brne on GitHub: `gaussian_process`, `risks` and `equilibrium` compute the same as
 `get_Lmat_nb`, `costs_nb` and `brne_nav` of socnavbench/brne.py.
 
 Differs from that code in that
 - distances are relative to the sum of two radii, because agents have different sizes here;
-- trajectories into walls have no weight (in brne_nav/brne_py: those of the robot that leave a corridor), and the
+- trajectories into walls have no weight (in brne_nav/brne_py: trajectories of the robot that leave a corridor), and the
   command goes along walls, because walls are left to another planner there;
 - the samples of the vehicle are around its route, because walls may be in the straight way to the goal;
 - the samples of a person are scaled by the person's speed, as in brne_nav/brne_py.
@@ -139,7 +139,7 @@ def risks(
     Args:
         paths: Trajectories in metres.
         radius: In metres.
-        present: Who is there.
+        present: True for agents that exist.
         zone: In 1/m^2.
         penalty: The risk at a distance of 0 [1].
     """
@@ -169,7 +169,7 @@ def equilibrium(risk: Risks, present: Bool[np.ndarray, "world agent"], free: Wei
 
     Args:
         risk: See `risks`.
-        present: Who is there.
+        present: True for agents that exist.
         free: 1 for the trajectories that an agent can take, and 0 for the others.
         iterations: Number of rounds [1].
     """

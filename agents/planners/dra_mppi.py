@@ -194,7 +194,7 @@ def collision_probability(
         radius: Of the circles: that of the vehicle and that of a person, in metres.
         mean: Of the Gaussians of which a person's density is the mean, in metres.
         sigma: Their standard deviation in metres.
-        present: Who is there.
+        present: True for agents that exist.
         offset: Of the lattice of points, in parts of its spacing.
         points: Number of points, about [1].
     """
@@ -209,7 +209,7 @@ def collision_probability(
     x, y = density[..., 0, :], density[..., 1, :]
     nobody = np.subtract(1.0, np.matmul(x.swapaxes(2, 3), y), dtype=np.float32)
     joint = 1.0 - np.multiply.reduce(nobody, axis=1)
-    # Sums along y up to each point: those of a column of a circle are a difference of two.
+    # Sums along y up to each point: the sum over a column of a circle is a difference of two.
     below = np.concatenate([np.zeros((*joint.shape[:2], 1)), joint.cumsum(axis=2, dtype=float)], axis=2)
     half = radius[:, None, None] ** 2 - (centre[:, :, :1] - lattice[:, None, :, 0]) ** 2
     reach = np.sqrt(np.maximum(half, 0.0)) / spacing[:, None, 1:]
@@ -275,7 +275,7 @@ def planner(
     """Make the planner.
 
     Args:
-        predictor: What predicts the modes of people's motion: a name (`crowdbench list predictors`) or a file.
+        predictor: Predictor of the modes of people's motion: a name (`crowdbench list predictors`) or a file.
         samples: Number of sequences of commands, the paper's K, which is 400 there [1].
         horizon: Number of steps of a sequence, the paper's T [1].
         points: Number of points at which the density of people is computed in each step, the paper's N_mc [1].

@@ -23,7 +23,7 @@ from crowdbench.utils.errors import require, require_count, require_not_negative
 
 @dataclasses.dataclass(frozen=True)
 class Objective:
-    """What makes a command good: a weighted sum of numbers up to 1 (Fox et al. 1997).
+    """Objective of a command: a weighted sum of numbers up to 1 (Fox et al. 1997).
 
     Attributes:
         heading: Weight of how much nearer the goal is at the end of the horizon, as part of what can be [1].
@@ -63,7 +63,7 @@ class DWAPlanner(PredictingPlanner):
     before it would touch somebody or a wall. Where no command is, it brakes as hard as it can.
 
     Attributes:
-        objective: What makes a command good.
+        objective: The objective.
         horizon: Number of steps for which a command is kept [1].
 
     Raises:
@@ -114,8 +114,8 @@ def planner(predictor: str = "constant_velocity", objective: Objective = OBJECTI
     """Make the planner.
 
     Args:
-        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
-        objective: What makes a command good.
+        predictor: Predictor of the pedestrians: a name (`crowdbench list predictors`) or a file.
+        objective: The objective.
         horizon: Number of steps for which a command is kept [1].
 
     Returns:

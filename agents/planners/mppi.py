@@ -17,9 +17,9 @@ def planner(
     """Make the planner.
 
     Args:
-        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
+        predictor: Predictor of the pedestrians: a name (`crowdbench list predictors`) or a file.
         search: How sequences are sampled.
-        weights: What they cost.
+        weights: Costs of sequences.
         horizon: Number of steps of a sequence [1].
         worst: The share of the futures, the worst for a sequence, of which the mean counts (CVaR); 1 for all [1].
 

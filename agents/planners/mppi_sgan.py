@@ -21,7 +21,7 @@ def planner(
         modes: Number of futures to predict [1].
         worst: The share of the futures, the worst for a sequence, of which the mean counts (CVaR); 1 for all [1].
         search: How sequences are sampled.
-        weights: What they cost.
+        weights: Costs of sequences.
         horizon: Number of steps of a sequence [1].
 
     Returns:

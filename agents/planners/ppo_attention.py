@@ -19,7 +19,7 @@ def planner(
     Args:
         weights: The trained policy: a name (`crowdbench list weights`) or a file.
         device: Where the policy runs: `cpu` or `cuda`.
-        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
+        predictor: Predictor of the pedestrians: a name (`crowdbench list predictors`) or a file.
         encoder: The file of the encoder that it was trained with, where that was one of your own.
 
     Returns:

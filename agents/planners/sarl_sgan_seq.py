@@ -131,7 +131,7 @@ class SequencePlanner(AheadPlanner):
         # Those that can be reached by its end.
         commands = self.lookahead.unlimited_commands(vehicle, horizon * scene.dt)
         constant = commands[:, :, None].repeat(horizon, axis=2)
-        # What is tried beside the samples of a round: at first the guesses, and then the best so far.
+        # Tried beside the samples of a round: at first the guesses, then the best so far.
         beside = np.concatenate([guess[:, None], constant], axis=1)
         mean, spread = guess, np.full_like(guess, self.search.spread)
         for number in range(self.search.rounds):
@@ -144,7 +144,7 @@ class SequencePlanner(AheadPlanner):
         return beside[:, 0]
 
     def values(self, scene: Scene, commands: Sequences) -> Float[np.ndarray, "world sequence"]:
-        """What sequences are worth: the mean over the futures of their discounted rewards and the value at the end.
+        """Return values of sequences: the mean over the futures of their discounted rewards and the value at the end.
 
         The value at the end is the network's, among pedestrians at the mean of their futures, on the way to the local
         goal there.
@@ -181,7 +181,7 @@ class SequencePlanner(AheadPlanner):
 
 
 def _repeat(values: Num[np.ndarray, "world *xy"], sequences: int) -> Num[np.ndarray, "world sequence *xy"]:
-    """What is the same for all sequences of a world."""
+    """Repeat values of a world for all its sequences."""
     return np.repeat(values[:, None], sequences, axis=1)
 
 
@@ -209,7 +209,7 @@ def planner(
     """Compose the planner.
 
     Args:
-        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
+        predictor: Predictor of the pedestrians: a name (`crowdbench list predictors`) or a file.
         weights: The trained value network: a name (`crowdbench list weights`) or a file.
         device: Where the value network runs: `cpu` or `cuda`.
         modes: Number of futures to predict; false for the predictor's own number [1].

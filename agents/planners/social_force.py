@@ -20,7 +20,7 @@ WIDTH = 1.28
 of 1 m/s with the paper's parameters."""
 
 SAME_SIDE = 0.5
-"""Cosine of the angle below which two walls are seen to be on the same side, as those of a corner are."""
+"""Cosine of the angle below which two walls are seen to be on the same side, such as the walls of a corner."""
 
 
 class SocialForceInPassages(SocialForcePlanner):

@@ -63,7 +63,7 @@ class BoardSpec(TomlTable):
     """The contents of `board.toml`.
 
     `position` orders boards in lists. `recorded` says that the scenarios need recorded tracks. `ranked` says whether
-    entries have ranks. `public_cases` is the number of known cases of each scenario, and `cases` the number of those of
+    entries have ranks. `public_cases` is the number of known cases of each scenario, and `cases` the number of cases of
     a season, which rank entries by success.
     """
 

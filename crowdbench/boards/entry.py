@@ -95,7 +95,7 @@ class EntrySpec(Record):
         format: Version of the format, `SCHEMA`.
         board: Name of the board.
         board_digest: Its digest, see `crowdbench.boards.board.Board.digest`.
-        submitted_by: Who has submitted it.
+        submitted_by: The submitter.
         planner: As `crowdbench run --planner` takes it, relative to the entry.
         package: For a planner that is no file: the distribution with its version, such as `crowdbench==0.1.0`.
         package_files: For such a planner, the sha256 of the Python files that it consists of, by path.
@@ -103,10 +103,10 @@ class EntrySpec(Record):
         facts: The facts that the planner states in each scenario, such as the digest of its weights.
         options: The planner's options; files are relative to the entry.
         networks: The options in which other networks of the same method differ, trained with other seeds.
-        privileged: Whether the planner uses what no vehicle could see.
+        privileged: True if the planner uses what no vehicle could see.
         environment: Versions of packages, and the machine, of the run on the public cases.
         files: The sha256 of every other file of the entry, by its path in it.
-        reported: What its authors measured on the public cases.
+        reported: Results of its authors on the public cases.
     """
 
     format: int

@@ -1,4 +1,4 @@
-"""The files of an entry's planner: copied into the entry and located there, or those of a package."""
+"""The files of an entry's planner: copied into the entry and located there, or the files of a package."""
 
 from __future__ import annotations
 

@@ -103,7 +103,7 @@ def read_season(root: Path) -> Season:
 
 
 def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
-    """Freeze the entries of a board, if those of the season are not frozen yet.
+    """Freeze the entries of a board, if its season is not frozen yet.
 
     Args:
         root: The folder of boards.

@@ -52,9 +52,9 @@ class DecisionTime(Record):
     Attributes:
         p99_ms: The 99th percentile over decisions, in milliseconds.
         kernel: Name of the calibration kernel.
-        kernel_ms: What the kernel took on the same core, in milliseconds.
-        calibrated_p99_ms: What the 99th percentile would be on the machine of reference.
-        is_real_time: Whether that is at most the time step.
+        kernel_ms: Time of the kernel on the same core, in milliseconds.
+        calibrated_p99_ms: The 99th percentile, scaled to the machine of reference.
+        is_real_time: True if that is at most the time step.
     """
 
     p99_ms: float

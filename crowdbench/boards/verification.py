@@ -63,7 +63,7 @@ class NotReproduced(InputError):
 
 
 def count_cases(entry: Entry, board: Board, cases: Cases) -> int:
-    """Return how many cases a verification replays and drives; `cases` are those of each scenario."""
+    """Return how many cases a verification replays and drives; `cases` are the cases of each scenario."""
     count = (len(cases) + board.spec.public_cases) * len(board.scenarios)
     return count + len(other_networks(entry, board)) * len(method_cases(cases))
 
@@ -191,7 +191,7 @@ def _replay_public_runs(entry: Entry, board: Board, progress: Progress | None) -
     scenarios = {scenario.name: scenario for scenario in board.load(None)}
     reported, folders = set(entry.spec.reported), {path.name for path in entry.public.glob("*")}
     if not reported or reported != folders or not reported <= scenarios.keys():
-        raise NotReproduced("the scenarios of its reported figures are not those of its public runs or of this board")
+        raise NotReproduced("the scenarios of its reported figures differ from its public runs or from this board")
     for name in driven_scenarios(board, entry.public):
         try:
             _replay(entry, board, scenarios[name], progress)
@@ -207,13 +207,13 @@ def _replay(entry: Entry, board: Board, scenario: Scenario, progress: Progress |
     run = read_public_run(entry, board, scenario)
     reported, metrics = entry.spec.reported[scenario.name], run.result["metrics"]
     if reported.keys() != metrics.keys():
-        raise InputError(f"the reported figures are not those of {EPISODES}")
+        raise InputError(f"the reported figures differ from {EPISODES}")
     means = [metrics[name]["mean"] for name in reported]
     # The last digits of a mean depend on the version of NumPy.
     if not np.allclose(
         np.array([*reported.values()], float), np.array(means, float), rtol=1e-9, atol=0.0, equal_nan=True
     ):
-        raise InputError(f"the reported figures are not those of {EPISODES}")
+        raise InputError(f"the reported figures differ from {EPISODES}")
     if differences := replay(run, scenario, board.metrics, progress).differences:
         raise InputError(differences[0])
 

@@ -54,8 +54,8 @@ class CheckResult:
 
     Attributes:
         name: Name of the check.
-        passed: Whether the plug-in passes; None where the check could not be made.
-        observation: What was observed, in a sentence.
+        passed: True if the plug-in passes; None where the check could not be made.
+        observation: The observation, in a sentence.
     """
 
     name: str
@@ -95,7 +95,7 @@ class Record:
         where: Begins names and errors.
         answers: The answer for each world and step, by their name, such as `case 2, step 3`.
         seconds: Duration of each call.
-        remark: What else was observed.
+        remark: A further observation.
     """
 
     limit: float
@@ -149,7 +149,7 @@ class Procedure(NamedTuple):
     Attributes:
         drive: Drives a plug-in through cases of a scenario, and records all answers. Raises Broken where the contract
             is broken.
-        answers: What the answers are called.
+        answers: Name of the answers.
         repeat: Number of times that the plug-in gets each input when it is called again. A plug-in that may not keep
             anything gets it twice.
         padding: How errors describe padding; empty where answers are not compared with more absent pedestrians.
@@ -173,7 +173,7 @@ class Subject:
         name: Name of the plug-in.
         scenarios: The scenarios, by what begins their names and errors. Only a few cases of all but the first count.
         limit: Seconds that a call may take.
-        neural: Whether the values are those of a neural network; if None, whether torch or ONNX is imported.
+        neural: True if a neural network computes the values; if None, whether torch or ONNX is imported.
     """
 
     procedure: Procedure
@@ -191,7 +191,7 @@ class Drive(NamedTuple):
         when: The circumstances.
         batches: The cases of each batch.
         make: Makes the plug-in for each batch.
-        padding: Whether the arrays have more absent pedestrians.
+        padding: True if the arrays have more absent pedestrians.
         repeat: Number of times that the plug-in gets each input.
     """
 

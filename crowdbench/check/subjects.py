@@ -230,7 +230,7 @@ class _TestVehicle(Planner):
     Args:
         cases: The cases.
         look: Called with each observation.
-        privileged: Whether observations show the pedestrians' next velocities.
+        privileged: True if observations show the pedestrians' next velocities.
     """
 
     def __init__(

@@ -92,7 +92,7 @@ def main(script: Callable[..., None] | None = None) -> None:
     """Run the command line. For an error print one sentence, and exit with a status other than 0.
 
     Args:
-        script: The only command, of a script that is run; None for those of crowdbench.
+        script: The only command, of a script that is run; None for the commands of crowdbench.
     """
     # Read when the threads of the simulator and of torch start. They would wait for each other busily, which takes many
     # times as long where another program wants the cores: ORCA 4 times, an update of a training 30 times.

@@ -57,7 +57,7 @@ def check(
 
 
 def check_table(name: str, results: Sequence[CheckResult]) -> Grid:
-    """What the plug-in of a name keeps of its contract, and what was seen."""
+    """Return the table of the checks of a plug-in."""
     verdicts = {True: "kept", False: "broken", None: "?"}
     rows = [(verdicts[result.passed], result.name, result.observation) for result in results]
     return Grid(f"The contract, as {name} keeps it", ("", "check", "seen"), rows, align="lll")

@@ -32,17 +32,17 @@ LONGEST = 1000
 
 
 class Failure(NamedTuple):
-    """What an exception means for a user: one sentence, and the exit status."""
+    """Report of an exception for a user: one sentence, and the exit status."""
 
     sentence: str
     status: int
 
 
 def failure(error: BaseException) -> Failure | None:
-    """What went wrong; None for an exit with a status other than 0, which has said it already.
+    """Return the report of an exception; None for an exit with a status other than 0, which has said it already.
 
     Args:
-        error: What a command raised.
+        error: The exception of a command.
     """
     if isinstance(error, SystemExit) and error.code:
         return None
@@ -82,8 +82,8 @@ def exit_on_interrupt(message: str | Callable[[], str] = "") -> Iterator[None]:
     """Say what an interrupted command has kept, and exit. Typer would end the command without a word.
 
     Args:
-        message: What is kept, or a function that says it after the interrupt. If empty, what the interrupt itself says
-            is printed; an interrupt that says nothing is passed on.
+        message: A note on kept files, or a function that returns it after the interrupt. If empty, the text of the
+            interrupt is printed; an interrupt that says nothing is passed on.
     """
     try:
         yield

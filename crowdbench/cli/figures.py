@@ -22,7 +22,7 @@ OF_A_COLUMN = ("success_rate", "collision_rate", "navigation_time", "jerk")
 
 
 class Kind(StrEnum):
-    """What a figure shows."""
+    """Kind of a figure."""
 
     SUCCESS = "success"
     METRIC = "metric"
@@ -50,7 +50,7 @@ def table(
         metric: A metric. Repeatable where metrics are columns; else those that most papers have (in LaTeX, those that
             fit a column of a paper), or success_rate.
         all_metrics: Print all metrics, a row for each; the runs are columns.
-        names: What the runs are called, such as "old,new"; else their planners, and versions of one planner their
+        names: Names of the runs, such as "old,new"; else their planners, and versions of one planner their
             folders.
         caption: With --format latex, the caption of a floating table.
         label: With --format latex, its label.

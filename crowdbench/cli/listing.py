@@ -61,9 +61,9 @@ class OptionRow(NamedTuple):
     Attributes:
         name: Its name, indented where it is a parameter of the table above.
         default: Its value where it is not given, as it would be written; empty where it must be given.
-        type: What can be given.
+        type: Type of its value.
         unit: The unit of a number, 1 for a number without one.
-        meaning: What it is.
+        meaning: Its meaning.
     """
 
     name: str
@@ -154,7 +154,7 @@ def option_rows(factory: Callable[..., object], prefix: str = "", keyword_only: 
         factory: Its docstring has an `Args:` section; a dataclass has `Attributes:`. Each entry ends with the unit in
             brackets. Of a partial, it is the function's docstring that counts.
         prefix: Begins the names.
-        keyword_only: Whether parameters that are not keyword-only are left out.
+        keyword_only: True if parameters that are not keyword-only are left out.
 
     Returns:
         The options in the order of the signature.

@@ -33,7 +33,7 @@ SHARED = {
     "threads": "Number of threads.",
     "work": "Folder that keeps finished runs until an entry or a verdict is made.",
 }
-"""What parameters mean that several commands have, by their names, where a command's docstring says nothing of them."""
+"""Help of parameters that several commands have, by name, where the docstring of a command has none."""
 
 FLAGS = {"as_json": "--json", "overrides": "--set"}
 """The options of parameters that are not called like their option."""
@@ -104,7 +104,7 @@ def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
     """The keys and values of options such as `--set key=value`.
 
     Args:
-        texts: What was given. A value is TOML; what is not valid TOML is a text.
+        texts: The given texts. A value is TOML; what is not valid TOML is a text.
         flag: The option, for the error.
 
     Returns:

@@ -47,7 +47,7 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
     print("\nRates (p: McNemar's exact test) and metrics that include failures are over all shared cases, the others")
     print("over the cases that both runs solve. Intervals are of the paired difference, and go with p.")
     if len(comparisons) > 1:
-        print("p corrected: for the number of tests of a metric (Holm 1979), those of all scenarios apart.")
+        print("p corrected: for the number of tests of a metric (Holm 1979), separately for all scenarios together.")
     several = len({comparison.scenario for comparison in comparisons}) > 1
     for comparison in comparisons:
         for line in comparison.list_changed_cases():

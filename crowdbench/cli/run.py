@@ -20,16 +20,16 @@ if TYPE_CHECKING:
     from crowdbench.runs.spec import RunSpec
 
 RECORD_HELP = (
-    f"What to record: episodes for the viewer (failures: {MOST_FAILURES} at most, fewer in large crowds, and the first "
-    f"{FIRST_RECORDED} cases; or all), only the commands, with which `crowdbench score --replay` simulates the cases "
-    "again, or none."
+    f"Extent of the recording: episodes for the viewer (failures: {MOST_FAILURES} at most, fewer in large crowds, and "
+    f"the first {FIRST_RECORDED} cases; or all), only the commands, with which `crowdbench score --replay` simulates "
+    "the cases again, or none."
 )
 
 UNHEEDED = (
     "Recorded people do not react: they walk into a vehicle that they would have gone around, and never wait for one. "
     "So there are more collisions than among real people, and a planner that pushes its way through is not penalised."
 )
-"""What a score means where people do not react."""
+"""Meaning of a score where people do not react."""
 
 
 def run(
@@ -110,7 +110,7 @@ def make_one_run(spec: RunSpec, out: Path | None, shard: str | None, overwrite: 
         spec: The run.
         out: Its directory; in `runs/`, named after the run, if None.
         shard: Which share of its parts is made, such as 2/8.
-        overwrite: Whether an earlier run in its directory is replaced.
+        overwrite: True if an earlier run in its directory is replaced.
 
     Returns:
         The run and its directory.
@@ -184,8 +184,8 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         title: The title of the table.
         directory: Where the run's files are.
         metrics: The metrics that it has, by name.
-        as_json: Whether to print JSON.
-        all_metrics: Whether all metrics are printed.
+        as_json: True to print JSON.
+        all_metrics: True if all metrics are printed.
     """
     from crowdbench.cli.cases import describe_cases
     from crowdbench.runs.result_file import read_result

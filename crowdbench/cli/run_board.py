@@ -52,7 +52,7 @@ def run_board(
         cases: The cases of each scenario; the public cases of the board if None.
         data: Folder with recorded tracks.
         out: Folder that keeps the runs; `runs/board-BOARD` if None.
-        as_json: Whether to print JSON.
+        as_json: True to print JSON.
     """
     from crowdbench.boards.board import find_board
     from crowdbench.boards.means import board_figures

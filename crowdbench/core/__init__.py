@@ -1,1 +1,1 @@
-"""What everything stands on: the types of data, plane geometry, random streams, vehicle dynamics, the reward."""
+"""Foundations: the types of data, plane geometry, random streams, vehicle dynamics, the reward."""

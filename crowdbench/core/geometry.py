@@ -155,8 +155,8 @@ def local_goals(
 ) -> Vectors:
     """The local goals of agents on their routes.
 
-    A local goal lies in the direction of the next waypoint, as far away as the goal is along the route. Who heads for
-    it turns at waypoints and does not slow down at them. Where no waypoint is left, it is the goal itself.
+    A local goal lies in the direction of the next waypoint, as far away as the goal is along the route. An agent that
+    heads for it turns at waypoints without slowing down. Where no waypoint is left, it is the goal itself.
 
     Args:
         position: Positions in metres.

@@ -51,7 +51,7 @@ def generator(key: np.uint64, purpose: str, step: int = 0, person: int = 0) -> n
         key: The key of a case.
         purpose: A name for what is drawn. Other purposes of the same case have independent random numbers.
         step: The step for which it is drawn.
-        person: The person for whom it is drawn.
+        person: Number of the person.
 
     Returns:
         The generator, at its start.
@@ -64,8 +64,8 @@ def generator(key: np.uint64, purpose: str, step: int = 0, person: int = 0) -> n
 def noise_keys(keys: UInt[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:
     """The keys of the noise that planners are given.
 
-    They follow from the keys of the cases by a cryptographic hash (BLAKE2), and so do not tell them: whoever knows the
-    key of a case can draw the whole case.
+    They follow from the keys of the cases by a cryptographic hash (BLAKE2), and so do not reveal them: the key of a
+    case determines the whole case.
 
     Args:
         keys: The keys of the cases.
@@ -134,7 +134,7 @@ def uniforms(
         key: The key of every world.
         purpose: A name for what is drawn. Other purposes with the same key have independent random numbers.
         step: The step of every world.
-        person: The numbers of the persons for whom they are drawn.
+        person: Numbers of the persons.
     """
     out = np.empty(person.shape)
     _uniforms(key, purpose_bits(purpose), step, person, out)

@@ -28,15 +28,15 @@ from crowdbench.sim.pedestrians.orca_crowd import ORCA, avoidance_of, orca_in_on
 from crowdbench.sim.simulator import STEP, After, Commands, move_agents, state_before
 
 Margins = namedtuple("Margins", "safety_space neighbor_distance max_neighbors time_horizon")
-"""What ORCA takes of the parameters of pedestrians; see `crowdbench.sim.pedestrians.orca.Avoidance`."""
+"""Parameters of pedestrians that ORCA uses; see `crowdbench.sim.pedestrians.orca.Avoidance`."""
 
 
 class Exchange(NamedTuple):
-    """What agents see and do, and what they are given for it.
+    """Observations, actions and rewards of agents.
 
     Attributes:
-        visible: Whom pedestrians see.
-        action: Velocities in m/s, NaN of those who do not act.
+        visible: Agents that pedestrians see.
+        action: Velocities in m/s, NaN for agents that do not act.
         observed: Filled: observations.
         outcome: Filled: an `Outcome` for each observer.
         gap: Filled: smallest distances in metres.
@@ -52,7 +52,7 @@ class Exchange(NamedTuple):
 
 
 class CompiledStep:
-    """Steps of one world between two states that take turns, so that nothing is made anew.
+    """Steps of one world between two states that take turns, so that nothing is allocated.
 
     Attributes:
         world: The world as it is now. The step after the next one changes it.
@@ -62,7 +62,7 @@ class CompiledStep:
 
     Args:
         world: The world at its start; see `fits`.
-        everybody: Whether every agent observes and has a reward, and not the vehicle alone.
+        everybody: True if every agent observes and has a reward, and not the vehicle alone.
     """
 
     def __init__(self, world: World, everybody: bool) -> None:
@@ -90,12 +90,12 @@ class CompiledStep:
 
     @staticmethod
     def fits(world: World, view: View, reward: CheckedReward) -> bool:
-        """Whether a step takes nothing but what is compiled here.
+        """Return whether a step takes nothing but what is compiled here.
 
         Args:
             world: One world.
-            view: What a policy sees, and what its actions mean.
-            reward: What it is given for a step.
+            view: Observations of a policy, and the interpretation of its actions.
+            reward: Reward of a step.
         """
         scenario, rules = view.scenario, world.rules
         is_usual = view.observation == "flat" and view.action == "world" and reward.reward is crowdnav
@@ -117,7 +117,7 @@ class CompiledStep:
             actions: Their velocities in m/s.
 
         Returns:
-            What is observed after it.
+            The observation after it.
         """
         self._action.fill(np.nan)
         self._action[columns] = actions
@@ -128,7 +128,7 @@ class CompiledStep:
 
 
 def _copies(world: World) -> dict[str, np.ndarray]:
-    """Copies of what a step makes anew."""
+    """Copies of the arrays that a step replaces."""
     return {name: np.array(getattr(world, name), order="C") for name in After._fields}
 
 

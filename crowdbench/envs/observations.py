@@ -1,7 +1,7 @@
 """The environments' observations: a vector of `6 * agents` float64 numbers per observing agent.
 
 The first six numbers are of the observing agent, the next six of each other agent, in metres and m/s. Positions are
-relative to the observing agent; the axes are those of the world, not turned with the agent. The goal is the local goal
+relative to the observing agent; the axes are the world's axes, not turned with the agent. The goal is the local goal
 (`crowdbench.core.geometry.local_goals`):
 
     observing agent: goal x, goal y, velocity x, velocity y, radius, preferred speed
@@ -73,7 +73,7 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
 
 
 def states_of(world: World) -> tuple[np.ndarray, ...]:
-    """The arrays that `flatten_agents` takes: agents as others see them, and whom pedestrians see."""
+    """The arrays that `flatten_agents` takes: agents as others see them, and the ones that pedestrians see."""
     bounded, seen = with_bounding_disc(world), world.present
     if not world.rules.visible:
         seen = seen.copy()
@@ -87,7 +87,7 @@ def ego_views(world: World) -> World:
 
     So what is written for the vehicle serves pedestrians too. A pedestrian's world lacks a vehicle that is not visible.
     Everybody sees everybody exactly and at once: a sensor is the vehicle's alone. Headings, histories, persons, groups,
-    policies, parameters and memories are those of the world as it was: they are of the vehicle and of the pedestrians
+    policies, parameters and memories are unchanged: they are of the vehicle and of the pedestrians
     in their own order.
     """
     agents = world.radius.shape[1]
@@ -113,8 +113,8 @@ def flatten_agents(position, velocity, radius, goal, preferred_speed, present, s
         radius (ndarray): `[world, agent]`, in metres.
         goal (ndarray): `[world, observer, 2]`, in metres; the first agents are the observers.
         preferred_speed (ndarray): `[world, observer]`, in m/s.
-        present (ndarray): `[world, agent]`, who observes.
-        seen (ndarray): `[world, agent]`, whom pedestrians see.
+        present (ndarray): `[world, agent]`, True for observing agents.
+        seen (ndarray): `[world, agent]`, True for agents that pedestrians see.
         out (ndarray): Filled.
     """
     for w in range(out.shape[0]):

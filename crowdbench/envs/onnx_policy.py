@@ -49,8 +49,8 @@ def load_onnx(
 
     Args:
         file: The file.
-        observation: What the policy observes: flat, goal_frame or dict; left out: as the file says.
-        action: What its actions are: world, goal_frame or native; left out: as the file says.
+        observation: Observation of the policy: flat, goal_frame or dict; left out: as the file says.
+        action: Frame of its actions: world, goal_frame or native; left out: as the file says.
         nearest: How many pedestrians it observes, at most; left out: as the file says, or 10.
         dynamics: The vehicles that it may drive: holonomic, unicycle or bicycle; left out: as the file says, or any.
 

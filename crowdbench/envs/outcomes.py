@@ -32,7 +32,7 @@ def outcomes_of_agents(before: World, after: World, check: StepCheck) -> tuple[I
     Args:
         before: The world before the step.
         after: The world after it.
-        check: What the check of the step found for the vehicle.
+        check: Result of the check of the step for the vehicle.
 
     Returns:
         The `Outcome` of the step for each agent, and the smallest distance in metres between its rim and another's.
@@ -100,9 +100,10 @@ def check_pedestrians(position, end, goal, radius, counts, arc, cells, outcomes,
         end (ndarray): `[1, agent, 2]`, after the step.
         goal (ndarray): `[1, agent, 2]`.
         radius (ndarray): `[1, agent]`.
-        counts (ndarray): `[1, agent]`, whom pedestrians see and who moves straight: a vehicle on wheels does not.
+        counts (ndarray): `[1, agent]`, True for agents that pedestrians see and that move straight, unlike a vehicle on
+            wheels.
         arc (tuple or None): How a vehicle on wheels drives that pedestrians see, the first arguments of `gaps_on_arc`.
-        cells (Cells or None): Those of the agents that count.
+        cells (Cells or None): Cells of the agents that count.
         outcomes (ndarray): `[agent]`, filled but for the vehicle's: an `Outcome`.
         gaps (ndarray): `[agent]`, filled but for the vehicle's, in metres.
     """

@@ -190,7 +190,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         """Go on by a step.
 
         Args:
-            acting: Who acts.
+            acting: The acting agents.
             velocities: Their velocities in m/s.
 
         Returns:
@@ -233,7 +233,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         return {agent: views[self._column[agent]] for agent in self.agents}
 
     def _check_actions(self, actions: Mapping[str, np.ndarray | None]) -> tuple[list[int], Float[np.ndarray, "n 2"]]:
-        """Who acts, and the velocities in m/s that actions ask for. Raises InputError where `step` says so."""
+        """Return the acting agents, and the velocities in m/s of their actions. Raises InputError where `step` says
+        so."""
         given = {agent: action for agent, action in actions.items() if action is not None}
         if not self.agents:
             raise InputError("the episode is over: call reset()")

@@ -29,8 +29,8 @@ class PolicyPlanner(Planner):
         function: Returns the actions `[world, 2]` of many worlds for what they show: an array `[world, features]`, or
             a dictionary of arrays `[world, ...]`. With a `state`, it is called as `function(observed, *state)` and
             returns `(actions, *state)`.
-        observation: What it observes: `flat`, `goal_frame` or `dict`, see `crowdbench.envs.views`.
-        action: What its actions are: `world`, `goal_frame` or `native`.
+        observation: Its observation: `flat`, `goal_frame` or `dict`, see `crowdbench.envs.views`.
+        action: Frame of its actions: `world`, `goal_frame` or `native`.
         nearest: How many pedestrians it observes in the frame of the goal, at most.
         state: The shapes of the arrays that a recurrent policy remembers of one world; zeros where an episode starts.
         dynamics: The dynamics of the vehicles that it may drive, such as `holonomic`; any if None.

@@ -131,7 +131,7 @@ class CheckedReward:
     """A reward whose answers are checked.
 
     Attributes:
-        name: What it is called.
+        name: Its name.
         reward: The reward.
     """
 

@@ -67,7 +67,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         self.seed(seed)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Have the training cases and their order drawn anew at the next reset. Without a seed, a random one is taken.
+        """Have the training cases and their order drawn again at the next reset. Without a seed, a random one is taken.
 
         Raises InputError where the seed is negative.
         """
@@ -145,7 +145,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         """Worlds are never wrapped.
 
         Args:
-            wrapper_class: What they could be wrapped in.
+            wrapper_class: A class of wrappers.
             indices: Which worlds; all if None.
 
         Returns:

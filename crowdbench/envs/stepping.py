@@ -1,4 +1,4 @@
-"""What all environments share: the choice of a case, its world, the check of actions, and the vehicle's step."""
+"""Shared parts of all environments: the choice of a case, its world, the check of actions, and the vehicle's step."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def start(scenario: Scenario, cases: Sequence[str]) -> World:
 
 
 class OneWorld:
-    """What the environments of one world share: its scenario, its case, its state and its picture.
+    """Shared parts of the environments of one world: its scenario, its case, its state and its picture.
 
     Args:
         view: The scenario, what a policy sees, and what its actions mean.
@@ -136,7 +136,7 @@ def drive(view: View, before: World, actions: Float[np.ndarray, "world 2"]) -> S
     """One step of worlds in which the vehicle acts and the pedestrians follow the scenario's policies.
 
     Args:
-        view: What actions mean, and the scenario.
+        view: Interpretation of actions, and the scenario.
         before: The worlds.
         actions: The vehicles' actions, checked.
     """

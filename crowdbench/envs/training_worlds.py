@@ -21,7 +21,7 @@ class Driven(NamedTuple):
 
     Attributes:
         step: The step.
-        reward: What each vehicle was given for it.
+        reward: Reward of each vehicle.
         returned: The sum of the rewards of each episode up to it.
         length: The number of steps of each episode up to it.
     """
@@ -40,8 +40,8 @@ class TrainingWorlds:
 
     Args:
         number: How many worlds there are.
-        view: What the vehicles' actions mean, and the scenario.
-        reward: What a vehicle is given for a step.
+        view: Interpretation of the vehicles' actions, and the scenario.
+        reward: Reward of a step.
         cases: How many training cases are drawn.
     """
 
@@ -52,7 +52,7 @@ class TrainingWorlds:
         self._returned, self._length = np.zeros(number), np.zeros(number, np.int64)
 
     def seed(self, seed: int | None) -> None:
-        """Have training cases and their order drawn anew at the next `start`; by chance where the seed is None."""
+        """Have training cases and their order drawn again at the next `start`; by chance where the seed is None."""
         self._order, self._starts = np.random.default_rng(seed), None
 
     def start(self) -> World:

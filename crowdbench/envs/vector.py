@@ -32,8 +32,8 @@ _Flags = Bool[np.ndarray, "world"]
 class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
     """The vehicle in many worlds of a scenario, `crowdbench/Vehicle-v0` for `gymnasium.make_vec`.
 
-    Observations, actions, rewards, terminations, truncations and infos of each world are those of a `VehicleEnv` with
-    the same seed.
+    Observations, actions, rewards, terminations, truncations and infos of each world equal the ones of a `VehicleEnv`
+    with the same seed.
 
     All worlds are simulated at once. `vectorization_mode="sync"` steps them one after the other: with 128 worlds this
     takes about twice as long where observations are `flat`, and eight times as long elsewhere. With stable-baselines3,

@@ -3,8 +3,8 @@
 Observations, of the vehicle:
 
 - `flat`: a vector along the axes of the world, see `crowdbench.envs.observations`.
-- `goal_frame`: a vector in the frame of the goal, see `crowdbench.networks.features`: the vehicle's numbers,
-  then those of each pedestrian and 1 where there is one.
+- `goal_frame`: a vector in the frame of the goal, see `crowdbench.networks.features`: the vehicle's numbers, then the
+  numbers of each pedestrian and 1 where there is one.
 - `dict`: the same as a dictionary of `vehicle`, `pedestrians`, `mask` (1 where there is a pedestrian), and `history`,
   the last 8 positions of each pedestrian; and `lidar` where the vehicle has one, as `Observation.lidar`.
 
@@ -14,7 +14,7 @@ Actions are velocities in m/s, along the axes of the world (`world`) or in the f
 vehicle on wheels follows as far as it can; or commands of the vehicle's dynamics (`native`),
 see `crowdbench.core.dynamics`.
 
-Spaces are of float64, so that nothing is rounded. Their bounds are those of the scenario.
+Spaces are of float64, so that nothing is rounded. Their bounds follow from the scenario.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class View:
         return Box(-speed, speed, (2,), np.float64)
 
     def observe(self, worlds: World) -> Observed:
-        """What the vehicle sees in each world."""
+        """Return the observation of each world."""
         if self.observation == "flat":
             return flatten_vehicle(worlds)
         return encode(observe(worlds), self.observation, self.nearest)
@@ -147,7 +147,7 @@ def encode(obs: Observation, observation: str, nearest: int) -> Observed:
     """Return what a policy is shown of what a planner sees.
 
     Args:
-        obs: What the planner sees.
+        obs: The observation.
         observation: One of `OBSERVATIONS`.
         nearest: How many pedestrians are shown in the frame of the goal, at most.
     """
@@ -165,7 +165,7 @@ def encode(obs: Observation, observation: str, nearest: int) -> Observed:
 
 
 def row_of(seen: Observed, index: int) -> Observed:
-    """What one of several worlds shows."""
+    """Return the observation of one of several worlds."""
     return {name: part[index] for name, part in seen.items()} if isinstance(seen, dict) else seen[index]
 
 

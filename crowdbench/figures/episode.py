@@ -55,8 +55,9 @@ class Episode:
     Attributes:
         trace: The trace.
         row: The row of the episode.
-        zoom: How many metres around the vehicle are shown, whom pictures of a moment follow; None for all that matters.
-        paths: What the planner predicted and considered, by the number of the state.
+        zoom: How many metres around the vehicle are shown, which pictures of a moment follow; None for all that
+            matters.
+        paths: Predicted and considered paths, by the number of the state.
     """
 
     trace: Trace

@@ -30,7 +30,7 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
     """The share of cases that are solved by a time, with 95 % intervals at each time.
 
     Args:
-        directories: Those of the runs.
+        directories: Directories of the runs.
         out: The figure's file.
 
     Raises:
@@ -57,7 +57,7 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
     """A metric over the cases of runs: quartiles, 5th and 95th percentile, and the mean with its 95 % interval.
 
     Args:
-        directories: Those of the runs.
+        directories: Directories of the runs.
         metric: The metric's name.
         out: The figure's file.
 
@@ -99,7 +99,7 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
     """The success of planners over the number of pedestrians, with 95 % intervals.
 
     Args:
-        directories: Those of the runs.
+        directories: Directories of the runs.
         out: The figure's file.
 
     Raises:
@@ -134,7 +134,7 @@ def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "suc
     """The curves of trainings: a thin line for each, a thick one for the mean over seeds.
 
     Args:
-        directories: Those of the trainings. Those of the same network in the same scenario belong together.
+        directories: Directories of the trainings. Trainings of one network in one scenario belong together.
         out: The figure's file.
         quantity: A column of their curves, such as `reward`.
 
@@ -169,7 +169,7 @@ def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "suc
 def _read_trainings(
     directories: Sequence[Path], quantity: str
 ) -> dict[str, list[Mapping[str, Float[np.ndarray, "validation"]]]]:
-    """Read the curves of trainings, those of the same network in the same scenario together.
+    """Read the curves of trainings, grouped by network and scenario.
 
     Args:
         directories: Their directories.

@@ -36,7 +36,7 @@ from crowdbench.utils.errors import LONGEST, InputError, MachineFault
 
 @dataclass(frozen=True)
 class Limits:
-    """What a planner's process may take, at most.
+    """Limits of a planner's process.
 
     Attributes:
         construction: Seconds until the planner is made, starting Python included.
@@ -58,13 +58,13 @@ LIMITS = Limits()
 
 
 class IsolatedPlanner(AheadPlanner):
-    """A planner in a process of its own. What it logs is not recorded.
+    """A planner in a process of its own. Its logs are not recorded.
 
     Its code is never loaded by the process that makes this, which it could change.
 
     Attributes:
-        name: What it is called in errors.
-        limits: What it may take.
+        name: Its name in errors.
+        limits: Its limits.
         process: Its process.
         usage: How well it is kept apart, and what it has taken so far, for results.
 
@@ -72,9 +72,9 @@ class IsolatedPlanner(AheadPlanner):
         spec: The name of a planner, `file.py` or `file.py:function`, or a program that speaks the messages of
             `crowdbench.isolation.protocol`.
         options: Arguments of the planner's function, as they are written in TOML.
-        limits: What it may take.
-        readable: What it may read in its sandbox beside Python and crowdbench; if None, the files that it consists of
-            and what its options name.
+        limits: Its limits.
+        readable: Files that it may read in its sandbox beside Python and crowdbench; if None, the files that it
+            consists of and what its options name.
         folder: Its working directory; the present one if None.
         scene: The recorded scene that it must not have been trained on, if any: see `Planner.for_held_out_scene`.
 
@@ -109,7 +109,7 @@ class IsolatedPlanner(AheadPlanner):
         self.usage["construction_seconds"] = self.process.seconds
 
     def _start(self, spec: str, options: Mapping[str, Any], scene: str | None) -> dict[str, Any]:
-        """Have the planner made. What it says of itself, but for the version, is for the driver to check."""
+        """Have the planner made. The driver checks its facts, except for the version."""
         request = {"version": VERSION, "planner": spec, "options": dict(options)} | ({"scene": scene} if scene else {})
         limit = self.limits.construction
         properties = self._ask(from_json, "in its construction", limit, Kind.START, to_json(request))
@@ -142,13 +142,13 @@ class IsolatedPlanner(AheadPlanner):
     def _ask(
         self, read: Callable[[bytearray], Answer], where: str, limit: float, kind: Kind, *parts: bytes | memoryview
     ) -> Answer:
-        """What the answer to a message says.
+        """Return the answer to a message.
 
         Args:
             read: Reads the content of the answer.
             where: In what the planner is asked, for errors; empty for a decision.
             limit: Seconds that it may take.
-            kind: What the message says.
+            kind: Kind of the message.
             parts: Its content.
 
         Raises:
@@ -181,7 +181,7 @@ class IsolatedPlanner(AheadPlanner):
         return InputError(f"planner {self.name} {what} {where}") if where else FaultyAnswer(Fault(what, row))
 
     def _failure(self, where: str, failure: Mapping[str, Any]) -> Exception:
-        """What a planner that says that it failed raises here. It may say anything, and so it is read with care."""
+        """Return the exception for a planner that reports a failure. The report is not trusted."""
         how, what, row = failure.get("how"), str(failure.get("what", "")), failure.get("row")
         sentence = " ".join("".join(item if item.isprintable() else " " for item in what).split())[:LONGEST]
         if how == How.REFUSED:
@@ -192,7 +192,8 @@ class IsolatedPlanner(AheadPlanner):
 
 
 def _files_named_in(value: Any) -> Iterator[Path]:
-    """What a planner or the value of an option names: a folder, or a file with what it imports or has beside it."""
+    """Yield the files that a planner or the value of an option names: a folder, or a file with what it imports or has
+    beside it."""
     if isinstance(value, Mapping | list):
         for item in value.values() if isinstance(value, Mapping) else value:
             yield from _files_named_in(item)

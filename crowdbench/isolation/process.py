@@ -31,7 +31,7 @@ class Process:
     """A process that speaks the messages of `crowdbench.isolation.protocol`.
 
     Args:
-        command: What is started.
+        command: The command to start.
         most_memory: Bytes that it may take, with the processes which it starts.
         folder: Its working directory; the present one if None.
         temporary: Folders in memory that it alone sees: what lies in them counts as its memory.
@@ -73,11 +73,11 @@ class Process:
 
         Args:
             limit: Seconds that it may take; time in which it waits for a processor does not count.
-            kind: What the message says.
+            kind: Kind of the message.
             parts: Its content.
 
         Returns:
-            What the answer says, and its content.
+            Kind and content of the answer.
 
         Raises:
             TooSlow: It took longer.

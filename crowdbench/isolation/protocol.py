@@ -30,7 +30,7 @@ LARGEST = 2**31
 
 
 class Kind(enum.IntEnum):
-    """What a message says."""
+    """Kind of a message."""
 
     START = 1
     """JSON: `version`, `planner` (a name or a path) and `options`. The first message. Its answer is `READY`."""
@@ -87,7 +87,7 @@ def send(write: Write, kind: Kind, *parts: bytes | memoryview) -> None:
 
     Args:
         write: Writes to the other side.
-        kind: What it says.
+        kind: Kind of the message.
         parts: Its content, in pieces.
 
     Raises:
@@ -109,7 +109,7 @@ def receive(readinto: ReadInto) -> tuple[Kind, bytearray]:
         readinto: Reads from the other side.
 
     Returns:
-        What it says, and its content.
+        Its kind and its content.
 
     Raises:
         Broken: The pipe ends, or holds something else.
@@ -137,7 +137,7 @@ def to_json(content: Mapping[str, Any]) -> bytes:
 
 
 def from_json(content: bytearray) -> dict[str, Any]:
-    """What JSON in a message says. Raises Broken where it is no JSON object."""
+    """Return the object of JSON in a message. Raises Broken where it is no JSON object."""
     try:
         value = json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -151,7 +151,7 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
     """Yield the content of an `OBSERVATION` in pieces.
 
     Args:
-        obs: The observation. What is logged in it is not sent.
+        obs: The observation. Its logs are not sent.
         steps: For how many steps the planner is to decide.
     """
     parts: dict[str, Any] = {"": obs, "vehicle.": obs.vehicle, "pedestrians.": obs.pedestrians}
@@ -229,7 +229,7 @@ def _read_observation_header(text: bytes) -> tuple[Layout, int, dict[str, Any], 
 
 
 def read_commands(content: bytearray, worlds: int, steps: int) -> Float[np.ndarray, "world time 2"]:
-    """What `COMMANDS` says.
+    """Return the commands of a message `COMMANDS`.
 
     Args:
         content: The content of the message.

@@ -18,7 +18,8 @@ from crowdbench.plugins.load import ROOT
 from crowdbench.utils.compiled import store
 
 CLIENT = (sys.executable, "-P", "-m", "crowdbench.isolation.client")
-"""What makes a planner of Python in its own process; `-P`, so that a file in the current folder replaces no module."""
+"""Command that makes a planner of Python in its own process; `-P`, so that a file in the current folder replaces no
+module."""
 
 BUBBLEWRAP = "bubblewrap"
 PROCESS = "process"
@@ -33,7 +34,7 @@ MISSING = {
     "bubblewrap without a user namespace": "it was the user who runs the command, without capabilities",
     PROCESS: "in a process of the same user, which could read and write files and use the network",
 }
-"""What each level does not keep of the promises of a sandbox; nothing for the best."""
+"""Promises of a sandbox that each level breaks; none for the best."""
 
 _ALONE = ("bwrap", "--die-with-parent", "--unshare-all", "--cap-drop", "ALL", "--proc", "/proc", "--dev", "/dev")
 _USER = {
@@ -47,7 +48,7 @@ _PACKAGE = Path(__file__).parent.parent
 
 _ENVIRONMENT = ("PATH", "HOME", "LANG", "LC_ALL", "PYTHONPATH", "XDG_CACHE_HOME", "LD_LIBRARY_PATH")
 _ENVIRONMENT_OF = ("OMP_", "OPENBLAS_", "MKL_", "NUMBA_")
-"""What a planner gets of the environment: names, and how names begin. The rest may hold secrets."""
+"""Variables of the environment that a planner gets: names, and how names begin. The rest may hold secrets."""
 
 
 def command(program: Path | None, readable: Iterable[Path] = (), folder: Path | None = None) -> tuple[str, ...]:

@@ -119,7 +119,7 @@ MAIN = (
 
 
 def is_rate(values: Shaped[np.ndarray, "case"]) -> bool:
-    """Whether a metric with these values is a rate: the share of the episodes for which it is true."""
+    """Return whether a metric with these values is a rate: the share of the episodes for which it is true."""
     return values.dtype == bool
 
 
@@ -146,5 +146,5 @@ def need_undisturbed(metrics: Mapping[str, Metric]) -> bool:
 
 
 def no_metric(name: str, known: Collection[str]) -> str:
-    """What is said of a run that lacks a metric: which of its metrics may be meant, and all of them."""
+    """Return the message on a run that lacks a metric: which of its metrics may be meant, and all of them."""
     return f"has no metric {name}{did_you_mean(name, known)}; it has {', '.join(known)}"

@@ -23,7 +23,7 @@ def contacts_of(trace: Trace) -> Contacts:
 
 @describe("impact speed", "less", over_all=True)
 def impact_speed(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Relative speed of the vehicle and the pedestrian with whom it collided, over collisions with pedestrians [m/s].
+    """Relative speed of the vehicle and the pedestrian that it touched, over collisions with pedestrians [m/s].
 
     That of the point of the vehicle that was touched, in the last step.
     """

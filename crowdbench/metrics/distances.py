@@ -54,7 +54,7 @@ def discomfort_frequency(trace: Trace) -> Float[np.ndarray, "world"]:
 
     An early end may improve it, as in CrowdNav: `discomfort` is over successes.
 
-    Differs from CrowdNav because an episode that times out counts its own steps, not those of the whole time limit.
+    Differs from CrowdNav because an episode that times out counts its own steps, not the steps of the whole time limit.
     """
     before_last = np.arange(trace.gap.shape[1]) < trace.steps[:, None] - 1
     return total(1.0 * ((trace.gap < DISCOMFORT_GAP) & before_last)) / trace.steps
@@ -134,7 +134,8 @@ def _in_zone(trace: Trace, zone: str) -> Float[np.ndarray, "world"]:
 
 
 def _intrusions(trace: Trace) -> Float[np.ndarray, "world step"]:
-    """The smallest distance in metres from the vehicle to where those whom it sees will be, infinite beyond 0.6 m."""
+    """The smallest distance in metres from the vehicle to the future positions of visible pedestrians, infinite beyond
+    0.6 m."""
     steps = trace.gap.shape[1]
     nearest = np.full((len(trace), steps), np.inf)
     vehicle, seen = trace.position[:, :steps, :1], trace.seen[:, :steps]
@@ -151,7 +152,7 @@ def _intrusions(trace: Trace) -> Float[np.ndarray, "world step"]:
 def _find_within(
     trace: Trace, group: Int[np.ndarray, "world step pedestrian"], one: Pairs, two: Pairs
 ) -> Bool[np.ndarray, "world step"]:
-    """Whether a disc of the vehicle overlaps the hull of a group.
+    """Return whether a disc of the vehicle overlaps the hull of a group.
 
     Args:
         trace: The trace.

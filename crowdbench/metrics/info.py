@@ -1,4 +1,4 @@
-"""What metrics are written with: their description, and a sum that does not depend on the batch.
+"""Tools for metrics: their description, and a sum that does not depend on the batch.
 
 The description has the title, unit and direction of a metric, and what it needs. Tables and runs ask nothing else.
 """
@@ -20,7 +20,7 @@ Metric = Callable[[Trace], Bool[np.ndarray, "world"] | Float[np.ndarray, "world"
 M = TypeVar("M", bound=Callable[..., Any])
 
 UNDISTURBED = "undisturbed"
-"""What a metric needs that reads `Trace.undisturbed`: the crowd is simulated a second time, without the vehicle."""
+"""The need of a metric that reads `Trace.undisturbed`: the crowd is simulated a second time, without the vehicle."""
 
 UNDEFINED = "-"
 """Shown where a value is undefined."""
@@ -53,7 +53,7 @@ class MetricInfo:
         better: Which values are better; empty where neither more nor less is.
         share: True for a share, which tables show in per cent.
         digits: Digits of its values after the decimal point; a share in per cent has two fewer.
-        needs: What is computed only for metrics that need it: `UNDISTURBED`.
+        needs: Costly inputs of the metric: `UNDISTURBED`.
         over_all: True where it counts failures: planners are compared in all cases, and not only in those both solve.
         of_successes: True where it is undefined in failures: an early end would improve it.
         pooled: True where it is averaged over the steps of all episodes, and not over episodes.
@@ -78,7 +78,7 @@ class MetricInfo:
 
     @property
     def factor(self) -> float:
-        """What a value is multiplied by to be shown."""
+        """Factor of shown values."""
         return 100.0 if self.share else 1.0
 
     @property

@@ -49,9 +49,9 @@ def measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case
     """A metric's values, one per episode.
 
     Args:
-        name: What the metric is called in errors.
+        name: Name of the metric in errors.
         metric: The metric.
-        trace: What it measures.
+        trace: The trace.
 
     Returns:
         Booleans, or float64; NaN where the metric is undefined.

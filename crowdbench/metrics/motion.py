@@ -184,7 +184,7 @@ def _shortest_way(trace: Trace) -> Float[np.ndarray, "world"]:
 @no_type_check
 @njit
 def _keep_clear(row, t, to_goal, stride, ahead, body, position, radius, person, obstacles, is_open):
-    """Keep those of the open states in which no wall is in the way and nobody comes near.
+    """Keep the open states in which no wall is in the way and nobody comes near.
 
     Args:
         row: `[state]`, the world of each state.

@@ -76,7 +76,7 @@ def _half_width(groups: Sequence[Float[np.ndarray, "_ _"]]) -> float:
         values = group[~np.isnan(group).all(axis=1)]
         means, defined = _means(values), ~np.isnan(values)
         networks = len(means)
-        # What each case contributes to the mean over networks.
+        # The contribution of each case to the mean over networks.
         parts = np.where(defined, values - means[:, None], 0.0) / (networks * defined.sum(axis=1, keepdims=True))
         contributed += parts.sum(axis=0)
         counted |= defined.any(axis=0)

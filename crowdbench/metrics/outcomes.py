@@ -75,7 +75,7 @@ def navigation_time_or_limit(trace: Trace) -> Float[np.ndarray, "world"]:
 def failures_to_progress(trace: Trace) -> Float[np.ndarray, "world"]:
     """How often the vehicle did not come 0.5 m nearer to its goal within 5 s [1].
 
-    Francis et al. (2023), who leave both thresholds open. Distances are along the vehicle's route. The 5 s begin anew
+    Francis et al. (2023), who leave both thresholds open. Distances are along the vehicle's route. The 5 s begin again
     when it is 0.5 m nearer than it was when they began, and after each failure.
     """
     remaining = norm(goals_in_trace(trace) - trace.position[:, :, 0])

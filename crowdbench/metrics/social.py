@@ -17,7 +17,7 @@ Trips = Float[np.ndarray, "trip"]
 Starts = Int[np.ndarray, "trip"]
 
 STRENGTH = 2.1
-"""Strength of the social force in m/s^2, and the next four, are those of HuNavSim."""
+"""Strength of the social force in m/s^2; it and the next four are taken from HuNavSim."""
 
 VELOCITY_WEIGHT = 2.0
 """Moussaïd's lambda in s/m: how much a relative velocity counts beside the direction to the other."""
@@ -32,7 +32,7 @@ BRAKING = 3.0
 """Moussaïd's n' in 1/m, of the force that brakes."""
 
 OBSTACLE_STRENGTH = 10.0
-"""Strength of the force of the nearest obstacle in m/s^2, and its range, are those of HuNavSim."""
+"""Strength of the force of the nearest obstacle in m/s^2; it and its range are taken from HuNavSim."""
 
 OBSTACLE_RANGE = 0.2
 """In metres."""

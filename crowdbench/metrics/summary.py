@@ -50,7 +50,7 @@ def summarize(columns: Mapping[str, Column], steps: Column, block: Column | None
     Args:
         columns: The values of each metric, by its name; booleans are rates.
         steps: The number of steps of each episode, the weight of pooled metrics.
-        block: The block of each episode, where those of the same block are not independent.
+        block: The block of each episode, where episodes of the same block are not independent.
     """
     return {
         name: rate(values, block) if is_rate(values) else bootstrap(values.astype(float), weigh(name, steps), block)
@@ -68,9 +68,9 @@ def rate(values: Bool[np.ndarray, "case"], block: Column | None) -> Estimate:
 
     Args:
         values: One per episode.
-        block: The block of each episode, where those of the same block are not independent: then the interval is that
-            of a bootstrap over blocks, or Wilson's for as many episodes as blocks where all values are the same, and
-            the bootstrap would have no width.
+        block: The block of each episode, where episodes of the same block are not independent: then the interval is
+            that of a bootstrap over blocks, or Wilson's for as many episodes as blocks where all values are the same,
+            and the bootstrap would have no width.
     """
     if block is None:
         return wilson(values)
@@ -95,7 +95,7 @@ def bootstrap(values: Values, weights: Values, block: Column | None = None) -> E
     Args:
         values: One per episode; those that are NaN are left out.
         weights: How much each episode counts.
-        block: The block of each episode, where those of the same block are not independent.
+        block: The block of each episode, where episodes of the same block are not independent.
     """
     defined = ~np.isnan(values)
     values, weights = values[defined], weights[defined]
@@ -129,7 +129,7 @@ def weighted_mean(values: Resampled, weights: Resampled, axis: int = -1) -> Floa
     """The weighted mean over cases.
 
     Args:
-        values: What is averaged.
+        values: The values.
         weights: How much each value counts.
         axis: The axis of the cases.
 
@@ -148,7 +148,7 @@ def bootstrap_distribution(
 
     Args:
         statistic: A function of the columns `[resample, case]` and `axis`, over which it is taken.
-        columns: What the statistic is of, one value per episode in each; they are resampled together.
+        columns: Arguments of the statistic, one value per episode in each; they are resampled together.
     """
     from scipy.stats import bootstrap
 

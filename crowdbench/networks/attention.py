@@ -18,7 +18,7 @@ MEMORY = 128
 
 VEHICLE_SCALE = [SCALE, *[1.0] * 10, *[SCALE, SCALE, 1.0] * WALLS]
 PEDESTRIAN_SCALE = [SCALE, SCALE, *[1.0] * 4, SCALE, 1.0, *[SCALE] * (2 * STEPS), REACH, 1.0]
-"""What is shown is divided by this, so that it is of the order of 1."""
+"""Divisor of the input, so that it is of the order of 1."""
 
 
 class Attention(nn.Module):
@@ -39,7 +39,7 @@ class Attention(nn.Module):
         other: Float[Tensor, "row others width"],
         mask: Bool[Tensor, "row others"],
     ) -> Float[Tensor, "row some width"]:
-        """What each of some hears of the others that there are; a row must have one."""
+        """Attend from some pedestrians to all that exist; a row must have one."""
 
         def heads(tensor: Tensor) -> Tensor:
             return tensor.view(*tensor.shape[:2], HEADS, -1).transpose(1, 2)

@@ -1,4 +1,4 @@
-"""What a policy is shown: the vehicle and the nearest pedestrians in the frame of the goal.
+"""Input of a policy: the vehicle and the nearest pedestrians in the frame of the goal.
 
 The frame has its origin at the vehicle and its x axis towards the local goal (`core.geometry.local_goals`), so
 that a policy need not learn what turning the whole scene changes. The pedestrians are the nearest that are seen,
@@ -33,7 +33,7 @@ LEAST_DISTANCE = 1e-9
 
 
 class Features(NamedTuple):
-    """What a policy is shown.
+    """Input of a policy.
 
     Attributes:
         vehicle: About the vehicle.
@@ -54,7 +54,7 @@ def features(obs: Observation, nearest: int) -> Features:
     """The features of an observation.
 
     Args:
-        obs: What the vehicle sees.
+        obs: The observation.
         nearest: How many pedestrians are shown, at most.
     """
     worlds, crowd = len(obs), obs.pedestrians
@@ -76,7 +76,7 @@ def histories(obs: Observation, view: Features) -> Float[np.ndarray, "world time
     """The last positions of the pedestrians in the frame of the goal, in metres; 0 where there is none.
 
     Args:
-        obs: What the vehicle sees.
+        obs: The observation.
         view: Its features.
 
     Returns:

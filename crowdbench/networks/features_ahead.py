@@ -1,4 +1,4 @@
-"""What a recurrent policy is shown beyond `features`: where people are predicted to be, walls, and how it moves.
+"""Further input of a recurrent policy: predicted positions of people, walls, and how it moves.
 
 In the same frame of the goal, after the numbers of `crowdbench.networks.features`:
 
@@ -41,7 +41,7 @@ def features_ahead(
     """The features of an observation with a prediction.
 
     Args:
-        obs: What the vehicle sees.
+        obs: The observation.
         nearest: How many pedestrians are shown, at most.
         ahead: Where they are predicted to be after each of the next `STEPS` steps, in metres.
         walls: The nearest points of the `WALLS` nearest walls in metres, NaN where there are fewer.
@@ -62,7 +62,7 @@ def features_ahead(
 
 
 def _ahead(obs: Observation, shown: Features, ahead: Positions) -> Float[np.ndarray, "world nearest numbers"]:
-    """What is said of each shown pedestrian's future and of how much is known of it; 0 where there is nobody."""
+    """Return numbers on each shown pedestrian's future and its observation; 0 where there is no pedestrian."""
     which, crowd = np.maximum(shown.which, 0), obs.pedestrians
     position = np.take_along_axis(ahead, which[:, None, :, None], axis=2).swapaxes(1, 2)
     position = to_goal_frame(position - obs.vehicle.position[:, None, None], shown.axis).reshape(*which.shape, -1)

@@ -72,7 +72,7 @@ def joint_states(
         position: Centres in metres; agent 0 is the vehicle.
         velocity: Velocities in m/s.
         radius: Radii in metres.
-        present: Whether there is a pedestrian. The vehicle's own value is not read.
+        present: True if there is a pedestrian. The vehicle's own value is not read.
         goal: The vehicle's goal in metres.
         preferred_speed: The vehicle's preferred speed in m/s.
 
@@ -99,7 +99,7 @@ def write_joint_states(out, own, others):
     """Write the joint states of one vehicle with all pedestrians. Compiled.
 
     Args:
-        out (array): `[row, 13]`, where they are written. Rows beyond the pedestrians are those of absent ones.
+        out (array): `[row, 13]`, where they are written. Rows beyond the pedestrians belong to absent ones.
         own (VehicleState): The vehicle.
         others (PedestrianStates): The pedestrians.
     """

@@ -21,11 +21,11 @@ LOG_STD = -0.5
 
 
 Memory = Float[Tensor, "world remembered"]
-"""What a policy has kept of each episode so far, without units."""
+"""Memory of a policy of each episode so far, without units."""
 
 
 class Seen(NamedTuple):
-    """What a policy is shown, as its network takes it. See `crowdbench.networks.features`.
+    """Input of a policy, as its network takes it. See `crowdbench.networks.features`.
 
     Attributes:
         vehicle: About the vehicle, in metres and m/s.
@@ -61,8 +61,8 @@ class Encoder(nn.Module, abc.ABC):
 class SetEncoder(Encoder):
     """Encodes the vehicle and any number of pedestrians, whose order does not matter.
 
-    Each pedestrian is encoded together with the vehicle. What goes on is a sum over pedestrians, weighted by attention,
-    and the largest value of each number: the sum says what the crowd is like, the maximum who is most urgent.
+    Each pedestrian is encoded together with the vehicle. The output is a sum over pedestrians, weighted by attention,
+    and the largest value of each number: the sum describes the crowd, the maximum the most urgent pedestrian.
 
     Args:
         width: Numbers per pedestrian inside the network.
@@ -94,7 +94,7 @@ class SetEncoder(Encoder):
 
 
 class Policy(nn.Module):
-    """What a planner needs of a trained policy: the mean action.
+    """A trained policy for a planner: the mean action.
 
     Attributes:
         encoder: Encodes what the vehicle sees.
@@ -125,10 +125,10 @@ class Policy(nn.Module):
     def code(
         self, seen: Seen, memory: Memory, begins: Bool[Tensor, "time world"]
     ) -> tuple[Float[Tensor, "row code"], Memory]:
-        """What is known at some steps of some worlds, in their order.
+        """Return codes at some steps of some worlds, in their order.
 
         Args:
-            seen: What is seen at each step in each world, on one axis.
+            seen: Input at each step in each world, on one axis.
             memory: The memory before the first step.
             begins: Where a step is the first of an episode, before which nothing is remembered.
 

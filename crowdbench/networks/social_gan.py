@@ -1,8 +1,8 @@
 """The networks of Social GAN (Gupta et al. 2018): a generator of futures, and a discriminator of real and fake tracks.
 
 Differs from the paper, because it is trained faster so: the decoder's output is added to the last displacement instead
-of replacing it, and the network learns how pedestrians deviate from constant velocity. The sizes of the generator are
-those of the published code; the encoder in section 3.6 of the paper is half as large.
+of replacing it, and the network learns how pedestrians deviate from constant velocity. The sizes of the generator come
+from the published code; the encoder in section 3.6 of the paper is half as large.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Pooling(nn.Module):
         Args:
             position: Positions in metres.
             hidden: Hidden states of the encoder.
-            present: Who is present.
+            present: True for pedestrians that exist.
 
         Returns:
             The pooled vector of every pedestrian, who is among those pooled too.
@@ -102,7 +102,7 @@ class Generator(nn.Module):
 
         Args:
             history: Observed positions in metres, relative to a point near them.
-            present: Who is present.
+            present: True for pedestrians that exist.
             noise: Normal numbers.
             steps: Number of steps to predict.
 

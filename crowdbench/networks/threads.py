@@ -33,7 +33,7 @@ def in_chunks(work: Callable[[slice], None], rows: int, chunk: int) -> None:
 
 
 class _Here(threading.local):
-    """Whether torch computes in this thread alone."""
+    """True if torch computes in this thread alone."""
 
     is_alone = False
 

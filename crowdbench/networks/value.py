@@ -32,7 +32,7 @@ ValueAndAttention = tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestria
 
 
 HAS_ONEDNN = bool(torch._C._has_mkldnn) and hasattr(torch.ops.mkldnn, "_linear_pointwise")
-"""Whether PyTorch comes with oneDNN, and its product with a ReLU after it."""
+"""True if PyTorch comes with oneDNN, and its product with a ReLU after it."""
 
 keep_freed_memory()
 
@@ -56,7 +56,7 @@ class Perceptron(nn.Sequential):
     """Linear layers with ReLU between them; see `perceptron`."""
 
     def forward(self, x: Float[Tensor, "*batch in"]) -> Float[Tensor, "*batch out"]:
-        """What the last layer gives."""
+        """Return the output of the last layer."""
         layers = list(self)
         for index in range(0, len(layers), 2):
             x = linear(cast("nn.Linear", layers[index]), x, rectify=index + 1 < len(layers))
@@ -68,7 +68,7 @@ def perceptron(*sizes: int, last: bool = False) -> Perceptron:
 
     Args:
         sizes: The size of the input and of every layer.
-        last: Whether there is a ReLU after the last layer too.
+        last: True if there is a ReLU after the last layer too.
 
     Returns:
         The layers.
@@ -261,7 +261,7 @@ def evaluate(
         present: Which pedestrians are present.
 
     Returns:
-        What `ValueNetwork.attend` gives, as float64.
+        The output of `ValueNetwork.attend`, as float64.
 
     Raises:
         InputError: A value is not finite.
@@ -284,7 +284,7 @@ def _fill_up(
 ) -> tuple[Float[np.ndarray, "filled pedestrian 13"], Bool[np.ndarray, "filled pedestrian"]]:
     """The states with some of zeros after them, so that the numbers of states and of pedestrians are round.
 
-    OneDNN compiles a product anew for each number of rows that it has not had yet, which takes longer than the product.
+    OneDNN compiles a product for each number of rows that it has not had yet, which takes longer than the product.
     """
     states, pedestrians = present.shape
     if present.all():

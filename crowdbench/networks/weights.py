@@ -53,7 +53,7 @@ def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, A
         network: The network.
         name: The name of the network.
         path: The file of the weights, which ends in .safetensors.
-        card: What the card says, without the name of the network and the sha256 of the file.
+        card: Contents of the card, without the name of the network and the sha256 of the file.
 
     Returns:
         The whole card.

@@ -1,4 +1,4 @@
-"""What every planner is: it maps an observation to the vehicle's velocity."""
+"""Base classes of planners. A planner maps an observation to the vehicle's velocity."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Planner(abc.ABC):
     """Decides the vehicle's velocity in every world of a batch. Complete once it is constructed."""
 
     privileged: bool = False
-    """Whether it calls `Observation.true_next`, which no vehicle could see. Such planners are never ranked."""
+    """True if it calls `Observation.true_next`, which no vehicle could see. Such planners are never ranked."""
 
     native: bool | str = False
-    """Whether its commands are those of the vehicle's dynamics (`core.dynamics`): of any, or of the one named.
+    """True if it commands the vehicle's dynamics (`core.dynamics`) directly: any dynamics, or the one named.
 
     Otherwise they are velocities, which a vehicle on wheels follows as far as it can. For a holonomic vehicle, both are
     the same. A planner for one dynamics, such as `native = "unicycle"`, is refused with other vehicles.
@@ -40,7 +40,7 @@ class Planner(abc.ABC):
     """The length of a step in seconds that it was trained with. `crowdbench run` says where the scenario's differs."""
 
     facts: Mapping[str, str] = MappingProxyType({})
-    """What results say of it beyond its name and options, such as the digest of its weights."""
+    """Further facts for results, such as the digest of its weights."""
 
     @abc.abstractmethod
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
@@ -54,11 +54,11 @@ class Planner(abc.ABC):
         in between.
 
         Args:
-            obs: What the planner sees before the first of the steps.
+            obs: The observation before the first of the steps.
             steps: How many steps.
 
         Returns:
-            Commands as those of `plan`.
+            Commands as `plan` returns them.
 
         Raises:
             OneStepOnly: The planner decides one step at a time.
@@ -141,7 +141,7 @@ class OneWorldPlanner(Planner):
         try:
             command = self.decide(world)
         except BaseException as error:
-            error.row = w  # type: ignore[attr-defined]  # whoever reports it can tell the case
+            error.row = w  # type: ignore[attr-defined]  # so that the report can name the case
             raise
         for name, values in (world.logs or {}).items():
             if name not in logs:

@@ -13,7 +13,7 @@ from crowdbench.utils.errors import is_interrupt
 
 
 class Decision:
-    """What a planner is asked to decide by an observation: kept apart, because the planner could change that.
+    """Facts of a decision that its check needs: kept apart, because the planner could change that.
 
     Attributes:
         case: Number of the case of each world.
@@ -56,7 +56,7 @@ class Fault:
     """How an answer breaks a point of the contract.
 
     Attributes:
-        what: What is wrong.
+        what: The fault.
         row: Index of the world in the batch; None where it is not known.
         ahead: The step, counted from the one that the planner was asked in.
     """
@@ -79,10 +79,10 @@ def validate_commands(
     """Check what a planner returned: dtype, shape, finite numbers, and the limits of the dynamics, in this order.
 
     Args:
-        answer: What it returned.
+        answer: Its return value.
         max_speed: The vehicle's maximum speed in m/s.
         steps: The number of steps for which commands are due; left out where it is the next one alone.
-        dynamics: The dynamics of the commands. Velocities are those of a holonomic vehicle.
+        dynamics: The dynamics of the commands; holonomic for velocities.
 
     Returns:
         The commands as float64, or the first fault.

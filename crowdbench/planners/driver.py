@@ -35,7 +35,7 @@ class FaultyAnswer(Exception):
     """Raised by a planner that stands for one in another process, where that one gave no commands.
 
     Attributes:
-        fault: What it did instead.
+        fault: Its fault.
     """
 
     def __init__(self, fault: Fault) -> None:
@@ -52,12 +52,12 @@ class Driver:
 
     Attributes:
         planner: The planner.
-        name: What it is called in errors.
+        name: Its name in errors.
         decision_limit: Seconds that it may take for a decision, for all worlds of a batch together. Time in which it
             waits for a processor does not count: see `FairLimit`.
-        privileged: Whether it is shown the pedestrians' next velocities. Read once, so that it cannot change.
-        native: Whether it gives commands of the vehicle's dynamics; velocities are turned into such. Read once, too.
-        facts: What results say of it beyond its name and options. Read once, too.
+        privileged: True if it is shown the pedestrians' next velocities. Read once, so that it cannot change.
+        native: True if it gives commands of the vehicle's dynamics; velocities are turned into such. Read once, too.
+        facts: Further facts for results. Read once, too.
         seconds: Time that it has taken so far, for its decisions and in `reset`.
 
     Raises:
@@ -102,7 +102,7 @@ class Driver:
         """The vehicle's commands for several steps. Call `reset` first.
 
         Args:
-            obs: What the planner sees before the first of them.
+            obs: The observation before the first of them.
             steps: The number of steps.
 
         Returns:
@@ -135,7 +135,7 @@ class Driver:
         return commands if self.native else decision.to_commands(commands)
 
     def _answer(self, decision: Decision, plan: Callable[[], object], limit: FairLimit) -> object:
-        """What the planner returns. Whatever it raises becomes an InputError."""
+        """Return the answer of the planner. Its exceptions become an InputError."""
         try:
             with ForkGuard(f"planner {self.name}"), _interrupted_after(limit):
                 return plan()

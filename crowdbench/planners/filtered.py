@@ -20,7 +20,7 @@ ACCELERATION = 0.1
 """How people change their velocities: spectral density of white acceleration, in m^2/s^3."""
 
 MEMORY = 4.0
-"""Seconds for which somebody is remembered of whom no measurement arrives."""
+"""Seconds for which a pedestrian without measurements is remembered."""
 
 EXACT = 1e-3
 """Smallest standard deviation of a measurement, in metres and in m/s: where there is no noise, nothing is singular."""
@@ -50,8 +50,8 @@ class KalmanFilter:
     """A Kalman filter for each person, who keeps the velocity but for white acceleration (Bar-Shalom et al. 2001).
 
     It knows the sensor's noise and delay from its data sheet, `Observation.sensor`. Positions and velocities are
-    measured as they were a delay ago; estimates are moved on to now. Who is not measured is remembered for `MEMORY`
-    seconds, ever less certain.
+    measured as they were a delay ago; estimates are moved on to now. A pedestrian that is not measured is remembered
+    for `MEMORY` seconds with growing uncertainty.
     """
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class KalmanFilter:
         self.tracks: _Tracks | None = None
 
     def filter(self, obs: Observation) -> Observation:
-        """What the planner is shown instead of an observation: estimates of the present, with their deviation."""
+        """Return the filtered observation: estimates of the present, with their deviation."""
         if self.tracks is None:
             self.tracks = _Tracks(max(self.worlds, int(obs.row.max(initial=-1)) + 1), obs.pedestrians.seen.shape[1])
         tracks, row, delay = self.tracks, obs.row, obs.sensor.steps_delayed(obs.dt) * obs.dt

@@ -1,4 +1,4 @@
-"""Whom walls may hide: somebody where the route leaves the vehicle's sight, of whom nothing is known."""
+"""A virtual pedestrian where the route leaves the vehicle's sight, without any information."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from crowdbench.sim.lines_of_sight import is_hidden
 from crowdbench.utils.compiled import njit
 
 RADIUS = 0.3
-"""Of a person of whom nothing is known, in metres; it may stand so far beside the route, too."""
+"""Radius of the virtual pedestrian in metres; it may stand so far beside the route, too."""
 
 STEP = 0.1
 """Distance in metres between the points of the route that are looked at."""
@@ -27,7 +27,7 @@ def hidden_scene(obs: Observation, scene: Scene) -> Scene | None:
     disc that reaches `RADIUS` beyond it. In worlds where the whole route is in sight there is nobody.
 
     Args:
-        obs: What the planner sees now.
+        obs: The present observation.
         scene: The scene with the people who are seen.
 
     Returns:

@@ -24,7 +24,7 @@ Outcomes = Int[np.ndarray, "row mode"]
 PerFuture = Float[np.ndarray, "row mode"]
 PerCommand = Float[np.ndarray, "row"]
 Shaping = Callable[[Outcomes, PerFuture, PerCommand], PerFuture]
-"""What a change of velocity adds to the reward of a step: see `ChangeCost`."""
+"""Reward of a change of velocity in a step: see `ChangeCost`."""
 
 ROUNDING = 1e-9
 """How far a command may be beyond a limit by rounding, in m/s or, where speeds are multiplied, m^2/s^2."""
@@ -103,7 +103,7 @@ class ChangeCost:
     of change, and so the same for the same path whatever the time step is.
 
     Attributes:
-        cost: What a change of velocity by 1 m/s subtracts from the reward [s/m].
+        cost: Cost of a change of velocity by 1 m/s, in units of the reward [s/m].
 
     Raises:
         InputError: The cost is negative.
@@ -115,7 +115,7 @@ class ChangeCost:
         require_not_negative("cost", self.cost)
 
     def __call__(self, outcome: Outcomes, gap: PerFuture, change: PerCommand) -> PerFuture:
-        """What is added to the rewards of steps.
+        """Return the addition to the rewards of steps.
 
         Args:
             outcome: How each step ends, an `Outcome`.

@@ -66,7 +66,7 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
         actions: Makes the commands to choose from, in m/s, from preferred speeds in m/s. A vehicle on wheels has the
             commands of its dynamics instead.
         reward: The reward of a step, called like `crowdbench.core.reward.reward`.
-        shaping: What a change of velocity adds to the reward, called like `kce.ChangeCost`; None for nothing.
+        shaping: Reward of a change of velocity, called like `kce.ChangeCost`; None for nothing.
         limits: Which changes of velocity are allowed; None for all. With limits, braking as hard as they allow is one
             more command, so that a holonomic vehicle always has one that they allow.
         explore: Makes further commands around the best one, called like `kce.Exploration`; None for no more. The best
@@ -107,7 +107,7 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
 
         Args:
             obs: The observation before the first step.
-            prediction: What the pedestrians do in the meantime.
+            prediction: The pedestrians' motion in the meantime.
 
         Returns:
             The commands, and what was considered for the first of them.

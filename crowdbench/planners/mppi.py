@@ -64,7 +64,7 @@ class Search:
 
 @dataclasses.dataclass(frozen=True)
 class Weights:
-    """What a sequence costs, in seconds of a longer way.
+    """Costs of a sequence, in seconds of a longer way.
 
     Attributes:
         contact: A collision with a pedestrian in the first step [s].
@@ -109,7 +109,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
 
     Attributes:
         search: How sequences are sampled.
-        weights: What they cost.
+        weights: Costs of sequences.
         horizon: Number of steps of a sequence [1].
         worst: The share of the futures, the worst for a sequence, of which the mean counts (CVaR); 1 for all [1].
 
@@ -198,7 +198,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
     def costs(
         self, scene: Scene, commands: Sequences, inflation: RadiusInflation, hidden: Scene | None = None
     ) -> tuple[Costs, SequenceResult]:
-        """What sequences cost in seconds, see `Weights`, and how they would go.
+        """Return costs of sequences in seconds, see `Weights`, and how they would go.
 
         The time to the goal, and what is to be avoided on the way.
 
@@ -206,7 +206,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
             scene: The vehicles and the pedestrians.
             commands: Commands of the vehicle's dynamics.
             inflation: The enlargement of each pedestrian's radius in each step.
-            hidden: The scene with whom walls may hide.
+            hidden: The scene with the virtual pedestrian.
         """
         result = try_sequences(scene, commands, inflation)
         cost = self._nearness(result, scene.dt) + self.weights.wall * (result.outcome == Outcome.WALL_COLLISION)
@@ -217,7 +217,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         return self._over_futures(cost) + self._roughness(scene, commands), result
 
     def _nearness(self, result: SequenceResult, dt: float) -> Float[np.ndarray, "world sequence mode"]:
-        """What small gaps to people and contacts cost."""
+        """Return costs of small gaps to people and of contacts."""
         weights, time = self.weights, np.arange(result.gap.shape[-1])
         inside = np.maximum(1.0 - np.maximum(result.gap, 0.0) / (weights.margin + weights.growth * dt * time), 0.0)
         near = weights.near * (weights.fading**time * inside**2).sum(axis=-1)
@@ -232,7 +232,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         return cost.mean(axis=2)
 
     def _roughness(self, scene: Scene, commands: Sequences) -> Costs:
-        """What changes of the commands cost; the first one changes what the vehicle does now."""
+        """Return costs of changes of the commands; the first one changes what the vehicle does now."""
         vehicle = scene.vehicle
         if isinstance(vehicle.dynamics, Holonomic):
             now = vehicle.velocity

@@ -50,7 +50,7 @@ class PolicyInterface:
     predictor: Predictor | None = None
 
     def __call__(self, obs: Observation) -> Features:
-        """What is shown of an observation."""
+        """Return the input of the policy for an observation."""
         if self.predictor is None:
             return features(obs, self.nearest)
         prediction = predict(self.predictor, obs, STEPS)
@@ -76,7 +76,7 @@ class NetworkPlanner(Planner):
 
     Attributes:
         policy: The trained network.
-        interface: What it is shown, and what its actions mean.
+        interface: Its observation and its actions.
         network: The name of the network.
         trained_pedestrians: The largest number of pedestrians that it was trained with; None where that is unknown.
         trained_dt: The length of a step in seconds that it was trained with; None where that is unknown.
@@ -138,15 +138,15 @@ def load_policy(
     Args:
         weights: The name of built-in weights, or a file.
         device: `cpu` or `cuda`.
-        predictor: What predicts the pedestrians for a policy with a memory: a name or a file.
+        predictor: Predictor of the pedestrians for a policy with a memory: a name or a file.
         encoder: The file of the encoder that the policy was trained with; None for the network's own.
 
     Returns:
         The planner.
 
     Raises:
-        InputError: The weights are missing, altered or not those of a policy, the encoder is not the one that they
-            were trained with, or there is no such predictor.
+        InputError: The weights are missing, altered or belong to no policy, the encoder is not the one that they were
+            trained with, or there is no such predictor.
     """
     path = weights_file(weights)
     card = read_card(path)

@@ -113,7 +113,7 @@ def along_walls(obs: Observation, command: Float[np.ndarray, "world 2"]) -> Floa
     could not stop in front of a wall after the step, it brakes and turns.
 
     Args:
-        obs: What the planner sees.
+        obs: The observation.
         command: Velocities in m/s.
 
     Returns:

@@ -27,13 +27,13 @@ def sarl_planner(
     """Compose a planner around SARL's value network.
 
     Args:
-        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
+        predictor: Predictor of the pedestrians: a name (`crowdbench list predictors`) or a file.
         weights: The trained value network: a name (`crowdbench list weights`) or a file.
         device: Where the value network runs: `cpu` or `cuda`.
         modes: Number of futures to predict; false for the predictor's own number [1].
         shortlist: Number of commands to value under all futures, the best under their mean; false for all [1].
         limits: Commands that the vehicle can follow; false for all.
-        shaping: What a change of velocity adds to the reward; false for nothing.
+        shaping: Reward of a change of velocity; false for nothing.
         explore: Finer commands to try around the best one; false for none.
 
     Returns:
@@ -66,7 +66,7 @@ def network_planner(
     Args:
         network: The name of the network.
         weights: The trained value network: a name (`crowdbench list weights`) or a file.
-        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
+        predictor: Predictor of the pedestrians: a name (`crowdbench list predictors`) or a file.
         device: Where the value network runs: `cpu` or `cuda`.
         limits: Commands that the vehicle can follow; false for all.
 

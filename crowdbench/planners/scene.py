@@ -19,7 +19,7 @@ Velocities = Float[np.ndarray, "world 2"]
 Commands = Float[np.ndarray, "world action 2"]
 Sequence = Float[np.ndarray, "world time 2"]
 Sequences = Float[np.ndarray, "world sequence time 2"]
-"""Commands of the vehicle's dynamics: one per world, those to choose from, those of several steps, several of these."""
+"""Commands of the vehicle's dynamics: one per world, several to choose from, sequences of steps, several sequences."""
 
 
 class Crowd(NamedTuple):
@@ -106,7 +106,7 @@ def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehic
     """The scene of some steps of a prediction.
 
     Args:
-        obs: What the planner sees now.
+        obs: The present observation.
         prediction: The pedestrians' next steps.
         step: The first of these steps, 0 for the next one.
         vehicle: The vehicle as it is before that step.

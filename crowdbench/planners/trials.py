@@ -27,7 +27,7 @@ def propagate_vehicle(vehicle: Vehicle, command: Float[np.ndarray, "world 2"], o
     Args:
         vehicle: The vehicle before it.
         command: Its command.
-        obs: What the planner sees: the obstacles, which decide what waypoints are in sight, and the length of a step.
+        obs: The observation: obstacles, which decide which waypoints are in sight, and the length of a step.
     """
     after = vehicle.dynamics.step(vehicle.state, command, vehicle.preferred_speed, obs.dt)
     _, _, waypoint = route_from(vehicle, after.position[:, None], obs.obstacles)
@@ -120,7 +120,7 @@ def _try_commands(vehicle, crowd, dt, commands, world, wall_gap, result):
 @no_type_check
 @njit(nogil=True)
 def _fill_gaps(vehicle, crowd, obstacles, dt, commands, world, wall_gap, gap):
-    """Fill the gaps to walls `[command]`, and those of vehicles on wheels to pedestrians `[command, mode]`.
+    """Fill the gaps to walls `[command]`, and gaps of vehicles on wheels to pedestrians `[command, mode]`.
 
     In a kernel of its own, which is compiled only where there are walls or wheels. A command after which the vehicle
     could not stop in front of a wall has a negative gap to it.

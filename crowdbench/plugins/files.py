@@ -30,7 +30,7 @@ class PluginFiles(NamedTuple):
 
     @property
     def digest(self) -> str:
-        """Return twelve hexadecimal digits that change with each file; those of the file itself if it is alone."""
+        """Return twelve hexadecimal digits that change with each file; the digits of the file itself if it is alone."""
         if len(self.digests) == 1:
             return next(iter(self.digests.values()))[:12]
         return hashlib.sha256(json.dumps(self.digests, sort_keys=True).encode()).hexdigest()[:12]
@@ -85,7 +85,7 @@ def read_module(folder: Path, module: Module, package: str = "") -> PluginFiles:
 
 
 def _find_files(folder: Path, module: Module, package: str) -> Iterator[Path]:
-    """Yield the files in the folder that importing a module runs: its own, and those of the packages around it."""
+    """Yield the files in the folder that importing a module runs: its own, and the files of the packages around it."""
     if not module or module[0] == "crowdbench" or (package and module[0] != package):
         return
     for depth in range(1, len(module) + 1):

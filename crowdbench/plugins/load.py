@@ -40,12 +40,12 @@ class Kind:
     """A kind of plug-in: finds one by its name or in a file, and makes it.
 
     Attributes:
-        word: What one of them is called.
+        word: The noun for one of them.
         function: The function that a file of it defines.
         functions: Those that are built in as functions, by name.
         folder: Where the files, or folders with files, of others that are built in are, if there are any.
         entry_points: The group of entry points by which installed packages offer others, if they can.
-        makes: What its function makes; None where the function itself is the plug-in.
+        makes: Type of the objects that its function makes; None where the function itself is the plug-in.
         validate: Raises InputError where a plug-in that was made, with its name, breaks a rule of its kind.
         reader: Where the function lies that makes one of a file that is not Python, if there is any.
     """
@@ -119,10 +119,10 @@ class Kind:
         return *self.load(str(folder / spec)), read_files(folder / file).digest
 
     def make(self, name: str, factory: Callable[..., object], options: Mapping[str, Any]) -> Any:
-        """What a function makes with options.
+        """Return the object that a function makes with options.
 
         Args:
-            name: What errors call the function.
+            name: Name of the function in errors.
             factory: The function or class.
             options: Its arguments, as they are written in TOML: see `plugins.options.Option.argument`.
 

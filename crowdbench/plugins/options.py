@@ -37,7 +37,7 @@ class Option:
         name: Its name.
         default: Its value where it is not given, or `REQUIRED`.
         types: The types that its annotation allows; none where there is no annotation.
-        keyword_only: Whether it can be given by its name alone.
+        keyword_only: True if it can be given by its name alone.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Option:
         return types.NoneType in self.types and bool not in self.types
 
     def part_options(self, part: type) -> list[Option]:
-        """Return the parameters of one of its parts. Their defaults are those of its own default, if that is such."""
+        """Return the parameters of one of its parts. Their defaults come from its own default, if that is such."""
         options = read_options(part)
         if not isinstance(self.default, part):
             return options

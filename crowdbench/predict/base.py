@@ -36,10 +36,10 @@ class Predictor(abc.ABC):
     """Predicts the pedestrians in every world of a batch. The base class of predictors."""
 
     privileged: ClassVar[bool] = False
-    """Whether it calls `Observation.true_next`. A planner that uses it must be privileged too."""
+    """True if it calls `Observation.true_next`. A planner that uses it must be privileged too."""
 
     facts: Mapping[str, str] = MappingProxyType({})
-    """What results record of it beside its name and options, such as the digest of its weights."""
+    """Further facts for results, such as the digest of its weights."""
 
     @abc.abstractmethod
     def predict(self, obs: Observation, steps: int) -> Prediction:
@@ -62,7 +62,7 @@ class Predictor(abc.ABC):
             plan: The commands of the vehicle in these steps, as its dynamics takes them.
 
         Returns:
-            The futures; those of `predict`, unless the predictor's people react to the vehicle.
+            The futures; the return value of `predict`, unless the predictor's people react to the vehicle.
         """
         return self.predict(obs, steps)
 
@@ -91,9 +91,9 @@ def validate_prediction(answer: object, name: str, obs: Observation, steps: int)
     """Check what a predictor returned.
 
     Args:
-        answer: What `predict` returned.
-        name: What the predictor is called in errors.
-        obs: What it was given.
+        answer: The return value of `predict`.
+        name: Name of the predictor in errors.
+        obs: Its input.
         steps: For how many steps it was asked.
 
     Returns:

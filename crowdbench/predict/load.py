@@ -32,7 +32,7 @@ def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device
     Args:
         weights: The trained generator: a name (`crowdbench list weights`) or a file.
         modes: Number of futures [1].
-        rescaled: Whether displacements are rescaled to the time step that the generator was trained on.
+        rescaled: True if displacements are rescaled to the time step that the generator was trained on.
         device: Where the generator runs: `cpu` or `cuda`.
 
     Returns:

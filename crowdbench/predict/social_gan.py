@@ -37,10 +37,10 @@ class SocialGAN(Predictor):
 
     Args:
         generator: The trained generator.
-        about: What its card says of the training: at least `dt`, the time step in seconds, and `scenes`, the
+        about: Facts of the training from its card: at least `dt`, the time step in seconds, and `scenes`, the
             recorded scenes that it was trained on.
         modes: Number of futures [1]. The first futures are the same for every number.
-        rescaled: Whether displacements are rescaled to the time step that the generator was trained on.
+        rescaled: True if displacements are rescaled to the time step that the generator was trained on.
         trained_without: Maps a scene's name to the predictor that was trained without this scene.
 
     Raises:
@@ -98,7 +98,7 @@ def scatter(
 
     Args:
         moves: Displacements in metres; a row is a pedestrian who is present, in the order of `present.nonzero()`.
-        present: Who is present in each scene.
+        present: True for pedestrians that exist in each scene.
 
     Returns:
         The same displacements, and 0 for the absent.
@@ -126,7 +126,7 @@ def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> So
     Args:
         weights: The name of built-in weights or `file.safetensors`, with its card beside it.
         modes: Number of futures [1].
-        rescaled: Whether displacements are rescaled to the time step that the generator was trained on.
+        rescaled: True if displacements are rescaled to the time step that the generator was trained on.
         device: `cpu` or `cuda`.
 
     Returns:

@@ -23,9 +23,9 @@ def blueprint(
 
     Args:
         extents: Extent of each episode, see `drawing.extent`.
-        plotted: What the planner logged that is shown as curves, and how many it is.
+        plotted: Logs that are shown as curves, and their number of curves.
         fastest: The largest speed in m/s at which a vehicle of these episodes may drive.
-        has_menu: Whether the viewer's menu is shown.
+        has_menu: True if the viewer's menu is shown.
     """
     plots = [*_plots(fastest), *(_plot_of_planner(name, count) for name, count in plotted.items())]
     texts = rrb.Tabs(
@@ -45,11 +45,11 @@ def side_by_side(
     """The viewer's layout for the same case of several planners, whose entities are under `/0`, `/1`, ...
 
     Args:
-        names: What they are called.
+        names: Their names.
         extents: Extent of each episode, see `drawing.extent`.
         fastest: The largest speed in m/s at which a vehicle of these episodes may drive.
         longest: How long the longest of them takes, in seconds: the time that all plots show.
-        has_menu: Whether the viewer's menu is shown.
+        has_menu: True if the viewer's menu is shown.
     """
     axis = axis_between(rrb.TimeRangeBoundary.absolute(seconds=0.0), rrb.TimeRangeBoundary.absolute(seconds=longest))
     columns = [

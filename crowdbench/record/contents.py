@@ -1,8 +1,8 @@
 """The part of a recording that is read back: episodes in full precision, under `/exact`, which no view shows.
 
 `/exact/vehicle`, `/exact/pedestrian_0`, ... have a row per state, with what changes in the episode; a quantity of a
-step is in the row of the state that the step leads to. `/exact/episode` has one row with what does not change. What the
-vehicle perceived is there where its sight was limited, groups where the scenario has them.
+step is in the row of the state that the step leads to. `/exact/episode` has one row with what does not change.
+Measurements of the vehicle are there where its sight was limited, groups where the scenario has them.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ class Quantity(NamedTuple):
 
     Attributes:
         of: The agents that have it.
-        padding: What stands where there is nobody, and after the end of an episode.
+        padding: Value for absent agents, and after the end of an episode.
         shape: Its shape in one state of one agent.
-        is_of_steps: Whether it is of a step, not of a state.
-        is_held: Whether the last state is repeated after the end of an episode, as in a rollout.
+        is_of_steps: True if it is of a step, not of a state.
+        is_held: True if the last state is repeated after the end of an episode, as in a rollout.
     """
 
     of: slice
@@ -75,7 +75,7 @@ Episode = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Recording:
-    """What a file holds.
+    """Content of a file.
 
     Attributes:
         trace: The recorded episodes, ordered by case.
@@ -96,7 +96,7 @@ class RecordedEpisode(NamedTuple):
     """An episode as it is in a file.
 
     Attributes:
-        entry: What the file calls it.
+        entry: Its name in the file.
         chunks: All its chunks.
         trace: The episode.
         planner: The planner's name with its options.
@@ -109,7 +109,7 @@ class RecordedEpisode(NamedTuple):
 
 
 def to_chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
-    """One episode as Rerun chunks: those of the agents, and that of `/exact/episode`.
+    """Yield one episode as Rerun chunks: of the agents, and of `/exact/episode`.
 
     Args:
         trace: The trace with the episode.

@@ -1,4 +1,4 @@
-"""What a recording shows of a planner's decisions in the plane: commands with their values, futures, attention.
+"""A planner's decisions in the plane of a recording: commands with their values, futures, attention.
 
 The predicted and considered paths can be read back from a recording, for figures.
 """
@@ -37,12 +37,12 @@ STRIPS, COLORS = "LineStrips2D:strips", "LineStrips2D:colors"
 
 
 class _Log(NamedTuple):
-    """What was logged by a name in an episode.
+    """Arrays logged by one name in an episode.
 
     Attributes:
         entity: Path of the entity that shows it.
         steps: The steps of the decisions in which it was logged.
-        values: What was logged in each of them.
+        values: The logged array of each of them.
         position: Where the agents were then, in metres.
         end: The last step of the episode.
         dt: Length of a step in seconds.
@@ -57,7 +57,7 @@ class _Log(NamedTuple):
 
 
 def draw_decisions(trace: Trace, row: int) -> Iterator[Chunk]:
-    """What the planner logged that has a place in the plane, see `Observation.log`.
+    """Yield the planner's logs that have a place in the plane, see `Observation.log`.
 
     It is shown from the step in which it was logged until the next one; of a future, what is still to come.
     """
@@ -83,7 +83,7 @@ def draw_decisions(trace: Trace, row: int) -> Iterator[Chunk]:
 def _of_the_known(
     trace: Trace, row: int, steps: Int[np.ndarray, "decision"], values: Float[np.ndarray, "decision *shape"]
 ) -> Float[np.ndarray, "decision *shape"]:
-    """Return paths of pedestrians without those whom the vehicle neither sees nor remembers: they are NaN."""
+    """Return paths of pedestrians; NaN for pedestrians that the vehicle neither sees nor remembers."""
     where = trace.position[row, steps, 1:] if trace.perceived is None else trace.perceived[row, steps]
     if values.ndim < 4 or values.shape[-2:] != where.shape[-2:]:
         return values
@@ -98,7 +98,7 @@ def steps_logged(trace: Trace, row: int, name: str) -> Int[np.ndarray, "decision
 
 
 def key_text(trace: Trace) -> str:
-    """What the marks of its decisions mean, as text beside the picture; empty where there are none."""
+    """Return the legend of the marks of its decisions; empty where there are none."""
     marks = []
     logged = list(trace.logs.values())
     if any(_is_fan(array[0, 0]) for array in logged):
@@ -112,12 +112,12 @@ def key_text(trace: Trace) -> str:
     if 3 in lines:
         marks.append("coloured lines: ways that were considered, dark to light by their value")
     if ATTENTION_LOG in trace.logs:
-        marks.append("pink: whom it attends to")
+        marks.append("pink: attention to pedestrians")
     return f"*{' · '.join(marks)}*" if marks else ""
 
 
 def _is_fan(logged: Float[np.ndarray, "*_"]) -> bool:
-    """Whether what is logged in one decision, or row by row, are commands with values `[..., command, 3]`."""
+    """Return whether what is logged in one decision, or row by row, are commands with values `[..., command, 3]`."""
     return logged.ndim == 2 and logged.shape[-1] == 3
 
 
@@ -131,7 +131,7 @@ def shades(value: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape 3"]:
 def _draw_fan(log: _Log) -> Iterator[Chunk]:
     """Commands as arrows as long as the way of one second, coloured by value; the best two are marked.
 
-    What cannot be chosen has no finite value.
+    A command that cannot be chosen has no finite value.
     """
     known = [commands[np.isfinite(commands[:, 2])] for commands in log.values]
     yield still(log.entity, rr.Arrows2D.from_fields(radii=width(0.75), draw_order=20))
@@ -208,7 +208,7 @@ class PlannedPaths(NamedTuple):
     """Paths in metres that a planner predicted and considered in one state.
 
     Attributes:
-        predicted: Those of pedestrians.
+        predicted: Paths of pedestrians.
         considered: The best of those that the vehicle could drive.
     """
 

@@ -1,6 +1,6 @@
-"""What a recording shows of an episode in the plane.
+"""An episode in the plane of a recording.
 
-Who is where, their ways and who was hit are those of `crowdbench.drawing`. All of it is under `/world`, whose transform
+Positions, trails and contacts come from `crowdbench.drawing`. All of it is under `/world`, whose transform
 turns y upwards, because Rerun's y points down: the numbers that one hovers over are the simulator's. The vehicle is
 yellow, pedestrians are blue, a failure is red.
 """
@@ -63,7 +63,7 @@ class _Agents:
         self.label = 0.035 * float((self.high - self.low).max())
 
     def moving(self, entity: str, *columns: rr.ComponentColumnList, number: int | None = None) -> Chunk:
-        """What an entity shows in each state: so many things, or one for each agent."""
+        """Return the chunk of an entity in each state: so many things, or one for each agent."""
         states, agents = self.radius.shape
         return moving(entity, self.timeline, [number or agents] * states, *columns)
 
@@ -115,7 +115,8 @@ def extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
 
 
 def _draw_ground(agents: _Agents) -> Chunk:
-    """What does not move: a grid of 1 m, paths, and a ring around the vehicle's goal, inside which it has arrived."""
+    """Return the static marks: a grid of 1 m, paths, and a ring around the vehicle's goal, inside which it has
+    arrived."""
     trace, row, position, goal = agents.trace, agents.row, agents.position, agents.goal[0, 0]
     low, high = agents.low, agents.high
     # Two lines that turn at the rim, because a line for each metre would take longer to write than all else.
@@ -138,7 +139,7 @@ def _back_and_forth(low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -
 
 
 def _draw_walls(walls: Sequence[Float[np.ndarray, "_ 2"]]) -> Chunk:
-    """The outlines of obstacles; those of solid ones are closed and hatched, because the viewer fills none."""
+    """The outlines of obstacles; outlines of solid ones are closed and hatched, because the viewer fills none."""
     outlines = [np.concatenate([wall, wall[:1]]) if len(wall) > 2 else wall for wall in walls]
     lines = [*outlines, *(line for wall in walls if len(wall) > 2 for line in _hatch(wall))]
     widths = width([2.0] * len(outlines) + [0.75] * (len(lines) - len(outlines)))
@@ -239,7 +240,7 @@ def _above_goal(agents: _Agents) -> Float[np.ndarray, "2"]:
 
 
 def _name_colors(agents: _Agents) -> list[Color]:
-    """The colours of the names: those of the pedestrians' curves where the planner logged a curve of each."""
+    """The colours of the names: the colours of the pedestrians' curves where the planner logged a curve of each."""
     trace = agents.trace
     pedestrians = trace.position.shape[2] - 1
     has_curves = any(is_curve(logged) and logged[0, 0].size == pedestrians > 1 for logged in trace.logs.values())
@@ -255,7 +256,7 @@ _HOW = {
     Fault.BOTH: "collides with {}",
     Fault.UNDETERMINED: "touches {}",
 }
-"""What a vehicle does that ends an episode in contact with somebody."""
+"""Verb for a vehicle that ends an episode in contact with a pedestrian."""
 
 
 def _draw_ending(agents: _Agents, contacts: Contacts) -> tuple[str, Chunk]:

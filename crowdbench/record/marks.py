@@ -24,7 +24,7 @@ SENSOR_KEY = (
     "*dark blue: not seen · ring: where the vehicle sees a pedestrian, or (dark ring) remembers it · "
     "grey: range, field of view, lidar*"
 )
-"""What the marks of the sensor mean, as text beside the picture."""
+"""Legend of the marks of the sensor."""
 
 AHEAD = 4.0
 """How far ahead the closest approach is looked for, in seconds."""
@@ -35,11 +35,11 @@ NEAR = 0.5
 APPROACH_KEY = (
     f"*line with a gap and a time: the closest approach in the next {AHEAD:g} s if both go on; red: they touch*"
 )
-"""What the mark of the closest approach means."""
+"""Legend of the mark of the closest approach."""
 
 
 SHARES_KEY = f"*red ways: the last {WINDOW:g} s before the collision, with the share of each in the approach*"
-"""What the marks of a collision with a pedestrian mean."""
+"""Legend of the marks of a collision with a pedestrian."""
 
 
 def draw_sensor(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
@@ -158,7 +158,7 @@ def draw_shares(trace: Trace, row: int, contacts: Contacts, label: float) -> Ite
     Args:
         trace: The trace with the episode.
         row: Its row in the trace.
-        contacts: What ended it.
+        contacts: The contacts that ended it.
         label: Height of a line of text in metres.
     """
     share, agent, steps = float(contacts.share[row]), int(contacts.agent[row]), int(trace.steps[row])

@@ -1,4 +1,4 @@
-"""What a recording shows beside the plane: text, and curves over time: gap, speed, and what the planner logged."""
+"""Parts of a recording beside the plane: text, and curves over time: gap, speed, and what the planner logged."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from crowdbench.record.marks import APPROACH_KEY, SENSOR_KEY, SHARES_KEY
 from crowdbench.record.rrd import moments, moving
 
 KEY = "*yellow: vehicle, blue: pedestrians, small dots: their goals · arrow: the way of 1 s · grid: 1 m*"
-"""What the picture means, as text beside it."""
+"""Legend of the picture."""
 
 PLANNER_PLOTS = "plots/planner"
 """Path of the planner's own curves."""
@@ -36,7 +36,7 @@ def draw_plots(trace: Trace, row: int) -> Iterator[Chunk]:
 
 
 def draw_logs(trace: Trace, row: int) -> Iterator[Chunk]:
-    """What the planner logged that is a curve, see `Observation.log`. How it is drawn is in the blueprint."""
+    """Yield the planner's logs that are curves, see `Observation.log`. How it is drawn is in the blueprint."""
     for name, array in trace.logs.items():
         # Steps without a value are left out, because Rerun draws no curve between values separated by NaN.
         logged_at = decisions.steps_logged(trace, row, name)
@@ -61,7 +61,7 @@ def logged_curves(chunks: Iterable[Chunk]) -> dict[str, int]:
 
 
 def is_curve(logged: np.ndarray) -> bool:
-    """Whether a logged array `[world, step, ...]` is shown as curves over time."""
+    """Return whether a logged array `[world, step, ...]` is shown as curves over time."""
     return logged.ndim <= 3
 
 

@@ -20,7 +20,7 @@ from rerun.chunk import Chunk, RrdReader, StoreEntry
 from crowdbench.utils.errors import InputError
 
 ERRORS = (RuntimeError, ValueError, OSError)
-"""What Rerun and the file system raise."""
+"""Exceptions of Rerun and the file system."""
 
 
 PARTLY = "only a part was written, as on a full disk or under a limit of the size of files (ulimit -f)"
@@ -44,8 +44,8 @@ def writing(what: str, advice: str = "") -> Iterator[None]:
     """A context for writing a recording. Raises InputError, which says why, where that fails.
 
     Args:
-        what: What is written.
-        advice: What helps, put at the end of the sentence.
+        what: The written object.
+        advice: A remedy, at the end of the sentence.
     """
     try:
         yield
@@ -102,7 +102,7 @@ def moving(
         entity: Its path.
         timeline: The times.
         counts: How many there are at each time, of each of the columns.
-        *columns: What it shows.
+        *columns: Its components.
     """
     return Chunk.from_columns(entity, timeline, [part for column in columns for part in column.partition(counts)])
 
@@ -139,7 +139,7 @@ def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Bl
 
 
 def _holds(path: Path, recordings: int) -> bool:
-    """Whether a file can be read and has so many recordings."""
+    """Return whether a file can be read and has so many recordings."""
     with contextlib.suppress(*ERRORS), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return len(RrdReader(path).recordings()) == recordings

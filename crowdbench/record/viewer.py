@@ -62,7 +62,7 @@ def view(
         case: Number of the only case to show.
         screenshot: Path of a .png file: write a picture of the case instead of opening a window.
         seconds: The time in the case that is shown; None to play it, or for the end of a picture.
-        web: Whether to open it in a browser instead of a window.
+        web: True to open it in a browser instead of a window.
 
     Raises:
         InputError: A file or the case does not exist, the case does not start alike in all recordings, or the arguments
@@ -140,7 +140,7 @@ def show(file: Path, seconds: float | None = None, *, web: bool = False) -> None
     Args:
         file: The recording.
         seconds: The time in the episode that a window shows; None to play it.
-        web: Whether it opens in a browser instead of a window.
+        web: True if it opens in a browser instead of a window.
 
     Raises:
         InputError: The viewer does not start.

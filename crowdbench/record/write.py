@@ -31,7 +31,7 @@ from crowdbench.record.plots import is_curve, logged_curves
 from crowdbench.record.rrd import still
 
 PROPERTIES = "crowdbench"
-"""What the properties of a recording are called together."""
+"""Name of the properties of a recording."""
 
 
 @dataclass
@@ -48,7 +48,7 @@ class Recorder:
         cases: How many cases the whole run has, recorded or not.
         options: The planner's options.
         units: Units of metrics, where they have any.
-        identity: What tells the run from others. It ends the names of its recordings, because Rerun takes recordings
+        identity: The digest of the run. It ends the names of its recordings, because Rerun takes recordings
             of one name for one recording, wherever they are.
     """
 
@@ -105,7 +105,7 @@ class Recorder:
         self._plotted |= {name: max(count, self._plotted.get(name, 0)) for name, count in curves.items()}
 
     def _properties(self, trace: Trace, row: int, measured: Mapping[str, float | bool]) -> Iterator[Chunk]:
-        """What tables of many recordings show of one episode."""
+        """Yield the properties of one episode for tables of many recordings."""
         case, outcome = int(trace.case[row]), Outcome(int(trace.outcome[row])).label
         yield still("__properties", rr.archetypes.RecordingInfo(name=f"case {trace.split}/{case} · {outcome}"))
         # In one column, because each column needs one or two kilobytes in the file's index.

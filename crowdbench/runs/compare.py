@@ -20,16 +20,16 @@ from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid, flatten, markdown
 
 POOLED_SCENARIOS = "all {} scenarios"
-"""What the scenarios of several runs are called together."""
+"""Name of the scenarios of several runs together."""
 
 
 @dataclass(frozen=True, repr=False)
 class Comparison:
-    """What `compare` found.
+    """Result of `compare`.
 
     Attributes:
         scenario: The name of the scenario, or `POOLED_SCENARIOS`.
-        names: What the runs A and B are called.
+        names: Names of the runs A and B.
         cases: The number of cases that both have driven. Rates, and means that count failures, are over these.
         both_solved: The number of cases that both have solved. Other means are over these.
         rows: The metrics, by name.
@@ -60,7 +60,7 @@ class Comparison:
         return lines or ([] if self.changed is None else [f"no case ends differently in {self.names[1]}"])
 
     def _repr_markdown_(self) -> str:
-        """What Jupyter shows."""
+        """Return the Markdown that Jupyter shows."""
         return repr(self)
 
     def __repr__(self) -> str:
@@ -85,9 +85,9 @@ def compare(a: Path, b: Path) -> Comparison:
 def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
     """Compare runs with one of them, case by case, in each scenario and in all together.
 
-    Where runs are of several scenarios, each is compared with that of the planner of `reference` in the same one. What
-    is found in all scenarios, which count alike, comes last. The p-values of a metric are corrected for their number:
-    those of single scenarios together, and those of all scenarios together.
+    Where runs are of several scenarios, each is compared with that of the planner of `reference` in the same one.
+    Results over all scenarios, with equal weights, come last. The p-values of a metric are corrected for their number:
+    p-values of single scenarios together, and p-values of all scenarios together.
 
     Args:
         reference: The directory of the run that the others are compared with.
@@ -115,7 +115,7 @@ def comparison_grid(comparisons: Sequence[Comparison], metrics: Sequence[str] = 
     """Return runs beside the one that each was compared with: a row for each metric, scenario and run.
 
     Args:
-        comparisons: What `compare_to` returns.
+        comparisons: The return value of `compare_to`.
         metrics: Names of metrics; none for all that two runs have, and for those in `MAIN` of more runs.
 
     Raises:

@@ -35,7 +35,7 @@ class Decisions(NamedTuple):
 
     Attributes:
         seconds: How long each took.
-        is_same: Whether its commands are those that the run has recorded; True where no run was followed.
+        is_same: True if its commands are those that the run has recorded; True where no run was followed.
     """
 
     seconds: Float[np.ndarray, "decision"]
@@ -86,10 +86,10 @@ def decide_alone(
 
     Args:
         planner: The planner.
-        name: What it is called in errors.
+        name: Its name in errors.
         scenario: The scenario.
         replanning: When it observes.
-        cases: What it drives. The first case is driven to warm up and does not count.
+        cases: The cases. The first case is driven to warm up and does not count.
         recorded: The commands of a run of these cases, which the vehicle executes in the place of the planner's.
         progress: Called after each case with 1.
 

@@ -1,4 +1,4 @@
-"""What differs between the files of a run and its replay, one `Difference` for each kind."""
+"""Differences between the files of a run and its replay, one `Difference` for each kind."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Difference:
     Attributes:
         count: In how many cases or values it was found.
         of: Of how many.
-        what: What these are, and what is wrong with them.
+        what: Their kind and fault.
         first: The first ones, as texts.
     """
 
@@ -59,7 +59,7 @@ class Differences(list[Difference]):
 
     Attributes:
         cases: The cases of the run.
-        exact: Whether numbers must agree to the last bit, or else to `TOLERANCE`.
+        exact: True if numbers must agree to the last bit, or else to `TOLERANCE`.
     """
 
     def __init__(self, cases: Cases, exact: bool) -> None:
@@ -88,7 +88,7 @@ class Differences(list[Difference]):
         Args:
             file: The file.
             rows: The case of each row.
-            some_missing: Whether cases may have no row.
+            some_missing: True if cases may have no row.
         """
         counts = Counter(rows.tolist())
         known = Counter(case for case in counts if self.cases.start <= case < self.cases.stop)
@@ -101,13 +101,13 @@ class Differences(list[Difference]):
         self.note(f"rows of {file} are there twice, or of other cases than {self.cases}", beyond, len(rows))
 
     def note_values(self, file: str, recorded: Mapping[str, Any], replayed: Mapping[str, Any]) -> None:
-        """Note which values of a file, by name, perhaps in tables within tables, are not those of the replay."""
+        """Note which values of a file, by name, perhaps in tables within tables, differ from the replay."""
         ours, theirs = flatten(replayed), flatten(recorded)
         names = list({**ours, **theirs})
         self.note_pairs(f"values in {file} differ", ((n, theirs.get(n), ours.get(n)) for n in names), len(names))
 
     def note_episodes(self, recorded: Episodes, replayed: Episodes) -> None:
-        """Note which rows of `episodes.csv` are not those of the replay; both have the same cases."""
+        """Note which rows of `episodes.csv` differ from the replay; both have the same cases."""
         names = list(map(self.name, recorded.case.tolist()))
         blocks = [table.block if table.block is not None else np.full(len(names), -1) for table in (recorded, replayed)]
         moved = (f"{names[row]} ({BLOCK})" for row in np.flatnonzero(blocks[0] != blocks[1]).tolist())

@@ -44,7 +44,7 @@ def export(
     """Write the tracks and the steps of all cases of a run.
 
     Args:
-        run: What the run has left.
+        run: The stored run.
         scenario: The scenario that its `result.json` describes, made again.
         folder: Where they are written.
         progress: Called after each step with what it added to the episodes, in parts of an episode.

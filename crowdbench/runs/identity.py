@@ -22,7 +22,7 @@ SIMULATOR = ("crowdbench.runs.rollout", "crowdbench.scenario.load")
 
 
 UNKNOWN = "unknown-"
-"""What keys of `new_key` begin with."""
+"""Prefix of keys of `new_key`."""
 
 
 @functools.cache
@@ -33,15 +33,15 @@ def code() -> str:
 
 @dataclass(frozen=True)
 class PlannerId:
-    """What decides the commands of a planner, beside the simulator.
+    """Determines the commands of a planner, beside the simulator.
 
     Attributes:
         name: The planner's name.
         options: Its options.
         files: The sha256 of its files, by path: its own, and those that an option names. See `catalog.planner_files`.
         code: The digest of the code of crowdbench that it imports.
-        facts: What it says of itself, such as the digest of its weights.
-        key: For objects that were made in Python: what their author calls this version of them. A random one if the
+        facts: Its own facts, such as the digest of its weights.
+        key: For objects made in Python: the author's name for this version. A random one if the
             author calls it nothing.
     """
 
@@ -54,16 +54,16 @@ class PlannerId:
 
     @property
     def is_resumable(self) -> bool:
-        """Whether another process can have the same planner."""
+        """True if another process can have the same planner."""
         return not self.key.startswith(UNKNOWN)
 
 
 @dataclass(frozen=True)
 class RunId:
-    """The only hash of what a run is. What it does not cover (time, versions, isolation, ...) a result only states.
+    """The only hash of a run. Other facts (time, versions, isolation, ...) are only stated by a result.
 
     Attributes:
-        planner: What decides the commands.
+        planner: Identity of the planner.
         scenario: The digest of the scenario's contents, see `scenario.digest`.
         cases: The cases.
         replanning: When the planner observes, see `Replanning.settings`.

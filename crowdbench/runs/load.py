@@ -26,7 +26,7 @@ def load_run(
         spec: The run; where a planner is given, the spec only says what it is called.
         planner: The planner where it was made in Python.
         scenario: The scenario that the spec names, where it has been loaded before.
-        key: What the author of a planner that was made in Python calls this version of it; without a key, no run is
+        key: The author's name for this version of a planner made in Python; without a key, no run is
             resumed with it.
 
     Raises:

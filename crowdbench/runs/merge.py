@@ -19,19 +19,19 @@ from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import new_directory
 
 TOGETHER = ("timing", "versions", "isolation")
-"""What the parts of a run may state differently."""
+"""Sections that may differ between the parts of a run."""
 
 
 def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, interrupted: bool = False) -> dict[str, Any]:
     """Make one run of several.
 
-    Its episodes and commands are those of a run that drives all cases, to the last byte.
+    Its episodes and commands equal a run that drives all cases, to the last byte.
 
     Args:
         directories: The runs, in any order.
         out: The directory to write.
-        overwrite: Whether an earlier run in `out` is replaced.
-        interrupted: Whether cases are missing that were asked for.
+        overwrite: True if an earlier run in `out` is replaced.
+        interrupted: True if cases are missing that were asked for.
 
     Returns:
         The contents of its `result.json`.

@@ -74,7 +74,7 @@ class Paired:
 
     @property
     def solved(self) -> Bool[np.ndarray, "case"]:
-        """Whether both solved each case."""
+        """True if both solved each case."""
         return np.asarray(self.a.columns["success_rate"] & self.b.columns["success_rate"])
 
 
@@ -154,7 +154,7 @@ def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
     """The exact two-sided p-value of the test of McNemar (1947); 1 if no case differs.
 
     Args:
-        a: Whether each case was solved in run A.
+        a: True if each case was solved in run A.
         b: The same in run B.
     """
     from scipy.stats import binomtest
@@ -181,9 +181,9 @@ def sign_test(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"], block: I
     It is exact for up to `EXACT` blocks, and from `RESAMPLES` random exchanges for more.
 
     Args:
-        a: Whether each case was solved in run A.
+        a: True if each case was solved in run A.
         b: The same in run B.
-        block: The block of each case; those of the same block are not independent.
+        block: The block of each case; cases of the same block are not independent.
     """
     _, number = np.unique(block, return_inverse=True)
     sums = np.bincount(number, b.astype(float) - a)

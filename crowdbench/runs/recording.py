@@ -1,4 +1,4 @@
-"""What a run records while it goes on: the commands of all cases, and episodes for the viewer.
+"""Recording during a run: the commands of all cases, and episodes for the viewer.
 
 The commands lie in `commands.parquet`: with the scenario, they are all that it takes to simulate each case again.
 """
@@ -76,11 +76,11 @@ def open_recorder(
     """Record a run in a folder.
 
     Args:
-        record: What is recorded, one of `defaults.RECORD`.
+        record: Extent of the recording, one of `defaults.RECORD`.
         folder: The folder.
         cases: The cases of the whole run.
         pedestrians: The largest number of pedestrians in a case.
-        header: What the recording says of the run, as the parameters of `Recorder`.
+        header: Properties of the run, the parameters of `Recorder`.
     """
     with contextlib.ExitStack() as stack:
         recording = RunRecorder(cases, None if record == "all" else most_failures(pedestrians))
@@ -110,7 +110,7 @@ class Commands:
     Attributes:
         case: Number of each case.
         steps: Number of its commands.
-        command: The commands of the first case in m/s, then those of the second, ...
+        command: The commands of the first case in m/s, then of the second, ...
     """
 
     case: Int[np.ndarray, "case"]

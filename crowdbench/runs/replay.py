@@ -1,7 +1,8 @@
 """A run simulated again from its scenario, its cases and the recorded commands, without its planner.
 
-Whatever made the run, its planner included, has no part in the replay: the files of the run are data. What follows from
-the commands can be checked: states, outcomes, metrics. Who gave the commands, how fast, and what he knew cannot.
+The replay does not use the program that made the run, nor its planner: the files of the run are data.
+States, outcomes and metrics follow from the commands and can be checked. The origin of the commands, their
+time and the information behind them cannot.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class Playback(Planner):
 
     Args:
         command: The commands as the vehicle's dynamics takes them, by world and step.
-        privileged: Whether they come from something that uses what no vehicle could know.
+        privileged: True if they come from something that uses what no vehicle could know.
     """
 
     native = True
@@ -55,16 +56,16 @@ class Playback(Planner):
 
 @dataclass(frozen=True)
 class Replay:
-    """What a replay has found.
+    """Result of a replay.
 
     Attributes:
         cases: How many cases were simulated again.
         recorded: How many of them have their states in `run.rrd`.
         metrics: How many metrics were compared.
         unchecked: The columns of `episodes.csv` whose metric is not known.
-        versions: What differs between the run's versions and machine and the present ones; if nothing does, everything
-            was compared to the last bit.
-        differences: What differs between the run and its replay.
+        versions: Differences between the run's versions and machine and the present ones; without any, everything was
+            compared to the last bit.
+        differences: Differences between the run and its replay.
     """
 
     cases: int
@@ -102,13 +103,13 @@ def replay(
     """Simulate the cases of a run again and compare.
 
     Args:
-        run: What the run has left.
+        run: The stored run.
         scenario: The scenario that its `result.json` describes, made again.
         metrics: Metrics by name; those are measured that the run has.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
-        What was compared, and what differs.
+        The compared items and their differences.
 
     Raises:
         InputError: The run has commands of none of its cases, or a pedestrian policy or a metric breaks its contract.
@@ -151,7 +152,7 @@ def traces(
     """Simulate cases of a run again, in order, and yield their traces batch by batch.
 
     Args:
-        run: What the run has left.
+        run: The stored run.
         scenario: The scenario that its `result.json` describes, made again.
         only: The numbers of the wanted cases; None for every case that has commands.
         undisturbed: See `rollout`.
@@ -204,7 +205,7 @@ def record_case(run: RunResult, scenario: Scenario, case: int, path: Path) -> No
 
 
 def _possible(recorded: Commands, scenario: Scenario) -> Bool[np.ndarray, "case"]:
-    """Whether a run accepts all commands of each case: they are finite, and within the limits of the vehicle."""
+    """Return whether a run accepts all commands of each case: they are finite, and within the limits of the vehicle."""
     speed = np.full(len(recorded.command), scenario.vehicle.speed)
     with np.errstate(over="ignore"):
         is_within = scenario.rules.dynamics.is_within(recorded.command, speed)  # nothing that is not finite is
@@ -253,7 +254,7 @@ def _compare_result(
 
 
 def _kind(trace: Trace) -> dict[str, Any]:
-    """What two traces have in common whose states can be compared."""
+    """Return the properties that two traces with comparable states share."""
     return {
         "split": trace.split,
         "agents": trace.position.shape[2],
@@ -264,7 +265,7 @@ def _kind(trace: Trace) -> dict[str, Any]:
 
 
 def _changed_versions(run: RunResult) -> list[str]:
-    """What the last bits depend on and is not known to be the same as in the run."""
+    """Return versions that the last bits depend on and that differ from the run."""
     known = run.result["stated"]["versions"]
     changed = [
         f"{name} is {here} here and was {known.get(name, 'another')} in the run"

@@ -43,7 +43,7 @@ _Stated = create_model("_Stated", privileged=bool, overrides=_Table, record=str,
 _Metrics: Any = dict[str, _Estimate]  # type: ignore[valid-type]
 _Found = create_model("_Found", interrupted=bool, outcomes=dict[str, int], metrics=_Metrics)
 _Result = create_model("_Result", __base__=_Found, id=str, run=_Run, scenario=_Scenario, stated=_Stated, files=_Texts)
-"""What every result holds at least, see `identity.RunId`; nobody can recompute `stated` from the other files."""
+"""Minimal content of every result, see `identity.RunId`; nobody can recompute `stated` from the other files."""
 
 
 def write_result(folder: Path, result: Mapping[str, Any]) -> dict[str, Any]:

@@ -62,7 +62,7 @@ class Episodes:
 
         Args:
             trace: The trace.
-            metrics: What is measured, by name.
+            metrics: The metrics, by name.
 
         Raises:
             InputError: A metric raises, or does not return one value per episode.
@@ -136,7 +136,7 @@ class Episodes:
             writer.writerows(zip(*columns.values(), strict=True))
 
     def _first_columns(self) -> dict[str, list[Any]]:
-        """The columns of every table of episodes before those of metrics."""
+        """The columns of every table of episodes before the metrics."""
         labels = [Outcome(outcome).label for outcome in self.outcome]
         blocks = {} if self.block is None else {BLOCK: self.block.tolist()}
         return {"case": self.case.tolist(), "outcome": labels, "steps": self.steps.tolist(), **blocks}

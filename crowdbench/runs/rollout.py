@@ -41,7 +41,7 @@ Progress = Callable[[float], None]
 
 
 class LogsTooLarge(Exception):
-    """What a planner logs would take too much memory: the batch must be smaller.
+    """Raised if the logs of a planner would take too much memory: the batch must be smaller.
 
     Attributes:
         fitting: The number of cases whose logs fit.
@@ -71,8 +71,8 @@ def rollout(
         cases: The cases.
         replanning: When the planner gets an observation. Where it gives several commands at once, its `plan_ahead` is
             called, and the commands are executed in open loop.
-        keep_logs: Whether the trace keeps what the planner logs.
-        undisturbed: Whether the trace tells where people who see the vehicle would walk without it, which some metrics
+        keep_logs: True if the trace keeps what the planner logs.
+        undisturbed: True if the trace tells where people who see the vehicle would walk without it, which some metrics
             read (`MetricInfo.needs`). The crowd of each episode is then simulated once more.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
         watch: Called with the worlds before each step.
@@ -127,7 +127,7 @@ def _walk_alone(scenario: Scenario, world: World, trace: Trace) -> Float[np.ndar
     Returns:
         Positions in metres, NaN where the episode has ended, or has another person or nobody.
     """
-    # What the policies remember must follow from this crowd alone.
+    # The memory of policies must follow from this crowd alone.
     world = init_memories(world.replace(rules=dataclasses.replace(world.rules, visible=False)), scenario.policies)
     positions, rows = np.full(trace.position[:, :, 1:].shape, np.nan), np.arange(len(world))
     for t in range(scenario.rules.max_steps + 1):
@@ -159,7 +159,7 @@ class _Shares:
         Args:
             rows: The worlds that were running in it.
             after: The worlds after it.
-            running: Whether each of them is still running.
+            running: True if each of them is still running.
         """
         seconds_left = norm(goals_on_way(after)[:, 0] - after.position[:, 0]) / after.preferred_speed[:, 0]
         expected = np.minimum(after.step + seconds_left / after.rules.dt, after.rules.max_steps)
@@ -177,8 +177,8 @@ class _TraceBuilder:
 
     Args:
         start: The worlds at their start.
-        changing: Whether people may come, leave, or change their goals.
-        grouped: Whether they may walk in groups.
+        changing: True if people may come, leave, or change their goals.
+        grouped: True if they may walk in groups.
 
     Attributes:
         arrays: The fields of the trace that are filled step by step, by name.
@@ -285,7 +285,7 @@ class _TraceBuilder:
         )
 
     def _seen(self) -> Bool[np.ndarray, "world time pedestrian"]:
-        """Whom the vehicles saw; in the last state, also after it."""
+        """Return the pedestrians that the vehicles saw; in the last state, also after it."""
         if "age" not in self.arrays:
             return self.arrays["present"][:, :, 1:]
         dt = self.start.rules.dt

@@ -1,6 +1,6 @@
 """Writes episodes as ROS 2 bags, for RViz and Foxglove: `/odom`, `/tf`, `/people` and `/goal` in the frame `map`.
 
-`adapters/ros2` reads such bags, and those of robots.
+`adapters/ros2` reads such bags, and bags of robots.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ NANOSECONDS = 10**9
 
 
 def typestore() -> Typestore:
-    """Return the types of messages of the latest ROS 2 with those of people_msgs.
+    """Return the types of messages of the latest ROS 2 and of people_msgs.
 
     Raises InputError where the extra `ros` is not installed.
     """

@@ -34,7 +34,7 @@ from crowdbench.utils.interrupts import Interrupts
 MEMORY = 256e6
 """Bytes that the traces of a batch may take: long or crowded episodes run in smaller batches.
 
-What planners log counts apart: see `rollout.LOG_MEMORY`.
+Logs of planners count apart: see `rollout.LOG_MEMORY`.
 """
 
 
@@ -43,12 +43,12 @@ class Run:
     """A run that is loaded.
 
     Attributes:
-        spec: What was asked for.
+        spec: The request.
         driver: Asks the planner for commands.
         scenario: The scenario of the cases.
-        metrics: What is measured, by name.
+        metrics: The metrics, by name.
         planner: The identity of the planner.
-        isolation: What an isolated planner has used, which changes while it drives; None where it is not isolated.
+        isolation: Resources of an isolated planner, which change while it drives; None where it is not isolated.
         foresee: Called with the worlds before each step, for planners that measure what foresight would be worth.
     """
 
@@ -119,7 +119,7 @@ class Run:
 
     @property
     def header(self) -> dict[str, Any]:
-        """What a recording says of the run that it is from."""
+        """Return the properties of the run for a recording."""
         return {
             "planner": self.label,
             "scenario": self.scenario.name,
@@ -132,7 +132,7 @@ class Run:
 
     @functools.cached_property
     def id(self) -> RunId:
-        """What the run is."""
+        """The identity of the run."""
         spec, scenario = self.spec, self.scenario
         # Only planners that ship, without weights, are known to command the same in batches of any size.
         is_exact = not self.planner.facts and not self.planner.key and spec.planner in PLANNERS.built_in()
@@ -165,7 +165,7 @@ class Run:
 
 
 def read_versions() -> dict[str, str]:
-    """What the last bits of a result depend on: versions of packages, and the kind of the machine."""
+    """Return facts that the last bits of a result depend on: versions of packages, and the kind of the machine."""
     packages = {name: importlib.metadata.version(name) for name in ("crowdbench", "numpy", "numba", "scipy")}
     machine = f"{platform.system()} {platform.machine()} {get_host_cpu_name()}"
     return {"python": platform.python_version(), **packages, "machine": machine}

@@ -78,7 +78,7 @@ class Parts:
         out: The directory of the run.
         folder: The folder that has a directory for each of them until all are there.
         request: The identity of the run, as the folder's `request.json` holds it.
-        is_resumable: Whether another call can go on with them.
+        is_resumable: True if another call can go on with them.
         cases: Their cases, in order.
         selected: The cases of those that this process makes.
     """
@@ -205,12 +205,12 @@ def make_run(
         run: The run.
         out: Its directory.
         shard: Which parts to make.
-        overwrite: Whether an earlier run in its directory is replaced.
+        overwrite: True if an earlier run in its directory is replaced.
         drive: Makes a part, if not `Run.drive`.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
-        Whether the run is in its directory. If not, other processes are making parts of it, or have to.
+        True if the run is in its directory. If not, other processes are making parts of it, or have to.
 
     Raises:
         InputError: The directory is taken, or as `Run.drive` raises it.

@@ -80,9 +80,9 @@ class RunSpec:
         pedestrians: The name or the file of the policy that moves all pedestrians.
         metrics: Files with metrics of the user's own.
         replanning: When the planner observes.
-        record: What is recorded, one of `defaults.RECORD`.
+        record: Extent of the recording, one of `defaults.RECORD`.
         batch: Cases that run in lock-step, fewer where their traces would take too much memory.
-        isolated: Whether the planner runs in a process of its own.
+        isolated: True if the planner runs in a process of its own.
         decision_limit: Seconds that the planner may take for a decision.
         data: The folder with recorded tracks.
 
@@ -110,7 +110,7 @@ class RunSpec:
 
     @property
     def changes(self) -> dict[str, Any]:
-        """What is changed in the scenario, as results say it."""
+        """Changes of the scenario, as in results."""
         return {**self.overrides} | ({"pedestrians": self.pedestrians} if self.pedestrians else {})
 
 

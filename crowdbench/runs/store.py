@@ -38,12 +38,12 @@ def write_run(
 
     Args:
         folder: The folder, which becomes the run's directory.
-        episodes: What was measured.
-        run: What the run is, see `RunId.parts`.
+        episodes: The result.
+        run: Parts of its identity, see `RunId.parts`.
         scenario: The contents of the scenario.
         recorded: The number of recorded episodes.
-        stated: What cannot be recomputed from the other files.
-        interrupted: Whether cases are missing that were asked for.
+        stated: Facts that cannot be recomputed from the other files.
+        interrupted: True if cases are missing that were asked for.
 
     Returns:
         The contents of `result.json`.
@@ -86,7 +86,7 @@ class RunResult:
 
         Args:
             directory: Its directory.
-            tables_only: Whether to check `result.json` and `episodes.csv` alone; other files may be missing.
+            tables_only: True to check `result.json` and `episodes.csv` alone; other files may be missing.
 
         Raises:
             InputError: A file is missing, cannot be read, is not the one that the run wrote, or contradicts another.
@@ -121,7 +121,7 @@ class RunResult:
 
     @property
     def header(self) -> dict[str, Any]:
-        """What a recording says of the run that it is from, see `record.write.Recorder`."""
+        """Return the properties of the run for a recording, see `record.write.Recorder`."""
         names = {"planner": self.label, "scenario": self.result["scenario"]["name"], "cases": len(self.cases)}
         return names | {"scenario_digest": self.result["run"]["scenario"]}
 
@@ -132,7 +132,7 @@ class RunResult:
 
     @functools.cached_property
     def recording(self) -> Recording | None:
-        """What is recorded, None where nothing is. Raises InputError where the file is damaged."""
+        """The recording, None where nothing is recorded. Raises InputError where the file is damaged."""
         if not (self.directory / RECORDING).exists():
             return None
         from crowdbench.record.contents import read

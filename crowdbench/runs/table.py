@@ -52,7 +52,7 @@ class RunTable:
         Args:
             directories: Their directories.
             columns: `scenario`, or the name of an option of the planner or of a key of the scenario.
-            names: What the runs are called; none for their planners, and for the folders of versions of one planner.
+            names: Names of the runs; none for their planners, and for the folders of versions of one planner.
 
         Raises:
             InputError: A directory is not a run, was made without the option, or is in the same place as another; runs
@@ -206,7 +206,7 @@ def metric_grid(
         estimates: The estimates by metric.
         rates: The metrics that are rates.
         functions: Metrics of a user by name, whose units are shown.
-        all_metrics: False for those in `MAIN` and those of a user alone.
+        all_metrics: False for `MAIN` and the metrics of a user alone.
     """
     of_user = [name for name in estimates if name not in METRICS]
     rows = []

@@ -41,8 +41,8 @@ class Examined(TomlTable):
 
     Attributes:
         examined: How many were.
-        uncertified: Those of them without a certificate.
-        narrow: Those with a certificate that comes nearer to people or obstacles than the margin.
+        uncertified: Examined cases without a certificate.
+        narrow: Cases with a certificate that comes nearer to people or obstacles than the margin.
     """
 
     examined: int = integer(least=1, most=LAST)
@@ -56,7 +56,7 @@ class Certified(TomlTable):
     Attributes:
         scenario: The digest of the scenario.
         margin: The wider of the margins that were tried, in metres.
-        train: What was examined of training cases.
+        train: Examined training cases.
         val: Of validation cases.
         test: Of test cases.
     """
@@ -75,14 +75,14 @@ class Certified(TomlTable):
 
 @dataclass(frozen=True)
 class CertificateStatus:
-    """What there is to say of the certificates of a scenario.
+    """Certificates of a scenario.
 
     Attributes:
         spec: The name or the file of the scenario, as a user gives it.
         name: The scenario's name.
         digest: Its digest.
         file: The file with the certified cases.
-        certified: What it says.
+        certified: Its content.
     """
 
     spec: str
@@ -92,7 +92,8 @@ class CertificateStatus:
     certified: Certified
 
     def sentence(self, cases: Cases) -> str:
-        """Return the share of the cases that have a certificate, or what must be done to know it for those of a run."""
+        """Return the share of the cases that have a certificate, or the command that determines it for the cases of a
+        run."""
         split, by = cases.split, f"`python studies/certificates/run.py {self.spec}"
         if self.certified.scenario != self.digest:
             difference = f"for the digest {self.certified.scenario}, but {self.name} has {self.digest} now"

@@ -43,7 +43,7 @@ class ClearSpace(TomlTable):
     time: float = number(least=0.0, below=1e3)
 
     def is_entered(self, discs: Float[np.ndarray, "disc 2"], position: Agents, radius: PerAgent, reach: float) -> bool:
-        """Whether somebody is nearer to the vehicle than `distance`, whichever way anybody goes.
+        """Return whether somebody is nearer to the vehicle than `distance`, whichever way anybody goes.
 
         Args:
             discs: Centres of discs of the vehicle, in metres.
@@ -54,7 +54,7 @@ class ClearSpace(TomlTable):
         return bool((norm(position[:, None] - discs) - (radius + reach)[:, None] < self.distance).any())
 
     def holds(self, vehicle: MovingVehicle, position: Agents, velocity: Agents, radius: PerAgent) -> bool:
-        """Whether there is so much space between a vehicle and people.
+        """Return whether there is so much space between a vehicle and people.
 
         Args:
             vehicle: The vehicle.

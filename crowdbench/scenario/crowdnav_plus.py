@@ -70,7 +70,7 @@ class _Stream:
         return [quantity.mean for quantity in quantities]
 
     def traits(self, people: Sequence[list[float]]) -> Traits:
-        """What pedestrians are like that `draw_person` has drawn."""
+        """Return the traits of pedestrians that `draw_person` has drawn."""
         distance, speed, radius = np.array(people).reshape(-1, 3).T
         parameters = {
             name: {parameter: np.full(len(people), quantity.mean) for parameter, quantity in table.items()}
@@ -96,7 +96,7 @@ class _Stream:
 
 @dataclass(frozen=True)
 class CrowdNavPlusStarts(LayoutStarts):
-    """The first test cases start as those of CrowdNav++, other cases as the layout of the same name places them."""
+    """The first test cases start as in CrowdNav++, other cases as the layout of the same name places them."""
 
     def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
         """See `LayoutStarts`."""

@@ -53,7 +53,7 @@ def spread(ahead: Position, radius: Float[np.ndarray, "member"], stands: bool) -
     Args:
         ahead: The direction in which it walks, of any length.
         radius: Radii in metres.
-        stands: Whether it stands.
+        stands: True if it stands.
 
     Returns:
         In metres.
@@ -88,7 +88,7 @@ def place_groups(
         stream: The random stream for the places of those who stand.
 
     Raises:
-        InputError: What the layout returns is no placement.
+        InputError: The layout returns no placement.
     """
     group = np.unique(np.append(0, leader + 1), return_inverse=True)[1]
     groups = [np.flatnonzero(group == number) for number in range(group.max() + 1)]

@@ -64,8 +64,8 @@ def parse(
 
     Args:
         table: As read from a file, perhaps with changes.
-        name: What the scenario is called.
-        source: What its file is called, for errors.
+        name: Name of the scenario.
+        source: Name of its file, for errors.
         load_layout: Loads the layout that the table names.
         load_policy: Loads the pedestrian policies that it names.
         data: The folder with the recorded tracks, if the user gave one.

@@ -1,4 +1,4 @@
-"""What a layout is, what it places for one case, what that must be like, and the ways around its obstacles."""
+"""Layouts, their placement for one case, its checks, and the ways around its obstacles."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Way = tuple[Position, Position]
 
 @dataclass(frozen=True)
 class Placement:
-    """What a layout places for one case.
+    """Placement of a layout for one case.
 
     Attributes:
         start: Where each agent starts, in metres.
@@ -70,7 +70,7 @@ class LayoutCall:
 
 
 def complete_placement(answer: object, radius: PerAgent) -> Placement:
-    """What a layout returned: with routes if there are obstacles, and solid polygons counter-clockwise.
+    """Complete the placement of a layout: with routes if there are obstacles, and solid polygons counter-clockwise.
 
     Args:
         answer: Whatever that is.
@@ -83,7 +83,7 @@ def complete_placement(answer: object, radius: PerAgent) -> Placement:
 
 
 def check_shape(answer: object, agents: int) -> Placement:
-    """What a layout returned. Raises InputError where it is no placement of so many agents."""
+    """Return the placement of a layout. Raises InputError where it is no placement of so many agents."""
     if not isinstance(answer, Placement):
         raise InputError(f"the layout returned a {type(answer).__name__} instead of a Placement")
     shapes = {"start": (agents, 2), "goal": (agents, 2), "route": (agents, None, 2), "obstacles": (None, None, 2)}

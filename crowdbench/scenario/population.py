@@ -1,4 +1,4 @@
-"""Who walks: how many pedestrians, what is drawn of each of them, and what they do where they arrive."""
+"""The crowd: the number of pedestrians, their random traits, and their behaviour on arrival."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from crowdbench.utils.errors import is_number
 from crowdbench.utils.toml import TomlTable, number
 
 ARRIVALS = ("walk_on", "stop", "leave", "new_goal", "respawn", "back_and_forth")
-"""What a pedestrian does that has reached its goal:
+"""Behaviour of a pedestrian that has reached its goal:
 
 - `walk_on`: keep walking to it, as in CrowdNav,
 - `stop`: stand where it is from then on,
@@ -87,7 +87,7 @@ class WholeDistribution(Distribution):
 
 
 class Traits(NamedTuple):
-    """What some pedestrians are like.
+    """Traits of some pedestrians.
 
     Attributes:
         radius: In metres.
@@ -149,7 +149,7 @@ class Crowd:
         standing: The policies whose pedestrians stand, by name.
         parameters: By policy and name, the parameters of the policies.
         groups: By size, the share of the groups that are so large; empty where all walk alone.
-        arrival: What becomes of those who arrive, one of `ARRIVALS`.
+        arrival: Behaviour of pedestrians on arrival, one of `ARRIVALS`.
         goal_change: How they change their goals on the way, if they do.
         clear_space: The space around the vehicle in which nobody starts or comes in, if there is one.
     """
@@ -167,7 +167,7 @@ class Crowd:
 
     @property
     def stands(self) -> Bool[np.ndarray, "policy"]:
-        """Whether the pedestrians of each policy stand. Recorded cars have a policy that nobody is drawn for."""
+        """True if the pedestrians of each policy stand. Recorded cars have a policy that nobody is drawn for."""
         return np.array([name in self.standing for name in self.parameters])
 
     def walking(self) -> Crowd:

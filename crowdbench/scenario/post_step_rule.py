@@ -23,7 +23,7 @@ from crowdbench.sim.routes import with_route
 class LayoutPostStepRule:
     """Applied after each step: arrivals, respawn, goal changes.
 
-    What is drawn depends on the case, the step and the pedestrian alone.
+    Random draws depend on the case, the step and the pedestrian alone.
 
     Attributes:
         crowd: The pedestrians. A new person has the number of the one it replaces, plus the largest number of them.
@@ -74,8 +74,8 @@ class LayoutPostStepRule:
     def _replace(self, world: World, row: int, members: Int[np.ndarray, "member"], is_new: bool) -> World:
         """One pedestrian, or a group, with another goal, or others in their place, in the arrays of the worlds.
 
-        Who finds no room walks on, to be drawn again in the next step. The worlds are new ones where the arrays of
-        routes are too short.
+        A pedestrian without room walks on, to be drawn again in the next step. The worlds are new ones where the arrays
+        of routes are too short.
         """
         agents, of_this = members + 1, (int(world.step[row]), int(members[0]))
         traits = None
@@ -121,12 +121,12 @@ def _add_groups(chosen: PedestrianFlags, group_or_person_id: Int[np.ndarray, "wo
 
 
 def find_walking(world: World, running: Bool[np.ndarray, "world"]) -> PedestrianFlags:
-    """Who prefers some speed, in worlds that are running."""
+    """Return pedestrians that prefer some speed, in worlds that are running."""
     return np.asarray(running[:, None] & world.present[:, 1:] & (world.preferred_speed[:, 1:] > 0.0))
 
 
 def find_arrived(world: World, running: Bool[np.ndarray, "world"]) -> PedestrianFlags:
-    """Who has arrived, in worlds that are running: whose goal is nearer than its radius. Who stands has not."""
+    """Return pedestrians that have arrived: the goal is nearer than the radius. Standing ones have not."""
     to_goal = (world.goal - world.position)[:, 1:]
     return np.asarray(find_walking(world, running) & (norm(to_goal) < world.radius[:, 1:]))
 
@@ -140,10 +140,10 @@ def replace_person(
         world: The worlds.
         row: The pedestrian's world.
         pedestrian: Its index.
-        traits: What those who come are like.
+        traits: Traits of the new pedestrians.
         index: Which of them this is.
         start: Where it comes in, in metres.
-        numbers: What is added to the numbers of the person and of its group.
+        numbers: Additions to the numbers of the person and of its group.
     """
     agent = pedestrian + 1
     world.position[row, agent], world.velocity[row, agent] = start, 0.0
@@ -189,4 +189,4 @@ def _turn_back(world: World, arrived: PedestrianFlags) -> None:
 
 
 _AT_ONCE = {"stop": _stop, "leave": _leave, "back_and_forth": _turn_back}
-"""What happens to all who arrive, without a draw."""
+"""Effects of arrival without a random draw."""

@@ -113,8 +113,8 @@ class TrackedCrowd:
         distance: Smallest distance in metres from the vehicle's start to its goal, where no car gives them.
         windows: The windows by split.
         free_space: The free space of each recording by its name.
-        has_cars: Whether the vehicle takes the place of a recorded car, and other cars are there.
-        table: What results say of it.
+        has_cars: True if the vehicle takes the place of a recorded car, and other cars are there.
+        table: Its table in results.
     """
 
     scene: str
@@ -201,7 +201,7 @@ class TrackedCrowd:
         return np.array([self.window(split, case).block for case in cases.tolist()], np.int64)
 
     def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
-        """Draw the start of a case, see `LayoutStarts`. Who comes later starts where they come."""
+        """Draw the start of a case, see `LayoutStarts`. Later pedestrians start where they enter."""
         window = self.window(case.split, case.number)
         traits = crowd.draw(rng.generator(case.key, "crowd"), len(window.radius))
         traits = _take_recorded(window, traits, list(crowd.parameters))

@@ -95,7 +95,7 @@ Respawn = Callable[..., Way | None]
 - `room` is a `Room`, from whose people start and goal keep a distance.
 - `radius` and `preferred_speed` are the person's, in metres and in m/s.
 - `position` is where the person is, in metres, who only gets another goal; None for somebody new.
-- The options are those of the layout.
+- The options are the options of the layout.
 
 It returns None where it finds no room; the person walks on then, and is drawn again in the next step."""
 
@@ -132,11 +132,11 @@ def _respawn_by_layout(
 
 
 def draw_again(layout: LayoutCall, *arguments: Any) -> Way | None:
-    """What a layout draws for one person, checked.
+    """Return the draw of a layout for one person, checked.
 
     Args:
         layout: The layout with its options.
-        *arguments: Those of a `Respawn`.
+        *arguments: Arguments of a `Respawn`.
 
     Raises:
         InputError: It raises, or returns neither None nor two points.

@@ -37,7 +37,7 @@ class Scenario:
     Attributes:
         name: Name of the scenario.
         source: Name of its file in error messages.
-        rules: What is the same in all cases.
+        rules: Constants of all cases.
         seed: Every case has its own random stream, which depends on this seed, the split and the case number.
         vehicle: The vehicle's radius and speed.
         crowd: The pedestrians.
@@ -45,7 +45,7 @@ class Scenario:
         policies: The pedestrian policies by name.
         table: The scenario in full, as it is written into results.
         digest: Twelve hexadecimal digits that change with the cases: see `crowdbench.scenario.load`.
-        certificates: What there is to say of its certificates; None where there are none.
+        certificates: Its certificates; None where there are none.
     """
 
     name: str
@@ -124,7 +124,7 @@ class Scenario:
         obstacles = [_NOTHING if placement.obstacles is None else placement.obstacles for placement in placements]
         ahead = goal[:, 0] - position[:, 0]
         if not isinstance(self.rules.dynamics, Holonomic) and route.shape[2]:
-            # What turns slowly faces its first waypoint.
+            # A vehicle that turns slowly faces its first waypoint.
             ahead = np.where(np.isnan(route[:, 0, 0]), ahead, route[:, 0, 0] - position[:, 0])
 
         def stack(vehicle: float, pedestrians: Sequence[Float[np.ndarray, "_"]], fill: float) -> np.ndarray:

@@ -1,6 +1,6 @@
-"""What a scenario's TOML file may hold: its tables, their keys, and the default of each key.
+"""The content of a scenario's TOML file: its tables, their keys, and the default of each key.
 
-The options of a layout are the keyword-only parameters of its function, and those of a pedestrian policy its
+The options of a layout are the keyword-only parameters of its function, the options of a pedestrian policy its
 `parameters`; the tables that hold them are made for the layout and the policies that a scenario names.
 """
 
@@ -161,7 +161,7 @@ class PedestriansSpec(PoliciesSpec):
 class TracksSpec(TomlTable):
     """`[tracks]`: recorded people in a scene, instead of a layout. Lengths are in metres.
 
-    `files` has the sha256 of files of one's own; those of ETH/UCY and DUT are known.
+    `files` has the sha256 of files of one's own; the digests of ETH/UCY and DUT are known.
     """
 
     scene: Name
@@ -254,7 +254,7 @@ _OPTIONS: Mapping[type, tuple[Any, str]] = {kind: (kind, right) for kind, (_, ri
     list: (list[JsonValue], "a list"),
     dict: (dict[str, JsonValue], "a table"),
 }
-"""What an option of a layout may be, by the type of its default: its type, and its name in errors."""
+"""Allowed values of an option of a layout, by the type of its default: its type, and its name in errors."""
 
 
 def _extended(base: type[Spec], fields: Mapping[str, tuple[Any, Any]]) -> type[Spec]:

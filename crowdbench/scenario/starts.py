@@ -81,7 +81,7 @@ class LayoutStarts:
     crowdnav_cases: int = 0
 
     def uses_crowdnav_seed(self, case: Case) -> bool:
-        """Whether a case has CrowdNav's random stream."""
+        """Return whether a case has CrowdNav's random stream."""
         return case.split == "test" and case.number < self.crowdnav_cases
 
     def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
@@ -134,13 +134,14 @@ class LayoutStarts:
 
 
 def _is_entered(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:
-    """Whether somebody starts in the clear space, judged by the vehicle's middle disc, whose place needs no heading."""
+    """Return whether somebody starts in the clear space, judged by the vehicle's middle disc, whose place needs no
+    heading."""
     start = placement.start
     return 0.0 in rules.body and space.is_entered(start[:1], start[1:], people.radius, vehicle.radius)
 
 
 def _is_clear(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:
-    """Whether nobody starts in the clear space of the vehicle, or so that they soon touch as they set out."""
+    """Return whether nobody starts in the clear space of the vehicle, or so that they soon touch as they set out."""
     start, goal = placement.start, placement.goal
     velocity = velocities_ahead(start, goal, placement.route, np.append(vehicle.speed, people.preferred_speed))
     heading = math.atan2(velocity[0, 1], velocity[0, 0])

@@ -37,14 +37,14 @@ LITTLE, MUCH = 0.1, 0.9
 """A vehicle with a smaller share than the one was struck, and with a larger one than the other it alone drove."""
 
 BEHIND = np.cos(np.radians(120.0))
-"""Who is more than 120 degrees from the vehicle's heading is behind it."""
+"""Cosine of 120 degrees: pedestrians at larger angles from the vehicle's heading are behind it."""
 
 SAME_TIME = 1e-9
 """Contacts that are not further apart than so many steps are at the same time."""
 
 
 class Fault(enum.IntEnum):
-    """What the vehicle did when it was in contact with somebody, the first that holds."""
+    """Kind of a contact: the first that holds."""
 
     NONE = -1
     """There was no contact."""
@@ -69,11 +69,11 @@ class Contacts(NamedTuple):
     """The contact of each world, of several at the same time that in which the vehicle's share is largest.
 
     Attributes:
-        fault: What the vehicle did, a `Fault`.
+        fault: Kind of the contact, a `Fault`.
         share: The vehicle's share phi, from 0 to 1; NaN without contact and where it is undetermined.
         agent: Index of the pedestrian as an agent; 0 where there was no contact with a pedestrian.
         speed: Relative speed of the two in m/s; NaN without contact with a pedestrian.
-        saw: Whether the pedestrian saw the vehicle.
+        saw: True if the pedestrian saw the vehicle.
     """
 
     fault: Int[np.ndarray, "world"]

@@ -25,7 +25,7 @@ _CROWDNAV, _CROWDNAV_PLUS = COLLISION_RULES.index("crowdnav"), COLLISION_RULES.i
 
 
 class StepCheck(NamedTuple):
-    """What the check of a step found for the vehicle of each world.
+    """Result of the check of a step for the vehicle of each world.
 
     Attributes:
         outcome: An `Outcome`.
@@ -139,7 +139,7 @@ def step_outcome(gap, wall_gap, dx, dy, tolerance, is_last):
         dx (float): x of the way from its centre to its goal after the step, in metres.
         dy (float): Its y.
         tolerance (float): Distance in metres to its goal below which it has arrived.
-        is_last (bool): Whether this is the last step of the time limit.
+        is_last (bool): True if this is the last step of the time limit.
 
     Returns:
         outcome (int): An `Outcome`.
@@ -158,7 +158,7 @@ def step_outcome(gap, wall_gap, dx, dy, tolerance, is_last):
 @no_type_check
 @njit(nogil=True)
 def gaps_on_arc(body, heading, speed, turn_rate, dt, discs, obstacles):
-    """The smallest distances between the vehicle's rim and those of pedestrians, and obstacles, during a step.
+    """The smallest distances between the vehicle's rim and the rims of pedestrians, and obstacles, during a step.
 
     Compiled, for one world.
 

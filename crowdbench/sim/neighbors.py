@@ -25,11 +25,11 @@ _PER_CELL = 2.0
 """Agents of a cell, on average. With 5 the search takes a tenth longer, with 1 as long."""
 
 _SPREAD = 1.8
-"""Half the length of the grid in standard deviations of the positions: a little more than that of agents that are
-evenly spread. Who is farther away is counted to the cell at the border, so that a few cannot make the cells large."""
+"""Half the length of the grid in standard deviations of the positions: a little more than for agents that are evenly
+spread. Agents farther away count to the cell at the border, so that a few cannot make the cells large."""
 
 _SLACK = 1e-6
-"""What a cell may be larger than it is, in its lengths, because of rounding."""
+"""Tolerance of rounding, in lengths of a cell."""
 
 
 class Cells(NamedTuple):
@@ -57,7 +57,7 @@ def cells_of(position: Float[np.ndarray, "world agent 2"], seen: Bool[np.ndarray
 
     Args:
         position: In metres.
-        seen: Whether each agent can be a neighbour, read by `at`.
+        seen: True if each agent can be a neighbour, read by `at`.
 
     Returns:
         The cells; None for worlds with less than `CELLS_FROM` agents.
@@ -114,7 +114,7 @@ def _lay(w, position, seen, corner, length):
     Args:
         w: Index of the world.
         position: `[world, agent, 2]`, in metres.
-        seen: Whether each agent is seen, read by `at`.
+        seen: True if each agent is seen, read by `at`.
         corner: `[world, 2]`, of which row w is filled, in metres.
         length: `[world]`, of which element w is filled, in metres.
 
@@ -198,7 +198,7 @@ def find_neighbors(begin, end, position, moves, cells, avoidance, obstacles, nei
         begin (int): The first agent, counted through all worlds.
         end (int): The one after the last.
         position (array): `[world, agent, 2]`, in metres.
-        moves (array): Whether the agent has neighbours, read by `at`.
+        moves (array): True if the agent has neighbours, read by `at`.
         cells (Cells): The cells of the agents.
         avoidance (tuple): The fields of `crowdbench.sim.pedestrians.orca.Avoidance`.
         obstacles (array): `[world, polygon, corner, 2]`, in metres; one world's may stand for all.
@@ -298,7 +298,7 @@ def nearest_of_all(w, i, position, seen, reach, limit, neighbor, distance):
         w (int): Index of the world.
         i (int): Index of the agent.
         position (array): `[world, agent, 2]`, in metres.
-        seen (array): Whether each agent can be a neighbour, read by `at`.
+        seen (array): True if each agent can be a neighbour, read by `at`.
         reach (float): Neighbours are nearer than this, in metres.
         limit (int): Largest number of neighbours.
         neighbor (array): `[agent]`, filled: indices of the neighbours, nearest first.

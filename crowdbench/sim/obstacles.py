@@ -43,7 +43,8 @@ def wall_gap_in_step(x, y, dx, dy, radius, obstacles):
 @no_type_check
 @njit(error_model="numpy", nogil=True)
 def touches_in_step(x, y, dx, dy, radius, obstacles):
-    """Whether a disc touches obstacles while it moves straight: where `wall_gap_in_step` is not positive. Compiled.
+    """Return whether a disc touches obstacles while it moves straight: where `wall_gap_in_step` is not positive.
+    Compiled.
 
     Args:
         x (float): x of its centre before the motion, in metres.
@@ -81,7 +82,7 @@ def _least_distance(x, y, dx, dy, obstacles, enough):
 @no_type_check
 @njit(error_model="numpy")
 def _are_apart(x, y, dx, dy, ax, ay, bx, by, distance):
-    """Whether the rectangles around a motion and the segment from a to b are surely farther apart than that."""
+    """Return whether the rectangles around a motion and the segment from a to b are surely farther apart than that."""
     across = max(min(ax, bx) - max(x, x + dx), min(x, x + dx) - max(ax, bx), 0.0)
     along = max(min(ay, by) - max(y, y + dy), min(y, y + dy) - max(ay, by), 0.0)
     return across * across + along * along > distance * distance * (1.0 + 1e-9) + 1e-18
@@ -167,7 +168,7 @@ def slide(x, y, dx, dy, radius, obstacles):
         obstacles (array): `[polygon, corner, 2]`, in metres.
 
     Returns:
-        touched (bool): Whether a wall was in the way.
+        touched (bool): True if a wall was in the way.
         x (float): x of its centre after the motion, in metres.
         y (float): Its y.
     """

@@ -29,8 +29,8 @@ def track_at(world: World, step: Int[np.ndarray, "world"]) -> Float[np.ndarray, 
 def come_and_go(world: World, running: Bool[np.ndarray, "world"]) -> World:
     """Worlds in which those are present who were recorded at this step.
 
-    Who comes stands where they were recorded, and has no history before. Nobody comes in where the vehicle is: they
-    come as soon as they were recorded elsewhere. Who goes is not present any more.
+    A new pedestrian stands at its recorded position, without a history. Nobody comes in where the vehicle is: they
+    come as soon as they were recorded elsewhere. A pedestrian that leaves is not present any more.
 
     Args:
         world: Worlds of recorded people after a step, in which those are present who were so before the step.

@@ -68,7 +68,7 @@ def follow_routes(
         waypoint: AgentInts of waypoints.
         radius: AgentNumbers in metres.
         obstacles: Polygons in metres.
-        present: Whether the agent is there.
+        present: True if the agent is there.
     """
     following, lost = next_waypoints(position, goal, route, waypoint, radius, obstacles)
     if not (lost & present).any():
@@ -138,7 +138,7 @@ def _next_waypoints(position, goal, route, radius, obstacles, waypoint, lost):
                 last += 1
             x, y = position[w, i, 0], position[w, i, 1]
             if walled:
-                # Whoever touches a wall cannot go anywhere by its whole disc, and looks along the line of its centre.
+                # An agent that touches a wall cannot move its whole disc anywhere: the line of its centre counts.
                 visible = _last_in_sight(x, y, radius[w, i] + SIGHT_GAP, goal[w, i], route[w, i], last, obstacles[w])
                 if visible < 0:
                     visible = _last_in_sight(x, y, 0.0, goal[w, i], route[w, i], last, obstacles[w])

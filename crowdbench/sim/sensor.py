@@ -1,4 +1,4 @@
-"""The vehicle's sensor: makes observations of worlds. What limited sight has seen of them is kept by `sight`.
+"""The vehicle's sensor: makes observations of worlds. `sight` stores the measurements of limited sight.
 
 Where there are more pedestrians than a planner could use, it is shown the nearest ones.
 """
@@ -21,7 +21,7 @@ _OF_AGENTS = "position", "velocity", "goal", "route", "waypoint", "radius", "pre
 """The fields of a vehicle that are columns of the arrays of a world."""
 
 _OVER_TIME = ("history", "filled")
-"""What has an axis `time` before the axis `pedestrian`."""
+"""Arrays with an axis `time` before the axis `pedestrian`."""
 
 
 def observe(
@@ -74,7 +74,7 @@ def with_nearest(obs: Observation, number: int | None) -> Observation:
 
     Returns:
         The observation of those whose centres are nearest to the vehicle's position, of two at the same distance the
-        one that comes first. They are in the same order as before. Who is not seen only fills the places of a world in
+        one that comes first. They are in the same order as before. Unseen pedestrians only fill the rows of a world in
         which fewer are seen.
     """
     crowd = obs.pedestrians
@@ -145,7 +145,7 @@ def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:
 
 
 def beams(world: World, lidar: Lidar) -> Float[np.ndarray, "world beam"]:
-    """What a lidar measures at the vehicle's position, as `crowdbench.core.types.Observation.lidar`."""
+    """Return distances of a lidar at the vehicle's position, as `crowdbench.core.types.Observation.lidar`."""
     distance = np.empty((len(world), lidar.beams))
     scene = world.heading, world.position, world.radius, world.present, world.obstacles
     measure_all_beams(*scene, lidar.range, distance)

@@ -1,4 +1,4 @@
-"""What a vehicle with limited sight has seen of the pedestrians, step by step: measurements, and tracks made of them.
+"""Measurements of a vehicle with limited sight, step by step: measurements, and tracks made of them.
 
 `World.sight` has these arrays; a measurement is x, y, vx, vy and radius of a pedestrian.
 
@@ -32,7 +32,7 @@ PADDING = (0.0, 0.0, 0.0, 0.0, 1.0)
 _SCENE = operator.attrgetter(
     "key", "step", "position", "velocity", "heading", "radius", "present", "person", "obstacles"
 )
-"""What `_measure` takes of a world."""
+"""Arrays of a world that `_measure` takes."""
 
 _NOISE, _MISSED = purpose_bits("sensor"), purpose_bits("missed detections")
 
@@ -92,7 +92,7 @@ def _nothing(world: World) -> dict[str, np.ndarray]:
 
 
 def _measured(world: World) -> Float[np.ndarray, "world pedestrian 5"]:
-    """What is measured of each pedestrian now, NaN of those that are not detected."""
+    """Return measurements of each pedestrian, NaN for undetected ones."""
     sensor = world.rules.sensor
     measured = np.full((*world.person.shape, 5), np.nan)
     reach = np.inf if sensor.range is None else sensor.range
@@ -105,13 +105,13 @@ def _measured(world: World) -> Float[np.ndarray, "world pedestrian 5"]:
 @no_type_check
 @njit(error_model="numpy")
 def _measure(measured, reach, least_cosine, occlusion, position_noise, velocity_noise, missed, *scene):
-    """Measure whoever can be seen and is not missed.
+    """Measure pedestrians that can be seen and are not missed.
 
     Args:
         measured: `[world, pedestrian, 5]`, filled with measurements.
         reach: Largest distance in metres between the rims of the vehicle and of a person that is seen.
         least_cosine: Smallest cosine of the angle between the heading and a person that is seen.
-        occlusion: Whether walls and other people hide persons.
+        occlusion: True if walls and other people hide persons.
         position_noise: Standard deviation in metres.
         velocity_noise: Standard deviation in m/s.
         missed: Probability that a person is not detected.

@@ -41,7 +41,7 @@ def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> 
 
 
 def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> tuple[Velocities, World]:
-    """What the pedestrians' policies decide: the velocities that they ask for, and what they remember.
+    """Return the decisions of the pedestrians' policies: velocities and memories.
 
     Policies are asked only here, in a world in which an invisible vehicle is not `present`. There a visible one is the
     smallest disc around its body. With a model of attention, policies are asked once with the vehicle and once without,
@@ -139,11 +139,11 @@ Before = namedtuple(
 """The arrays of a `World` that a step reads."""
 
 After = namedtuple("After", "step position velocity heading angular_speed history")
-"""The arrays of a `World` that a step makes anew."""
+"""The arrays of a `World` that a step replaces."""
 
 
 class Commands(NamedTuple):
-    """What agents do in a step.
+    """Commands of agents in a step.
 
     Attributes:
         vehicle: The vehicle's command.
@@ -169,8 +169,8 @@ def step(
     Motion and the check of how it ended, then what becomes of people, and the vehicle's look around.
 
     The simulator limits speeds only here: an agent that is faster than its preferred speed is slowed down to it. In a
-    run the `Driver` has rejected such commands of a planner before. So are the vehicle's other limits enforced, and
-    those of pedestrians in `Rules.walking`: where they leave no room to keep apart, people overlap.
+    run the `Driver` has rejected such commands of a planner before. The vehicle's other limits are enforced too, and
+    the limits of pedestrians in `Rules.walking`: where they leave no room to keep apart, people overlap.
 
     Pedestrians cannot pass walls: whose rim touches one goes on along it, and has the velocity that this took. The
     vehicle is not stopped, because its episode ends there.
@@ -201,7 +201,7 @@ def finish_step(after: World, check: StepCheck, post_step_rule: PostStepRule | N
 
     Args:
         after: The worlds after the first part.
-        check: What its check has found.
+        check: Result of its check.
         post_step_rule: Applied to the worlds that are still running, if given.
     """
     return look(after if post_step_rule is None else post_step_rule(after, check.outcome == Outcome.RUNNING))
@@ -228,7 +228,7 @@ def limit_velocities(world: World, crowd: Velocities) -> Velocities:
 
 
 def advance(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[After, StepCheck]:
-    """What a step makes of worlds, and what its check finds."""
+    """Return the worlds after a step, and the result of its check."""
     worlds, points = len(world), world.position.shape
     steps, heading, angular_speed = np.empty(worlds, np.int64), np.empty(worlds), np.empty(worlds)
     position, velocity, history = np.empty(points), np.empty(points), np.empty(world.history.shape)

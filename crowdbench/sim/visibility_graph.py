@@ -107,7 +107,7 @@ def nearest_on(edges: Float[np.ndarray, "edge 2 2"], points: Points) -> Float[np
 
 
 def _add_marks(start: Agents, goal: Agents, routes: Sequence[np.ndarray]) -> WayPoints:
-    """Routes with waypoints at most `SPACING` apart, so that whoever has been pushed off its way sees one of them."""
+    """Return routes with waypoints at most `SPACING` apart, so that an agent pushed off its way sees one of them."""
     marked = []
     for agent, corners in enumerate(routes):
         points = np.concatenate([start[agent, None], corners, goal[agent, None]])
@@ -139,7 +139,7 @@ class _Roadmap:
     least: float
 
     def free(self, start: Float[np.ndarray, "line 2"], end: Float[np.ndarray, "line 2"]) -> Bool[np.ndarray, "line"]:
-        """Whether the agent can go straight from one point to another.
+        """Return whether the agent can go straight from one point to another.
 
         An end that is nearer to a corner than agents keep from it must be reached all the same: then the way must not
         come any nearer.
@@ -182,7 +182,7 @@ def _roadmap(obstacles: bytes, shape: tuple[int, ...], radius: float) -> _Roadma
     distance = norm(offset)
     corner, edge = np.nonzero((distance > _TOLERANCE) & (distance < most))
     between = (points[corner] + nearest[corner, edge]) / 2
-    # What lies between two edges of the same polygon may be the polygon.
+    # The space between two edges of one polygon may be the polygon.
     inside = norm(nearest_on(edges, between) - between[:, None]).min(axis=1, initial=np.inf) < _TOLERANCE
     for solid in solids(polygon):
         inside |= shapely.contains_xy(solid, between)

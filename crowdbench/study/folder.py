@@ -43,7 +43,7 @@ def make_in_folder(run: Run, out: Path, progress: Callable[[float], None] | None
         progress: As `make_run` calls it.
 
     Returns:
-        Whether it is there; not where another process is making it.
+        True if it is there; not where another process is making it.
 
     Raises:
         InputError: As `make_run` does.

@@ -1,4 +1,4 @@
-"""What a study's TOML file may hold: its tables, their keys, and the default of each key.
+"""The content of a study's TOML file: its tables, their keys, and the default of each key.
 
 Planners, options, scenarios and overrides are what one would give to `crowdbench run`.
 """

@@ -29,7 +29,7 @@ def load_runs(planners: Sequence[PlannerSpec], base: RunSpec) -> list[Run]:
 
     Args:
         planners: The planners with their options.
-        base: What all runs have in common.
+        base: The common part of all runs.
 
     Raises:
         InputError: A planner or the scenario does not exist.

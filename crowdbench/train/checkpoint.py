@@ -34,7 +34,7 @@ def save(path: Path, parts: Mapping[str, Any], facts: Mapping[str, Any]) -> None
         path: The file.
         parts: Networks, optimizers and replay buffers by name. The names of their tensors begin with it and a dot.
         facts: `config`, the options of the training; `threads`, the number of torch's threads; `amount`, `seconds` and
-            `curve`, those of `Training`.
+            `curve`, the attributes of `Training`.
 
     Raises:
         OSError: The file cannot be written. An earlier checkpoint stays as it is.

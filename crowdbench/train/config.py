@@ -45,8 +45,8 @@ def option(
         default: The default value.
         help: The meaning, in one sentence without a full stop.
         least: The smallest number allowed, or None.
-        always: Whether `Config.command` has it even with its default.
-        pairs: Whether it is given as `name=value`, repeatedly, and is a mapping.
+        always: True if `Config.command` has it even with its default.
+        pairs: True if it is given as `name=value`, repeatedly, and is a mapping.
 
     Returns:
         The field, for the body of a dataclass, with the other arguments as its metadata.

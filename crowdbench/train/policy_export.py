@@ -70,7 +70,7 @@ def export_policy(model: Any, file: str | Path, env: Any, state: Sequence[tuple[
         device = next((part.device for part in module.parameters()), torch.device("cpu"))
         network = _Normalised(module, list(parts), normaliser, device).eval()
         example = tuple(torch.zeros(EXAMPLES, *shape, device=device) for shape in shapes.values())
-        network(*example)  # whose errors are shorter than those of the exporter
+        network(*example)  # its errors are shorter than the errors of the exporter
         program: Any = torch.onnx.export(network, example, dynamic_shapes=axes, dynamo=True, verbose=False, **names)
         program.model.metadata_props[METADATA] = json.dumps(metadata)
         program.save(file, external_data=False)

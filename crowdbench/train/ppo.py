@@ -188,7 +188,7 @@ class PPOTraining(DrivingTraining[Policy]):
             yield
 
     def train_until(self, goal: float) -> None:
-        """Train up to some progress, with episodes from training cases that are drawn anew.
+        """Train up to some progress, with episodes from training cases that are drawn again.
 
         All random numbers follow from the seed and the number of validations so far.
         """

@@ -59,7 +59,7 @@ def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
     Args:
         trace: The episodes.
         n: The number of steps of a transition.
-        truncated: Whether to include episodes that ended in a time-out.
+        truncated: True to include episodes that ended in a time-out.
 
     Returns:
         The transitions, episode by episode.

@@ -163,7 +163,7 @@ class DrivingTraining(Training, Generic[Network]):
         seconds, the time limit for failures; and `curve_metric`.
 
         Args:
-            quantities: What else the point has, before them.
+            quantities: Further quantities of the point, before them.
         """
         with self.timed():
             network = copy.deepcopy(self.current)
@@ -190,7 +190,7 @@ class DrivingTraining(Training, Generic[Network]):
         return point, cast(Network, self.validated[self.curve.index(point)])
 
     def card(self, progress: Callable[[float], None]) -> dict[str, Any]:
-        """See `Training`. The figures are those of the best network in the training scenario."""
+        """See `Training`. The figures belong to the best network in the training scenario."""
         length, (point, network) = self.config.length, self.best()
         driver, figures = Driver(self.planner(network), self.config.network), {}
         metrics = {metric: METRICS[metric] for metric in self.metrics}

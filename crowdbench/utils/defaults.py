@@ -13,7 +13,8 @@ MOST_AHEAD = 1000
 """The most steps for which predictors can be measured: more than any episode has at the usual time steps."""
 
 RECORD = ("failures", "all", "commands", "none")
-"""What is recorded: the commands of all cases unless it is "none", and with `WITH_EPISODES` episodes for the viewer."""
+"""Extents of recordings: the commands of all cases unless it is "none", and with `WITH_EPISODES` episodes for the
+viewer."""
 
 WITH_EPISODES = ("failures", "all")
 """Which episodes the viewer can show: see `MOST_FAILURES` and `FIRST_RECORDED`."""

@@ -42,7 +42,7 @@ class ForkGuard:
     """Terminate child processes that escape this block: they would write, and remove, the same files.
 
     Args:
-        who: What forks, for the message.
+        who: Name of the forking object, for the message.
     """
 
     # Classes, and no generators: the policies of pedestrians are asked in here in every step, and a generator would
@@ -65,7 +65,7 @@ class plugin_errors(ForkGuard):
 
     Args:
         beginning: How the sentence begins, such as `metric mine raised`. The exception's type and message follow.
-        where: What is put between type and message, such as ` in reset()`.
+        where: Text between type and message, such as ` in reset()`.
 
     Raises:
         InputError: The plug-in raised something. An InputError of its own stays as it is.
@@ -105,7 +105,7 @@ def describe_error(error: BaseException, where: str = "") -> str:
 
     Args:
         error: The exception.
-        where: What is put between the two, such as ` in reset()`.
+        where: Text between the two, such as ` in reset()`.
     """
     try:
         message = " ".join(str(error).split())[:LONGEST]
@@ -158,7 +158,7 @@ def find_named(kind: str, name: str, known: Mapping[str, Item], suffix: str = ""
     """Return the item that has a name. Raises InputError, which tells their names, where none has it.
 
     Args:
-        kind: What each of them is, such as `planner`.
+        kind: The noun for each of them, such as `planner`.
         name: The name.
         known: The items by their names.
         suffix: Suffix of the files in which users define others, such as `.py`; empty if they cannot.

@@ -75,7 +75,7 @@ def new_directory(path: Path, overwrite: bool, mark: str = RUN) -> Iterator[Path
 
     Args:
         path: The name that it gets.
-        overwrite: Whether an earlier one of that name is replaced.
+        overwrite: True if an earlier one of that name is replaced.
         mark: A file that the earlier one must hold, so that nothing else is replaced.
 
     Raises:
@@ -130,7 +130,7 @@ def parent_of(path: Path) -> Iterator[None]:
 def _partial(path: Path) -> Iterator[Path]:
     """A directory beside `path`, locked as long as it is written to, and removed unless it is renamed.
 
-    What killed processes have left in the same folder is removed first.
+    Files that killed processes left in the same folder are removed first.
     """
     _clear_abandoned(path.parent)
     token = secrets.token_hex(4)
@@ -221,7 +221,7 @@ def read_text(path: Path) -> str:
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file holds. Raises OSError where it cannot be read, and InputError where it is no JSON."""
+    """Return the content of a JSON file. Raises OSError where it cannot be read, and InputError where it is no JSON."""
     try:
         return json.loads(read_text(path))
     except (ValueError, RecursionError) as error:

@@ -26,7 +26,7 @@ class Interrupts:
     Outside the main thread, where no signal arrives, it does nothing.
 
     Attributes:
-        pending: Whether an interrupt has arrived.
+        pending: True if an interrupt has arrived.
     """
 
     def __init__(self) -> None:

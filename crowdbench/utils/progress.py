@@ -21,7 +21,7 @@ def progress(total: float, what: str = "") -> Iterator[Callable[[float], None]]:
 
     Args:
         total: The pieces of work.
-        what: What is shown after the share that is done, such as `of 8 scenes`; `of TOTAL cases` if empty.
+        what: Text after the share that is done, such as `of 8 scenes`; `of TOTAL cases` if empty.
 
     Yields:
         A function to be called with the number of pieces, or parts of them, that were done since its last call.

@@ -16,7 +16,7 @@ def check_record(model: type[Model], contents: Any, path: Path, what: str, versi
     """Check what a JSON file holds.
 
     Args:
-        model: What it may hold.
+        model: Model of the contents.
         contents: The contents of the file.
         path: The file.
         what: The word for what it describes, such as "entry".

@@ -28,12 +28,12 @@ class Grid:
     """A table.
 
     Attributes:
-        title: What it is of.
+        title: Its title.
         header: The headings of its columns.
         rows: Its cells, as people read them.
-        records: What is in each row, as programs read it: dataclasses, or values by name.
+        records: Content of each row, as programs read it: dataclasses, or values by name.
         align: How each column is aligned: `l` for left, `r` for right.
-        note: What stands below it, in Markdown.
+        note: Text below it, in Markdown.
     """
 
     title: str
@@ -46,7 +46,7 @@ class Grid:
 
 def printed_by(command: str) -> str:
     """Return the first line of a page that a command prints, for those who would mend the page by hand."""
-    return f"Printed by `{command}`. Do not edit this page: the command writes it anew."
+    return f"Printed by `{command}`. Do not edit this page: the command overwrites it."
 
 
 def format_tables(grids: Sequence[Grid], kind: Format) -> str:

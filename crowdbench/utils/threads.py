@@ -13,7 +13,7 @@ Part = TypeVar("Part")
 
 
 class _Here(threading.local):
-    """What a thread knows of itself."""
+    """State of a thread."""
 
     is_worker = False
 

@@ -1,6 +1,6 @@
 """Reads TOML files, and says in one sentence what is wrong with them.
 
-What a table may hold is a pydantic model, a `TomlTable`. The `description` of each of its fields says what is right
+The model of a table is a pydantic model, a `TomlTable`. The `description` of each of its fields says what is right
 there: it ends the sentence "FILE: KEY is FOUND, but must be ...".
 """
 
@@ -111,8 +111,8 @@ class Location:
         """Return the error that says what is here, and what it must be.
 
         Args:
-            value: What is here.
-            expected: What it must be.
+            value: The value.
+            expected: Description of valid values.
 
         Returns:
             The error.
@@ -133,7 +133,7 @@ def parse_table(model: type[Model], table: Mapping[str, Any], location: Location
     """Check a table.
 
     Args:
-        model: What the table may hold.
+        model: Model of the table.
         table: As read from the file.
         location: Where the table is.
 

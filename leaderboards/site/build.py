@@ -34,7 +34,7 @@ from crowdbench.utils.progress import progress
 INDEX = "index.html"
 
 MARK = '<meta name="generator" content="leaderboards/site/build.py of crowdbench">'
-"""What the first page of every site holds, so that no other folder is replaced."""
+"""Mark of the first page of every site, so that no other folder is replaced."""
 
 ENTRY_PAGES = "entries"
 """The folder of the pages of a board's entries, inside the board's."""
@@ -130,7 +130,7 @@ def _templates() -> jinja2.Environment:
 
 
 def _write_board(folder: Path, templates: jinja2.Environment, found: Standings, seed: int | None) -> None:
-    """Write the page of a board, and those of its entries."""
+    """Write the page of a board, and of its entries."""
     scatter = success_against_time(found)
     _write(folder / INDEX, templates, "board.html", top="../", standings=found, seed=seed, scatter=scatter)
     pages = folder / ENTRY_PAGES

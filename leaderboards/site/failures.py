@@ -35,7 +35,7 @@ LARGEST = 1_000_000
 
 @dataclass(frozen=True)
 class Failures:
-    """What the page of an entry shows of its failures.
+    """Failures on the page of an entry.
 
     Attributes:
         number: How many public cases it failed in.
@@ -55,7 +55,7 @@ def failures(board: Board, entry: Entry, folder: Path) -> Failures:
     if is_pending(entry, board):
         return Failures(problem=PENDING)
     if board.spec.recorded:
-        return Failures(problem="Who was recorded is not shown here: the tracks are not ours to publish.")
+        return Failures(problem="Recorded people are not shown here: the tracks are not ours to publish.")
     examples: list[dict[str, Any]] = []
     recordings: list[str] = []
     try:

@@ -1,6 +1,6 @@
 """The figures of the pages, drawn by Matplotlib as SVG: success against time, and the trajectories of an episode.
 
-Their colours are those of the page, light or dark.
+Their colours follow the page, light or dark.
 """
 
 from __future__ import annotations
@@ -84,15 +84,15 @@ _OFFSETS = np.array(
 """Where a name may stand beside its point, the best place first, in units of the SVG."""
 
 EVERY = 1.0
-"""Seconds between the discs that show where the vehicle, and whom it ran into, was."""
+"""Seconds between the discs that show where the vehicle, and the agent that it ran into, was."""
 
 _SHORTENED = (
     (r"<metadata>.*?</metadata>", ""),
-    (r'<g id="[^"]*"', "<g"),  # several figures of a page would have the same ids; only those of <defs> are needed
+    (r'<g id="[^"]*"', "<g"),  # several figures of a page would have the same ids; only ids of <defs> are needed
     (r"<!--.*?-->\s*", ""),
     (r'font: ([\d.]+px)[^;"]*', r"font-size: \1"),
 )
-"""What pages do not need of an SVG, as patterns with their replacements."""
+"""Parts of an SVG that pages do not need, as patterns with their replacements."""
 
 
 @contextlib.contextmanager
@@ -204,19 +204,20 @@ def _write_names(axes: Axes, scale: float, entries: Sequence[Standing], with_nam
 
 
 def _covered(axes: Axes, one: Standing, scale: float) -> list[shapely.Polygon]:
-    """What the point of an entry and its intervals cover."""
+    """Return the areas that the point of an entry and its intervals cover."""
     (left, low), (x, y), (right, high) = np.asarray(axes.transData.transform(_ends(one))) / scale
     edges = [(x - 5, y - 5, x + 5, y + 5), (left, y - 1, right, y + 1), (x - 1, low, x + 1, high)]
     return [shapely.box(*each) for each in edges]
 
 
 def trajectories(trace: Trace, row: int, label: str) -> Markup:
-    """An episode at its end, with the ways to it and discs at every full second of the vehicle and of whom it hit.
+    """An episode at its end, with the ways to it and discs at every full second of the vehicle and of the agent that it
+    hit.
 
     Args:
         trace: The trace with the episode.
         row: Its row.
-        label: What it shows, for those who cannot see it.
+        label: Its description, for readers who cannot see it.
     """
     last = int(trace.steps[row])
     position = trace.position[row, : last + 1]

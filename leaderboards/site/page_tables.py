@@ -1,4 +1,4 @@
-"""What the tables of the pages hold: success on an axis, tests of pairs, and who fails where."""
+"""Tables of the pages: success on an axis, tests of pairs, and failures by case."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def case_table(table: Standings) -> dict[str, Any] | None:
     Returns:
         `groups` are the scenarios with how many of their cases are shown, `cases` the numbers of these, `rows` the
         entries with their outcomes in them. Of `total` cases somebody failed in `failed`, and all in `by_all`.
-        `is_measured` says that the cases are those of the season.
+        `is_measured` says that the cases belong to the season.
     """
     board = table.board
     everybody = [one for one in table.entries if not one.is_pending]

@@ -40,7 +40,7 @@ def studentise(
     Args:
         scenarios: The differences in success in each case of each scenario: 1, 0 or -1.
         weights: The weight of each scenario; the sum is 1.
-        blocks: The block of each case of each scenario, where those of the same block are not independent: then they
+        blocks: The block of each case of each scenario, where cases of the same block are not independent: then they
             are resampled together.
     """
     draws = np.random.default_rng(_SEED)

@@ -46,7 +46,7 @@ class Pair:
         lower: The name of the other entry.
         difference: The difference in success.
         error: The half width of its simultaneous interval.
-        is_sure: Whether the higher entry is surely better.
+        is_sure: True if the higher entry is surely better.
     """
 
     higher: str
@@ -86,7 +86,7 @@ def compare_all(
     Args:
         successes: The successes of each entry by its name, in the same cases.
         weights: The weight of each scenario; the sum is 1.
-        blocks: The block of each case of each scenario, where those of the same block are not independent: then the
+        blocks: The block of each case of each scenario, where cases of the same block are not independent: then the
             bootstrap resamples blocks.
     """
     mean = {name: float(weights @ values.mean(axis=1)) for name, values in successes.items()}
@@ -121,7 +121,7 @@ def ranks(names: Sequence[str], pairs: Iterable[Pair]) -> dict[str, Rank]:
 
 
 def sort_entries(rank: Mapping[str, Rank], sct: Mapping[str, float]) -> list[str]:
-    """Return the names of entries by rank, and those of the same rank by SCT, the largest first."""
+    """Return the names of entries by rank, and within a rank by SCT, the largest first."""
     return sorted(rank, key=lambda name: (rank[name].first, rank[name].last, -sct[name], name))
 
 

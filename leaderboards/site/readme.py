@@ -35,8 +35,8 @@ time, which is an order and no rank. "As good as" are the entries from which one
 trained with other seeds, with an interval for other networks and other cases. "imposed delay" is the total extra
 travel time of all pedestrians of a case, where they see the vehicle. "decision" is the 99th percentile of the time
 for a decision in one world, on one core of the machine of reference. An asterisk marks the Pareto set: no ranked
-entry succeeds more often and is quicker. Entries that are "reported only" have no rank: their figures are those of
-their authors, of the public cases. A "pending" entry was made for other rules, scenarios or code.
+entry succeeds more often and is quicker. Entries that are "reported only" have no rank: their figures are reported by
+their authors, on the public cases. A "pending" entry was made for other rules, scenarios or code.
 
 Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
 the digests of all entries and from round {season.round} of drand.

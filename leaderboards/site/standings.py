@@ -57,11 +57,11 @@ class Standing:
             drive.
         figures: The means over the board, with intervals; undefined for a pending entry.
         profile: Success by family of scenarios, with its interval; empty for a pending entry.
-        is_pending: Whether it must be submitted again.
+        is_pending: True if it must be submitted again.
         reason: Why it has no rank, in a few words; empty if it has a rank.
         explanation: The same in a sentence.
         rank: Its rank.
-        is_pareto: Whether no ranked entry succeeds more often and is quicker.
+        is_pareto: True if no ranked entry succeeds more often and is quicker.
     """
 
     entry: Entry
@@ -105,7 +105,7 @@ class Standings:
     Attributes:
         board: The board.
         season: The name of the season.
-        ranked: The ranked entries by their ranks; those of the same rank by SCT.
+        ranked: The ranked entries by their ranks, and within a rank by SCT.
         others: The others, by name.
         pairs: The ranked entries compared with each other.
     """
@@ -257,7 +257,7 @@ def _why_unranked(board: Board, entry: Entry, pending: bool, verification: Verif
     Args:
         board: The board.
         entry: The entry.
-        pending: Whether it must be submitted again.
+        pending: True if it must be submitted again.
         verification: The verification of the season, or why none counts.
     """
     if not board.spec.ranked:

@@ -91,4 +91,4 @@ MANNERS = ("at_fault_rate", "intimate_zone", "imposed_delay", "imposed_delay_pos
 """The metrics of manners, which stand with their intervals."""
 
 FILTERS = number, metric, milliseconds, sortable, shorten, web_address, options_text
-"""What the templates apply to values, each by its own name."""
+"""Filters of the templates, each by its own name."""

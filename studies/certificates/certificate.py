@@ -40,7 +40,7 @@ PLANNERS = ("orca_margin", "orca", "social_force")
 """Planners that decide fast, and need no torch. A run of theirs that succeeds is a certificate."""
 
 SEARCH = "search"
-"""What a certificate is from that no planner gave."""
+"""Origin of a certificate that no planner gave."""
 
 KNOWN = (Effort(cell=0.2, states=2_000), Effort(cell=0.1, states=20_000))
 REACTING = (Effort(cell=0.2, states=256), Effort(cell=0.2, states=1_024))
@@ -58,15 +58,15 @@ PART = 25
 
 
 class Certificate(NamedTuple):
-    """What was found for a case.
+    """Certificate of a case.
 
     Attributes:
         case: Its number.
-        means: What gave the commands, the name of a planner or `SEARCH`; empty where none were found.
+        means: Origin of the commands, the name of a planner or `SEARCH`; empty where none were found.
         margin: The margin that was asked for in metres, not a number where none were found.
         gap: The smallest gap to pedestrians and obstacles in metres, likewise.
         seconds: The time to the goal, likewise.
-        is_exhausted: Whether the whole grid of a search was looked through, and none were found.
+        is_exhausted: True if the whole grid of a search was looked through, and none were found.
         commands: The commands of all steps until the vehicle arrives; none where none were found, nor in a row of a
             table.
     """
@@ -95,7 +95,7 @@ def certificates(scenario: Scenario, cases: Cases, margins: Sequence[float], pro
     Raises:
         InputError: The scenario breaks its contract.
     """
-    # What the vehicle sees need not be simulated: people do not mind it, and planners do better without noise.
+    # The vehicle's sight need not be simulated: people do not mind it, and planners do better without noise.
     scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT))
     drivers = [Driver(load_planner(name)[1], name) for name in PLANNERS]
     driven = [(driver.name, rollout(driver, scenario, cases, undisturbed=False)) for driver in drivers]
@@ -136,7 +136,7 @@ def _search_cases(
     if not cases:
         return
     is_visible = scenario.rules.visible
-    # Whether anybody's way depends on the vehicle's: who sees it does, and who is placed where it is not.
+    # People depend on the vehicle's motion where they see it, or are placed where it is not.
     is_placed = scenario.crowd.arrival in ("new_goal", "respawn") or scenario.crowd.goal_change is not None
     heeds_vehicle = is_visible or is_placed or scenario.tracks is not None
     world = scenario.draw(split, np.array(cases))
@@ -213,12 +213,12 @@ def make(
         cases: The cases.
         margin: The wider of the margins that are tried, in metres; the other one is 0.
         out: The directory to write.
-        overrides: What is changed in the scenario, for `result.json`.
-        overwrite: Whether earlier certificates of this split are replaced.
+        overrides: Changes of the scenario, for `result.json`.
+        overwrite: True if earlier certificates of this split are replaced.
         progress: Called with the number of cases that are done.
 
     Returns:
-        What was found for each case.
+        The certificate of each case.
 
     Raises:
         InputError: The margin cannot be, the scenario breaks its contract, or the directory cannot be written.
@@ -269,7 +269,7 @@ def _list_without(scenario: Scenario, split: str, margin: float, found: Sequence
         scenario: The scenario.
         split: The split.
         margin: The wider margin in metres.
-        found: What was found for each case, from the first one.
+        found: The certificate of each case, from the first one.
         path: The file; one for another digest or another margin is replaced.
     """
     before = Certified.read(path)

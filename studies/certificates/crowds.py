@@ -15,14 +15,14 @@ from crowdbench.sim.simulator import crowd_decisions, finish_step, move, step
 
 
 class CrowdStep(NamedTuple):
-    """What crowds do in a step. Row 0 of the agents is the vehicle's, which only has its radius there.
+    """Motion of crowds in a step. Row 0 of the agents is the vehicle's, which only has its radius there.
 
     Attributes:
         before: Positions before the step in metres.
         end: Positions after it, before anybody comes or goes.
         velocity: Velocities before it in m/s.
         radius: In metres.
-        present: Who is there.
+        present: True for agents that exist.
     """
 
     before: Float[np.ndarray, "crowd agent 2"]
@@ -46,13 +46,13 @@ class Known:
     """A crowd whose ways are known: the same around all states of a layer.
 
     Attributes:
-        steps: What it does in each of the steps that are left.
+        steps: Its motion in each of the steps that are left.
     """
 
     steps: Sequence[CrowdStep]
 
     def ahead(self) -> CrowdStep:
-        """What it does in the next step."""
+        """Return its motion in the next step."""
         return self.steps[0]
 
     def after(self, parent: Int[np.ndarray, "state"], command: Float[np.ndarray, "state 2"]) -> Known:
@@ -73,7 +73,7 @@ class Reacting:
         self.velocities, self.world = crowd_decisions(world, scenario.policies)
 
     def ahead(self) -> CrowdStep:
-        """What the crowds do in the next step: one for each state."""
+        """Return the motion of the crowds in the next step: one for each state."""
         standing = np.zeros((len(self.world), 2))  # in a step, nobody minds what the vehicle does in it
         return CrowdStep.of(self.world, move(self.world, standing, self.velocities)[0])
 
@@ -87,7 +87,7 @@ Crowd = Known | Reacting
 
 
 def known_steps(scenario: Scenario, world: World) -> list[CrowdStep]:
-    """What crowds do in all steps of an episode in which the vehicle stands and nothing stops it.
+    """Return the motion of crowds in all steps of an episode in which the vehicle stands and nothing stops it.
 
     Args:
         scenario: The scenario.

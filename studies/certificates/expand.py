@@ -1,4 +1,5 @@
-"""From the states of a layer to those of the next one: every command of every state, checked as the simulator does.
+"""From the states of a layer to the states of the next one: every command of every state, checked as the simulator
+does.
 
 A layer holds what the vehicle may be after so many steps. Of all states in one cell of a grid over position, heading
 and speed it keeps one, that with the shortest way left. Compiled.
@@ -24,7 +25,7 @@ from studies.certificates.cost_to_go import cost_left
 _PLUS = COLLISION_RULES.index("crowdnav_plus")
 
 SAFE = 1e-9
-"""What a gap must be larger than the margin, in metres, so that rounding does not make a collision of it."""
+"""Excess of a gap over the margin, in metres, so that rounding does not make a collision of it."""
 
 
 class Vehicle(NamedTuple):
@@ -89,14 +90,14 @@ def expand(vehicle, cost, margin, farthest, states, commands, crowds, grid, laye
         farthest (float): Distance in metres to the goal from which it can still be reached after the step.
         states (array): `[state, 6]`, as in `Layer`, the most promising first.
         commands (array): `[state, action, 2]`, the commands to try.
-        crowds (CrowdStep): What the crowd of each state does in the step, or the one crowd of all states.
+        crowds (CrowdStep): Motion of the crowd of each state in the step, or the one crowd of all states.
         grid (Grid): The cells, whose table is filled.
         layer (Layer): Filled.
 
     Returns:
         count (int): The number of new states.
         arrived (int): The index of one that has arrived at the goal; -1 if there is none. No others follow it.
-        is_cut (bool): Whether states were left out because they do not fit; those outside the grid do not count.
+        is_cut (bool): True if states were left out because they do not fit; those outside the grid do not count.
     """
     rules, max_speed, tolerance, obstacles = vehicle
     before, end, velocity, radius, present = crowds

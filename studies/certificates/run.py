@@ -70,7 +70,7 @@ def certify(
 
 
 def _report(scenario: Scenario, cases: Cases, margin: float, rows: Sequence[Certificate], seconds: float) -> list[str]:
-    """What is printed of the certificates, line by line."""
+    """Return the report on the certificates, line by line."""
     total = len(rows)
     by = Counter(row.means for row in rows if row.means)
     lines = [f"{scenario.name}, cases {cases}: {seconds:.0f} s", ""]

@@ -31,7 +31,7 @@ _OF_GRID = np.array([0, *(1 + (speed - 1) * HEADINGS + k for speed in (3, SPEEDS
 """Of the commands of a holonomic vehicle: to stand, and two speeds in all headings."""
 
 _OF_REACHED = np.array([speed * TURNS + turn for speed in (0, 3, REACHED - 1) for turn in range(0, TURNS, 3)])
-"""Of those of a vehicle on wheels: three speeds and five turns."""
+"""Of the commands of a vehicle on wheels: three speeds and five turns."""
 
 
 class Effort(NamedTuple):
@@ -47,11 +47,11 @@ class Effort(NamedTuple):
 
 
 class SearchResult(NamedTuple):
-    """What a search has found.
+    """Result of a search.
 
     Attributes:
         commands: The commands of each step until the vehicle arrives; None if none are found.
-        is_exhaustive: Whether no state was left out but for others in the same cell.
+        is_exhaustive: True if no state was left out but for others in the same cell.
     """
 
     commands: Float[np.ndarray, "step 2"] | None
@@ -141,7 +141,7 @@ def _turns_and_speeds(task: Task) -> tuple[int, int]:
 
 
 def commands(task: Task, states: Float[np.ndarray, "state 6"]) -> Float[np.ndarray, "state action 2"]:
-    """The commands that are tried in each state: some of those of the dynamics, and the one straight to the goal."""
+    """The commands that are tried in each state: some of the dynamics, and the one straight to the goal."""
     dynamics, dt = task.rules.dynamics, task.rules.dt
     of = State(states[:, :2], states[:, 2:4], states[:, 4], states[:, 5])
     speed = np.full(len(states), task.vehicle.max_speed)

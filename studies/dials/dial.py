@@ -57,12 +57,12 @@ class Dial:
     """A scenario with one knob.
 
     Attributes:
-        name: What it is called.
+        name: Its name.
         file: The file of the scenario.
-        description: What the file says of it.
+        description: Its description in the file.
         key: The knob, a dotted key of the scenario.
-        levels: What it is set to, from easy to hard.
-        holds: What a planner holds, in words, with {} for the level.
+        levels: Its values, from easy to hard.
+        holds: Name of a level that a planner holds, with {} for the level.
     """
 
     name: str

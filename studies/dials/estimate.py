@@ -36,7 +36,7 @@ _SEED = 0
 
 First = Bool[np.ndarray, "level case"]
 Second = Mapping[int, Bool[np.ndarray, "other_case"]]
-"""Where a planner succeeds: at all levels in the cases of the first stage, and by level in those of the second."""
+"""Where a planner succeeds: at all levels in the cases of the first stage, and by level in the second."""
 
 Rates = Float[np.ndarray, "*resample level"]
 Counts = Int[np.ndarray, "*#resample level"]
@@ -51,7 +51,7 @@ class Crossing:
         level: The level, -inf where success is below the rate at all of them, inf where at none.
         low: The lower bound of its 95 % interval.
         high: The upper bound.
-        resampled: The level in each resample; those of two planners are paired.
+        resampled: The level in each resample; resamples of two planners are paired.
     """
 
     level: float
@@ -62,7 +62,7 @@ class Crossing:
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """What the outcomes say of a planner.
+    """Fit of the outcomes of a planner.
 
     Attributes:
         cases: The number of cases driven at each level.
@@ -82,7 +82,7 @@ class Fit:
 
     @property
     def is_monotone(self) -> bool:
-        """Whether success may be said not to rise with the level, so that there is a figure at all."""
+        """True if success may be said not to rise with the level, so that there is a figure at all."""
         return self.p_rising >= SIGNIFICANT
 
 

@@ -25,7 +25,7 @@ FILE = Path(__file__).with_name("study.toml")
 
 @help_from_docstring
 def dial(
-    name: Annotated[str | None, typer.Argument(show_default="those of the page")] = None,
+    name: Annotated[str | None, typer.Argument(show_default="as on the page")] = None,
     planner: str | None = None,
     option: list[str] | None = None,
     file: Path = FILE,

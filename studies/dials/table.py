@@ -53,12 +53,12 @@ class Measurement:
 
     @property
     def is_rung(self) -> bool:
-        """Whether it is a rung of the ladder, and no planner, such as one in a file C.py."""
+        """True if it is a rung of the ladder, and no planner, such as one in a file C.py."""
         return self.first[0].spec.planner in RUNGS
 
     @property
     def name(self) -> str:
-        """What its file is called, such as `mppi-density-30-filter=kalman`."""
+        """Name of its file, such as `mppi-density-30-filter=kalman`."""
         run = self.first[0]
         return directory_name(run.driver.name, self.dial.name, dataclasses.replace(run.spec, overrides={}))
 
@@ -78,7 +78,7 @@ class Measurement:
         return {level: dataclasses.replace(self.first[level], spec=spec) for level, spec in specs.items()}
 
     def fit(self, out: Path) -> Fit:
-        """What the runs in the folder `out` say."""
+        """Return the fit of the runs in the folder `out`."""
         second = {level: read_successes(run, out) for level, run in self.second(out).items()}
         return fit(self.outcomes(out), second)
 
@@ -95,7 +95,7 @@ class DialsTable:
         """Plan the runs of a table.
 
         Args:
-            spec: What is asked for.
+            spec: The request.
             location: Where in a file.
 
         Raises:
@@ -145,16 +145,16 @@ class Held:
 
 @dataclasses.dataclass(frozen=True)
 class DialRow:
-    """What a planner holds on a dial.
+    """Result of a planner on a dial.
 
     Attributes:
         planner: The planner with its options.
-        is_rung: Whether it is a rung of the ladder, and no planner.
+        is_rung: True if it is a rung of the ladder, and no planner.
         holds: Up to where it succeeds in 90 % of the cases; None where success rises with the level.
         half: Up to where it succeeds in 50 %; likewise.
         behind: How many levels the best planner holds more, with the 95 % interval; NaN where that is not known,
             and of the best itself and of rungs.
-        said: What it holds, in words, such as `41 (12 to 50)` or `below 2`; empty where success rises with the level.
+        said: Its result in words, such as `41 (12 to 50)` or `below 2`; empty where success rises with the level.
         p_rising: How likely success would rise with the level as much by chance.
         cases: The number of cases at each level.
         success: The success rate at each level.
@@ -172,7 +172,7 @@ class DialRow:
 
     @classmethod
     def of(cls, measurement: Measurement, found: Fit, best: Fit) -> DialRow:
-        """What the outcomes of a planner say, beside those of the best one."""
+        """Return the row of a planner, compared with the best one."""
         dial, is_rung = measurement.dial, measurement.is_rung
         holds, half = (Held.of(dial, each) if found.is_monotone else None for each in (found.wanted, found.half))
         is_behind = found is not best and not is_rung
@@ -222,7 +222,7 @@ class FilledDial:
         return Grid(row.planner, [self.dial.key, "success", "", "cases"], rows, align="rrlr")
 
     def sentence(self, row: DialRow) -> str:
-        """What a planner holds, in words."""
+        """Return the result of a planner in words."""
         if row.holds is None or row.half is None:
             why = f"success rises with the level, by more than chance would have it (p = {row.p_rising:.2g})"
             return f"{row.planner} has no figure on the dial {self.dial.name}: {why}"
@@ -252,7 +252,7 @@ class FilledDialsTable:
         return [each.grid() for each in self.dials]
 
     def notes(self) -> list[str]:
-        """What a page says below its tables."""
+        """Return the notes below the tables of a page."""
         return [NOTES]
 
 

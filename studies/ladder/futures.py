@@ -29,7 +29,7 @@ ASSUMED = "assumed"
 
 
 class Knowledge(enum.IntEnum):
-    """What is known of the crowd beside its true state; each kind includes those before it.
+    """Knowledge of the crowd beside its true state; each kind includes the kinds before it.
 
     `GOALS`: goals and preferred speeds. `POLICIES`: policies with their parameters, and that people react to the
     vehicle. `ATTENTION`: who has noticed the vehicle, and how each person reacts. `ALL`: the true future.
@@ -45,12 +45,12 @@ class Simulated(Predictor):
     """Simulates the crowd ahead. Pedestrians that spawn later are not predicted, and those who leave are gone.
 
     Without knowledge of policies all walk by ORCA and ignore the vehicle; those who stand go on standing. Without
-    knowledge of attention nobody has noticed the vehicle yet, and reactions are drawn anew in each future. Turns and
-    stops from now on are drawn anew too, except in the true future.
+    knowledge of attention nobody has noticed the vehicle yet, and reactions are drawn again in each future. Turns and
+    stops from now on are drawn again too, except in the true future.
 
     Args:
         scenario: The scenario.
-        knows: What is known.
+        knows: The knowledge.
     """
 
     privileged: ClassVar[bool] = True

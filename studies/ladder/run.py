@@ -24,7 +24,7 @@ FILE = Path(__file__).with_name("study.toml")
 
 @help_from_docstring
 def ladder(
-    scenarios: Annotated[list[str] | None, typer.Argument(show_default="those of the page")] = None,
+    scenarios: Annotated[list[str] | None, typer.Argument(show_default="as on the page")] = None,
     planner: Annotated[list[str] | None, typer.Option(show_default="the strongest of each kind")] = None,
     cases: str = "100",
     out: Annotated[Path | None, typer.Option(show_default="runs/ladders, or runs/study-ladders for the page")] = None,

@@ -188,7 +188,7 @@ class LaddersTable:
         """Plan the runs of a table.
 
         Args:
-            spec: What is asked for.
+            spec: The request.
             location: Where in a file.
 
         Raises:
@@ -235,7 +235,7 @@ class FilledLaddersTable:
         return [Grid(self.title, ["scenario", *header, "best planner"], rows, self.ladders)]
 
     def notes(self) -> list[str]:
-        """What a page says below its tables."""
+        """Return the notes below the tables of a page."""
         return [NOTES]
 
 

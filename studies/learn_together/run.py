@@ -1,4 +1,4 @@
-"""Print the cross-play of vehicles and crowds that learned with each other, or train them anew."""
+"""Print the cross-play of vehicles and crowds that learned with each other, or train them again."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ trained by PPO with shared parameters (IPPO, de Witt et al. 2020, [arXiv:2011.09
 in the PettingZoo environment of `{SCENARIO}`, where everybody is paid for progress to the goal. The vehicle
 `with_orca` has the same network and the same PPO, and was trained among ORCA pedestrians. Columns are crowds, rows are
 vehicles. Pedestrians see the vehicle. The networks that ship were trained with one seed, `together` for 5 and
-`with_orca` for 2 minutes of processor time; `--train MINUTES` trains both anew."""
+`with_orca` for 2 minutes of processor time; `--train MINUTES` trains both again."""
 
 
 @help_from_docstring

@@ -33,7 +33,7 @@ NOTES = (
     "positive where the first planner is the better one. A claim holds where the 95 % interval of its figure lies "
     "above the margin, is refuted where the interval lies below it, and is undecided otherwise. A single network says "
     "nothing of others: there is no verdict. Figures are paired by case, and by network where both rows have the same "
-    "networks; those of different trainings are treated as independent. "
+    "networks; networks of different trainings are treated as independent. "
     "Differences in success are over all cases, and one discordant case (a case that only one of the two planners "
     "solves) is added to each side before the interval is taken, as in the paired interval of Bonett and Price (2012, "
     "doi:10.3102/1076998611411915). All other figures are over the cases that all networks of both rows solve; with "
@@ -61,7 +61,7 @@ class ClaimSpec(TomlTable):
 
 
 class Verdict(enum.StrEnum):
-    """What the measurements say of a claim."""
+    """Verdict of the measurements on a claim."""
 
     HOLDS = "holds"
     REFUTED = "refuted"
@@ -73,7 +73,7 @@ class Verdict(enum.StrEnum):
 class Assessment:
     """A claim, its figure over `cases` cases and so many networks of each row, and the verdict.
 
-    The other fields are those of `ClaimSpec`.
+    The other fields come from `ClaimSpec`.
     """
 
     text: str
@@ -133,7 +133,7 @@ def check_claim(claim: ClaimSpec, networks: Mapping[str, Sequence[str]], locatio
 
 
 def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Assessment:
-    """What runs say of a claim.
+    """Assess a claim by runs.
 
     Args:
         claim: A claim that `check_claim` has passed.

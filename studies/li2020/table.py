@@ -89,7 +89,7 @@ def read_reproduction(number: int | None, quick: bool, file: Path | None = None)
 
     Args:
         number: Which of the paper's tables is wanted, both readings of it where there are two; None for all.
-        quick: Whether the tables are for a quick look.
+        quick: True if the tables are for a quick look.
         file: Another file with such tables.
 
     Raises:

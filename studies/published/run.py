@@ -20,7 +20,7 @@ from crowdbench.utils.tables import Format
 @help_from_docstring
 def published(
     networks: Path,
-    cases: Annotated[str | None, typer.Option(show_default="those of study.toml")] = None,
+    cases: Annotated[str | None, typer.Option(show_default="as in study.toml")] = None,
     out: Path = Path("runs/study-published"),
     shard: ShardOption = None,
     threads: ThreadsOption = None,

@@ -26,7 +26,7 @@ from studies.pages import NOTES, SUCCESS, SUCCESS_RATE
 KINDS = ("sarl", "cadrl", "lstm_rl")
 SCENES = {"circular_crossing": "circle", "parallel_traffic": "traffic", "hybrid_scenario": "both"}
 PEOPLE = {"orca": "ORCA", "sfm": "social force", "hsfm": "headed social force"}
-"""The kind of a network, where and among whom it was trained: by their names in the name of its file."""
+"""The kind of a network, the scene and the pedestrians of its training: by their names in the name of its file."""
 
 RATES = (SUCCESS_RATE, "at_fault_rate")
 
@@ -50,7 +50,7 @@ class PublishedSpec(StudyHead):
 
 @dataclass(frozen=True)
 class FilledPublished:
-    """A table with its figures: those of each network, and the differences between people of the training."""
+    """A table with its figures: of each network, and the differences between people of the training."""
 
     title: str
     cases: str
@@ -75,7 +75,7 @@ class PublishedTable:
     """Networks in scenarios.
 
     Attributes:
-        spec: What the file says of the table.
+        spec: The table of the file.
         by_network: By the name of a network, its run in each scenario.
     """
 

@@ -1,1 +1,1 @@
-"""Whether a ranking of planners depends on the reaction of people to the vehicle."""
+"""True if a ranking of planners depends on the reaction of people to the vehicle."""

@@ -55,7 +55,7 @@ class ReactionsSpec(StudyHead):
 @help_from_docstring
 def reactions(
     file: Path = FILE,
-    cases: Annotated[str | None, typer.Option(show_default="those of the file")] = None,
+    cases: Annotated[str | None, typer.Option(show_default="as in the file")] = None,
     out: Path = Path("runs/study-reactions"),
     shard: ShardOption = None,
     threads: ThreadsOption = None,

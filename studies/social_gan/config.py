@@ -19,7 +19,7 @@ class SocialGANConfig(Config):
     Attributes:
         dt: The time step to which recordings are resampled, in seconds; None for their own.
         held_out: The scene of the recordings that is not trained on; None to train on all.
-        pooling: Whether the generator has the social pooling module.
+        pooling: True if the generator has the social pooling module.
         epochs: The number of passes over the training windows.
     """
 

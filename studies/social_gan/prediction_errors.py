@@ -97,7 +97,7 @@ def on_scenario(
     blocks of time, and a trained predictor predicts by weights that were not trained on the scene.
 
     Args:
-        name: What the predictor is called in errors.
+        name: Name of the predictor in errors.
         predictor: The predictor.
         scenario: The scenario of the cases.
         cases: The cases.
@@ -142,7 +142,7 @@ def on_tracks(
     Windows overlap, so intervals come from resampled pedestrians, each with all its windows.
 
     Args:
-        name: What the predictor is called in errors.
+        name: Name of the predictor in errors.
         predictor: The predictor.
         recordings: The recorded tracks, of one scene or several.
         ahead: The number of frames that are predicted.
@@ -176,7 +176,7 @@ def displacement(prediction: Prediction, truth: Positions, counted: Counted) -> 
     """ADE and FDE of each pedestrian at each horizon.
 
     Args:
-        prediction: What was predicted.
+        prediction: The prediction.
         truth: The true positions in metres.
         counted: Which pedestrians count when the best mode for all of them together is chosen.
 
@@ -200,7 +200,7 @@ def _check_ahead(ahead: int) -> None:
 def _walks(
     name: str, predictor: Predictor, scenario: Scenario, cases: Cases, ahead: int
 ) -> Iterator[tuple[Prediction, Counted, Positions]]:
-    """What is predicted at each step, which pedestrians have not arrived then, and their true positions."""
+    """Yield the prediction of each step, the pedestrians that have not arrived then, and their true positions."""
     world = scenario.worlds(cases)
     world = world.replace(rules=dataclasses.replace(world.rules, visible=False, sensor=PERFECT), sight={})
     arrived, goes_on = np.zeros_like(world.present[:, 1:]), scenario.crowd.arrival in GOES_ON
@@ -208,7 +208,7 @@ def _walks(
     positions: deque[Float[np.ndarray, "world pedestrian 2"]] = deque(maxlen=ahead)
     for _ in range(scenario.rules.max_steps):
         at_goal = (norm(world.position - world.goal) < world.radius)[:, 1:]
-        # Who has arrived is on its way again where people then walk on to another goal.
+        # An arrived pedestrian is on its way again where people then walk on to another goal.
         arrived = at_goal if goes_on else arrived | at_goal
         walking = world.present[:, 1:] & ~arrived
         crowd, world = crowd_decisions(world, scenario.policies)
@@ -242,7 +242,8 @@ def _of_recording(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -
 
 
 def _predict(name: str, predictor: Predictor, obs: Observation, ahead: int) -> Prediction:
-    """What a predictor predicts. Raises InputError where it raises, or returns anything but a finite prediction."""
+    """Return the prediction of a predictor. Raises InputError where it raises, or returns anything but a finite
+    prediction."""
     with plugin_errors(f"predictor {name} raised"):
         answer = predictor.predict(obs, ahead)
     return validate_prediction(answer, name, obs, ahead)

@@ -23,7 +23,7 @@ def read_folder(folder: Path) -> list[Tracks]:
 
 
 def scenes(recordings: Iterable[Tracks]) -> dict[str, list[Tracks]]:
-    """Return the scenes to test on, by name: those of ETH/UCY whose files are all there, and every other recording."""
+    """Return the scenes to test on, by name: scenes of ETH/UCY whose files are all there, and every other recording."""
     left = {tracks.name: tracks for tracks in recordings if tracks.name not in TRAINING_ONLY}
     whole = {scene: [left.pop(name) for name in names] for scene, names in SCENES.items() if left.keys() >= set(names)}
     return whole | {name: [tracks] for name, tracks in left.items()}

@@ -78,7 +78,7 @@ def from_tracks(recordings: Sequence[Tracks], dt: float | None) -> Samples:
 
     Args:
         recordings: The recordings.
-        dt: Seconds per step to resample to; None for those of the recordings.
+        dt: Seconds per step to resample to; None for the steps of the recordings.
 
     Returns:
         The windows.

@@ -60,7 +60,7 @@ class SocialGANTraining(Training):
     """A training of a Social GAN.
 
     A point of its curve has the mean losses of generator and discriminator in the last epoch, `loss` and
-    `discriminator_loss`, and the errors on validation windows in metres, `ade` and `fde`. They are those of the best of
+    `discriminator_loss`, and the errors on validation windows in metres, `ade` and `fde`. They belong to the best of
     `MODES` futures, chosen jointly for all pedestrians of a window.
 
     Args:

@@ -32,7 +32,7 @@ class Windows:
     Attributes:
         frame: The number of the first frame of each window.
         pedestrian: The numbers of the pedestrians, 0 where none is `present`.
-        present: Whether there is a pedestrian; the others are padding.
+        present: True if there is a pedestrian; the others are padding.
         position: Positions in metres, 0 where no pedestrian is `present`.
         dt: Seconds between two consecutive frames.
     """

@@ -1,1 +1,1 @@
-"""Whether a ranking of planners holds in other worlds."""
+"""True if a ranking of planners holds in other worlds."""

@@ -17,18 +17,18 @@ CERTAIN = 1.96
 """A pair is decided where its rates differ by more than so many standard errors."""
 
 Rates = Float[np.ndarray, "*resample planner"]
-"""The success rates of planners; in resamples, those of cases that were drawn with replacement."""
+"""The success rates of planners; in resamples, of cases that were drawn with replacement."""
 
 
 @dataclass(frozen=True)
 class Cases:
-    """What planners did in the cases of a scenario.
+    """Outcomes of planners in the cases of a scenario.
 
     Attributes:
         source: Where its people come from: scenarios of the same recording have it in common. Their blocks are drawn
             together.
-        success: Whether each planner succeeds in each case, 1 or 0.
-        block: The block of each case. Those of the same block are drawn together.
+        success: True if each planner succeeds in each case, 1 or 0.
+        block: The block of each case. Cases of the same block are drawn together.
     """
 
     source: str
@@ -49,7 +49,7 @@ class Cases:
 
 
 def mean_rates(scenarios: list[Cases]) -> Rates:
-    """Return the rates over scenarios that count alike, first those of all cases and then of the resamples."""
+    """Return the rates over scenarios that count alike, first of all cases and then of the resamples."""
     return np.mean([each.resample() for each in scenarios], axis=0)
 
 

@@ -25,7 +25,7 @@ from studies.transfer.kendall import Cases, agreement, draw_families, kendall, m
 from studies.transfer.power import TRUE_TAUS, power
 
 SUITE = "suite"
-"""What the scenarios are called whose order is to hold elsewhere."""
+"""Name of the scenarios whose order is tested."""
 
 NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
 """The notes below the table."""
@@ -59,7 +59,7 @@ class RankingsTable:
     """Planners in a suite and in worlds, and their runs.
 
     Attributes:
-        spec: What is asked for.
+        spec: The request.
         runs_by_world: The runs of each scenario of the suite and of the worlds, one list for each scenario.
         family: The number of each planner's family.
     """
@@ -73,7 +73,7 @@ class RankingsTable:
         """Plan the runs of a table.
 
         Args:
-            spec: What is asked for.
+            spec: The request.
             location: Where in a file.
             data: The folder with the recorded tracks that its scenarios need.
 
@@ -156,7 +156,7 @@ class FilledRankings:
     """The table with its figures. Its fields are what `--format json` prints.
 
     Attributes:
-        spec: What was asked for.
+        spec: The request.
         planners: The planners, the highest success in the suite first.
         rates: Their success in the suite and in the worlds.
         worlds: How far each world agrees.
@@ -183,10 +183,10 @@ class FilledRankings:
         """Compare the order of planners in the suite with those in the worlds.
 
         Args:
-            spec: What is asked for.
+            spec: The request.
             planners: The planners.
             family: The number of each one's family.
-            cases: What they did in each scenario of the suite, the worlds and the scenario that stands alone.
+            cases: Their outcomes in each scenario of the suite, the worlds and the scenario that stands alone.
             power: The power of the study.
         """
         rates = {world: mean_rates(scenarios) for world, scenarios in cases.items()}
@@ -210,7 +210,7 @@ class FilledRankings:
 
     @property
     def verdict(self) -> str:
-        """Whether the criterion is met, in words."""
+        """True if the criterion is met, in words."""
         met = self.mean.low > self.spec.criterion
         said = "Met" if met else "Not met"
         return (
@@ -237,7 +237,7 @@ class FilledRankings:
         ]
 
     def notes(self) -> list[str]:
-        """What a page says below its tables."""
+        """Return the notes below the tables of a page."""
         return [NOTES]
 
 

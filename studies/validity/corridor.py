@@ -1,4 +1,4 @@
-"""A corridor whose end is its beginning: whoever leaves it on one side enters it on the other.
+"""A corridor whose end is its beginning: agents that leave it on one side enter it on the other.
 
 Everybody has an image, one length of the corridor away, on the side where the other end is near. People see images as
 they see people, so that the seam is not felt: around each person, everybody within half a length is in sight on both
@@ -101,7 +101,7 @@ def walk(
         policies: The policies that move them.
         length: Length of the corridor in metres.
         steps: Number of steps.
-        single_file: Whether everybody is held in the middle of the corridor: after each step, what they have moved
+        single_file: True if everybody is held in the middle of the corridor: after each step, what they have moved
             sideways is undone. Without this, a social force swings them between walls that are near.
 
     Yields:

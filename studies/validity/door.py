@@ -28,7 +28,7 @@ BEHIND = 8.0
 """Distance in metres from the wall with the door to the goals behind it, which lie side by side."""
 
 GONE = 4.0
-"""Whoever is so many metres behind the door has left, and is taken away: nobody may stand in the way of others."""
+"""Agents so many metres behind the door have left, and are removed: nobody may stand in the way of others."""
 
 TIME = 120.0
 """Seconds after which the measurement ends."""
@@ -66,7 +66,7 @@ def hall(door: float, waiting: float) -> Callable[..., Placement]:
 
 @dataclass(frozen=True)
 class Passages:
-    """Who has passed the door, and when.
+    """Agents that have passed the door, and times.
 
     Attributes:
         step: The step after which each person was behind the door first; -1 for those who never were.
@@ -85,7 +85,7 @@ class Passages:
 
     @property
     def blocked(self) -> Bool[np.ndarray, "world"]:
-        """Whether people wait, and nobody has passed in the last `STILL` seconds."""
+        """True if people wait, and nobody has passed in the last `STILL` seconds."""
         return (self.share < 1.0) & (self.step.max(axis=1) < self.steps - STILL / self.dt)
 
     def flow(self) -> Float[np.ndarray, "world"]:
@@ -108,7 +108,7 @@ def leave(world: World, policies: Mapping[str, PedestrianPolicy]) -> Passages:
         policies: The policies that move it.
 
     Returns:
-        Who has passed the door, and when.
+        The agents that have passed the door, and times.
     """
     steps = round(TIME / world.rules.dt)
     passed = np.full(world.person.shape, -1)

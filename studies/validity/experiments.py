@@ -20,8 +20,8 @@ WORLDS = 6
 """Worlds of an experiment."""
 
 LENGTH, WIDTH = 10.0, 2.4
-"""Of the corridor, in metres. Everybody who counts is within 5 m: the ten nearest, whom ORCA avoids, and for a social
-force those whose ellipses are near."""
+"""Of the corridor, in metres. Everybody who counts is within 5 m: the ten nearest, which ORCA avoids, and for a social
+force agents whose ellipses are near."""
 
 FILE_WIDTH = 2.5
 """Width of the corridor for single file, in radii."""
@@ -33,7 +33,7 @@ LAST = 20.0
 """The last so many seconds of them are measured."""
 
 STUCK = 0.1
-"""Who walks more slowly on average than this share of its preferred speed is stuck."""
+"""Agents slower on average than this share of their preferred speed are stuck."""
 
 DOORS = (0.8, 1.0, 1.2, 1.6)
 """Widths of the door in metres."""
@@ -41,10 +41,10 @@ DOORS = (0.8, 1.0, 1.2, 1.6)
 
 @dataclass(frozen=True, eq=False)
 class People:
-    """What the people of a crowd have in common.
+    """Common traits of the people of a crowd.
 
     Attributes:
-        title: What tables call them.
+        title: Their name in tables.
         radius: In metres.
         preferred_speed: In m/s, as a scenario's file writes it.
         densities: How many of them per square metre walk in a corridor, in 1/m^2. More than the last number would not
@@ -88,7 +88,7 @@ class Walk:
 
     Attributes:
         speed: Mean speed in m/s in the direction in which they want to go, negative where they go backwards.
-        stuck: Whether they hardly move, on average.
+        stuck: True if they hardly move, on average.
         order: How far they have formed lanes, see `lane_order`; NaN where all walk in one direction.
         overlapping: Share of the people whose disc overlaps another's by more than 1 cm, at the end.
     """
@@ -101,12 +101,12 @@ class Walk:
 
 @dataclass(frozen=True)
 class Setting:
-    """What is measured: which experiment, by whom, and where.
+    """A measurement: experiment, policy and place.
 
     Attributes:
         experiment: `one way`, `two ways`, `single file` or `door`.
         policy: The pedestrian policy.
-        people: Who walks.
+        people: The pedestrians.
         at: People per square metre or, in single file, per metre; of a door its width in metres.
     """
 
@@ -131,7 +131,7 @@ def crowd(policy: str, people: People, number: int, layout: Callable[..., Placem
 
     Args:
         policy: The name of a pedestrian policy, or a file with one.
-        people: Who walks.
+        people: The pedestrians.
         number: How many.
         layout: Places them. It is not a plug-in that a user could name.
 

@@ -42,7 +42,7 @@ BRUSHING, RECORDED_RADIUS = 0.05, 0.2
 """In metres: the largest overlap that does not count, and the radius of recorded people, which is unknown."""
 
 TEXT = Path(__file__).with_suffix(".txt")
-"""What is measured, in Markdown, with names for the numbers above."""
+"""Text of the page in Markdown, with names for the numbers above."""
 
 HEADER = "people|acceleration 50 %|90 %|99 %|largest|reversals|overlap|share|speed < 3|3 to 5|6 on|arrive|drive|near"
 

@@ -18,7 +18,7 @@ from studies.validity import door, experiments
 from studies.validity.experiments import EVERYBODY, People, Setting
 
 Results = Mapping[Setting, Any]
-"""What was measured of each setting: a `Passages` of a door, a `Walk` of all others."""
+"""Result of each setting: a `Passages` of a door, a `Walk` of all others."""
 
 SPEED = MetricInfo("speed", "m/s", digits=2)
 SHARE = MetricInfo("share", share=True, digits=2)
@@ -35,7 +35,7 @@ SOURCES = Path(__file__).with_name("sources.txt")
 """The full references, in Markdown."""
 
 LIMITS = {name: SOURCES.with_name(name + ".txt").read_text("utf-8").strip() for name in ("orca", "social_force")}
-"""What the policies that ship can and cannot do, each after its name."""
+"""Capabilities and limits of the shipped policies, by name."""
 
 TEXT = SOURCES.with_name("page.txt").read_text("utf-8").strip()
 """The page in Markdown, with names for its numbers and tables."""
@@ -45,7 +45,7 @@ def page(results: Results, command: str) -> str:
     """The page in Markdown.
 
     Args:
-        results: What was measured.
+        results: The result.
         command: The command that prints the page.
     """
     policies = list(dict.fromkeys(setting.policy for setting in results))
@@ -132,7 +132,7 @@ def single_file_speed(per_metre: float) -> float:
 
 
 def _of(results: Results, experiment: str, policy: str) -> list[tuple[Setting, Any]]:
-    """What was measured in one experiment with one policy."""
+    """Return the results of one experiment with one policy."""
     return [(s, result) for s, result in results.items() if (s.experiment, s.policy) == (experiment, policy)]
 
 

@@ -64,7 +64,7 @@ def test_other_files_get_one_sentence(tmp_path):
     torch.save({"base.robot_linear.weight": torch.zeros(3, 7)}, tmp_path / "other.pt")
     (tmp_path / "text.safetensors").write_text("no weights")
     for name in ("other.pt", "text.safetensors", "absent.pt"):
-        with pytest.raises(InputError, match=f"{name} are not those of a DS-RNN: ") as error:
+        with pytest.raises(InputError, match=f"{name} do not belong to a DS-RNN: ") as error:
             adapter.load_ds_rnn(tmp_path / name)
         assert "\n" not in str(error.value)
 

@@ -191,7 +191,7 @@ def test_everything_is_there_without_javascript(site):
         "re-run",
         "success, %",
         "Tests between entries",
-        "Who fails where",
+        "Failures by case",
         "real-time",
         "1 to 2",
         "Primary endpoint: success.",

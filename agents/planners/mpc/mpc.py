@@ -29,7 +29,7 @@ LOST = 10.0
 """Seconds that a guess is worse for each step by which it ends earlier in a collision."""
 
 FAR = 1e3
-"""Where those are whom a program has room for and who do not exist, in metres."""
+"""Position in metres of absent people in the arrays of a program."""
 
 
 def planner(
@@ -38,8 +38,8 @@ def planner(
     """Make the planner. It needs CasADi: pip install 'crowdbench[mpc]'.
 
     Args:
-        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
-        terms: What a program weighs.
+        predictor: Predictor of the pedestrians: a name (`crowdbench list predictors`) or a file.
+        terms: Weights of a program.
         horizon: Number of steps [1].
         iterations: Of IPOPT, at most [1].
 
@@ -61,7 +61,7 @@ class MPCPlanner(Planner):
 
     Attributes:
         predictor: Predicts the pedestrians; of several futures the first one counts.
-        terms: What a program weighs.
+        terms: Weights of a program.
         horizon: Number of steps [1].
         iterations: Of IPOPT, at most [1].
 
@@ -118,7 +118,7 @@ class MPCPlanner(Planner):
         return commands[:, :steps]
 
     def _guess(self, obs: Observation, prediction: Prediction, inflation: RadiusInflation) -> Sequence:
-        """What a program starts from: the rest of the last solution or one command throughout.
+        """Return the initial guess of a program: the rest of the last solution or one command throughout.
 
         Of these it is the one that touches nobody for longest, and of several that which leads nearest to the goal:
         from a guess that goes through somebody, IPOPT finds no way around.
@@ -138,7 +138,7 @@ def _situation(
     inflation: Float[np.ndarray, "time pedestrian"],
     w: int,
 ) -> Float[np.ndarray, "number"]:
-    """What a program is solved for: vehicle, goal, people in each step, edges of obstacles."""
+    """Return the parameters of a program: vehicle, goal, people in each step, edges of obstacles."""
     vehicle, crowd = obs.vehicle, obs.pedestrians
     now = [*vehicle.position[w], *vehicle.velocity[w], vehicle.heading[w], vehicle.angular_speed[w]]
     own = [*vehicle.local_goal[w], vehicle.radius[w], vehicle.preferred_speed[w]]

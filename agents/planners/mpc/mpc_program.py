@@ -23,7 +23,7 @@ DISCS = 3
 
 @dataclasses.dataclass(frozen=True)
 class Terms:
-    """What a program weighs.
+    """Weights of a program.
 
     Attributes:
         change: A change of a command by its whole range, squared [m].
@@ -102,7 +102,7 @@ def build_program(
         body: Where its discs are, in metres ahead of its position.
         dt: Length of a step in seconds.
         horizon: Number of steps.
-        terms: What it weighs.
+        terms: Its weights.
         iterations: Of IPOPT, at most.
     """
     ca = import_casadi()
@@ -162,7 +162,7 @@ def _move(ca: Any, dynamics: Dynamics, pose: Any, command: Any, dt: float) -> An
 
 
 def _limits(ca: Any, dynamics: Dynamics, command: Any, before: Any, speed: Any, dt: float) -> list[Any]:
-    """What must not be negative where a command is within the limits, beside the bounds of each of its numbers."""
+    """Return terms that are not negative if a command is within the limits, beside the bounds of its numbers."""
     change, most = command - before, dynamics.limits * dt
     if isinstance(dynamics, Holonomic):
         kept = [speed**2 - ca.sumsqr(command)]

@@ -125,7 +125,7 @@ def planner(
         horizon: Number of steps of a sequence [1].
         samples: Number of sequences that are sampled in a round [1].
         inference: How goals are inferred.
-        weights: Costs of a sequence that differ from those of `mppi`, as a table.
+        weights: Costs of a sequence that differ from `mppi`, as a table.
 
     Returns:
         The planner.

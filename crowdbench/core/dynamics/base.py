@@ -1,4 +1,4 @@
-"""What every dynamics of a vehicle is, and the grids of commands that a lookahead chooses from."""
+"""Base class of the dynamics of a vehicle, and the grids of commands that a lookahead chooses from."""
 
 from __future__ import annotations
 
@@ -99,18 +99,19 @@ class Dynamics(abc.ABC):
 
     @abc.abstractmethod
     def broken_limit(self, command: Float[np.ndarray, "2"], max_speed: float) -> str:
-        """What is wrong with a command.
+        """Return the fault of a command.
 
         Args:
             command: One that is not within the limits.
             max_speed: In m/s.
 
         Returns:
-            What it asks for and what the limit is, as the predicate of a sentence.
+            The command and the limit, as the predicate of a sentence.
         """
 
     def is_within(self, command: Vectors, max_speed: Numbers) -> Bool[np.ndarray, "*batch"]:
-        """Whether commands are within the limits, but for rounding; accelerations are limited in the step itself.
+        """Return whether commands are within the limits, but for rounding; accelerations are limited in the step
+        itself.
 
         Args:
             command: Finite commands.

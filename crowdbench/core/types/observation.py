@@ -1,4 +1,4 @@
-"""What a planner observes."""
+"""The observation of a planner."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Pedestrians:
         position: Centres in metres.
         velocity: Velocities of the last step in m/s.
         radius: Radii in metres.
-        seen: Whether the vehicle sees the pedestrian now, or remembers it.
+        seen: True if the vehicle sees the pedestrian now, or remembers it.
         history: The last 8 positions in metres, from the oldest to the current one. Before the first observed
             position, that one is repeated.
         observed: Number of positions in `history` since the pedestrian was first observed.
@@ -104,24 +104,24 @@ class Pedestrians:
 
 @dataclass(frozen=True)
 class Observation:
-    """What a planner is given at each decision, for every world that is still running.
+    """Input of a planner at each decision, for every world that is still running.
 
     Worlds whose episode has ended leave the batch, so that a planner with a memory must find its entries by `row`. A
     planner for one world at a time is given the same without the world axis.
 
     A planner is not told which case it drives, so that it cannot look up what it may not see. The start positions still
-    identify the case to whoever knows the scenario with its seed.
+    identify the case if the scenario and its seed are known.
 
     Attributes:
         vehicle: The vehicle's own state and goal.
-        pedestrians: What it sees of the pedestrians.
+        pedestrians: The observed pedestrians.
         obstacles: Polygons in metres, NaN after the last corner and the last polygon. Two corners make a wall.
         row: Number of each world in the batch as it started: the same during the whole episode.
         noise_key: Start of the noise of each world.
         step: Steps done so far.
         dt: Length of a step in seconds.
         future: The pedestrians' next velocities in m/s; None unless the planner is privileged.
-        logs: What the planner has logged in this decision, by name; None where nothing is recorded.
+        logs: Arrays that the planner has logged in this decision, by name; None where nothing is recorded.
         sensor: The data sheet of the vehicle's sensor: how far, how exactly and how late it sees.
         lidar: Distance in metres at which each beam meets a person or an obstacle, from the vehicle's position, or the
             lidar's range where it meets none; see `crowdbench.core.types.Lidar`. None without a lidar.

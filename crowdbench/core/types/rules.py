@@ -1,4 +1,4 @@
-"""The rules of a scenario, how an episode can end, and the vehicle's sensor: whom it sees, how exactly, how late."""
+"""The rules of a scenario, how an episode can end, and the vehicle's sensor: range, noise and delay."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ class Sensor(TomlTable):
         range: Largest distance in metres between the rims of the vehicle and of a person that is seen, that is between
             their centres, less both radii (as in CrowdNav++, Liu et al. 2023); None for any distance.
         field_of_view: Angle in degrees, half of it on each side of the heading, in which a person's centre is seen.
-        occlusion: Whether walls and other people hide persons.
+        occlusion: True if walls and other people hide persons.
         noise: Normal noise of each measurement.
         missed: Probability that a person who could be seen is not detected in a step.
         delay: Seconds after which a measurement arrives, a multiple of the length of a step.
-        remember: Seconds for which a person of whom no more measurements arrive stays in the observation, where it
+        remember: Seconds for which a person without further measurements stays in the observation, where it
             goes on at constant velocity.
         nearest: How many pedestrians planners are shown at most, the nearest ones; None for all. In a scenario with a
             large crowd that does not say it, `crowdbench.scenario.schema.SHOWN`.
@@ -77,7 +77,7 @@ class Sensor(TomlTable):
 
     @cached_property
     def sees_all(self) -> bool:
-        """Whether it sees everybody exactly and at once, even if it shows the nearest only."""
+        """True if it sees everybody exactly and at once, even if it shows the nearest only."""
         return Sensor(remember=self.remember, lidar=self.lidar, nearest=self.nearest) == self
 
     def steps_delayed(self, dt: float) -> int:
@@ -163,7 +163,7 @@ class RuleNumbers(NamedTuple):
 
 @dataclass(frozen=True)
 class Rules:
-    """What is the same in all cases of a scenario.
+    """Constants of all cases of a scenario.
 
     Attributes:
         dt: Length of a step in seconds.
@@ -171,12 +171,12 @@ class Rules:
         collision: `swept` (true relative motion over the step), `crowdnav` (every pedestrian is moved, for the
             collision test alone, with its velocity before the step), or `crowdnav_plus` (positions before the step,
             for collision and arrival).
-        visible: Whether pedestrians see the vehicle.
+        visible: True if pedestrians see the vehicle.
         attention: How pedestrians notice a visible vehicle; None where all know it at any time.
         dynamics: How the vehicle moves.
         goal_tolerance: Distance in metres to its goal below which the vehicle has arrived; None stands for its radius.
         body: The discs that the vehicle consists of.
-        sensor: What the vehicle sees of pedestrians.
+        sensor: Limits of the vehicle's sight.
         walking: The limits of pedestrians; None where only their speed is limited.
 
     Raises:
@@ -240,4 +240,4 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "sensor": Sensor.model_validate,
     "walking": WalkingLimits._make,
 }
-"""What makes a field of `Rules` of its entry in a table."""
+"""Constructors of the fields of `Rules` from entries of a table."""

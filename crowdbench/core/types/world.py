@@ -38,7 +38,7 @@ class World:
             last one.
         radius: Radii in metres.
         preferred_speed: Preferred and largest speed in m/s.
-        present: Whether the agent exists in this world now.
+        present: True if the agent exists in this world now.
         person: Number of each pedestrian as a person, unique within the case; -1 in the padding. Somebody who takes the
             place of another one in these arrays has another number.
         since: The step after which each person came; 0 for those who were there from the start.
@@ -54,7 +54,7 @@ class World:
             be nested; empty for other policies. See `crowdbench.sim.pedestrians.base.PolicyWithMemory`. With a model of
             attention also its state, see `crowdbench.sim.attention`.
         rules: The rules of the scenario.
-        sight: What the vehicle has seen of the pedestrians so far, see `crowdbench.sim.sight`; empty where it sees
+        sight: The vehicle's measurements of pedestrians so far, see `crowdbench.sim.sight`; empty where it sees
             everybody exactly and at once.
     """
 
@@ -112,7 +112,7 @@ class World:
 
         Args:
             rows: Which ones.
-            others: What they are replaced by, one world per row, of the same scenario.
+            others: Their replacements, one world per row, of the same scenario.
         """
 
         def replaced(array: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -167,10 +167,10 @@ class Trace:
         goal: Where each agent is going, in metres.
         radius: Radii in metres.
         preferred_speed: Preferred and largest speed in m/s of each agent that was there at the start.
-        present: Whether the agent exists then.
+        present: True if the agent exists then.
         person: Number of each pedestrian as a person, unique within the case; -1 in the padding. Where it changes,
             somebody else has taken the place of that pedestrian in the arrays, at another position.
-        seen: Whether the vehicle saw the pedestrian; with a delay, whether it did so then.
+        seen: True if the vehicle saw the pedestrian; with a delay, whether it did so then.
         route: The vehicle's waypoints in metres as it started, NaN after the last one.
         obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
         rules: The rules of the scenario.
@@ -184,9 +184,9 @@ class Trace:
             where nobody is recorded.
         group: Number of the group that each pedestrian walks with, unique within the case; -1 for those who walk alone.
             None where the scenario has no groups.
-        noticed: Whether each pedestrian had noticed the vehicle in the step before each state. None without a model of
+        noticed: True if each pedestrian had noticed the vehicle in the step before each state. None without a model of
             attention: then all know a visible vehicle.
-        logs: What the planner logged, `[world, step, ...]` by name; NaN in steps in which it logged nothing.
+        logs: Arrays that the planner logged, `[world, step, ...]` by name; NaN in steps in which it logged nothing.
     """
 
     split: str

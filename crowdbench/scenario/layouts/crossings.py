@@ -188,7 +188,7 @@ def draw_beside(
         low: The noise is drawn from -low to 1 - low,
         noise: and multiplied by so many metres: 0 and `NOISE` for a start, 0.5 and the preferred speed for another goal
             of somebody on the way.
-        clear: Whether a point in metres has room.
+        clear: True if a point in metres has room.
     """
     for _ in range(TRIES):
         angle = draw() * np.pi * 2
@@ -200,5 +200,5 @@ def draw_beside(
 
 
 def is_clear(point: Point, others: Float[np.ndarray, "other 2"], reach: Float[np.ndarray, "other"]) -> bool:
-    """Whether a point is at least as far as `reach` from each of the others, all in metres."""
+    """Return whether a point is at least as far as `reach` from each of the others, all in metres."""
     return bool((np.hypot(others[:, 0] - point[0], others[:, 1] - point[1]) >= reach).all())

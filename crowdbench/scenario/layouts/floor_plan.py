@@ -1,4 +1,4 @@
-"""A layout among given obstacles, such as those of a map: everybody goes from one named region to another."""
+"""A layout among given obstacles, such as a map: everybody goes from one named region to another."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def floor_plan(
     """Obstacles from a map, and regions between which people and the vehicle go.
 
     Args:
-        obstacles: Polygons, each a list of corners [m]. In a scenario, `map = "./map.yaml"` stands for those of an
-            occupancy grid of ROS.
+        obstacles: Polygons, each a list of corners [m]. In a scenario, `map = "./map.yaml"` stands for an occupancy
+            grid of ROS.
         regions: Rectangles by name, each its smallest and its largest coordinates [m].
         vehicle: The region in which the vehicle starts, and the one in which its goal lies.
         ways: Pairs of regions between which pedestrians go, in either direction.

@@ -32,7 +32,7 @@ ALONE, TOGETHER = 20, 998
 faster where hardly any draw is clear; ten times 998 make the rest of `TRIES`."""
 
 ATTEMPTS = 10
-"""How often all pedestrians are placed anew where the layout is full: those before the last one may stand so that
+"""How often all pedestrians are placed again where the layout is full: the first ones may stand so that
 nobody else finds room, in a layout that has room for all."""
 
 Point = tuple[float, float]
@@ -74,7 +74,8 @@ class Points:
             self._cells[cell].pop()
 
     def is_clear(self, x: float, y: float) -> bool:
-        """Whether the next agent, at a point in metres, keeps `CLEARANCE` from the disc around each of the points."""
+        """Return whether the next agent, at a point in metres, keeps `CLEARANCE` from the disc around each of the
+        points."""
         reach = self.radius[len(self.all)] + CLEARANCE
         for i in self._cells.get(self._cell(x, y), ()):
             px, py = self.all[i]
@@ -132,7 +133,7 @@ class Placer:
             goal: Where it goes.
 
         Returns:
-            Whether there was room.
+            True if there was room.
         """
         start_point = self._draw_point(rng, start, self.start)
         goal_point = self._draw_point(rng, goal, self.goal)
@@ -198,7 +199,7 @@ class Placer:
 
 
 def no_room(agent: int, agents: int, area: str, key: str) -> str:
-    """What is said where a pedestrian finds no room.
+    """Return the message for a pedestrian without room.
 
     Args:
         agent: Which one, in the last attempt.

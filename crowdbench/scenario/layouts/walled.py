@@ -13,7 +13,7 @@ from crowdbench.utils.errors import InputError
 
 BEYOND = 4.0
 """Distance in metres from the vehicle's start and goal to the last starts and goals of pedestrians, in a corridor or in
-streets that cross. Goals of pedestrians are beyond those of the vehicle, so that nobody stands in its way."""
+streets that cross. Goals of pedestrians are beyond the vehicle's goal, so that nobody stands in its way."""
 
 BEHIND = 2.0
 """Distance in metres from the last starts and goals to the wall behind them, which nobody passes."""

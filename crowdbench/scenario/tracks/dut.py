@@ -23,7 +23,7 @@ from crowdbench.utils.errors import InputError, describe_error
 FRAMES_PER_SECOND = 23.98
 
 PEDESTRIANS, CARS, RATIO = "_traj_ped_filtered.csv", "_traj_veh_filtered.csv", "_ratio_pixel2meter.txt"
-"""What the names of a clip's files end with."""
+"""Ends of the names of a clip's files."""
 
 _CORNERS = ("fl", "fr", "rr", "rl")
 """Front left to rear left, as columns `x_fl`, `y_fl`, ... name them."""

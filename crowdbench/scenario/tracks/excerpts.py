@@ -52,7 +52,7 @@ class MovingDisc:
     radius: float = math.nan
 
     def is_there(self, time: Times) -> Bool[np.ndarray, "time"]:
-        """Whether it was there at each of these times in seconds."""
+        """Return whether it was there at each of these times in seconds."""
         return (time >= self.time[0] - _ROUNDING) & (time <= self.time[-1] + _ROUNDING)
 
     def at(self, time: Times) -> Track:

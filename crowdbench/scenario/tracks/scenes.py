@@ -28,7 +28,7 @@ class Scene:
     """The recordings of one place.
 
     Attributes:
-        name: What the place is called.
+        name: Name of the place.
         recordings: Its recordings.
         files: The sha256 of each of their files, by name.
     """
@@ -45,7 +45,7 @@ def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Sce
         name: A scene of ETH/UCY (`eth`, `hotel`, `univ`, `zara1`, `zara2`) or of DUT (`intersection`, `roundabout`, or
             `dut` for both), or the name of a file `<name>.txt` of one's own, in the format of ETH/UCY.
         folder: Where the files are; None where nobody has said it.
-        pinned: The sha256 that files must have, by name. Those of ETH/UCY and DUT are known.
+        pinned: The sha256 that files must have, by name. The digests of ETH/UCY and DUT are known.
 
     Returns:
         The scene.

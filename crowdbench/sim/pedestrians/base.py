@@ -21,7 +21,7 @@ Velocities = Float[np.ndarray, "world pedestrian 2"]
 """A velocity in m/s for every pedestrian."""
 
 Memory = Mapping[str, Any]
-"""What a policy remembers: arrays `[world, ...]` by name, in mappings that may be nested."""
+"""Memory of a policy: arrays `[world, ...]` by name, in mappings that may be nested."""
 
 
 class PedestrianPolicy(abc.ABC):
@@ -37,7 +37,7 @@ class PedestrianPolicy(abc.ABC):
     """The parameters that a scenario can set, with their defaults."""
 
     stands: ClassVar[bool] = False
-    """Whether its pedestrians stand all the time. A scenario places them somewhere on the way from start to goal."""
+    """True if its pedestrians stand all the time. A scenario places them somewhere on the way from start to goal."""
 
     @abc.abstractmethod
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
@@ -48,21 +48,21 @@ class PedestrianPolicy(abc.ABC):
             parameters: For each parameter a value per agent; column 0, the vehicle's, is not used.
 
         Returns:
-            A velocity in m/s for every pedestrian. Those of pedestrians that another policy moves, or that are not
-            present, are ignored.
+            A velocity in m/s for every pedestrian. Velocities of pedestrians that another policy moves, or that are
+            absent, are ignored.
         """
 
 
 class PolicyWithMemory(PedestrianPolicy):
     """Moves pedestrians by what it remembers of them, which the world carries: it still keeps nothing in itself.
 
-    A pedestrian whose number in `world.person` is another than in the step before is somebody else, of whom nothing is
-    remembered yet. A policy with such pedestrians keeps their numbers in its memory to notice it.
+    A pedestrian whose number in `world.person` is another than in the step before is another person without a memory. A
+    policy with such pedestrians keeps their numbers in its memory to notice it.
     """
 
     @abc.abstractmethod
     def memory(self, world: World, parameters: Parameters) -> Memory:
-        """What is remembered at the start of the episodes.
+        """Return the memory at the start of the episodes.
 
         Args:
             world: The worlds at their start.
@@ -81,7 +81,7 @@ class PolicyWithMemory(PedestrianPolicy):
         Args:
             world: The worlds as they are now.
             parameters: For each parameter a value per agent; column 0, the vehicle's, is not used.
-            memory: What was returned in the step before. It must not be changed: return other arrays.
+            memory: The memory that the step before returned. It must not be changed: return other arrays.
 
         Returns:
             A velocity in m/s for every pedestrian, as for any policy, and a memory with the same names, shapes and
@@ -94,8 +94,8 @@ def query_policy(policy: PedestrianPolicy, name: str, world: World) -> tuple[Vel
 
     Args:
         policy: The policy.
-        name: What it is called in errors.
-        world: What it is shown.
+        name: Its name in errors.
+        world: Its input.
 
     Returns:
         Velocities in m/s, and its memory after that, None without one.
@@ -117,12 +117,12 @@ def query_policy(policy: PedestrianPolicy, name: str, world: World) -> tuple[Vel
 
 
 def init_memory(policy: PolicyWithMemory, name: str, world: World) -> Memory:
-    """What a policy remembers at the start.
+    """Return the memory of a policy at the start.
 
     Args:
         policy: The policy.
-        name: What it is called in errors.
-        world: What it is shown.
+        name: Its name in errors.
+        world: Its input.
 
     Returns:
         Its memory.
@@ -145,9 +145,9 @@ def validate_memory(answer: object, before: Memory, name: str) -> Memory:
     """Check what a policy remembers after a step.
 
     Args:
-        answer: What it returned.
-        before: What it was given.
-        name: What the policy is called in errors.
+        answer: Its return value.
+        before: Its input.
+        name: Name of the policy in errors.
 
     Returns:
         Its memory.
@@ -171,9 +171,9 @@ def memory_arrays(name: str, memory: object, path: str = "memory") -> Iterator[t
     """The arrays of a memory, each with the path to it.
 
     Args:
-        name: What the policy is called in errors.
-        memory: What a policy returned as its memory, or a part of it.
-        path: What that is called.
+        name: Name of the policy in errors.
+        memory: The returned memory of a policy, or a part of it.
+        path: Its name.
 
     Raises:
         InputError: It holds something else than arrays and mappings.
@@ -191,9 +191,9 @@ def validate_shape(answer: object, name: str, world: World) -> Velocities:
     """Check type and shape of what a policy returned.
 
     Args:
-        answer: What `velocities` returned.
-        name: What the policy is called in errors.
-        world: What it was given.
+        answer: The return value of `velocities`.
+        name: Name of the policy in errors.
+        world: Its input.
 
     Returns:
         The velocities in m/s.
@@ -212,9 +212,9 @@ def validate_finite(velocity: Velocities, name: str, world: World) -> Velocities
     """Check that velocities are finite.
 
     Args:
-        velocity: What a policy returned, in m/s.
-        name: What the policy is called in errors.
-        world: What it was given.
+        velocity: The return value of a policy, in m/s.
+        name: Name of the policy in errors.
+        world: Its input.
 
     Returns:
         The velocities.

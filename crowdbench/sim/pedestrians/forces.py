@@ -1,4 +1,4 @@
-"""What the force models of pedestrians share: everybody's motion in sub-steps under forces. Compiled.
+"""Shared parts of the force models of pedestrians: everybody's motion in sub-steps under forces. Compiled.
 
 A pedestrian accelerates towards its desired velocity within a relaxation time, and by the force of a model. The speed
 limit is the preferred speed, and over the last metre the desired speed decreases with the distance to the goal, as
@@ -39,8 +39,8 @@ class Walkers(NamedTuple):
         goal: In metres.
         radius: In metres.
         preferred_speed: Preferred and largest speeds in m/s, above 0.
-        seen: Whether the agent acts on others.
-        moves: Whether the agent's velocity is computed; the others keep theirs in this step.
+        seen: True if the agent acts on others.
+        moves: True if the agent's velocity is computed; the others keep theirs in this step.
         obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
     """
 
@@ -55,7 +55,7 @@ class Walkers(NamedTuple):
 
 
 def walkers_of(world: World) -> Walkers:
-    """The agents of worlds, of whom the pedestrians that are present move."""
+    """The agents of worlds; present pedestrians move."""
     moves = world.present.copy()
     moves[:, 0] = False
     speed = np.maximum(world.preferred_speed, TINY)
@@ -146,11 +146,11 @@ def integrate(
     speed with exactly the relaxation time. Within the step all agents move at once, in equal sub-steps.
 
     Args:
-        model: What `compile_model` has returned.
+        model: The return value of `compile_model`.
         walkers: The agents.
         traits: The parameters of each agent, the relaxation time in seconds first.
         time_step: Length of the step in seconds.
-        noise: What the model takes as noise.
+        noise: Noise of the model.
         group: The number of each agent's group, negative for those who walk alone; None where all do.
         longest: Longest sub-step in seconds; `SUB_STEP` if None.
 

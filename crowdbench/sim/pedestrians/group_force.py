@@ -1,7 +1,8 @@
 """The forces that hold a group of pedestrians together (Moussaïd et al. 2010), compiled.
 
-Who walks ahead of the others slows down, so as to see them (gaze); who is far from the group's centre is drawn to it
-(attraction); members who come too near push each other away (repulsion). All other forces act within a group too.
+A member ahead of the others slows down, so as to see them (gaze); a member far from the group's centre is drawn
+to it (attraction); members that come too near push each other away (repulsion). All other forces act within a group
+too.
 
 The values are the paper's best fit to the groups that it observed: beta 1 = 4, beta 2 = 3, beta 3 = 1, d0 = 0.8 m,
 phi = 90 degrees (caption of its figure 4).

@@ -15,7 +15,7 @@ from crowdbench.sim.presence import track_at
 from crowdbench.sim.routes import goals_on_way
 
 HABITS: Mapping[str, float] = {"period": 8.0, "pause": 0.25}
-"""What `StopAndGo` adds to the parameters of its policy: a period in seconds, and the share of it that is a pause."""
+"""Parameters that `StopAndGo` adds to its policy: a period in seconds, and the share of it that is a pause."""
 
 
 class StopAndGo(PedestrianPolicy):
@@ -29,10 +29,10 @@ class StopAndGo(PedestrianPolicy):
 
     def __init__(self, walk: PedestrianPolicy) -> None:
         self.walk = walk
-        self.parameters = {**walk.parameters, **HABITS}  # type: ignore[misc]  # those of this object
+        self.parameters = {**walk.parameters, **HABITS}  # type: ignore[misc]  # parameters of this object
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
-        """See `PedestrianPolicy`. The parameters are those of the other policy, `period` in seconds, and `pause`."""
+        """See `PedestrianPolicy`. The parameters are the other policy's, `period` in seconds, and `pause`."""
         start = rng.uniforms(world.key, "stop_and_go", np.zeros_like(world.step), world.person)
         time = (world.step * world.rules.dt)[:, None]
         phase = (time / np.maximum(parameters["period"][:, 1:], world.rules.dt) + start) % 1.0

@@ -1,7 +1,7 @@
 """The linear programs of ORCA (van den Berg et al. 2011, sections 5.1 and 5.3), compiled.
 
 A half-plane of permitted velocities is stored as its boundary line, `(point x, point y, direction x, direction y)` in
-m/s with a direction of length 1. What lies to the left of the direction is permitted.
+m/s with a direction of length 1. Velocities to the left of the direction are permitted.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from crowdbench.utils.compiled import njit
 
 AS_VELOCITY, AS_DIRECTION = np.bool_(False), np.bool_(True)
-"""What is wanted of a linear program. For literals, numba would compile it twice."""
+"""Objective of a linear program. For literals, numba would compile it twice."""
 
 _PARALLEL = 1e-5
 """Lines are parallel if the cross product of their directions is not larger than this, as in the library RVO2."""
@@ -50,10 +50,10 @@ def _nearest_on_line(lines, k, speed, x, y, as_direction):
         k: Index of the line.
         speed: Largest speed in m/s.
         x, y: The wanted velocity in m/s, or the wanted direction.
-        as_direction: Whether to go as far as possible in the direction (x, y), instead of as near as possible to it.
+        as_direction: True to go as far as possible in the direction (x, y), instead of as near as possible to it.
 
     Returns:
-        Whether there is such a velocity, and its x and y, or (x, y) where there is none.
+        True if there is such a velocity, and its x and y, or (x, y) where there is none.
     """
     px, py, dx, dy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
     dot = px * dx + py * dy
@@ -94,7 +94,7 @@ def nearest_permitted(lines, n, speed, x, y, as_direction):
         speed (float): Largest speed in m/s.
         x (float): x of the wanted velocity in m/s, or of the wanted direction.
         y (float): Its y.
-        as_direction (bool): Whether (x, y) is a direction.
+        as_direction (bool): True if (x, y) is a direction.
 
     Returns:
         met (int): Number of lines before the first one that the lines before it contradict; n if there is none.
@@ -124,7 +124,7 @@ def least_violation(lines, n, hard, failed, speed, x, y, scratch):
     Args:
         lines (array): `[line, 4]`.
         n (int): Number of lines.
-        hard (int): How many of the first lines are kept all the same: those of obstacles.
+        hard (int): How many of the first lines are always kept: the lines of obstacles.
         failed (int): Index of the first line that cannot be met.
         speed (float): Largest speed in m/s.
         x (float): x of the best velocity for the lines before `failed`, in m/s.

@@ -1,6 +1,6 @@
 """Optimal reciprocal collision avoidance, ORCA (van den Berg et al. 2011), compiled.
 
-Equations and sections are those of the paper, the current velocity is its optimization velocity (section 5.2).
+Equations and sections refer to the paper; the current velocity is its optimization velocity (section 5.2).
 
 For each neighbour, an agent may only take velocities in a half-plane of the velocity space (equations 5 and 6). Among
 the velocities that all half-planes and the speed limit permit, it takes the one nearest to its preferred velocity: a
@@ -64,8 +64,8 @@ class Agents(NamedTuple):
         preferred: Velocities in m/s that they would take if they were alone.
         radius: Radii for avoidance in metres.
         max_speed: In m/s.
-        seen: Whether the others avoid the agent, read by `at`.
-        moves: Whether its velocity is computed, read by `at`.
+        seen: True if the others avoid the agent, read by `at`.
+        moves: True if its velocity is computed, read by `at`.
     """
 
     position: AgentPoints
@@ -108,10 +108,10 @@ def orca_velocities(
         time_horizon: The paper's tau: an agent avoids collisions that would happen within this time, in seconds.
         obstacles: Polygons in metres of each world, or one for all, see `crowdbench.sim.pedestrians.orca_obstacles`.
         time_horizon_obst: An agent avoids collisions with obstacles that would happen within this time, in seconds.
-        line_of_sight: Whether an agent avoids only those that no obstacle hides: the straight line between the centres
+        line_of_sight: True if an agent avoids only those that no obstacle hides: the straight line between the centres
             crosses none. RVO2 avoids others through walls. One value, or one per world or agent.
-        seen: Whether the agent is avoided by the others; all are if None.
-        moves: Whether the agent's velocity is computed; all are if None.
+        seen: True if the agent is avoided by the others; all are if None.
+        moves: True if the agent's velocity is computed; all are if None.
 
     Returns:
         Velocities in m/s; 0 for agents that do not move.
@@ -133,7 +133,7 @@ def avoid(
 ) -> Float[np.ndarray, "world moving 2"]:
     """Compute the velocities of agents in blocks, see `orca_velocities`.
 
-    What only some scenarios need is in kernels of its own, which are compiled when they are first called: lines of
+    Parts that only some scenarios need are kernels of their own, which are compiled at their first call: lines of
     walls, and neighbours from cells or by line of sight.
 
     Args:
@@ -275,7 +275,7 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
 def _passes_left(px, py, vx, vy, qx, qy, ux, uy, rate):
-    """Whether the nearer leg of the cone is the left one.
+    """Return whether the nearer leg of the cone is the left one.
 
     Computed in float32, as in RVO2: for two agents that walk straight at each other both legs are equally near, and
     rounding decides on which side they pass.

@@ -50,7 +50,7 @@ class ORCA(PedestrianPolicy):
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`. `safety_space`, in metres, is added to each radius for avoidance.
 
-        With `line_of_sight` = 1 pedestrians avoid only those whom no obstacle hides; with 0 they avoid others through
+        With `line_of_sight` = 1 pedestrians avoid only agents that no obstacle hides; with 0 they avoid others through
         walls too, as in RVO2.
         """
         return orca_pedestrians(world, parameters, world.preferred_speed)
@@ -71,7 +71,7 @@ def orca_pedestrians(world: World, parameters: Parameters, pace: Float[np.ndarra
 
     Args:
         world: The worlds as they are now.
-        parameters: `safety_space`, and those of `crowdbench.sim.pedestrians.orca.orca_velocities`.
+        parameters: `safety_space`, and the parameters of `crowdbench.sim.pedestrians.orca.orca_velocities`.
         pace: Speeds in m/s of the velocities towards the goals. No velocity is faster than the preferred speed.
     """
     margin = parameters["safety_space"]

@@ -1,9 +1,9 @@
 """The half-planes that obstacles allow an agent of ORCA (van den Berg et al. 2011), compiled.
 
-What an edge of a polygon forbids is computed as the library RVO2 does it (version 2.0.2): the velocities that lead to
-the edge within the time horizon are a truncated cone, and the half-plane is tangent to it at the point nearest to the
-agent's velocity. The agent alone is responsible for avoiding an edge, so that the half-plane moves by all of the
-distance and not by half of it. RVO2 looks through walls, and so does this.
+The velocities that an edge of a polygon forbids are computed as in the library RVO2 (version 2.0.2): the velocities
+that lead to the edge within the time horizon are a truncated cone, and the half-plane is tangent to it at the point
+nearest to the agent's velocity. The agent alone is responsible for avoiding an edge, so that the half-plane moves by
+all of the distance and not by half of it. RVO2 looks through walls, and so does this.
 
 Corners are listed counter-clockwise around what is solid, so that an agent sees an edge from its right side. A polygon
 of two corners is a wall that is seen from both sides.
@@ -171,7 +171,7 @@ def _edge_half_planes(edges, order, near, x, y, vx, vy, radius, rate, lines):
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
 def _is_covered(lines, n, ax, ay, bx, by, margin):
-    """Whether both ends of an edge, in the velocity space, lie behind one of the lines by a margin."""
+    """Return whether both ends of an edge, in the velocity space, lie behind one of the lines by a margin."""
     for k in range(n):
         px, py, dx, dy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
         first = (ax - px) * dy - (ay - py) * dx - margin
@@ -203,7 +203,7 @@ def _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate):
         rate: 1 over the time horizon, in 1/s.
 
     Returns:
-        Whether there is a line; its point and its direction.
+        True if there is a line; its point and its direction.
     """
     ux, uy, is_first_convex, is_second_convex = edge[4], edge[5], edge[10] == 1.0, edge[11] == 1.0
     ex, ey = bx - ax, by - ay
@@ -222,7 +222,7 @@ def _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate):
     if 0.0 <= s < 1.0 and squared_line <= squared_radius:
         return True, 0.0, 0.0, -ux, -uy
 
-    # Where the edge is seen from its end, both legs of the cone are those of one corner.
+    # Where the edge is seen from its end, both legs of the cone belong to one corner.
     is_corner, cut = False, (ux, uy)
     before_x, before_y, after_x, after_y = edge[6], edge[7], edge[8], edge[9]
     if s < 0.0 and squared_line <= squared_radius:
@@ -265,14 +265,14 @@ def _tangent(vx, vy, ax, ay, bx, by, is_corner, cut, legs, radius, rate):
     Args:
         vx, vy: The velocity in m/s.
         ax, ay, bx, by: The corners of the edge as the agent sees them, in metres.
-        is_corner: Whether they are the same one.
+        is_corner: True if they are the same one.
         cut: The direction of the cut-off line.
         legs: The directions of the left and the right leg, and whether each is a neighbouring edge.
         radius: The agent's radius in metres.
         rate: 1 over the time horizon, in 1/s.
 
     Returns:
-        Whether there is a line, which is not so on a neighbouring edge; its point and its direction.
+        True if there is a line, which is not so on a neighbouring edge; its point and its direction.
     """
     (left_x, left_y), (right_x, right_y), is_left_foreign, is_right_foreign = legs
     ax, ay, bx, by, margin = rate * ax, rate * ay, rate * bx, rate * by, radius * rate

@@ -81,7 +81,7 @@ class SocialForce(PedestrianPolicy):
     parameters: ClassVar[Mapping[str, float]] = PARAMETERS
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
-        """See `PedestrianPolicy`. The parameters are those of `social_force_velocities`."""
+        """See `PedestrianPolicy`, and `social_force_velocities` for the parameters."""
         noise, dt = np.zeros_like(world.position), world.rules.dt
         noise[:, 1:] = rng.normal(world.key, "social_force", world.step, (noise.shape[1] - 1, 2))
         walkers = walkers_of(world)
@@ -103,11 +103,11 @@ def social_force_velocities(
         noise: Standard normal numbers, one per agent and axis, for the fluctuation during this step.
         group: The number of each pedestrian's group, negative for those who walk alone, as all do if None.
         time_step: Length of the step in seconds.
-        parameters: Those of `PARAMETERS` that are not the defaults, of the agent that feels the force, one number or
-            one per agent. In the papers' symbols they are tau in seconds, V0 in m^2/s^2, sigma in metres, Delta t in
+        parameters: Parameters of `PARAMETERS` that are not the defaults, of the agent that feels the force, one number
+            or one per agent. In the papers' symbols they are tau in seconds, V0 in m^2/s^2, sigma in metres, Delta t in
             seconds, 2 phi in radians, c, the standard deviation in m/s of the velocity of an agent alone across its way
             (it does not depend on the time step, and decreases over the last metre as the desired speed does), U0 in
-            m^2/s^2, R in metres, and those of `group_force`.
+            m^2/s^2, R in metres, and the parameters of `group_force`.
 
     Returns:
         Velocities in m/s; 0 for agents that do not move.

@@ -46,7 +46,7 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 
     Args:
         function: A function that uses no globals except constants, kernels, NumPy and `math`.
-        **options: Those of `numba.njit`, apart from `cache`.
+        **options: Options of `numba.njit`, apart from `cache`.
 
     Returns:
         The kernel, or a decorator if there is no function.
@@ -76,7 +76,7 @@ class _WithoutCollections(event.Listener):  # type: ignore[misc]
     depth = 0
     """How many kernels are being compiled, each for the one before."""
     is_on = True
-    """Whether garbage was collected before."""
+    """True if garbage was collected before."""
 
     def on_start(self, event: event.Event) -> None:
         """Before a kernel is compiled."""
@@ -105,7 +105,7 @@ class _Cache(NullCache):  # type: ignore[misc]
         payload = read(self._file_name(signature, target.codegen()))
         # An equal kernel may have been compiled in a module that cannot be imported here.
         with contextlib.suppress(ImportError, AttributeError):
-            # What the store hands out was written by this class, and is machine code in any case.
+            # The files of the store were written by this class, and are machine code in any case.
             if payload is not None:
                 stored_signature, reduced = pickle.loads(payload)
                 if stored_signature == signature:

@@ -2,7 +2,7 @@
 
 The folder is `crowdbench/kernels` in the cache of the user (`XDG_CACHE_HOME`, or else `~/.cache`), or in
 `NUMBA_CACHE_DIR` where that is set, or else in the folder for temporary files. All installations of a user share it,
-because files are named by their content. What has not been used for long is removed.
+because files are named by their content. Files that have not been used for long are removed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ LARGEST_FOLDER = 256e6
 class _Place(NamedTuple):
     folder: Path
     private: bool
-    """Whether others could have prepared the folder: one that does not belong to this user alone is not used."""
+    """True if others could have prepared the folder: one that does not belong to this user alone is not used."""
 
 
 def read(name: str) -> bytes | None:
@@ -57,7 +57,7 @@ def write(name: str, payload: bytes) -> None:
 
     Args:
         name: The file's name.
-        payload: What is written after the checksum.
+        payload: Content after the checksum.
     """
     if not _places():
         return

@@ -123,7 +123,7 @@ def test_a_forged_outcome_is_not_reproduced(root, tmp_path):
     assert re.match("circle_crossing_5: .*", found.reason)
 
 
-OTHER_FIGURES = "circle_crossing_5: the reported figures are not those of episodes.csv"
+OTHER_FIGURES = "circle_crossing_5: the reported figures differ from episodes.csv"
 
 
 @pytest.mark.parametrize(
@@ -132,8 +132,8 @@ OTHER_FIGURES = "circle_crossing_5: the reported figures are not those of episod
         (lambda reported: reported["circle_crossing_5"].update(success_rate=1.0), OTHER_FIGURES),
         (lambda reported: reported["circle_crossing_5"].update(navigation_time=None), OTHER_FIGURES),
         (lambda reported: reported["circle_crossing_5"].pop("jerk"), OTHER_FIGURES),
-        (lambda reported: reported.update(square_crossing_5={}), "the scenarios of its reported figures are not"),
-        (lambda reported: reported.clear(), "the scenarios of its reported figures are not"),
+        (lambda reported: reported.update(square_crossing_5={}), "the scenarios of its reported figures differ"),
+        (lambda reported: reported.clear(), "the scenarios of its reported figures differ"),
     ],
 )
 def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path, change, reason):
