@@ -13,6 +13,11 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).parents[1]))
+
+from crowdbench.cli import main
+from crowdbench.cli.options import help_from_docstring
+
 TABLE = re.compile(r"^\|.+\|\n\|[ :|-]+\|\n(?:\|.*\|\n?)+", re.MULTILINE)
 PAIRS = "significantly better or worse than"
 
@@ -82,10 +87,13 @@ def _csv(records: Sequence[dict[str, str]]) -> str:
     return text.getvalue()
 
 
-def main() -> None:
-    """Write the page that standard input has into the folder that is given."""
-    if len(sys.argv) != 2 or not (folder := Path(sys.argv[1])).is_dir():
-        raise SystemExit("give the folder of a study: python studies/publish.py studies/suite")
+@help_from_docstring
+def write(folder: Path) -> None:
+    """Write the page that standard input has into the folder of a study.
+
+    Args:
+        folder: The folder, such as studies/suite.
+    """
     page, files = publish(sys.stdin.read())
     (folder / "README.md").write_text(page, encoding="utf-8")
     if files:
@@ -95,4 +103,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(write)
