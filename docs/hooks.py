@@ -27,10 +27,15 @@ WIDE = ("index", "results")
 
 
 def on_config(config: Any) -> Any:
-    """Link the header to the repository that builds the site."""
+    """Link the header to the repository that publishes the site, and to the leaderboards beside it.
+
+    The theme's own `repo_url` would ask another host for the number of stars.
+    """
     if name := os.environ.get("GITHUB_REPOSITORY"):
-        config.repo_url = f"{os.environ.get('GITHUB_SERVER_URL', 'https://github.com')}/{name}"
-        config.repo_name = name
+        owner, _, project = name.partition("/")
+        server = os.environ.get("GITHUB_SERVER_URL", "https://github.com")
+        config.nav.append({"Leaderboards": f"https://{owner}.github.io/{project}/boards/"})
+        config.nav.append({"Repository": f"{server}/{name}"})
     return config
 
 

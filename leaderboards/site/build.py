@@ -5,6 +5,7 @@ They are plain files that need no server, no network and no JavaScript: python l
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Collection
 from pathlib import Path
@@ -110,6 +111,12 @@ def _check_replaceable(path: Path) -> None:
         raise InputError(f"{path.resolve()} holds something other than the pages of leaderboards: choose another --out")
 
 
+def repository() -> str:
+    """Return the address of the repository whose workflow publishes the pages below its documentation; else nothing."""
+    name = os.environ.get("GITHUB_REPOSITORY")
+    return f"{os.environ.get('GITHUB_SERVER_URL', 'https://github.com')}/{name}" if name else ""
+
+
 def _templates() -> jinja2.Environment:
     """The templates, which escape every text that they are given."""
     templates = jinja2.Environment(
@@ -126,6 +133,7 @@ def _templates() -> jinja2.Environment:
     templates.globals |= {"METRICS": headings, "METRICS_SAY": meanings, "MANNERS": texts.MANNERS}
     templates.globals |= {"MARK": Markup(MARK), "SORT": sort, "FILLING": FILLING}
     templates.globals["tables"] = page_tables
+    templates.globals["REPOSITORY"] = repository()
     return templates
 
 
