@@ -227,7 +227,7 @@ def test_fill_says_what_it_does_and_what_it_took(root, key, tmp_path, monkeypatc
 
 def test_fill_refuses_tracks_that_no_board_needs(root, tmp_path):
     done = CliRunner().invoke(build_script(fill), ["small", "--data", str(tmp_path), "--root", str(root)])
-    assert "--data goes with boards whose people were recorded" in str(done.exception)
+    assert "--data goes with boards of recorded people" in str(done.exception)
 
 
 def test_fill_enters_a_planner_again_whose_files_are_others_until_its_entry_is_frozen(root, tmp_path):
