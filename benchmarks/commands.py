@@ -47,7 +47,7 @@ class Usage(NamedTuple):
 
 
 def measure_start_up() -> Iterator[Measurement]:
-    """The time that every command takes before it starts its work."""
+    """Yield the time that every command takes before it starts its work."""
     yield Measurement("start-up of the command line", median(command("--help").seconds for _ in range(5)), "s")
 
 
@@ -66,7 +66,7 @@ def measure_sarl_runs() -> Iterator[Measurement]:
 
 
 def measure_sarl_sgan_kce_run() -> Iterator[Measurement]:
-    """The same for SARL-SGAN-KCE, run once only, because that takes as long as all the rest."""
+    """Return the same for SARL-SGAN-KCE, run once only, because that takes as long as all the rest."""
     return _measure_planner("sarl_sgan_kce", "SARL-SGAN-KCE", 1)
 
 

@@ -46,7 +46,7 @@ groups:
 
 
 def make_world(start: np.ndarray, goal: np.ndarray) -> sim.World:
-    """A world of navground, one step after the start: the first step builds its indices.
+    """Return a world of navground, one step after the start: the first step builds its indices.
 
     Args:
         start: Starts in metres, `[agent, 2]`.

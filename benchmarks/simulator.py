@@ -80,7 +80,7 @@ def measure_steps() -> Iterator[Measurement]:
 
 
 def measure_sight() -> Iterator[Measurement]:
-    """A step with the observation before it, among ten pedestrians: with perfect and with limited sight."""
+    """Yield a step with the observation before it, among ten pedestrians: with perfect and with limited sight."""
     scenarios = [load_scenario("circle_crossing_10", {"sensor": sensor}) for sensor in SENSORS.values()]
     for worlds, name, rounds in ((1, "one world", 30), (1000, "1,000 worlds, per world-step", 5)):
         durations = in_turns(rounds, *(functools.partial(observed_steps, each, worlds) for each in scenarios))
@@ -90,14 +90,14 @@ def measure_sight() -> Iterator[Measurement]:
 
 
 def measure_thousands() -> Iterator[Measurement]:
-    """The same in one world of thousands, per agent."""
+    """Yield the same in one world of thousands, per agent."""
     for agents in THOUSANDS:
         work = f"the same, one world, {agents:,} agents, one on 4 m^2: processor time per agent-step"
         yield _measure_time(work, 5, functools.partial(thousands, start_of_thousands(agents)))
 
 
 def measure_environments() -> Iterator[Measurement]:
-    """A step of the environments of one world."""
+    """Yield a step of the environments of one world."""
     yield _measure_time("PettingZoo environment, 6 agents, per step", ROUNDS * 3, functools.partial(environment, STEPS))
     yield _measure_time(
         "Gymnasium environment, 6 agents, per step", ROUNDS * 3, functools.partial(vehicle_environment, STEPS)
@@ -123,7 +123,7 @@ def measure_vec_env(worlds: int = 512, steps: int = 60) -> Iterator[Measurement]
 
 
 def _measure_time(work: str, rounds: int, seconds: Callable[[], float]) -> Measurement:
-    """A measurement in microseconds of something that returns seconds."""
+    """Return a measurement in microseconds of something that returns seconds."""
     return Measurement(work, 1e6 * in_turns(rounds, seconds)[0], "us")
 
 
@@ -174,7 +174,7 @@ def observed_steps(scenario: Scenario, worlds: int) -> float:
 
 
 def start_of_thousands(agents: int) -> tuple[Scenario, World]:
-    """A scenario of so many agents, one on 4 square metres, and the start of a case."""
+    """Return a scenario of so many agents, one on 4 square metres, and the start of a case."""
     changes = {"pedestrians.number": agents - 1, "layout.square_width": math.sqrt(agents / DENSITY)}
     scenario = load_scenario("thousand", changes)
     return scenario, scenario.worlds(Cases("test", 0, 1))

@@ -58,6 +58,8 @@ def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
         page.meta["hide"] = ["navigation", "toc"]
     if page.file.src_uri.startswith("studies/"):
         page.meta["search"] = {"exclude": True}
+        if not re.search(r"^# ", markdown, re.MULTILINE):
+            markdown = f"# Study: {Path(page.file.src_uri).parent.name}\n\n{reference.provisional()}\n\n{markdown}"
         return re.sub(
             r"\]\((tables/[\w-]+\.csv)\)", "](../../results.md)", markdown.replace("](../../docs/", "](../../")
         )

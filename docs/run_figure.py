@@ -38,7 +38,7 @@ WIDTH, ROW, BOX, INDENT, TAG = 470, 38, 30, 20, 26
 
 
 def figure() -> str:
-    """The figure in SVG."""
+    """Return the figure in SVG."""
     first, last = EVERY_STEP.start, EVERY_STEP.stop - 1
     tops = [4 + i * ROW + (TAG if i >= first else 0) + (8 if i > last else 0) for i in range(len(RUN))]
     lines, boxes = [], []

@@ -152,7 +152,7 @@ class PlannerRow:
         return {name: read_episodes(run, out) for name, run in zip(self.networks, self.runs, strict=True)}
 
     def fill(self, episodes: Mapping[str, Episodes], measures: Sequence[str], out: Path) -> FilledPlannerRow:
-        """The row with its figures.
+        """Return the row with its figures.
 
         Args:
             episodes: The return value of `episodes`.
@@ -209,7 +209,8 @@ class NetworksTable:
         return [run for row in self.rows for run in row.all_runs]
 
     def fill(self, out: Path) -> FilledNetworksTable:
-        """The table with the figures of the runs in the folder `out`; raises InputError where one is not there."""
+        """Return the table with the figures of the runs in the folder `out`; raises InputError where one is not
+        there."""
         episodes = {row.label: row.episodes(out) for row in self.rows}
         run, variant = self.rows[0].runs[0], self.spec.variant
         of_first = " (first network)" if variant and variant.networks == "first" else ""
@@ -286,7 +287,7 @@ class FilledNetworksTable:
     rows: list[FilledPlannerRow]
 
     def markdown(self) -> str:
-        """The table as GitHub shows it, under its heading."""
+        """Return the table as GitHub shows it, under its heading."""
         (planners,) = self.grids()
         every = "".join(f", {key}={value}" for key, value in self.replanning.items())
         on = f"On {self.scenario}{every}, cases {self.cases}."
@@ -299,7 +300,7 @@ class FilledNetworksTable:
         return "\n\n".join(parts)
 
     def grids(self) -> list[Grid]:
-        """The one part of it that has a row for each planner."""
+        """Return the one part of it that has a row for each planner."""
         columns = [
             ["planner", *(row.name for row in self.rows)],
             ["networks", *(str(row.networks) if row.networks else "" for row in self.rows)],
@@ -332,13 +333,13 @@ class FilledNetworksTable:
 
 
 def _each_network(row: FilledPlannerRow) -> str:
-    """A line with the success of each network."""
+    """Return a line with the success of each network."""
     each = zip(row.weights, row.success_rates, strict=True)
     return f"- {row.name}: " + ", ".join(f"{weights} {SUCCESS.amount(rate)}" for weights, rate in each)
 
 
 def _both_readings(row: FilledPlannerRow, reading: SecondReading, cases: str) -> str:
-    """A line with the second reading beside the first one on `cases`."""
+    """Return a line with the second reading beside the first one on `cases`."""
     second, first = (
         " in ".join(PLANNER_MEASURES[name].estimate(found[name], with_unit=True) for name in SECOND_READING)
         for found in (reading.second, reading.first)

@@ -79,7 +79,7 @@ class FilledCrowd:
         return "\n\n".join([f"### {self.scenario}{of_time}", *(markdown(each.header, each.rows) for each in grids)])
 
     def grid(self) -> Grid:
-        """The result."""
+        """Return the result."""
         infos = {name: info_of(name) for name in self.planners[0] if name != "planner"}
         return estimate_grid(self.scenario, self.planners, infos, brief=FAILURES)
 
@@ -93,7 +93,8 @@ class FilledCrowdsTable:
     crowds: list[FilledCrowd]
 
     def markdown(self) -> str:
-        """The tables as GitHub shows them, under their headings; success comes first where there are several crowds."""
+        """Return the tables as GitHub shows them, under their headings; success comes first where there are several
+        crowds."""
         success = [self.success()] if len(self.crowds) > 1 else []
         parts = [f"Cases {self.cases}.", *success, self.faults(), *map(FilledCrowd.markdown, self.crowds)]
         return "\n\n".join([f"## {self.title}", *parts])
@@ -110,13 +111,14 @@ class FilledCrowdsTable:
         return markdown([SUCCESS.heading, *(row["planner"] for row in self.crowds[0].planners)], rows)
 
     def faults(self) -> str:
-        """How often each planner is at fault by different thresholds, in all crowds together, as GitHub shows it."""
+        """Return how often each planner is at fault by different thresholds, in all crowds together, as GitHub shows
+        it."""
         means = {name: np.mean([crowd.at_fault[name] for crowd in self.crowds], 0) for name in self.crowds[0].at_fault}
         header = ["at fault from a share of", *(f"{least:g}" for least in FAULTS)]
         return markdown(header, [[name, *map(SUCCESS.amount, shares.tolist())] for name, shares in means.items()])
 
     def grids(self) -> list[Grid]:
-        """The parts of it that have a row for each planner."""
+        """Return the parts of it that have a row for each planner."""
         return [crowd.grid() for crowd in self.crowds]
 
     def notes(self) -> list[str]:

@@ -64,7 +64,7 @@ class PowerLaw(PedestrianPolicy):
 def power_law_velocities(
     walkers: Walkers, *, time_step: float = 0.25, parameters: Mapping[str, float | AgentNumbers] = PARAMETERS
 ) -> AgentPoints:
-    """The velocity that each agent has at the end of the step, see `forces.integrate`.
+    """Return the velocity that each agent has at the end of the step, see `forces.integrate`.
 
     Args:
         walkers: The agents.

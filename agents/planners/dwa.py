@@ -87,7 +87,7 @@ class DWAPlanner(PredictingPlanner):
         return np.where(np.isfinite(rated).any(axis=1)[:, None], best, brake)
 
     def rate(self, obs: Observation, window: Commands) -> Float[np.ndarray, "world action"]:
-        """How good each command is; minus infinity where it is not admissible."""
+        """Return how good each command is; minus infinity where it is not admissible."""
         prediction = predict(self.predictor, obs, self.horizon)
         scene, objective = scene_of(obs, prediction, 0, obs.vehicle, self.horizon), self.objective
         inflation = objective.margin + radius_inflation(obs, self.horizon, objective.sigma_factor)

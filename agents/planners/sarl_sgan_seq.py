@@ -126,7 +126,7 @@ class SequencePlanner(AheadPlanner):
         return np.sqrt(SMOOTH) * noise[:, :, :, :1] + np.sqrt(1.0 - SMOOTH) * noise[:, :, :, 1:]
 
     def _search(self, scene: Scene, guess: Sequence, noise: Noise) -> Sequence:
-        """The best sequence of each world."""
+        """Return the best sequence of each world."""
         vehicle, horizon = scene.vehicle, guess.shape[1]
         # Those that can be reached by its end.
         commands = self.lookahead.unlimited_commands(vehicle, horizon * scene.dt)
@@ -188,12 +188,12 @@ def _repeat(values: Num[np.ndarray, "world *xy"], sequences: int) -> Num[np.ndar
 def _join(
     vehicle: Shaped[np.ndarray, "world sequence *xy"], crowd: Shaped[np.ndarray, "world pedestrian *xy"]
 ) -> Shaped[np.ndarray, "world sequence agent *xy"]:
-    """The vehicle of each sequence, and the pedestrians, which are the same for all."""
+    """Return the vehicle of each sequence, and the pedestrians, which are the same for all."""
     return np.concatenate([vehicle[:, :, None], np.repeat(crowd[:, None], vehicle.shape[1], axis=1)], axis=2)
 
 
 def _mean(prediction: Prediction) -> Prediction:
-    """The mean of the futures, as the only one."""
+    """Return the mean of the futures, as the only one."""
     return Prediction(prediction.position.mean(axis=1, keepdims=True), prediction.velocity.mean(axis=1, keepdims=True))
 
 

@@ -60,13 +60,13 @@ def nearest_in_step(i, discs):
 
 
 def norm(vector: Vectors) -> Numbers:
-    """The length of each vector."""
+    """Return the length of each vector."""
     x, y = vector[..., 0], vector[..., 1]
     return np.sqrt(x * x + y * y)
 
 
 def dot(a: Float[np.ndarray, "*#batch 2"], b: Float[np.ndarray, "*#batch 2"]) -> Float[np.ndarray, "..."]:
-    """The scalar product of each pair of vectors."""
+    """Return the scalar product of each pair of vectors."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
 
 
@@ -91,7 +91,8 @@ def wrap_angle(angle: Numbers) -> Numbers:
 
 
 def toward_goal(position: Vectors, goal: Vectors, preferred_speed: Numbers) -> Vectors:
-    """The velocity towards the goal at the preferred speed, which decreases with the distance over the last metre.
+    """Return the velocity towards the goal at the preferred speed, which decreases with the distance over the last
+    metre.
 
     As in CrowdNav it is the vector to the goal in metres, taken as a velocity in m/s and shortened to the preferred
     speed.
@@ -128,7 +129,7 @@ def fill_toward_goal(position, goal, preferred_speed, out):
 
 
 def polygons(obstacles: Float[np.ndarray, "polygon corner 2"]) -> list[Float[np.ndarray, "corners 2"]]:
-    """The corners of each polygon of a world in metres, without the padding."""
+    """Return the corners of each polygon of a world in metres, without the padding."""
     corners = [polygon[~np.isnan(polygon[:, 0])] for polygon in obstacles]
     return [each for each in corners if len(each)]
 
@@ -153,7 +154,7 @@ def pad_arrays(arrays: Sequence[np.ndarray], fill: Any, rows: int | None = None)
 def local_goals(
     position: Vectors, goal: Vectors, route: Float[np.ndarray, "*batch waypoint 2"], waypoint: Int[np.ndarray, "*batch"]
 ) -> Vectors:
-    """The local goals of agents on their routes.
+    """Return the local goals of agents on their routes.
 
     A local goal lies in the direction of the next waypoint, as far away as the goal is along the route. An agent that
     heads for it turns at waypoints without slowing down. Where no waypoint is left, it is the goal itself.

@@ -65,14 +65,14 @@ def fill_reward(outcome, gap, dt, rewards):
 
 
 def episode_rewards(trace: Trace) -> Float[np.ndarray, "world step"]:
-    """The reward of every step of a trace, NaN after its last."""
+    """Return the reward of every step of a trace, NaN after its last."""
     steps = np.arange(trace.gap.shape[1])
     outcome = np.where(steps == trace.steps[:, None] - 1, trace.outcome[:, None], _RUNNING)
     return np.where(steps < trace.steps[:, None], reward(outcome, trace.gap, trace.rules.dt), np.nan)
 
 
 def discount(preferred_speed: Numbers, dt: float) -> Numbers:
-    """The factor by which a reward that comes one step later counts less.
+    """Return the factor by which a reward that comes one step later counts less.
 
     Args:
         preferred_speed: The vehicle's preferred speed in m/s.

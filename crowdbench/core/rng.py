@@ -29,7 +29,7 @@ SPLITS = ("train", "val", "test")
 
 
 def case_keys(seed: int, split: str, cases: Int[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:
-    """The key of every case, from which all its random numbers follow.
+    """Return the key of every case, from which all its random numbers follow.
 
     Args:
         seed: The seed of the scenario.
@@ -45,7 +45,7 @@ def case_keys(seed: int, split: str, cases: Int[np.ndarray, "world"]) -> UInt[np
 
 
 def generator(key: np.uint64, purpose: str, step: int = 0, person: int = 0) -> np.random.Generator:
-    """A NumPy generator.
+    """Return a NumPy generator.
 
     Args:
         key: The key of a case.
@@ -62,7 +62,7 @@ def generator(key: np.uint64, purpose: str, step: int = 0, person: int = 0) -> n
 
 
 def noise_keys(keys: UInt[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:
-    """The keys of the noise that planners are given.
+    """Return the keys of the noise that planners are given.
 
     They follow from the keys of the cases by a cryptographic hash (BLAKE2), and so do not reveal them: the key of a
     case determines the whole case.
@@ -78,7 +78,7 @@ def noise_keys(keys: UInt[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:
 
 
 def other_chance(keys: UInt[np.ndarray, "world"], step: int, number: int) -> UInt[np.ndarray, "world"]:
-    """The keys of cases that go on from a step as by other chance.
+    """Return the keys of cases that go on from a step as by other chance.
 
     Args:
         keys: The keys of the cases.
@@ -143,7 +143,7 @@ def uniforms(
 
 @functools.cache
 def purpose_bits(name: str) -> np.uint64:
-    """The 64 bits that stand for a purpose: the second half of the generator's key."""
+    """Return the 64 bits that stand for a purpose: the second half of the generator's key."""
     return np.uint64(int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little"))
 
 

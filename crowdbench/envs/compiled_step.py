@@ -76,7 +76,7 @@ class CompiledStep:
         self._arguments = [self._collect(world, self._next), self._collect(self._next, world)]
 
     def _collect(self, before: World, after: World) -> tuple[Any, ...]:
-        """The arguments of the kernel for a step from one state to the other."""
+        """Return the arguments of the kernel for a step from one state to the other."""
         (parameters,) = before.parameters.values()
         visible = before.present.copy()
         visible[:, 0] &= before.rules.visible

@@ -54,7 +54,7 @@ def flatten_vehicle(world: World) -> Float[np.ndarray, "world features"]:
 
 
 def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]:
-    """The observation of each agent; zeros for agents that are not present.
+    """Return the observation of each agent; zeros for agents that are not present.
 
     Row 0 is `flatten(observe(world))`: only the vehicle's sight can be limited. Pedestrians do not see a vehicle that
     is not visible. Where each agent sees the nearest others only, these are in their order.
@@ -73,7 +73,7 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
 
 
 def states_of(world: World) -> tuple[np.ndarray, ...]:
-    """The arrays that `flatten_agents` takes: agents as others see them, and the ones that pedestrians see."""
+    """Return the arrays that `flatten_agents` takes: agents as others see them, and the ones that pedestrians see."""
     bounded, seen = with_bounding_disc(world), world.present
     if not world.rules.visible:
         seen = seen.copy()
@@ -83,7 +83,7 @@ def states_of(world: World) -> tuple[np.ndarray, ...]:
 
 
 def ego_views(world: World) -> World:
-    """A world for each agent of each world, in which that agent is agent 0 and the others follow in their order.
+    """Return a world for each agent of each world, in which that agent is agent 0 and the others follow in their order.
 
     So what is written for the vehicle serves pedestrians too. A pedestrian's world lacks a vehicle that is not visible.
     Everybody sees everybody exactly and at once: a sensor is the vehicle's alone. Headings, histories, persons, groups,

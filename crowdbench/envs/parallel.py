@@ -124,11 +124,11 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         self._ego: tuple[World, World] | None = None
 
     def observation_space(self, agent: str) -> Space[Any]:
-        """The observation space of an agent, the same object at each call."""
+        """Return the observation space of an agent, the same object at each call."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> Box:
-        """The action space of an agent, the same object at each call."""
+        """Return the action space of an agent, the same object at each call."""
         return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Observations, Infos]:

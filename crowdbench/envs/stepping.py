@@ -39,7 +39,7 @@ def as_scenario(scenario: str | Path | Scenario) -> Scenario:
 
 
 def check_options(options: Mapping[str, Any] | None, *names: str) -> Mapping[str, Any]:
-    """The options of a `reset`, none if it was given None. Raises InputError where one is not among `names`."""
+    """Return the options of a `reset`, none if it was given None. Raises InputError where one is not among `names`."""
     options = options or {}
     for name in options:
         if name not in names:
@@ -48,12 +48,13 @@ def check_options(options: Mapping[str, Any] | None, *names: str) -> Mapping[str
 
 
 def choose_case(case: object, generator: np.random.Generator) -> str:
-    """The case of a new episode: the one that `reset` was asked for, such as `test/37`, or else a training case."""
+    """Return the case of a new episode: the one that `reset` was asked for, such as `test/37`, or else a training
+    case."""
     return f"train/{generator.integers(TRAINING_CASES)}" if case is None else str(case)
 
 
 def start(scenario: Scenario, cases: Sequence[str]) -> World:
-    """The starting states of cases.
+    """Return the starting states of cases.
 
     Args:
         scenario: Their scenario.
@@ -114,7 +115,7 @@ class OneWorld:
             raise error.ResetNeeded("call reset() first")
 
     def render(self) -> np.ndarray | None:
-        """The picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""
+        """Return the picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""
         self._check_reset()
         return self._renderer.frame(self._world, self._case)
 

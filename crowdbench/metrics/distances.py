@@ -134,8 +134,8 @@ def _in_zone(trace: Trace, zone: str) -> Float[np.ndarray, "world"]:
 
 
 def _intrusions(trace: Trace) -> Float[np.ndarray, "world step"]:
-    """The smallest distance in metres from the vehicle to the future positions of visible pedestrians, infinite beyond
-    0.6 m."""
+    """Return the smallest distance in metres from the vehicle to the future positions of visible pedestrians, infinite
+    beyond 0.6 m."""
     steps = trace.gap.shape[1]
     nearest = np.full((len(trace), steps), np.inf)
     vehicle, seen = trace.position[:, :steps, :1], trace.seen[:, :steps]

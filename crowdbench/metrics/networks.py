@@ -58,7 +58,7 @@ def network_estimate(
 
 
 def _means(values: Values) -> Float[np.ndarray, "measured"]:
-    """The means of the networks that have a value."""
+    """Return the means of the networks that have a value."""
     return np.array([np.nanmean(of_network) for of_network in values if not np.isnan(of_network).all()])
 
 
@@ -89,5 +89,5 @@ def _half_width(groups: Sequence[Float[np.ndarray, "_ _"]]) -> float:
 
 
 def _t(n: int) -> float:
-    """The quantile of Student's t for an interval that comes from `n` values."""
+    """Return the quantile of Student's t for an interval that comes from `n` values."""
     return float(student.ppf(0.5 + CONFIDENCE / 2, n - 1))

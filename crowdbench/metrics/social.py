@@ -162,7 +162,7 @@ def _end(remaining: Float[np.ndarray, "state"], start: Starts) -> Starts:
 
 
 def _social_force(between: Vectors, relative: Vectors) -> Vectors:
-    """The force of another agent in m/s^2 (Moussaïd et al. 2009).
+    """Return the force of another agent in m/s^2 (Moussaïd et al. 2009).
 
     Args:
         between: The way to the other in metres.

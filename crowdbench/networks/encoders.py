@@ -24,7 +24,7 @@ they remember."""
 
 
 def make_policy(network: str, encoder: str | None = None) -> Policy:
-    """A policy with new weights.
+    """Return a policy with new weights.
 
     Args:
         network: One of `POLICIES`.
@@ -41,7 +41,7 @@ def make_policy(network: str, encoder: str | None = None) -> Policy:
 
 
 def _load_encoder(spec: str, ahead: bool) -> Encoder:
-    """The encoder of a file, tried on rows of two and of one pedestrian; `ahead` for `features_ahead`."""
+    """Return the encoder of a file, tried on rows of two and of one pedestrian; `ahead` for `features_ahead`."""
     if file_and_function(spec)[0] is None:
         raise InputError(f"encoder is {spec!r}, but must be a file: ./mine.py")
     name, encoder = ENCODERS.load(spec)

@@ -51,7 +51,7 @@ class Features(NamedTuple):
 
 
 def features(obs: Observation, nearest: int) -> Features:
-    """The features of an observation.
+    """Return the features of an observation.
 
     Args:
         obs: The observation.
@@ -73,7 +73,7 @@ def features(obs: Observation, nearest: int) -> Features:
 
 
 def histories(obs: Observation, view: Features) -> Float[np.ndarray, "world time nearest 2"]:
-    """The last positions of the pedestrians in the frame of the goal, in metres; 0 where there is none.
+    """Return the last positions of the pedestrians in the frame of the goal, in metres; 0 where there is none.
 
     Args:
         obs: The observation.
@@ -97,7 +97,7 @@ def to_goal_frame(vectors: Float[np.ndarray, "world *k 2"], axis: Vectors) -> Fl
 
 
 def direction(position: Vectors, goal: Vectors) -> Vectors:
-    """The direction of the goal, a unit vector along the axes of the world, as `features` has it.
+    """Return the direction of the goal, a unit vector along the axes of the world, as `features` has it.
 
     Args:
         position: Positions of vehicles in metres.

@@ -66,7 +66,7 @@ def joint_states(
     goal: Float[np.ndarray, "*batch 2"],
     preferred_speed: Float[np.ndarray, "*batch"],
 ) -> Float32[np.ndarray, "*batch pedestrian 13"]:
-    """The joint states of the vehicle with every pedestrian.
+    """Return the joint states of the vehicle with every pedestrian.
 
     Args:
         position: Centres in metres; agent 0 is the vehicle.
@@ -89,7 +89,7 @@ def joint_states(
 
 
 def _flat(array: np.ndarray, axes: int) -> np.ndarray:
-    """An array with one batch axis instead of so many."""
+    """Return an array with one batch axis instead of so many."""
     return np.ascontiguousarray(array).reshape(-1, *array.shape[axes:])
 
 

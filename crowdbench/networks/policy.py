@@ -55,7 +55,7 @@ class Encoder(nn.Module, abc.ABC):
 
     @abc.abstractmethod
     def forward(self, seen: Seen) -> Float[Tensor, "row encoded"]:
-        """The code of what is seen in each row, without units."""
+        """Return the code of what is seen in each row, without units."""
 
 
 class SetEncoder(Encoder):
@@ -79,7 +79,7 @@ class SetEncoder(Encoder):
         self.joined = nn.Sequential(nn.Linear(VEHICLE_FEATURES + 2 * width, encoded), nn.ReLU())
 
     def forward(self, seen: Seen) -> Float[Tensor, "world encoded"]:
-        """The code of what is seen in each world, without units."""
+        """Return the code of what is seen in each world, without units."""
         vehicle, pedestrians, mask = seen
         vehicle = vehicle / vehicle.new_tensor([SCALE, 1.0, 1.0, 1.0, 1.0])
         pedestrians = pedestrians / pedestrians.new_tensor([SCALE, SCALE, 1.0, 1.0, 1.0, 1.0, SCALE, 1.0])
@@ -118,7 +118,7 @@ class Policy(nn.Module):
         self.action = nn.Linear(hidden, 2)
 
     def forward(self, seen: Seen, memory: Memory) -> tuple[Float[Tensor, "world 2"], Memory]:
-        """The action in each world, and the memory after it."""
+        """Return the action in each world, and the memory after it."""
         code, memory = self.code(seen, memory, seen.mask.new_zeros(1, len(seen.mask)))
         return self.action(self.hidden(code)), memory
 
@@ -177,12 +177,13 @@ class ActorCritic(nn.Module):
     def forward(
         self, seen: Seen, memory: Memory, begins: Bool[Tensor, "time world"]
     ) -> tuple[Float[Tensor, "row 2"], Float[Tensor, "row"], Memory]:
-        """The mean of the actions and the value in each row of what is seen, and the memory; see `Policy.code`."""
+        """Return the mean of the actions and the value in each row of what is seen, and the memory; see
+        `Policy.code`."""
         code, memory = self.policy.code(seen, memory, begins)
         return self.policy.action(self.policy.hidden(code)), self.value(code)[:, 0], memory
 
     def log_probability(self, action: Float[Tensor, "row 2"], mean: Float[Tensor, "row 2"]) -> Float[Tensor, "row"]:
-        """The logarithm of the probability density with which actions of these means are tried.
+        """Return the logarithm of the probability density with which actions of these means are tried.
 
         Args:
             action: The actions in m/s.

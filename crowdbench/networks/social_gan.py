@@ -35,7 +35,7 @@ class Encoder(nn.Module):
         self.lstm = nn.LSTM(EMBEDDING, hidden, batch_first=True)
 
     def forward(self, displacement: Float[Tensor, "row time 2"]) -> Float[Tensor, "row hidden"]:
-        """The last hidden state, of displacements from step to step in metres."""
+        """Return the last hidden state, of displacements from step to step in metres."""
         state: Tensor = self.lstm(torch.relu(self.embed(displacement)))[1][0][0]
         return state
 
@@ -139,6 +139,6 @@ class Discriminator(nn.Module):
         self.head = perceptron(HIDDEN, WIDE, 1)
 
     def forward(self, displacement: Float[Tensor, "row time 2"]) -> Float[Tensor, "row"]:
-        """The logit that a track is real, from its displacements in metres, observed and predicted."""
+        """Return the logit that a track is real, from its displacements in metres, observed and predicted."""
         logit: Tensor = self.head(self.encoder(displacement))[:, 0]
         return logit

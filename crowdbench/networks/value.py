@@ -38,7 +38,7 @@ keep_freed_memory()
 
 
 def linear(layer: nn.Linear, x: Float[Tensor, "*batch in"], rectify: bool = False) -> Float[Tensor, "*batch out"]:
-    """A linear layer, and a ReLU after it if wanted.
+    """Return a linear layer, and a ReLU after it if wanted.
 
     Under `torch.inference_mode`, on a CPU and in float32, both are one operation of oneDNN. On an AMD processor it
     takes half the time of PyTorch's default, which is MKL. Results are the same up to rounding.
@@ -89,7 +89,7 @@ class ValueNetwork(nn.Module, abc.ABC):
     """The length of a step in seconds that its weights were trained with; None where they are not trained."""
 
     def forward(self, joint: Joint, present: Present) -> Values:
-        """The value of each state.
+        """Return the value of each state.
 
         Args:
             joint: The joint states.
@@ -101,7 +101,7 @@ class ValueNetwork(nn.Module, abc.ABC):
         return self.attend(joint, present)[0]
 
     def attend(self, joint: Joint, present: Present) -> tuple[Values, Float[Tensor, "*batch pedestrian"]]:
-        """The value of each state, and the attention to each pedestrian.
+        """Return the value of each state, and the attention to each pedestrian.
 
         Args:
             joint: The joint states.
@@ -120,7 +120,7 @@ class ValueNetwork(nn.Module, abc.ABC):
 
     @abc.abstractmethod
     def crowd(self, joint: JointBatch, present: PresentBatch) -> ValueAndAttention:
-        """The same as `attend`, for one batch axis. The value of a state without pedestrians is not used.
+        """Return the same as `attend`, for one batch axis. The value of a state without pedestrians is not used.
 
         Args:
             joint: The joint states.
@@ -132,7 +132,8 @@ class ValueNetwork(nn.Module, abc.ABC):
 
 
 def alone(joint: JointBatch) -> Float[Tensor, "batch"]:
-    """The value of a state without pedestrians: the reward of success, discounted over the straight way to the goal."""
+    """Return the value of a state without pedestrians: the reward of success, discounted over the straight way to the
+    goal."""
     distance, radius = joint[:, 0, 0], joint[:, 0, 3]
     return SUCCESS * DISCOUNT ** (distance - radius).clamp(min=0.0)
 
@@ -212,12 +213,12 @@ NETWORKS: dict[str, type[ValueNetwork]] = {network.name: network for network in 
 
 
 def _gather(everybody: Float[Tensor, "batch pedestrian k"], present: PresentBatch) -> Float[Tensor, "present k"]:
-    """The rows of the pedestrians that are present; a view where all are."""
+    """Return the rows of the pedestrians that are present; a view where all are."""
     return everybody.flatten(0, 1) if present.all() else everybody[present]
 
 
 def _scatter(rows: Float[Tensor, "present *k"], present: PresentBatch, absent: float = 0.0) -> Tensor:
-    """The inverse of `_gather`: `[batch, pedestrian, *k]`, with a value for those who are absent."""
+    """Return the inverse of `_gather`: `[batch, pedestrian, *k]`, with a value for those who are absent."""
     if len(rows) == present.numel():
         return rows.reshape(*present.shape, *rows.shape[1:])
     everybody = rows.new_full((*present.shape, *rows.shape[1:]), absent)
@@ -226,7 +227,7 @@ def _scatter(rows: Float[Tensor, "present *k"], present: PresentBatch, absent: f
 
 
 def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwork:
-    """A value network with trained weights.
+    """Return a value network with trained weights.
 
     Args:
         network: One of `NETWORKS`.
@@ -253,7 +254,7 @@ def evaluate(
     joint: Float[np.ndarray, "*batch pedestrian 13"],
     present: Bool[np.ndarray, "*batch pedestrian"],
 ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch pedestrian"]]:
-    """A network's values and attention.
+    """Return a network's values and attention.
 
     Args:
         network: The network.
@@ -282,7 +283,7 @@ def evaluate(
 def _fill_up(
     joint: Float[np.ndarray, "batch pedestrian 13"], present: Bool[np.ndarray, "batch pedestrian"]
 ) -> tuple[Float[np.ndarray, "filled pedestrian 13"], Bool[np.ndarray, "filled pedestrian"]]:
-    """The states with some of zeros after them, so that the numbers of states and of pedestrians are round.
+    """Return the states with some of zeros after them, so that the numbers of states and of pedestrians are round.
 
     OneDNN compiles a product for each number of rows that it has not had yet, which takes longer than the product.
     """
@@ -302,6 +303,6 @@ def _fill_up(
 
 
 def _round_up(number: int) -> int:
-    """The next number whose binary digits are 0 but for the first four."""
+    """Return the next number whose binary digits are 0 but for the first four."""
     unit = 1 << max(number.bit_length() - 4, 0)
     return -(-number // unit) * unit

@@ -31,12 +31,12 @@ Network = TypeVar("Network", bound=nn.Module)
 
 
 def built_in() -> list[Path]:
-    """The files of the built-in weights, ordered by name."""
+    """Return the files of the built-in weights, ordered by name."""
     return sorted(WEIGHTS.glob(f"*{SUFFIX}"))
 
 
 def weights_file(weights: str) -> Path:
-    """The file of the built-in weights of that name; a path that ends in `.safetensors` is returned as it is.
+    """Return the file of the built-in weights of that name; a path that ends in `.safetensors` is returned as it is.
 
     Raises InputError where no weights have that name.
     """
@@ -71,7 +71,7 @@ def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, A
 
 
 def read_card(path: Path) -> dict[str, Any]:
-    """The card of the weights at `path`. Raises InputError where there is no card or it is not one."""
+    """Return the card of the weights at `path`. Raises InputError where there is no card or it is not one."""
     card = path.with_suffix(".json")
     try:
         table = read_json(card)

@@ -44,10 +44,11 @@ class Planner(abc.ABC):
 
     @abc.abstractmethod
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """The command for each world: a velocity in m/s, no faster than `obs.vehicle.preferred_speed`; see `native`."""
+        """Return the command for each world: a velocity in m/s, no faster than `obs.vehicle.preferred_speed`; see
+        `native`."""
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
-        """The commands for the next steps.
+        """Return the commands for the next steps.
 
         Called instead of `plan` in runs with `replan_every` above 1, at every `steps`-th step after the planner has
         looked first (`crowdbench.runs.spec`). The vehicle executes the commands without another observation
@@ -136,7 +137,7 @@ class OneWorldPlanner(Planner):
         return command
 
     def _decide(self, obs: Observation, w: int, logs: dict[str, np.ndarray]) -> Float[np.ndarray, "2"]:
-        """The command of one world in m/s; what is logged is put into row `w` of `logs`."""
+        """Return the command of one world in m/s; what is logged is put into row `w` of `logs`."""
         world = obs.rows(lambda array: array[w, ...], None if obs.logs is None else {})
         try:
             command = self.decide(world)

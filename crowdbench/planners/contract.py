@@ -36,7 +36,7 @@ class Decision:
         self.state = State(*(array.copy() for array in vehicle.state))
 
     def to_commands(self, velocities: Float[np.ndarray, "world *time 2"]) -> Float[np.ndarray, "world *time 2"]:
-        """The commands by which the vehicle follows the velocities of a planner that thinks in velocities.
+        """Return the commands by which the vehicle follows the velocities of a planner that thinks in velocities.
 
         Args:
             velocities: For the next step or several, in m/s.
@@ -66,7 +66,7 @@ class Fault:
     ahead: int = 0
 
     def at(self, decision: Decision) -> str:
-        """The fault with the case and the step that it is in."""
+        """Return the fault with the case and the step that it is in."""
         if self.row is None and len(decision.case) > 1:
             return f"{self.what} (step {decision.step[0]}, one of {len(decision.case)} cases)"
         row = self.row or 0
@@ -116,7 +116,8 @@ def validate_array(answer: object, worlds: int, *steps: int) -> Float[np.ndarray
 
 
 def _to_array(answer: object) -> np.ndarray:
-    """A copy of the answer as an array of NumPy's own, also where it is nested lists; else an array of one object.
+    """Return a copy of the answer as an array of NumPy's own, also where it is nested lists; else an array of one
+    object.
 
     A subclass of ndarray could do anything when it is used.
     """

@@ -89,7 +89,7 @@ class Driver:
         self.seconds += time.perf_counter() - start
 
     def decide(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """The vehicle's commands, as its dynamics takes them. Call `reset` first.
+        """Return the vehicle's commands, as its dynamics takes them. Call `reset` first.
 
         Raises:
             InputError: The planner raises, or returns anything but a finite command per world within the vehicle's
@@ -99,7 +99,7 @@ class Driver:
         return self._query(obs, self.planner.plan)
 
     def decide_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
-        """The vehicle's commands for several steps. Call `reset` first.
+        """Return the vehicle's commands for several steps. Call `reset` first.
 
         Args:
             obs: The observation before the first of them.
@@ -163,7 +163,7 @@ class Driver:
 
 
 def _read_flag(planner: Planner, name: str, flag: str, words: tuple[str, ...] = ()) -> Any:
-    """A property of a planner that must be a bool, or one of some words."""
+    """Return a property of a planner that must be a bool, or one of some words."""
     with plugin_errors(f"planner {name} raised", f" in {flag}"):
         value = getattr(planner, flag)
     if not (isinstance(value, bool) or (isinstance(value, str) and value in words)):
@@ -173,7 +173,7 @@ def _read_flag(planner: Planner, name: str, flag: str, words: tuple[str, ...] = 
 
 
 def _read_facts(planner: Planner, name: str) -> dict[str, Any]:
-    """A copy of the planner's facts, as it is read back from JSON."""
+    """Return a copy of the planner's facts, as it is read back from JSON."""
     with plugin_errors(f"planner {name} has facts that a result cannot hold, which must be texts by name:"):
         return dict(json.loads(json.dumps(dict(planner.facts), allow_nan=False)))
 

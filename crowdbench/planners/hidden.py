@@ -21,7 +21,7 @@ STEP = 0.1
 
 
 def hidden_scene(obs: Observation, scene: Scene) -> Scene | None:
-    """The scene with somebody who may be hidden, and with nobody else.
+    """Return the scene with somebody who may be hidden, and with nobody else.
 
     One person stands at the first point of the route where walls would hide it from the vehicle. It takes the room of a
     disc that reaches `RADIUS` beyond it. In worlds where the whole route is in sight there is nobody.

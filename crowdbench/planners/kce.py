@@ -57,7 +57,7 @@ class Limits:
         require("max_turn", self.max_turn, self.max_turn <= math.pi, "pi at most")
 
     def allow(self, velocity: Velocities, commands: Commands, dt: float) -> Bool[np.ndarray, "world action"]:
-        """Which commands the vehicle can follow.
+        """Return which commands the vehicle can follow.
 
         Args:
             velocity: The vehicle's velocity before the step, in m/s.
@@ -78,7 +78,7 @@ class Limits:
         )
 
     def brake(self, velocity: Velocities, dt: float) -> Velocities:
-        """The velocity after braking as hard as the limits allow: zero if that is possible.
+        """Return the velocity after braking as hard as the limits allow: zero if that is possible.
 
         It keeps its heading, and so it is always within the limits.
 
@@ -182,7 +182,7 @@ class Exploration:
         require_count("n", self.n)
 
     def __call__(self, scene: Scene, command: Velocities) -> Commands:
-        """The commands around one command for each world.
+        """Return the commands around one command for each world.
 
         Around standing still the headings are around the vehicle's heading, or where it stands, around the direction
         of its local goal.

@@ -103,7 +103,7 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
         return commands
 
     def follow(self, obs: Observation, prediction: Prediction) -> tuple[Sequence, ScoredActions]:
-        """The commands for the steps of a prediction, each decided where the earlier ones have led.
+        """Return the commands for the steps of a prediction, each decided where the earlier ones have led.
 
         Args:
             obs: The observation before the first step.
@@ -130,7 +130,7 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
         return self._score(scene, self.explore(scene, scored.best()), scored)
 
     def commands(self, vehicle: Vehicle, dt: float) -> Commands:
-        """The commands to choose from. Not all of them are within the limits; with limits, the last one brakes.
+        """Return the commands to choose from. Not all of them are within the limits; with limits, the last one brakes.
 
         Args:
             vehicle: The vehicle before the step.
@@ -144,7 +144,7 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
         return np.concatenate([commands, brake[:, None]], axis=1)
 
     def unlimited_commands(self, vehicle: Vehicle, dt: float) -> Commands:
-        """The commands to choose from where there are no limits, see `commands`."""
+        """Return the commands to choose from where there are no limits, see `commands`."""
         if isinstance(vehicle.dynamics, Holonomic):
             return self.actions(vehicle.preferred_speed)
         return vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, dt)
@@ -224,7 +224,7 @@ def _chunk(scene: Scene) -> int:
 
 
 def _present(scene: Scene, world: Int[np.ndarray, "row"]) -> Bool[np.ndarray, "row mode pedestrian"]:
-    """Which pedestrians of the joint states are present. There is at least one row, even without pedestrians."""
+    """Return which pedestrians of the joint states are present. There is at least one row, even without pedestrians."""
     modes, pedestrians = scene.crowd.velocity.shape[1:3]
     present = np.zeros((len(world), modes, max(pedestrians, 1)), bool)
     present[..., :pedestrians] = scene.crowd.present[world][:, None]

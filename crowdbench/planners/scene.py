@@ -97,13 +97,13 @@ class Scene:
         )
 
     def velocities(self, commands: Commands) -> Commands:
-        """The velocities in m/s that the vehicle has after a step under each of some commands."""
+        """Return the velocities in m/s that the vehicle has after a step under each of some commands."""
         vehicle = self.vehicle
         return vehicle.dynamics.velocities(vehicle.state, commands, vehicle.preferred_speed, self.dt)
 
 
 def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehicle, steps: int = 1) -> Scene:
-    """The scene of some steps of a prediction.
+    """Return the scene of some steps of a prediction.
 
     Args:
         obs: The present observation.

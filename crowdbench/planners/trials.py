@@ -22,7 +22,7 @@ from crowdbench.utils.compiled import njit
 
 
 def propagate_vehicle(vehicle: Vehicle, command: Float[np.ndarray, "world 2"], obs: Observation) -> Vehicle:
-    """The vehicle after a step: at its new position, heading for the waypoint that is next there.
+    """Return the vehicle after a step: at its new position, heading for the waypoint that is next there.
 
     Args:
         vehicle: The vehicle before it.
@@ -192,7 +192,7 @@ def try_sequences(
 
 
 def limit_commands(commands: Sequences, vehicle: Vehicle) -> Sequences:
-    """The commands, made small enough for the limits of the dynamics."""
+    """Return the commands, made small enough for the limits of the dynamics."""
     if not isinstance(vehicle.dynamics, Holonomic):
         low, high = (bound[:, None, None] for bound in vehicle.dynamics.space(vehicle.preferred_speed))
         return np.clip(commands, low, high)

@@ -63,7 +63,7 @@ class Cases:
         return np.arange(self.start, self.stop)
 
     def batches(self, size: int) -> Iterator[Cases]:
-        """The cases in order, in ranges of at most `size` cases."""
+        """Yield the cases in order, in ranges of at most `size` cases."""
         for start in range(self.start, self.stop, size):
             yield Cases(self.split, start, min(start + size, self.stop))
 

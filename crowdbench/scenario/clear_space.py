@@ -75,7 +75,8 @@ class ClearSpace(TomlTable):
 
 
 def velocities_ahead(start: Agents, goal: Agents, route: WayPoints | None, speed: PerAgent) -> Agents:
-    """The velocities in m/s with which agents set out: at their preferred speed to the first waypoint, or to the goal.
+    """Return the velocities in m/s with which agents set out: at their preferred speed to the first waypoint, or to the
+    goal.
 
     Args:
         start: In metres.

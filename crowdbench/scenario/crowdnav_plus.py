@@ -57,7 +57,7 @@ class _Stream:
         self._circle_radius = circle_radius
 
     def draw(self) -> float:
-        """The next number, uniform from 0 to 1."""
+        """Return the next number, uniform from 0 to 1."""
         self.drawn += 1
         return self._generator.random()
 

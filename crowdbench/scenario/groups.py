@@ -38,7 +38,7 @@ def draw_groups(stream: np.random.Generator, shares: Mapping[int, float], n: int
 
 
 def group_numbers(leader: Int[np.ndarray, "pedestrian"]) -> Int[np.ndarray, "pedestrian"]:
-    """The number of each one's group, -1 for who is alone, by the first one in the group of each."""
+    """Return the number of each one's group, -1 for who is alone, by the first one in the group of each."""
     return np.where(np.bincount(leader, minlength=1)[leader] > 1, leader, -1)
 
 
@@ -48,7 +48,7 @@ def group_reach(radius: Float[np.ndarray, "member"]) -> float:
 
 
 def spread(ahead: Position, radius: Float[np.ndarray, "member"], stands: bool) -> Float[np.ndarray, "member 2"]:
-    """Where the members of a group are, from its middle: side by side if it walks, in a circle if it stands.
+    """Return where the members of a group are, from its middle: side by side if it walks, in a circle if it stands.
 
     Args:
         ahead: The direction in which it walks, of any length.

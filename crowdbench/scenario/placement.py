@@ -65,7 +65,7 @@ class LayoutCall:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __call__(self, rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent) -> Any:
-        """A `Placement`; anything at all where it is a user's and wrong."""
+        """Return a `Placement`; anything at all where it is a user's and wrong."""
         return self.function(rng, radius, preferred_speed, **self.options)
 
 
@@ -101,7 +101,7 @@ def check_shape(answer: object, agents: int) -> Placement:
 
 
 def check_finite(placement: Placement) -> Placement:
-    """A placement. Raises InputError where a number in it is not finite, beyond the padding, or is too large."""
+    """Return a placement. Raises InputError where a number in it is not finite, beyond the padding, or is too large."""
     right = f"whose coordinates must be numbers from {-EXTENT:g} to {EXTENT:g}"
     for part, points in (("start", placement.start), ("goal", placement.goal)):
         for agent in _find_wrong(points):
@@ -115,12 +115,12 @@ def check_finite(placement: Placement) -> Placement:
 
 
 def _find_wrong(points: Float[np.ndarray, "point 2"]) -> list[int]:
-    """Which points have a coordinate that is not finite or too large."""
+    """Return which points have a coordinate that is not finite or too large."""
     return np.flatnonzero(~(np.abs(points) <= EXTENT).all(axis=1)).tolist()
 
 
 def check_obstacles(placement: Placement, radius: PerAgent) -> Placement:
-    """A placement among obstacles, solid polygons counter-clockwise.
+    """Return a placement among obstacles, solid polygons counter-clockwise.
 
     Args:
         placement: The placement.
@@ -144,7 +144,7 @@ def check_obstacles(placement: Placement, radius: PerAgent) -> Placement:
 
 
 def add_routes(placement: Placement, radius: PerAgent) -> Placement:
-    """A placement with routes if there are obstacles, without waypoints at the end that are the goal.
+    """Return a placement with routes if there are obstacles, without waypoints at the end that are the goal.
 
     Args:
         placement: The placement.
@@ -169,12 +169,13 @@ def add_routes(placement: Placement, radius: PerAgent) -> Placement:
 
 
 def _points(row: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point_there 2"]:
-    """The points of a row, without the padding."""
+    """Return the points of a row, without the padding."""
     return row[np.isfinite(row[:, 0])]
 
 
 def check_routes(placement: Placement, radius: PerAgent) -> Placement:
-    """The same placement. Raises InputError where a route leads nearer to an obstacle than the radius in metres."""
+    """Return the same placement. Raises InputError where a route leads nearer to an obstacle than the radius in
+    metres."""
     if placement.route is None or placement.obstacles is None:
         return placement
     edges = shapely.MultiLineString(list(edges_of(placement.obstacles)))
@@ -189,7 +190,7 @@ def check_routes(placement: Placement, radius: PerAgent) -> Placement:
 
 
 def _shape(i: int, corners: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:
-    """An obstacle as a shape. Raises InputError where it is none."""
+    """Return an obstacle as a shape. Raises InputError where it is none."""
     name = f"obstacles[{i}]"
     if len(corners) == 1:
         raise InputError(f"{name} has one corner, but a wall has two and a solid polygon three or more")

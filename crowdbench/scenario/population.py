@@ -102,7 +102,7 @@ class Traits(NamedTuple):
     parameters: Mapping[str, Mapping[str, Float[np.ndarray, "pedestrian"]]]
 
     def alike(self, first: Int[np.ndarray, "pedestrian"]) -> Traits:
-        """The same pedestrians, each with the speed and the policy of the first one in its group."""
+        """Return the same pedestrians, each with the speed and the policy of the first one in its group."""
         return self._replace(preferred_speed=self.preferred_speed[first], policy=self.policy[first])
 
 

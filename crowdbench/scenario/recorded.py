@@ -96,7 +96,7 @@ class FreeSpace:
 
 
 def _dense(path: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
-    """A way with points that are no farther apart than half a cell."""
+    """Return a way with points that are no farther apart than half a cell."""
     if len(path) < 2:
         return path
     parts = np.maximum(np.ceil(norm(np.diff(path, axis=0)) / (CELL / 2.0)).astype(np.int64), 1)
@@ -173,11 +173,11 @@ class TrackedCrowd:
         return [window for windows in self.windows.values() for window in windows]
 
     def most_cases(self, split: str) -> int | None:
-        """How many cases a split has at most; None where the windows start again with other draws."""
+        """Return how many cases a split has at most; None where the windows start again with other draws."""
         return len(self.windows[split]) if self.has_cars and split != "train" else None
 
     def window(self, split: str, case: int) -> Excerpt:
-        """The window of a case: they follow each other, and start again after the last one with other draws.
+        """Return the window of a case: they follow each other, and start again after the last one with other draws.
 
         Raises InputError where the split has no windows. Where the vehicle takes the place of a car, so that nothing is
         drawn, it has no more cases than windows; only training repeats them.
@@ -192,7 +192,7 @@ class TrackedCrowd:
         return windows[case % len(windows)]
 
     def blocks(self, split: str, cases: Int[np.ndarray, "world"]) -> Int[np.ndarray, "world"]:
-        """The block of time of each case, of which no two share a moment.
+        """Return the block of time of each case, of which no two share a moment.
 
         Args:
             split: The split of the cases.
@@ -229,7 +229,7 @@ class TrackedCrowd:
         return Placement(starts, goals, route)
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
-        """The worlds with tracks, velocities, and those present who are there at the start."""
+        """Return the worlds with tracks, velocities, and those present who are there at the start."""
         windows = [self.window(case.split, case.number) for case in cases]
         track = np.full((len(world), world.rules.max_steps + 1, *world.person.shape[1:], 2), np.nan)
         recorded = np.zeros((*world.person.shape, 2))

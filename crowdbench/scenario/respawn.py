@@ -47,7 +47,7 @@ class Room:
 
     @classmethod
     def of(cls, world: World, row: int, without: Int[np.ndarray, "agent"]) -> Room:
-        """The room in one of several worlds, without some of its agents."""
+        """Return the room in one of several worlds, without some of its agents."""
         others = world.present[row].copy()
         others[without] = False
         radius = world.radius[row].copy()
@@ -113,7 +113,7 @@ class LayoutWithRespawn:
         self.layout, self.again = layout, again
 
     def __call__(self, *args: Any, **options: Any) -> Placement:
-        """The placement by the layout."""
+        """Return the placement by the layout."""
         return self.layout(*args, **options)
 
 

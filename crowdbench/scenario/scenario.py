@@ -93,7 +93,7 @@ class Scenario:
             raise InputError(f"--data does not go with {self.name}, which has no table [tracks]: leave out one of them")
 
     def worlds(self, cases: Cases) -> World:
-        """The starts of a range of cases."""
+        """Return the starts of a range of cases."""
         return self.draw(cases.split, cases.indices)
 
     def draw(self, split: str, cases: Int[np.ndarray, "world"]) -> World:
@@ -166,7 +166,8 @@ class Scenario:
         return init_memories(look(self.starts.complete(world, drawn, starts)), self.policies)
 
     def blocks(self, cases: Cases) -> Int[np.ndarray, "world"] | None:
-        """The block of recorded time of each case; None where nobody is recorded, so that cases are independent."""
+        """Return the block of recorded time of each case; None where nobody is recorded, so that cases are
+        independent."""
         if self.tracks is None:
             return None
         return self.tracks.blocks(cases.split, cases.indices)

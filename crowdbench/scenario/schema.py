@@ -236,7 +236,7 @@ def layout_spec(layout: Layout) -> type[LayoutSpec]:
 
 
 def _option(option: Option, is_length: bool) -> tuple[Any, Any]:
-    """The type and the field of an option, by its default."""
+    """Return the type and the field of an option, by its default."""
     default = option.default
     if isinstance(default, float) and is_length:
         return float, number(default, least=0.0, below=1e6)

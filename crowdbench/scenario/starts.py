@@ -150,7 +150,7 @@ def _is_clear(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: 
 
 
 def seed_legacy(seed: int) -> np.random.MT19937:
-    """The bits of NumPy's legacy generator."""
+    """Return the bits of NumPy's legacy generator."""
     legacy = np.random.MT19937()
     legacy._legacy_seeding(seed)
     return legacy

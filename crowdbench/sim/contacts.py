@@ -98,7 +98,7 @@ class _Touches(NamedTuple):
 
 
 def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Contacts:
-    """The contact that ended each episode, and the vehicle's share in it. See the top of this file.
+    """Return the contact that ended each episode, and the vehicle's share in it. See the top of this file.
 
     Args:
         trace: The episodes.
@@ -125,7 +125,7 @@ def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Co
 
 
 def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> _Touches:
-    """The first touches in the last step of episodes that ended in a collision with a pedestrian.
+    """Return the first touches in the last step of episodes that ended in a collision with a pedestrian.
 
     Where nobody touches the vehicle but for rounding, it is the one who came nearest.
     """
@@ -154,7 +154,7 @@ def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> _Touches:
 
 
 def _attribute(trace: Trace, touches: _Touches) -> tuple[_Numbers, Int[np.ndarray, "touch"], _Numbers]:
-    """The vehicle's share in each touch, what it did (a `Fault`), and the relative speed at the touch in m/s."""
+    """Return the vehicle's share in each touch, what it did (a `Fault`), and the relative speed at the touch in m/s."""
     row, agent, time = touches
     length = _window(trace, touches)
     parts = length[:, None] * (np.arange(SAMPLES) + 0.5) / SAMPLES
@@ -194,13 +194,14 @@ def _attribute(trace: Trace, touches: _Touches) -> tuple[_Numbers, Int[np.ndarra
 
 
 def _integrate(values: Float[np.ndarray, "touch sample"], seconds: _Numbers) -> _Numbers:
-    """The integral over the window of values, the first of which are at the touch and do not count."""
+    """Return the integral over the window of values, the first of which are at the touch and do not count."""
     # One after the other, so that a sum does not depend on how many there are.
     return np.cumsum(values[:, 1:], axis=1)[:, -1] * seconds
 
 
 def _window(trace: Trace, touches: _Touches) -> _Numbers:
-    """The length of the window before each touch in steps: a second, or less where the person was not there before."""
+    """Return the length of the window before each touch in steps: a second, or less where the person was not there
+    before."""
     row, agent, time = touches
     most = WINDOW / trace.rules.dt
     last = trace.steps[row] - 1

@@ -11,7 +11,7 @@ from crowdbench.core.types import World
 
 
 def track_at(world: World, step: Int[np.ndarray, "world"]) -> Float[np.ndarray, "world pedestrian 2"]:
-    """Where recorded people were.
+    """Return where recorded people were.
 
     Args:
         world: The worlds.

@@ -28,12 +28,12 @@ REACH = 1.0
 
 
 def goals_on_way(world: World) -> AgentPoints:
-    """The local goal of each agent in metres, see `crowdbench.core.geometry.local_goals`."""
+    """Return the local goal of each agent in metres, see `crowdbench.core.geometry.local_goals`."""
     return local_goals(world.position, world.goal, world.route, world.waypoint)
 
 
 def goals_in_trace(trace: Trace) -> WorldPaths:
-    """The vehicle's local goal in metres in every state of a trace; the goal after an episode's end."""
+    """Return the vehicle's local goal in metres in every state of a trace; the goal after an episode's end."""
     goal = trace.goal[:, :, 0]
     if not trace.route.shape[1] and not trace.obstacles.shape[1]:
         return goal

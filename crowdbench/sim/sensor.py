@@ -66,7 +66,7 @@ def observe(
 
 
 def with_nearest(obs: Observation, number: int | None) -> Observation:
-    """An observation of the nearest pedestrians only.
+    """Return an observation of the nearest pedestrians only.
 
     Args:
         obs: The observation.
@@ -88,7 +88,7 @@ def with_nearest(obs: Observation, number: int | None) -> Observation:
 
 
 def _take(array: np.ndarray, index: Int[np.ndarray, "world nearest"], is_over_time: bool) -> np.ndarray:
-    """The rows of some pedestrians, in an array of its own."""
+    """Return the rows of some pedestrians, in an array of its own."""
     row = np.arange(len(index))[:, None]
     return array[row, :, index].swapaxes(1, 2).copy() if is_over_time else array[row, index]
 
@@ -127,7 +127,7 @@ def _everybody(world: World) -> Pedestrians:
 
 
 def _tracked(world: World) -> Pedestrians:
-    """The pedestrians that were seen and are not forgotten, as they were measured."""
+    """Return the pedestrians that were seen and are not forgotten, as they were measured."""
     state, seen = world.sight["state"], world.sight["unseen"] >= 0
     position, velocity, radius = (state[:, :, part].copy() for part in (slice(2), slice(2, 4), 4))
     history, observed, filled = (world.sight[name].copy() for name in ("history", "observed", "filled"))

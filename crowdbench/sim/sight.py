@@ -76,7 +76,7 @@ def look(world: World) -> World:
 
 
 def _nothing(world: World) -> dict[str, np.ndarray]:
-    """The sight of vehicles that have never looked."""
+    """Return the sight of vehicles that have never looked."""
     worlds, pedestrians = world.person.shape
     delay = world.rules.sensor.steps_delayed(world.rules.dt)
     return {

@@ -36,7 +36,7 @@ the state of the pedestrians' attention."""
 
 
 def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Velocities:
-    """The velocities of `crowd_decisions`, for worlds that go no further."""
+    """Return the velocities of `crowd_decisions`, for worlds that go no further."""
     return crowd_decisions(world, policies)[0]
 
 
@@ -107,7 +107,7 @@ def has_attention(rules: Rules) -> bool:
 
 
 def _query_policies(view: World, policies: Mapping[str, PedestrianPolicy]) -> tuple[Velocities, dict[str, Memory]]:
-    """The velocities in m/s that policies ask for, each pedestrian's own, and by policy what they remember."""
+    """Return the velocities in m/s that policies ask for, each pedestrian's own, and by policy what they remember."""
     velocities, memories = [], {}
     for name, policy in policies.items():
         velocity, memory = query_policy(policy, name, view)
@@ -189,7 +189,7 @@ def step(
 
 
 def move(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[World, StepCheck]:
-    """The first part of a step: motion, and the check of how it ended; see `step`."""
+    """Return the first part of a step: motion, and the check of how it ended; see `step`."""
     after, check = advance(world, command, crowd)
     routes, sizes = (world.goal, world.route, world.waypoint), (world.radius, world.obstacles, world.present)
     route, waypoint = follow_routes(after.position, *routes, *sizes)
@@ -197,7 +197,7 @@ def move(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities)
 
 
 def finish_step(after: World, check: StepCheck, post_step_rule: PostStepRule | None) -> World:
-    """The second part of a step: what becomes of people, and the vehicle's look around.
+    """Return the second part of a step: what becomes of people, and the vehicle's look around.
 
     Args:
         after: The worlds after the first part.
@@ -223,7 +223,8 @@ def walk(world: World, crowd: Velocities, post_step_rule: PostStepRule | None) -
 
 
 def limit_velocities(world: World, crowd: Velocities) -> Velocities:
-    """The velocities in m/s that pedestrians take in the next step, of those in m/s that their policies ask for."""
+    """Return the velocities in m/s that pedestrians take in the next step, of those in m/s that their policies ask
+    for."""
     return advance(world, np.zeros((len(world), 2)), crowd)[0].velocity[:, 1:]
 
 

@@ -41,7 +41,7 @@ _TOLERANCE = 1e-6
 
 
 def find_routes(start: Agents, goal: Agents, radius: PerAgent, obstacles: Polygons) -> WayPoints:
-    """The waypoints of each agent on its shortest way to its goal.
+    """Return the waypoints of each agent on its shortest way to its goal.
 
     Args:
         start: Where each agent starts, in metres.
@@ -78,7 +78,7 @@ def who(agent: int) -> str:
 
 
 def edges_of(obstacles: Polygons) -> Float[np.ndarray, "edge 2 2"]:
-    """The edges of polygons, from corner to corner in metres; a wall is a single edge."""
+    """Return the edges of polygons, from corner to corner in metres; a wall is a single edge."""
     edges = [np.empty((0, 2, 2))]
     for corners in polygons(obstacles):
         closed = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
@@ -87,12 +87,12 @@ def edges_of(obstacles: Polygons) -> Float[np.ndarray, "edge 2 2"]:
 
 
 def solids(obstacles: Polygons) -> list[shapely.Polygon]:
-    """The obstacles that are solid, not walls."""
+    """Return the obstacles that are solid, not walls."""
     return [shapely.Polygon(corners) for corners in polygons(obstacles) if len(corners) > 2]
 
 
 def nearest_on(edges: Float[np.ndarray, "edge 2 2"], points: Points) -> Float[np.ndarray, "point edge 2"]:
-    """The point of each edge that is nearest to each of the points.
+    """Return the point of each edge that is nearest to each of the points.
 
     Args:
         edges: Both ends of each edge in metres.
@@ -166,7 +166,7 @@ class _Roadmap:
 
 @functools.lru_cache(maxsize=32)
 def _roadmap(obstacles: bytes, shape: tuple[int, ...], radius: float) -> _Roadmap:
-    """The roadmap of an agent; kept, because most layouts have the same obstacles in all cases.
+    """Return the roadmap of an agent; kept, because most layouts have the same obstacles in all cases.
 
     Args:
         obstacles: The bytes of polygons in metres, in double precision.
@@ -198,7 +198,7 @@ def _roadmap(obstacles: bytes, shape: tuple[int, ...], radius: float) -> _Roadma
 
 
 def _go_around(start: Agents, goal: Agents, roadmap: _Roadmap) -> list[Float[np.ndarray, "waypoint 2"] | None]:
-    """The waypoints of agents of one size that cannot go straight, None for an agent without a way."""
+    """Return the waypoints of agents of one size that cannot go straight, None for an agent without a way."""
     node = roadmap.nodes
     n, agents = len(node), len(start)
     point = np.concatenate([node, start, goal])
@@ -217,7 +217,7 @@ def _go_around(start: Agents, goal: Agents, roadmap: _Roadmap) -> list[Float[np.
 def _trace_back(
     point: Points, before: Int[np.ndarray, "point"], start: int, goal: int
 ) -> Float[np.ndarray, "waypoint 2"] | None:
-    """The points between a start and a goal, found backwards from the goal; None where it was not reached."""
+    """Return the points between a start and a goal, found backwards from the goal; None where it was not reached."""
     waypoints = []
     at = before[goal]
     while at != start:

@@ -204,7 +204,8 @@ def check_regular(path: Path) -> None:
 
 
 def read_regular(path: Path) -> bytes:
-    """The content of a file. Raises OSError where it cannot be read, or may never end, like a pipe or a device."""
+    """Return the content of a file. Raises OSError where it cannot be read, or may never end, like a pipe or a
+    device."""
     check_regular(path)
     return path.read_bytes()
 
@@ -230,7 +231,7 @@ def read_json(path: Path) -> Any:
 
 
 def sha256(path: Path) -> str:
-    """The sha256 of a file of any size. Raises OSError where it cannot be read."""
+    """Return the sha256 of a file of any size. Raises OSError where it cannot be read."""
     check_regular(path)
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

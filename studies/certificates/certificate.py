@@ -118,7 +118,8 @@ def certificates(scenario: Scenario, cases: Cases, margins: Sequence[float], pro
 
 
 def _in_trace(trace: Trace, means: str, margin: float) -> Iterator[Certificate]:
-    """The certificates among some episodes, with gaps of at least `margin` in metres; `means` gave their commands."""
+    """Yield the certificates among some episodes, with gaps of at least `margin` in metres; `means` gave their
+    commands."""
     gaps = np.fmin(np.fmin.reduce(trace.gap, axis=1), np.fmin.reduce(trace.wall_gap, axis=1))
     for row in np.flatnonzero((trace.outcome == Outcome.SUCCESS) & (gaps >= margin)).tolist():
         commands = trace.command[row, : trace.steps[row]]

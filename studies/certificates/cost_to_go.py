@@ -46,7 +46,7 @@ class CostToGo(NamedTuple):
 
 
 def find_cost_to_go(start: Point, goal: Point, radius: float, obstacles: Polygons) -> CostToGo:
-    """The ways of a disc.
+    """Return the ways of a disc.
 
     Args:
         start: Where the vehicle starts, in metres.

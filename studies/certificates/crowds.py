@@ -33,11 +33,11 @@ class CrowdStep(NamedTuple):
 
     @classmethod
     def of(cls, world: World, moved: World) -> CrowdStep:
-        """The step between two states of worlds."""
+        """Return the step between two states of worlds."""
         return cls(world.position, moved.position, world.velocity, world.radius, world.present)
 
     def row(self, w: int) -> CrowdStep:
-        """The crowd of one world."""
+        """Return the crowd of one world."""
         return CrowdStep(*(np.ascontiguousarray(each[w : w + 1]) for each in self))
 
 
@@ -56,7 +56,8 @@ class Known:
         return self.steps[0]
 
     def after(self, parent: Int[np.ndarray, "state"], command: Float[np.ndarray, "state 2"]) -> Known:
-        """The crowd around the states of the next layer, which come from the states `parent` by these commands."""
+        """Return the crowd around the states of the next layer, which come from the states `parent` by these
+        commands."""
         return Known(self.steps[1:])
 
 

@@ -74,7 +74,7 @@ class Layer(NamedTuple):
     command: Float[np.ndarray, "state 2"]
 
     def take(self, rows: Int[np.ndarray, "row"]) -> Layer:
-        """Some of the states."""
+        """Return some of the states."""
         return Layer(*(each[rows] for each in self))
 
 

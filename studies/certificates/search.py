@@ -75,7 +75,7 @@ class Task(NamedTuple):
 
     @classmethod
     def of(cls, world: World, row: int, margin: float = 0.0) -> Task:
-        """The task in one of several worlds at their start, with a margin to walls in metres."""
+        """Return the task in one of several worlds at their start, with a margin to walls in metres."""
         rules, position, radius = world.rules, world.position[row, 0], float(world.radius[row, 0])
         speed, tolerance = float(world.preferred_speed[row, 0]), float(rules.goal_tolerance or radius)
         vehicle = Vehicle(rules.numbers, speed, tolerance, np.ascontiguousarray(world.obstacles[row]))
@@ -124,7 +124,7 @@ def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> SearchRes
 
 
 def _turns_and_speeds(task: Task) -> tuple[int, int]:
-    """The numbers of cells of headings and speeds, so small that a step leads from one into the next."""
+    """Return the numbers of cells of headings and speeds, so small that a step leads from one into the next."""
     dynamics, dt, speed = task.rules.dynamics, task.rules.dt, task.vehicle.max_speed
     if isinstance(dynamics, Unicycle):
         turn = dt * min(dynamics.max_angular_speed, dt * dynamics.max_angular_acceleration)
@@ -141,7 +141,7 @@ def _turns_and_speeds(task: Task) -> tuple[int, int]:
 
 
 def commands(task: Task, states: Float[np.ndarray, "state 6"]) -> Float[np.ndarray, "state action 2"]:
-    """The commands that are tried in each state: some of the dynamics, and the one straight to the goal."""
+    """Return the commands that are tried in each state: some of the dynamics, and the one straight to the goal."""
     dynamics, dt = task.rules.dynamics, task.rules.dt
     of = State(states[:, :2], states[:, 2:4], states[:, 4], states[:, 5])
     speed = np.full(len(states), task.vehicle.max_speed)
@@ -152,7 +152,8 @@ def commands(task: Task, states: Float[np.ndarray, "state 6"]) -> Float[np.ndarr
 
 
 def _select_states(cost: Float[np.ndarray, "state"], most: int) -> Int[np.ndarray, "kept"]:
-    """Which states go on, those nearest to the goal first: where there are too many, half of them are the nearest ones.
+    """Return which states go on, those nearest to the goal first: where there are too many, half of them are the
+    nearest ones.
 
     The others are spread evenly over the rest, because those who wait or go back must go on too.
     """
@@ -165,7 +166,7 @@ def _select_states(cost: Float[np.ndarray, "state"], most: int) -> Int[np.ndarra
 
 
 def _trace_back(layers: list[Layer], last: int) -> Float[np.ndarray, "step 2"]:
-    """The commands that lead to a state of the last layer."""
+    """Return the commands that lead to a state of the last layer."""
     found = []
     for layer in reversed(layers):
         found.append(layer.command[last])

@@ -73,18 +73,19 @@ class Dial:
     holds: str
 
     def level(self, number: float) -> float:
-        """The level at a number that may lie between two of them, which are counted from 0; infinite if that is."""
+        """Return the level at a number that may lie between two of them, which are counted from 0; infinite if that
+        is."""
         return float(np.interp(number, range(len(self.levels)), self.levels)) if math.isfinite(number) else number
 
     def say(self, level: float) -> str:
-        """A level in words, with three digits; an infinite one is beyond the first or the last."""
+        """Return a level in words, with three digits; an infinite one is beyond the first or the last."""
         if math.isfinite(level):
             return f"{level:.3g}"
         end, rises = self.levels[0 if level < 0.0 else -1], self.levels[0] < self.levels[-1]
         return f"{'below' if rises == (level < 0.0) else 'above'} {end:g}"
 
     def runs(self, planner: str, options: Mapping[str, Any], cases: Cases, levels: Iterable[int]) -> list[Run]:
-        """The runs of a planner, or of a rung of the ladder, at some levels.
+        """Return the runs of a planner, or of a rung of the ladder, at some levels.
 
         Args:
             planner: Its name or file, or the rung.

@@ -87,7 +87,7 @@ class Fit:
 
 
 def levels_around(first: First) -> list[int]:
-    """The levels of the second stage: those nearest to where the first stage crosses `WANTED`."""
+    """Return the levels of the second stage: those nearest to where the first stage crosses `WANTED`."""
     return np.flatnonzero(_around(first.mean(axis=1), np.full(len(first), first.shape[1]))).tolist()
 
 
@@ -133,7 +133,7 @@ def difference(one: Crossing, other: Crossing) -> tuple[float, float, float]:
 def _draw(
     outcomes: Bool[np.ndarray, "case"], where: Float[np.ndarray, "resample draw"], coin: Bool[np.ndarray, "resample"]
 ) -> Int[np.ndarray, "resample"]:
-    """How many succeed of some outcomes, drawn with replacement.
+    """Return how many succeed of some outcomes, drawn with replacement.
 
     Among them is one more, by chance: else where nobody failed, nobody ever would.
     """
@@ -142,7 +142,7 @@ def _draw(
 
 
 def _around(success: Rates, cases: Counts) -> Bool[np.ndarray, "*resample level"]:
-    """Which levels are nearest to where success crosses `WANTED`."""
+    """Return which levels are nearest to where success crosses `WANTED`."""
     number = np.arange(success.shape[-1])
     level = np.clip(_cross(_not_rising(success, cases), cases, WANTED), 0.0, number[-1])
     away = np.abs(number - level[..., None])
@@ -150,7 +150,7 @@ def _around(success: Rates, cases: Counts) -> Bool[np.ndarray, "*resample level"
 
 
 def _not_rising(success: Rates, cases: Counts) -> Rates:
-    """The isotonic regression of rates, weighted by cases."""
+    """Return the isotonic regression of rates, weighted by cases."""
     rates, numbers = np.atleast_2d(success), np.broadcast_to(cases, success.shape).reshape(-1, success.shape[-1])
     rows = zip(rates, numbers, strict=True)
     fits = [isotonic_regression(rate, weights=number, increasing=False).x for rate, number in rows]
@@ -163,7 +163,7 @@ def _rise(success: Rates, cases: Counts) -> Float[np.ndarray, "*resample"]:
 
 
 def _cross(fitted: Rates, cases: Counts, wanted: float) -> Float[np.ndarray, "*resample"]:
-    """Where rates that do not rise cross a rate; infinite where they do not."""
+    """Return where rates that do not rise cross a rate; infinite where they do not."""
     holds = (fitted >= wanted).sum(axis=-1)
     # With half a success and half a failure more, since the log odds of 0 and of 1 are infinite (Haldane 1956).
     odds = np.log((fitted * cases + 0.5) / ((1.0 - fitted) * cases + 0.5)) - math.log(wanted / (1.0 - wanted))
@@ -175,6 +175,6 @@ def _cross(fitted: Rates, cases: Counts, wanted: float) -> Float[np.ndarray, "*r
 
 
 def _interval(levels: Float[np.ndarray, "resample"]) -> tuple[float, float]:
-    """The bounds between which 95 % of the levels lie; levels may be infinite, so that none is interpolated."""
+    """Return the bounds between which 95 % of the levels lie; levels may be infinite, so that none is interpolated."""
     low, high = np.quantile(levels, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], method="inverted_cdf")
     return float(low), float(high)

@@ -63,11 +63,13 @@ class Measurement:
         return directory_name(run.driver.name, self.dial.name, dataclasses.replace(run.spec, overrides={}))
 
     def outcomes(self, out: Path) -> First:
-        """Where the planner succeeds in the first stage; raises InputError where a run is not in the folder `out`."""
+        """Return where the planner succeeds in the first stage; raises InputError where a run is not in the folder
+        `out`."""
         return np.stack([read_successes(run, out) for run in self.first])
 
     def second(self, out: Path) -> dict[int, Run]:
-        """The runs of the second stage by the numbers of their levels, which follow from the first stage in `out`.
+        """Return the runs of the second stage by the numbers of their levels, which follow from the first stage in
+        `out`.
 
         A rung of the ladder has none: 30 cases at each level show where the world ends.
         """
@@ -115,11 +117,11 @@ class DialsTable:
         return [run for each in self.by_dial for measurement in each for run in measurement.first]
 
     def second(self, out: Path) -> list[Run]:
-        """All runs of the second stage; raises InputError where one of the first is not in the folder `out`."""
+        """Return all runs of the second stage; raises InputError where one of the first is not in the folder `out`."""
         return [run for each in self.by_dial for measurement in each for run in measurement.second(out).values()]
 
     def fill(self, out: Path) -> FilledDialsTable:
-        """The table with the figures of the runs in the folder `out`."""
+        """Return the table with the figures of the runs in the folder `out`."""
         return FilledDialsTable(self.title, [FilledDial.of(each, out) for each in self.by_dial])
 
 
@@ -139,7 +141,7 @@ class Held:
 
     @classmethod
     def of(cls, dial: Dial, crossing: Crossing) -> Held:
-        """A crossing in the unit of a dial."""
+        """Return a crossing in the unit of a dial."""
         return cls(*(dial.level(each) for each in (crossing.level, crossing.low, crossing.high)))
 
 
@@ -182,7 +184,7 @@ class DialRow:
         return cls(measurement.first[0].label, is_rung, holds, half, behind, said, found.p_rising, *counts)
 
     def cells(self, dial: Dial) -> list[str]:
-        """The row in a table."""
+        """Return the row in a table."""
         if self.holds is None:
             return [self.planner, f"success rises with the level (p = {self.p_rising:.2g})", "", ""]
         behind = "" if math.isnan(self.behind.level) else _with_interval(self.behind, "{:.1f}".format)
@@ -210,13 +212,13 @@ class FilledDial:
         return cls(measurements[0].dial, [DialRow.of(measurement, each, best) for measurement, each in found])
 
     def grid(self) -> Grid:
-        """A row for each planner."""
+        """Return a row for each planner."""
         header = ["planner", f"holds {self.dial.holds.format('...')}", "in half of the cases", "levels behind the best"]
         rows = [row.cells(self.dial) for row in self.rows]
         return Grid(self.dial.name, header, rows, self.rows)
 
     def curve(self, row: DialRow) -> Grid:
-        """The success of a planner at each level, with bars."""
+        """Return the success of a planner at each level, with bars."""
         each = zip(self.dial.levels, row.success, row.cases, strict=True)
         rows = [[f"{level:g}", SUCCESS.amount(rate), draw_bar(rate), str(n)] for level, rate, n in each]
         return Grid(row.planner, [self.dial.key, "success", "", "cases"], rows, align="rrlr")
@@ -241,7 +243,7 @@ class FilledDialsTable:
     dials: list[FilledDial]
 
     def markdown(self) -> str:
-        """The tables as GitHub shows them, under their headings."""
+        """Return the tables as GitHub shows them, under their headings."""
         parts = [f"## {self.title}"]
         for each, grid in zip(self.dials, self.grids(), strict=True):
             parts += [f"### {each.dial.name}", f"{each.dial.description}.", markdown(grid.header, grid.rows)]
@@ -257,6 +259,6 @@ class FilledDialsTable:
 
 
 def _with_interval(held: Held, say: Callable[[float], str]) -> str:
-    """A level with its interval, which is left out where all of it is beyond the levels."""
+    """Return a level with its interval, which is left out where all of it is beyond the levels."""
     same = held.low == held.level == held.high
     return say(held.level) if same else f"{say(held.level)} ({say(held.low)} to {say(held.high)})"

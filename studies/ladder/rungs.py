@@ -77,7 +77,7 @@ class CertifiedPlanner(Planner):
             self._commands = play_back([each.commands for each in found], self._scenario).planner
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """The command of this step; none where no certificate was found."""
+        """Return the command of this step; none where no certificate was found."""
         return self._commands.plan(obs)
 
 

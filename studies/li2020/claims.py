@@ -159,7 +159,8 @@ def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Asse
 
 
 def _verdict(figure: Estimate, bound: float, networks: tuple[int, int], cases: int) -> Verdict:
-    """The verdict on a figure that is over so many networks of each row, 0 for a planner without any, and `cases`.
+    """Return the verdict on a figure that is over so many networks of each row, 0 for a planner without any, and
+    `cases`.
 
     It holds where the interval lies above the bound, and is refuted where it lies below.
     """
@@ -173,7 +174,7 @@ def _verdict(figure: Estimate, bound: float, networks: tuple[int, int], cases: i
 
 
 def claims_table(claims: Sequence[Assessment]) -> str:
-    """The claims in a Markdown table."""
+    """Return the claims in a Markdown table."""
     header = ["claim", "figure", "claimed", "measured", "networks", "cases", "verdict"]
     return markdown(header, [claim.cells() for claim in claims])
 

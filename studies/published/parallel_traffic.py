@@ -14,7 +14,7 @@ GOAL = -HALF - 0.3
 
 
 def traffic(rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent) -> Placement:
-    """The vehicle goes from left to right, people straight from right to left."""
+    """Return the vehicle goes from left to right, people straight from right to left."""
     placer = Placer(radius)
     placer.add((1.0 - HALF, 0.0), (HALF - 1.0, 0.0))
 

@@ -74,7 +74,7 @@ class Errors:
     each: Curves
 
     def choices(self) -> dict[str, Curves]:
-        """The errors that differ, by the names that tables give them."""
+        """Return the errors that differ, by the names that tables give them."""
         if self.modes == 1:
             return {"best of 1": self.first}
         best = f"best of {self.modes}"
@@ -281,7 +281,7 @@ class _Clusters:
 
 
 def _estimate_errors(by_scene: Sequence[_Clusters], modes: int) -> Errors:
-    """The mean over scenes, which have the same weight, of the means in each."""
+    """Return the mean over scenes, which have the same weight, of the means in each."""
     steps = range(by_scene[0].total.shape[3])
     curves = [
         Curves(*([_estimate(by_scene, choice, measure, step) for step in steps] for measure in (0, 1)))

@@ -47,11 +47,11 @@ class Windows:
         return len(self.frame)
 
     def take(self, rows: slice | np.ndarray) -> Windows:
-        """The windows of the given rows."""
+        """Return the windows of the given rows."""
         return Windows(self.frame[rows], self.pedestrian[rows], self.present[rows], self.position[rows], self.dt)
 
     def observation(self, seen: int) -> Observation:
-        """The observation of each window, for a predictor.
+        """Return the observation of each window, for a predictor.
 
         The noise depends on the number of the first frame, as elsewhere on the case. There is no vehicle: its values
         are NaN. Recordings have no radii: they are 0.
@@ -95,7 +95,7 @@ class Windows:
 
 
 def windows(tracks: Tracks, length: int) -> Windows:
-    """All windows of a recording, one for every annotated frame that it can start at.
+    """Return all windows of a recording, one for every annotated frame that it can start at.
 
     A window has the pedestrians that are annotated in all its frames. It is left out if there are fewer than `FEWEST`.
 
@@ -190,7 +190,7 @@ def resample(tracks: Tracks, dt: float) -> Tracks:
 
 
 def _cut(tracks: Tracks) -> tuple[Tracks, Tracks]:
-    """The first and the last frames of a recording."""
+    """Return the first and the last frames of a recording."""
     frames = np.unique(tracks.frame)
     early = tracks.frame < frames[int(TRAINING_SHARE * len(frames))]
     arrays = {"frame": tracks.frame, "pedestrian": tracks.pedestrian, "position": tracks.position}

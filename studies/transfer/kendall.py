@@ -54,7 +54,8 @@ def mean_rates(scenarios: list[Cases]) -> Rates:
 
 
 def draw_families(family: Int[np.ndarray, "planner"]) -> Float[np.ndarray, "resample pair"]:
-    """How often each pair of planners counts, first in the sample and then where families are drawn with replacement.
+    """Return how often each pair of planners counts, first in the sample and then where families are drawn with
+    replacement.
 
     A family that is drawn twice is two families: their pairs count twice, and none is made between the two.
 
@@ -88,7 +89,7 @@ def kendall(a: Rates, b: Rates, times: Float[np.ndarray, "*resample pair"]) -> F
 
 
 def decided(rates: Rates) -> Bool[np.ndarray, "pair"]:
-    """Which pairs differ by more than `CERTAIN` standard errors; `rates` as `mean_rates` gives them."""
+    """Return which pairs differ by more than `CERTAIN` standard errors; `rates` as `mean_rates` gives them."""
     one, other = np.triu_indices(rates.shape[-1], 1)
     differences = rates[:, one] - rates[:, other]
     return np.abs(differences[0]) > CERTAIN * differences[1:].std(axis=0)

@@ -108,7 +108,8 @@ class RankingsTable:
         return {f"{tau:g}": power(tau, self.family, cases, self.spec.criterion) for tau in TRUE_TAUS}
 
     def fill(self, out: Path) -> FilledRankings:
-        """The table with the figures of the runs in the folder `out`; raises InputError where one is not there."""
+        """Return the table with the figures of the runs in the folder `out`; raises InputError where one is not
+        there."""
         cases = {
             world: [read_cases(runs, out) for runs in scenarios] for world, scenarios in self.runs_by_world.items()
         }
@@ -219,12 +220,12 @@ class FilledRankings:
         )
 
     def markdown(self) -> str:
-        """The tables as GitHub shows them, under their heading."""
+        """Return the tables as GitHub shows them, under their heading."""
         tables = [markdown(grid.header, grid.rows) for grid in self.grids()]
         return "\n\n".join([f"## {self.spec.title}", f"Cases {self.spec.cases}.", self.verdict, *tables])
 
     def grids(self) -> list[Grid]:
-        """A row for each world, then one for each planner."""
+        """Return a row for each world, then one for each planner."""
         alone = f"{self.spec.alone} ({len(self.spec.alone_cases)} cases) for the suite"
         header = ["world", "tau", "decided pairs that agree", alone, "difference"]
         rates = [

@@ -33,7 +33,7 @@ LEAST_DIAMETER = 0.4
 
 
 def corridor(length: float, width: float, backward: float) -> Callable[..., Placement]:
-    """A layout of a corridor.
+    """Return a layout of a corridor.
 
     Args:
         length: Length of the corridor in metres.
@@ -116,12 +116,12 @@ def walk(
 
 
 def people_of(world: World) -> slice:
-    """Which agents are people: neither the vehicle nor images."""
+    """Return which agents are people: neither the vehicle nor images."""
     return slice(1, 1 + world.person.shape[1] // 2)
 
 
 def forward_speed(world: World) -> OfPeople:
-    """How fast each person walks in the direction of its goal, in m/s."""
+    """Return how fast each person walks in the direction of its goal, in m/s."""
     who = people_of(world)
     return world.velocity[:, who, 0] * direction(world)
 
@@ -133,7 +133,7 @@ def direction(world: World) -> OfPeople:
 
 
 def lane_order(across: OfPeople, direction: OfPeople, radius: float) -> Float[np.ndarray, "world"]:
-    """The reduced order parameter of lane formation.
+    """Return the reduced order parameter of lane formation.
 
     For each person, with n people in the same lane in its own direction (itself among them) and m in the other one,
     the order is ((n - m) / (n + m))^2 (Rex and Löwen 2007). Its mean over people, Phi, is 1 where every lane has one
@@ -182,7 +182,7 @@ def _closed(world: World, ahead: Float[np.ndarray, "world agent 2"], length: flo
 
 
 def _to_image(position: Float[np.ndarray, "*batch 2"], length: float) -> Float[np.ndarray, "*batch 2"]:
-    """The vector from each person to its image, in metres."""
+    """Return the vector from each person to its image, in metres."""
     vector = np.zeros_like(position)
     vector[..., 0] = np.where(position[..., 0] < length / 2.0, length, -length)
     return vector

@@ -38,7 +38,7 @@ STILL = 20.0
 
 
 def hall(door: float, waiting: float) -> Callable[..., Placement]:
-    """A layout of a hall with a door in the middle of one wall, at y = 0.
+    """Return a layout of a hall with a door in the middle of one wall, at y = 0.
 
     Args:
         door: Width of the door in metres.

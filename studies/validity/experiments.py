@@ -117,7 +117,7 @@ class Setting:
 
 
 def settings(policies: Sequence[str]) -> Iterator[Setting]:
-    """All that is measured of some policies."""
+    """Yield all that is measured of some policies."""
     for policy in policies:
         for people in EVERYBODY:
             values = {"one way": people.densities, "two ways": people.densities, "single file": people.per_metre}
@@ -127,7 +127,7 @@ def settings(policies: Sequence[str]) -> Iterator[Setting]:
 
 
 def crowd(policy: str, people: People, number: int, layout: Callable[..., Placement]) -> Scenario:
-    """A scenario without a vehicle in the way: pedestrians do not see it.
+    """Return a scenario without a vehicle in the way: pedestrians do not see it.
 
     Args:
         policy: The name of a pedestrian policy, or a file with one.

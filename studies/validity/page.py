@@ -42,7 +42,7 @@ TEXT = SOURCES.with_name("page.txt").read_text("utf-8").strip()
 
 
 def page(results: Results, command: str) -> str:
-    """The page in Markdown.
+    """Return the page in Markdown.
 
     Args:
         results: The result.
@@ -71,7 +71,7 @@ def fill(**parts: str | int) -> str:
 
 
 def _speeds(results: Results, policies: list[str], experiment: str, people: People, at: str) -> str:
-    """The speeds of one kind of people by density, under all policies."""
+    """Return the speeds of one kind of people by density, under all policies."""
     in_file = experiment == "single file"
     rows = []
     for density in people.per_metre if in_file else people.densities:
@@ -95,7 +95,7 @@ def _lanes(results: Results, policy: str) -> str:
 
 
 def _doors(results: Results, policy: str) -> str:
-    """The flow through doors under one policy, by kinds of people and width."""
+    """Return the flow through doors under one policy, by kinds of people and width."""
     rows = []
     for setting, passages in _of(results, "door", policy):
         published = FLOW.amount(DOOR_FLOW.get(setting.at, math.nan))
@@ -137,7 +137,7 @@ def _of(results: Results, experiment: str, policy: str) -> list[tuple[Setting, A
 
 
 def _estimate(info: MetricInfo, values: Shaped[np.ndarray, "world"]) -> str:
-    """A mean over worlds with its 95 % interval; a dash where no world has a value."""
+    """Return a mean over worlds with its 95 % interval; a dash where no world has a value."""
     return info.estimate(mean_over_networks(values.astype(float)[None]), with_unit=True)
 
 

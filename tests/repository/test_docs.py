@@ -215,6 +215,11 @@ def test_the_parts_from_the_code_are_there():
     assert "obs.pedestrians" in reference.observation_fields()
 
 
+def test_the_readme_says_so_while_results_are_provisional():
+    reference = load_module(DOCS / "reference.py")
+    assert ("provisional" in (ROOT / "README.md").read_text()) == reference.PROVISIONAL == bool(reference.provisional())
+
+
 def test_a_printed_page_is_split_into_an_overview_and_tables():
     printed = (
         "Printed\n\n## Crowds\n\n| success | a |\n| --- | --- |\n| one | 1.0 % |\n\n"

@@ -153,7 +153,7 @@ def _situation(
 
 
 def _edges(obstacles: Float[np.ndarray, "polygon corner 2"], position: Float[np.ndarray, "2"]) -> np.ndarray:
-    """The nearest edges of obstacles, `[WALLS, 4]`: the two ends of each in metres."""
+    """Return the nearest edges of obstacles, `[WALLS, 4]`: the two ends of each in metres."""
     found = []
     for polygon in obstacles:
         corners = polygon[~np.isnan(polygon[:, 0])]

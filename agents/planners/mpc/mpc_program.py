@@ -70,7 +70,7 @@ class Program(NamedTuple):
     def run(
         self, guess: Commands, bounds: tuple[np.ndarray, np.ndarray], situation: Float[np.ndarray, "number"]
     ) -> Commands:
-        """The commands that are found.
+        """Return the commands that are found.
 
         Args:
             guess: Those from which it starts.
@@ -142,7 +142,7 @@ def build_program(
 
 
 def _driven(ca: Any, dynamics: Dynamics, now: Any) -> Any:
-    """The command that the vehicle has followed in the last step."""
+    """Return the command that the vehicle has followed in the last step."""
     if isinstance(dynamics, Holonomic):
         return now[2:4]
     forward = now[2] * ca.cos(now[4]) + now[3] * ca.sin(now[4])
@@ -172,7 +172,7 @@ def _limits(ca: Any, dynamics: Dynamics, command: Any, before: Any, speed: Any, 
 
 
 def _to_edge(ca: Any, x: Any, y: Any, edge: Any) -> Any:
-    """The distance of a point from an edge."""
+    """Return the distance of a point from an edge."""
     ax, ay, bx, by = edge[0], edge[1], edge[2], edge[3]
     dx, dy = bx - ax, by - ay
     share = ca.fmin(ca.fmax(((x - ax) * dx + (y - ay) * dy) / (dx**2 + dy**2), 0.0), 1.0)
@@ -180,7 +180,7 @@ def _to_edge(ca: Any, x: Any, y: Any, edge: Any) -> Any:
 
 
 def import_casadi() -> Any:
-    """The module. Raises InputError where it is not installed."""
+    """Return the module. Raises InputError where it is not installed."""
     try:
         import casadi
     except ImportError:

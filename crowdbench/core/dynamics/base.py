@@ -74,11 +74,11 @@ class Dynamics(abc.ABC):
 
     @abc.abstractmethod
     def space(self, max_speed: Numbers) -> tuple[Vectors, Vectors]:
-        """The lowest and the highest value of each number of a command, in its unit; `max_speed` is in m/s."""
+        """Return the lowest and the highest value of each number of a command, in its unit; `max_speed` is in m/s."""
 
     @abc.abstractmethod
     def commands(self, state: State, max_speed: Float[np.ndarray, "world"], dt: float) -> Choices:
-        """The commands that a one-step lookahead chooses from.
+        """Return the commands that a one-step lookahead chooses from.
 
         Args:
             state: The vehicles before the step.
@@ -88,7 +88,7 @@ class Dynamics(abc.ABC):
 
     @abc.abstractmethod
     def follow(self, state: State, velocity: Vectors, max_speed: Numbers, dt: float) -> Vectors:
-        """The commands by which vehicles take wanted velocities as far as they can.
+        """Return the commands by which vehicles take wanted velocities as far as they can.
 
         Args:
             state: The vehicles before the step.
@@ -123,7 +123,7 @@ class Dynamics(abc.ABC):
         return within[..., 0] & within[..., 1]
 
     def velocities(self, state: State, commands: Choices, max_speed: Float[np.ndarray, "world"], dt: float) -> Choices:
-        """The velocities that vehicles have after a step under each of some commands.
+        """Return the velocities that vehicles have after a step under each of some commands.
 
         Args:
             state: The vehicles before the step.

@@ -20,7 +20,7 @@ SPACING = 0.5
 
 
 def chain(length: float, radius: float, centre: float) -> Body:
-    """The discs that cover a rectangle, apart from its corners.
+    """Return the discs that cover a rectangle, apart from its corners.
 
     Args:
         length: Length of the rectangle along the heading in metres, at least twice the radius.
@@ -36,7 +36,7 @@ def chain(length: float, radius: float, centre: float) -> Body:
 
 
 def reach(body: Body) -> float:
-    """The largest distance in metres of a disc's centre from the vehicle's position."""
+    """Return the largest distance in metres of a disc's centre from the vehicle's position."""
     return max(map(abs, body))
 
 
@@ -47,7 +47,7 @@ def disc_centres(body: Body, position: Vectors, heading: Numbers) -> Float[np.nd
 
 
 def hull(body: Body, position: Vectors, heading: Numbers, radius: Numbers) -> tuple[Vectors, Numbers]:
-    """The smallest disc around a body: who thinks in discs sees it as this one.
+    """Return the smallest disc around a body: who thinks in discs sees it as this one.
 
     Args:
         body: The body.
@@ -65,7 +65,8 @@ def hull(body: Body, position: Vectors, heading: Numbers, radius: Numbers) -> tu
 
 
 def outline(body: Body, position: Vectors, heading: Numbers, radius: float) -> Float[np.ndarray, "*batch point 2"]:
-    """The rim of a body, for pictures: around its discs, from the right of the first one to the left of the last one.
+    """Return the rim of a body, for pictures: around its discs, from the right of the first one to the left of the last
+    one.
 
     Args:
         body: The body.
@@ -86,7 +87,7 @@ def outline(body: Body, position: Vectors, heading: Numbers, radius: float) -> F
 
 
 def nose(body: Body, position: Vectors, heading: Numbers, radius: float) -> Float[np.ndarray, "*batch 2 2"]:
-    """A line that shows where a body faces, from the centre of its front disc to the rim.
+    """Return a line that shows where a body faces, from the centre of its front disc to the rim.
 
     Args:
         body: The body.

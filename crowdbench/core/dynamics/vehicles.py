@@ -86,7 +86,7 @@ class _OnWheels(Dynamics):
         return f"asked for {command[0]:.6g} m/s, but the vehicle's speeds are 0 to {max_speed:g} m/s"
 
     def _reachable(self, state: State, max_speed: Numbers, dt: float) -> tuple[Numbers, Numbers]:
-        """The lowest and the highest speed in m/s that a vehicle can have after a step."""
+        """Return the lowest and the highest speed in m/s that a vehicle can have after a step."""
         speed, change = state.speed, self.max_acceleration * dt
         return np.clip(speed - change, 0.0, max_speed), np.clip(speed + change, 0.0, max_speed)
 
@@ -175,13 +175,13 @@ class Bicycle(_OnWheels):
 
 
 def _angle_to(state: State, velocity: Vectors) -> Numbers:
-    """The angle in radians from the heading to a velocity; 0 where that is 0."""
+    """Return the angle in radians from the heading to a velocity; 0 where that is 0."""
     angle = wrap_angle(np.arctan2(velocity[..., 1], velocity[..., 0]) - state.heading)
     return np.where(norm(velocity) > 0.0, angle, 0.0)
 
 
 def _rate_for(angle: Numbers, acceleration: float, dt: float) -> Numbers:
-    """The largest turn rate from which a vehicle that slows down from step to step stops after an angle.
+    """Return the largest turn rate from which a vehicle that slows down from step to step stops after an angle.
 
     Args:
         angle: In rad, 0 or more.

@@ -143,11 +143,11 @@ class Observation:
         return len(self.row)
 
     def take(self, rows: np.ndarray | slice) -> Observation:
-        """A copy of the given rows (a mask, indices or a slice). Its `log` records nothing."""
+        """Return a copy of the given rows (a mask, indices or a slice). Its `log` records nothing."""
         return self.rows(lambda array: array[rows].copy(), logs=None)
 
     def rows(self, chosen: Callable[[np.ndarray], np.ndarray], logs: dict[str, np.ndarray] | None) -> Observation:
-        """The observation of some of the worlds.
+        """Return the observation of some of the worlds.
 
         Args:
             chosen: Takes the part of an array `[world, ...]` that belongs to these worlds.
@@ -165,7 +165,8 @@ class Observation:
         return np.asarray(self.step * self.dt)
 
     def everybody(self) -> tuple[AgentPoints, AgentPoints, AgentNumbers, Bool[np.ndarray, "world agent"]]:
-        """All agents in common arrays, the vehicle first, as the smallest disc around its body. Only for batches.
+        """Return all agents in common arrays, the vehicle first, as the smallest disc around its body. Only for
+        batches.
 
         Returns:
             Position in metres, velocity in m/s, radius in metres, and whether the agent is seen (always, for the
@@ -197,7 +198,7 @@ class Observation:
         return drawn.reshape(*np.shape(self.noise_key), *shape)
 
     def true_next(self) -> Float[np.ndarray, "*world pedestrian 2"]:
-        """The velocities in m/s that the pedestrians will take in this step.
+        """Return the velocities in m/s that the pedestrians will take in this step.
 
         Raises PermissionError unless the planner is `privileged`.
         """
@@ -233,6 +234,6 @@ class Observation:
 
 
 def _chosen(part: Part, chosen: Callable[[np.ndarray], np.ndarray]) -> Part:
-    """A copy of a dataclass with the chosen part of each array."""
+    """Return a copy of a dataclass with the chosen part of each array."""
     arrays = {name: chosen(value) for name, value in vars(part).items() if isinstance(value, np.ndarray)}
     return dataclasses.replace(part, **arrays)  # type: ignore[arg-type]

@@ -212,7 +212,7 @@ class Rules:
         return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, self.max_steps, walking)
 
     def to_table(self) -> dict[str, Any]:
-        """The rules as JSON has them, of the vehicle and of walking what differs from the default."""
+        """Return the rules as JSON has them, of the vehicle and of walking what differs from the default."""
         entries = dataclasses.asdict(self)
         for field in ("attention", "dynamics", "goal_tolerance", "body", "sensor", "walking"):
             if getattr(self, field) == getattr(Rules, field):
@@ -225,7 +225,7 @@ class Rules:
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any]) -> Rules:
-        """The rules that `to_table` has written."""
+        """Return the rules that `to_table` has written."""
         return cls(**{name: _READ[name](value) if name in _READ else value for name, value in table.items()})
 
 

@@ -89,7 +89,7 @@ class World:
         return len(self.case)
 
     def replace(self, **changes: object) -> World:
-        """A copy in which the named fields have other values.
+        """Return a copy in which the named fields have other values.
 
         Raises TypeError where there is no such field.
         """
@@ -102,13 +102,13 @@ class World:
         return copy
 
     def take(self, rows: np.ndarray) -> World:
-        """The worlds in the given rows (a mask or indices)."""
+        """Return the worlds in the given rows (a mask or indices)."""
         # A mask is searched once and not for each array.
         indices = np.flatnonzero(rows) if rows.dtype == bool else rows
         return self._map(lambda array: array.take(indices, axis=0))
 
     def put(self, rows: Int[np.ndarray, "row"], others: World) -> World:
-        """A copy in which some worlds are replaced.
+        """Return a copy in which some worlds are replaced.
 
         Args:
             rows: Which ones.
@@ -131,7 +131,7 @@ class World:
 
 
 def _wider(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """An array with NaN after the end of each axis, but for the first one, along which `shape` is longer."""
+    """Return an array with NaN after the end of each axis, but for the first one, along which `shape` is longer."""
     missing = [(0, max(0, wish - own)) for own, wish in zip(array.shape[1:], shape[1:], strict=True)]
     return np.pad(array, [(0, 0), *missing], constant_values=np.nan) if any(after for _, after in missing) else array
 

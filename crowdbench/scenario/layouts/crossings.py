@@ -124,7 +124,8 @@ def square_crossing(
 def _draw_clear(
     rng: np.random.Generator, width: float, side: float, clear: Callable[[float, float], bool]
 ) -> tuple[float, float] | None:
-    """The first drawn position that is clear in the left half (-1) or the right half (1) of a square, if any is."""
+    """Return the first drawn position that is clear in the left half (-1) or the right half (1) of a square, if any
+    is."""
     for _ in range(TRIES):
         x = rng.random() * width * 0.5 * side
         y = (rng.random() - 0.5) * width

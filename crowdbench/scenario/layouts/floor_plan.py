@@ -63,7 +63,7 @@ def _way(key: str, names: object, areas: Mapping[str, Area]) -> tuple[Area, Area
 
 
 def _area(key: str, corners: object) -> Area:
-    """A rectangle, checked."""
+    """Return a rectangle, checked."""
     low, high = (*_points(key, corners, least=2), (0.0, 0.0))[:2]
     if not (low[0] < high[0] and low[1] < high[1]):
         raise InputError(f"{key} is {corners!r}, but must be the smallest and the largest corner: [[x, y], [x, y]]")
@@ -71,7 +71,7 @@ def _area(key: str, corners: object) -> Area:
 
 
 def _points(key: str, corners: object, least: int = 2) -> list[Point]:
-    """A list of points, checked."""
+    """Return a list of points, checked."""
     if isinstance(corners, list) and len(corners) >= least and all(map(_is_point, corners)):
         return [(float(x), float(y)) for x, y in corners]
     raise InputError(f"{key} is {corners!r}, but must be a list of {least} or more points [x, y] in metres")

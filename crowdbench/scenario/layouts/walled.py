@@ -217,21 +217,22 @@ def _draw_blocks(rng: np.random.Generator, side: float, number: int, free: shape
 
 
 def _box(side: float, end: float) -> list[list[Point]]:
-    """The walls of a room, half as wide and half as long as these, in metres."""
+    """Return the walls of a room, half as wide and half as long as these, in metres."""
     return _walls([(-side, -end), (side, -end), (side, end), (-side, end)])
 
 
 def _walls(corners: list[Point]) -> list[list[Point]]:
-    """The walls from corner to corner, all around."""
+    """Return the walls from corner to corner, all around."""
     return [[corner, following] for corner, following in zip(corners, corners[1:] + corners[:1], strict=True)]
 
 
 def _band(side: float, low: float, high: float) -> Area:
-    """A piece of a corridor that leads upwards, from one height to another, in metres; `side` is half its width."""
+    """Return a piece of a corridor that leads upwards, from one height to another, in metres; `side` is half its
+    width."""
     return (-side, low), (side, high)
 
 
 def _arm(turn: int, side: float, near: float, far: float) -> Area:
-    """A piece of one of the four arms of an intersection: to the right, up, to the left, down."""
+    """Return a piece of one of the four arms of an intersection: to the right, up, to the left, down."""
     low, high = (near, far) if turn < 2 else (-far, -near)
     return ((low, -side), (high, side)) if turn % 2 == 0 else _band(side, low, high)

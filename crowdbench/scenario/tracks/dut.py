@@ -49,7 +49,8 @@ class Car:
 
 
 def read_clip(folder: Path, clip: str) -> tuple[Tracks, list[Car]]:
-    """The pedestrians and the cars of a clip. Raises InputError where a file cannot be read or has another format."""
+    """Return the pedestrians and the cars of a clip. Raises InputError where a file cannot be read or has another
+    format."""
     ratio = _ratio(folder / f"{clip}{RATIO}")
     people = _columns(folder / f"{clip}{PEDESTRIANS}", ("id", "frame", "x_est", "y_est"))
     frame, number = people["frame"].astype(np.int64), people["id"].astype(np.int64)

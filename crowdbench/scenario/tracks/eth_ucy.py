@@ -130,7 +130,8 @@ def split_reused_numbers(tracks: Tracks) -> Tracks:
 
 
 def _read_line(where: str, fields: list[str]) -> list[float]:
-    """The numbers in a line. Raises InputError, which says where, unless it has a number of its kind in each column."""
+    """Return the numbers in a line. Raises InputError, which says where, unless it has a number of its kind in each
+    column."""
     if len(fields) != len(COLUMNS):
         raise InputError(
             f"{where}: found {len(fields)} columns, but there must be {len(COLUMNS)}: {', '.join(COLUMNS)}, separated "

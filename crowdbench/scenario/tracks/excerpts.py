@@ -56,7 +56,8 @@ class MovingDisc:
         return (time >= self.time[0] - _ROUNDING) & (time <= self.time[-1] + _ROUNDING)
 
     def at(self, time: Times) -> Track:
-        """Where it was, between its recorded positions on the straight line; NaN before the first and after the last.
+        """Return where it was, between its recorded positions on the straight line; NaN before the first and after the
+        last.
 
         Args:
             time: When, in seconds.
@@ -116,7 +117,7 @@ class Excerpt:
 
 
 def cut_windows(scene: Scene, steps: int, dt: float) -> list[Excerpt]:
-    """The windows of a scene in which somebody walks, one after the other.
+    """Return the windows of a scene in which somebody walks, one after the other.
 
     Without cars, windows follow each other without a gap. With cars, a window starts when a car comes, and others
     follow it while the car drives. No window is longer than what was recorded.
@@ -165,19 +166,19 @@ def split_windows(excerpts: Sequence[Excerpt]) -> Mapping[str, list[Excerpt]]:
 
 
 def times_of(tracks: Tracks) -> Float[np.ndarray, "row"]:
-    """The time of each annotation in seconds."""
+    """Return the time of each annotation in seconds."""
     return tracks.frame / FRAME_STEP * tracks.dt
 
 
 def people_of(tracks: Tracks) -> Iterator[MovingDisc]:
-    """The pedestrians of a recording."""
+    """Yield the pedestrians of a recording."""
     bounds = np.flatnonzero(np.diff(tracks.pedestrian)) + 1
     for rows in np.split(np.arange(len(tracks.frame)), bounds):
         yield MovingDisc(times_of(tracks)[rows], tracks.position[rows])
 
 
 def car_discs(car: Car) -> Iterator[MovingDisc]:
-    """A car as discs of half its width, one after the other along its axis."""
+    """Yield a car as discs of half its width, one after the other along its axis."""
     direction = np.stack([np.cos(car.heading), np.sin(car.heading)], axis=1)
     reach = (car.length - car.width) / 2.0
     for ahead in np.linspace(-reach, reach, DISCS):
@@ -205,7 +206,7 @@ def _windows(recording: Recording, steps: int, dt: float) -> list[tuple[float, C
 
 
 def _follow_car(car: Car, first: float, end: float) -> CarMotion:
-    """How a car moves from one time to another, in seconds, or to the last at which it is there."""
+    """Return how a car moves from one time to another, in seconds, or to the last at which it is there."""
     middle = MovingDisc(car.time, car.position)
     start, goal = middle.at(np.array([first, min(end, float(car.time[-1]))]))
     # Over a quarter of a second: the difference of two frames is mostly noise.

@@ -75,7 +75,7 @@ def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Sce
 
 
 def known_files(scene: str) -> dict[str, str]:
-    """The sha256 of the files of a scene of ETH/UCY or DUT, by name; none of another scene."""
+    """Return the sha256 of the files of a scene of ETH/UCY or DUT, by name; none of another scene."""
     lists = [(Path(__file__).parent / f"{name}.sha256").read_text(encoding="utf-8") for name in ("eth_ucy", "dut")]
     known = {file: digest for digest, file in map(str.split, "".join(lists).splitlines())}
     names = [f"{file}.txt" for file in SCENES.get(scene, ())]

@@ -41,7 +41,7 @@ class PedestrianPolicy(abc.ABC):
 
     @abc.abstractmethod
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
-        """The velocities that the pedestrians take next.
+        """Return the velocities that the pedestrians take next.
 
         Args:
             world: The worlds as they are now.
@@ -76,7 +76,7 @@ class PolicyWithMemory(PedestrianPolicy):
     def velocities(  # type: ignore[override]  # it is given and returns a memory too
         self, world: World, parameters: Parameters, memory: Memory
     ) -> tuple[Velocities, Memory]:
-        """The velocities that the pedestrians take next, and what is remembered after that.
+        """Return the velocities that the pedestrians take next, and what is remembered after that.
 
         Args:
             world: The worlds as they are now.
@@ -168,7 +168,7 @@ def validate_memory(answer: object, before: Memory, name: str) -> Memory:
 
 
 def memory_arrays(name: str, memory: object, path: str = "memory") -> Iterator[tuple[str, np.ndarray]]:
-    """The arrays of a memory, each with the path to it.
+    """Yield the arrays of a memory, each with the path to it.
 
     Args:
         name: Name of the policy in errors.

@@ -55,7 +55,7 @@ class Walkers(NamedTuple):
 
 
 def walkers_of(world: World) -> Walkers:
-    """The agents of worlds; present pedestrians move."""
+    """Return the agents of worlds; present pedestrians move."""
     moves = world.present.copy()
     moves[:, 0] = False
     speed = np.maximum(world.preferred_speed, TINY)
@@ -66,7 +66,7 @@ def walkers_of(world: World) -> Walkers:
 def fill_traits(
     defaults: Mapping[str, float], given: Mapping[str, float | np.ndarray], shape: tuple[int, ...]
 ) -> Float[np.ndarray, "world agent parameter"]:
-    """The parameters of each agent in one array, in the order of the defaults.
+    """Return the parameters of each agent in one array, in the order of the defaults.
 
     Args:
         defaults: The parameters of a model.
@@ -140,7 +140,7 @@ def integrate(
     group: AgentInts | None = None,
     longest: float | None = None,
 ) -> AgentPoints:
-    """The velocity that each agent has at the end of the step.
+    """Return the velocity that each agent has at the end of the step.
 
     It is not the mean velocity of the step, because the next step starts from it: thus an agent that is alone gains
     speed with exactly the relaxation time. Within the step all agents move at once, in equal sub-steps.

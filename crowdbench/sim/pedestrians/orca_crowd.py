@@ -67,7 +67,7 @@ class ORCAPlus(PedestrianPolicy):
 
 
 def orca_pedestrians(world: World, parameters: Parameters, pace: Float[np.ndarray, "world agent"]) -> Velocities:
-    """The velocities in m/s that pedestrians take next; their preferred ones lead to their goals.
+    """Return the velocities in m/s that pedestrians take next; their preferred ones lead to their goals.
 
     Args:
         world: The worlds as they are now.

@@ -96,7 +96,7 @@ def social_force_velocities(
     time_step: float = 0.25,
     parameters: Mapping[str, float | Float[np.ndarray, "_ _"]] = PARAMETERS,
 ) -> AgentPoints:
-    """The velocity that each agent has at the end of the step, see `forces.integrate`.
+    """Return the velocity that each agent has at the end of the step, see `forces.integrate`.
 
     Args:
         walkers: The agents.
@@ -125,7 +125,7 @@ def social_force_velocities(
 
 
 def _acceleration(relaxation: float | np.ndarray, time_step: float) -> float | np.ndarray:
-    """The standard deviation of the acceleration that gives the velocity a standard deviation of 1.
+    """Return the standard deviation of the acceleration that gives the velocity a standard deviation of 1.
 
     The acceleration is constant during a step and changes the velocity by itself times relaxation * (1 - decay). The
     effect of earlier steps decays: an Ornstein-Uhlenbeck process, sampled at every step.

@@ -100,7 +100,7 @@ class _Cache(NullCache):  # type: ignore[misc]
         self._kernel = kernel
 
     def load_overload(self, signature: Any, target: Any) -> CompileResult | None:
-        """The kernel compiled for a signature, or None if it has to be compiled."""
+        """Return the kernel compiled for a signature, or None if it has to be compiled."""
         target.refresh()
         payload = read(self._file_name(signature, target.codegen()))
         # An equal kernel may have been compiled in a module that cannot be imported here.

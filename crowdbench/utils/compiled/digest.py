@@ -71,7 +71,7 @@ def _text(kernel: Dispatcher, kernels: list[Dispatcher]) -> str:
 
 @functools.cache
 def _globals(code: types.CodeType) -> tuple[str, ...]:
-    """The globals that some code reads, also inside of comprehensions."""
+    """Return the globals that some code reads, also inside of comprehensions."""
     names = {step.argval for step in dis.get_instructions(code) if step.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
     for inner in code.co_consts:
         if isinstance(inner, types.CodeType):
@@ -80,14 +80,14 @@ def _globals(code: types.CodeType) -> tuple[str, ...]:
 
 
 def _code(code: types.CodeType) -> str:
-    """Some code without its place in the file."""
+    """Return some code without its place in the file."""
     constants = [_code(c) if isinstance(c, types.CodeType) else _describe(c) for c in code.co_consts]
     names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars, code.co_argcount, code.co_flags
     return f"{code.co_code.hex()} {names} {constants}"
 
 
 def _describe(value: Any) -> str:
-    """A constant, or the name of something that is known by its name.
+    """Return a constant, or the name of something that is known by its name.
 
     Raises:
         TypeError: It is neither.
