@@ -1,0 +1,44 @@
+"""Let CrowdNav (Chen et al. 2019) and its forks simulate with crowdbench: import it first in `train.py` and `test.py`.
+
+It stands in for the modules `gym` and `rvo2`, which need not be installed. `gym.make` returns the `CrowdSim` of the
+fork with a compiled step: see `crowd_sim_step`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from types import ModuleType
+from typing import Any
+
+import gymnasium
+from crowd_sim_step import faster
+from rvo2_simulator import PyRVOSimulator
+
+_entry_points: dict[str, str] = {}
+
+
+def register(id: str, entry_point: str, **kwargs: Any) -> None:
+    """Note where an environment is, as `package.module:Class`."""
+    _entry_points[id] = entry_point
+
+
+def make(id: str, **kwargs: Any) -> Any:
+    """Make an environment that was registered, without wrappers; others are those of Gymnasium."""
+    if id not in _entry_points:
+        return gymnasium.make(id, **kwargs)
+    module, _, name = _entry_points[id].partition(":")
+    return faster(getattr(importlib.import_module(module), name))(**kwargs)
+
+
+def _module(name: str, **contents: Any) -> ModuleType:
+    module = sys.modules[name] = ModuleType(name)
+    vars(module).update(contents)
+    return module
+
+
+_registration = _module("gym.envs.registration", register=register, make=make)
+_envs = _module("gym.envs", registration=_registration)
+_module("gym", **{**vars(gymnasium), "__name__": "gym", "envs": _envs, "register": register, "make": make})
+sys.modules |= {"gym.spaces": gymnasium.spaces, "gym.utils": gymnasium.utils}
+_module("rvo2", PyRVOSimulator=PyRVOSimulator)
