@@ -7,18 +7,23 @@ Positions between two messages lie on the straight line between them, if the mes
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping
+import json
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 from drive_file import DriveFile
 from jaxtyping import Float
+from PIL import Image
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import get_types_from_msg
 
+from crowdbench.core.geometry import norm
 from crowdbench.runs.rosbag import typestore
+from crowdbench.scenario.occupancy_grid import Polygon, read_obstacles
 from crowdbench.utils.errors import InputError, describe_error
 
 Times = Float[np.ndarray, "message"]
@@ -78,12 +83,16 @@ class Bag:
         robot: Poses of the robot in the fixed frame.
         people: Positions of each pedestrian in the fixed frame, a trajectory for each uninterrupted track.
         observed: The times of the messages about pedestrians.
+        goal: The robot's goal in metres in the fixed frame.
+        walls: The corners of the obstacles of its map in metres in the fixed frame; none without `map_topic`.
         notes: Sentences on tracks that were split.
     """
 
     robot: Trajectory
     people: list[Trajectory]
     observed: Times
+    goal: Float[np.ndarray, "2"]
+    walls: list[Polygon]
     notes: list[str]
 
 
@@ -112,7 +121,7 @@ def _read(path: Path, drive: DriveFile) -> Bag:
     vehicle, people = drive.vehicle, drive.people
     with AnyReader([path], default_typestore=store) as reader:
         topics = {connection.topic for connection in reader.connections}
-        for topic in (vehicle.odometry, people.topic):
+        for topic in (vehicle.odometry, people.topic, vehicle.goal_topic, drive.map_topic):
             if topic and topic not in topics:
                 raise InputError(f"there is no topic {topic}; the topics are {', '.join(sorted(topics))}")
         begin = 1e-9 * reader.start_time
@@ -131,13 +140,60 @@ def _read(path: Path, drive: DriveFile) -> Bag:
         else:
             time = transforms.times(vehicle.frame)
             robot = Trajectory(time, transforms.at(vehicle.frame, time, drive.max_gap))
+        goal = _goal(list(messages(vehicle.goal_topic, 0.0)), drive, transforms)
+        maps = list(messages(drive.map_topic, 0.0))
     _check_clocks(delays)
     if len(robot.time) < 2:
         raise InputError("it has no two poses of the robot")
     if (np.diff(robot.time) < 0.0).any() or (np.diff(observed) < 0.0).any():
         raise InputError("the times of its messages go back: record the bag with one clock (use_sim_time)")
     tracks, notes = _tracks(found, drive, transforms)
-    return Bag(robot, tracks, observed, notes)
+    walls = grid_obstacles(maps[-1][2], functools.partial(_place, transforms, maps[-1], drive)) if maps else []
+    return Bag(robot, tracks, observed, goal, walls, notes)
+
+
+def _place(
+    transforms: Transforms, found: tuple[float, float, Any], drive: DriveFile, pose: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Return a pose in a message's frame as one in the fixed frame, at the time of the message."""
+    time, _, message = found
+    frame = transforms.at(message.header.frame_id, np.array([time]), drive.max_gap)
+    x, y, yaw = _compose(frame, np.array([pose]))[0].tolist()
+    return x, y, yaw
+
+
+def _goal(found: list[tuple[float, float, Any]], drive: DriveFile, transforms: Transforms) -> Float[np.ndarray, "2"]:
+    """Return the goal of a drive. Raises InputError where its topic has none, or different ones."""
+    if drive.vehicle.goal:
+        return np.array(drive.vehicle.goal)
+    goals = np.array([_place(transforms, one, drive, _pose(one[2].pose))[:2] for one in found]).reshape(-1, 2)
+    if not len(goals):
+        raise InputError(f"{drive.vehicle.goal_topic} has no message: give goal in [vehicle]")
+    for k in np.flatnonzero(norm(goals - goals[0]) > drive.vehicle.goal_tolerance)[:1].tolist():
+        raise InputError(f"the goal changes at {found[k][0]:.2f} s: cut the bag there, because a case has one goal")
+    return goals[-1]
+
+
+def grid_obstacles(
+    message: Any, place: Callable[[tuple[float, float, float]], tuple[float, float, float]]
+) -> list[Polygon]:
+    """Return the obstacles of a message `nav_msgs/OccupancyGrid`, as those of a file `map.yaml`.
+
+    Args:
+        message: The message. Cells with an occupancy above 65 % are occupied, unknown ones are not.
+        place: Returns the pose of its lower left corner in the fixed frame.
+
+    Raises:
+        InputError: Nothing is occupied, or there are too many corners.
+    """
+    info = message.info
+    cells = np.asarray(message.data).reshape(info.height, info.width).astype(np.int8).view(np.uint8)
+    with TemporaryDirectory() as folder:
+        Image.fromarray(np.ascontiguousarray(cells[::-1])).save(Path(folder) / "map.png")
+        origin = json.dumps(place(_pose(info.origin)))
+        file = Path(folder) / "map.yaml"
+        file.write_text(f"image: map.png\nresolution: {info.resolution}\norigin: {origin}\nmode: raw\n")
+        return read_obstacles(file)
 
 
 def _messages(reader: AnyReader, begin: float, topic: str, offset: float) -> Iterator[tuple[float, float, Any]]:

@@ -24,6 +24,8 @@ class Drive(NamedTuple):
     Attributes:
         robot: x, y and yaw at each state.
         people: Positions of pedestrians at each state; NaN where they are not observed.
+        goal: Of the robot, in metres.
+        walls: The obstacles of the drive.
         gap: Smallest distance in metres between rims in each step.
         wall_gap: The same to obstacles.
         outcome: An `Outcome`.
@@ -31,6 +33,8 @@ class Drive(NamedTuple):
 
     robot: Float[np.ndarray, "time 3"]
     people: Float[np.ndarray, "time pedestrian 2"]
+    goal: Float[np.ndarray, "2"]
+    walls: Float[np.ndarray, "polygon corner 2"]
     gap: Float[np.ndarray, "step"]
     wall_gap: Float[np.ndarray, "step"]
     outcome: Outcome
@@ -45,14 +49,15 @@ def trace_of(drive: DriveFile) -> tuple[Trace, list[str]]:
     Raises:
         InputError: A bag cannot be read or used.
     """
-    obstacles = pad_arrays([np.array(p) for p in read_obstacles(Path(drive.map))], np.nan) if drive.map else None
-    walls = np.empty((0, 0, 2)) if obstacles is None else obstacles
+    of_all = read_obstacles(Path(drive.map)) if drive.map else []
     drives, notes = [], []
     for name in drive.bags:
         bag = read_bag(Path(name), drive)
+        polygons = [np.array(polygon) for polygon in of_all + bag.walls]
+        walls = pad_arrays(polygons, np.nan) if polygons else np.empty((0, 0, 2))
         drives.append(_drive(bag, drive, walls, name))
         notes += [f"{name}: {note}" for note in bag.notes]
-    return _join(drives, drive, walls), notes
+    return _join(drives, drive), notes
 
 
 def _drive(bag: Bag, drive: DriveFile, walls: Float[np.ndarray, "polygon corner 2"], name: str) -> Drive:
@@ -76,12 +81,12 @@ def _drive(bag: Bag, drive: DriveFile, walls: Float[np.ndarray, "polygon corner 
     wall_gap = np.array(
         [wall_gap_in_step(*at, *step, vehicle.radius, walls) for at, step in zip(robot[:-1, :2], moved, strict=True)]
     )
-    arrived = norm(robot[1:, :2] - vehicle.goal) < vehicle.goal_tolerance
+    arrived = norm(robot[1:, :2] - bag.goal) < vehicle.goal_tolerance
     ends = {Outcome.COLLISION: gap < 0.0, Outcome.WALL_COLLISION: wall_gap < 0.0, Outcome.SUCCESS: arrived}
     first = {outcome: int(flags.argmax()) for outcome, flags in ends.items() if flags.any()}
     outcome = min(first, key=first.__getitem__, default=Outcome.TIMEOUT)
     last = first.get(outcome, len(gap) - 1) + 1
-    return Drive(robot[: last + 1], people[: last + 1], gap[:last], wall_gap[:last], outcome)
+    return Drive(robot[: last + 1], people[: last + 1], bag.goal, walls, gap[:last], wall_gap[:last], outcome)
 
 
 def _gaps(
@@ -95,7 +100,7 @@ def _gaps(
     return np.nan_to_num(norm(start + share[..., None] * change), nan=np.inf)
 
 
-def _join(drives: list[Drive], drive: DriveFile, walls: Float[np.ndarray, "polygon corner 2"]) -> Trace:
+def _join(drives: list[Drive], drive: DriveFile) -> Trace:
     """Return the drives as one trace."""
     steps = np.array([len(each.gap) for each in drives])
     most = int(steps.max())
@@ -118,7 +123,7 @@ def _join(drives: list[Drive], drive: DriveFile, walls: Float[np.ndarray, "polyg
     present = np.isfinite(position[..., 0])
     present[:, :, 0] = True
     goal = np.nan_to_num(position[:, -1:].repeat(shape[1], axis=1))
-    goal[:, :, 0] = drive.vehicle.goal
+    goal[:, :, 0] = np.array([each.goal for each in drives])[:, None]
     radius = np.full(shape, drive.people.radius)
     radius[:, :, 0] = drive.vehicle.radius
     person = np.broadcast_to(np.arange(shape[2] - 1), (*shape[:2], shape[2] - 1))
@@ -140,6 +145,6 @@ def _join(drives: list[Drive], drive: DriveFile, walls: Float[np.ndarray, "polyg
         person=person.copy(),
         seen=present[:, :, 1:],
         route=np.empty((len(drives), 0, 2)),
-        obstacles=np.broadcast_to(walls, (len(drives), *walls.shape)).copy(),
+        obstacles=pad_arrays([each.walls for each in drives], np.nan),
         rules=rules,
     )

@@ -21,7 +21,8 @@ class RobotTable(TomlTable):
         offset: Added to the stamps of the odometry in seconds.
         radius: In metres.
         preferred_speed: Largest speed that it is meant to drive in m/s.
-        goal: x and y of its goal in metres, in the fixed frame.
+        goal: x and y of its goal in metres, in the fixed frame; empty for that of `goal_topic`.
+        goal_topic: Topic of `geometry_msgs/PoseStamped` with one goal in each bag.
         goal_tolerance: Distance in metres to its goal below which it has arrived.
     """
 
@@ -30,7 +31,8 @@ class RobotTable(TomlTable):
     offset: float = number(0.0, least=-1e9, below=1e9)
     radius: float = number(0.3, above=0.0, below=10.0)
     preferred_speed: float = number(1.0, above=0.0, below=50.0)
-    goal: list[float] = Field(min_length=2, max_length=2, description="x and y in metres, as in [8.0, 0.0]")
+    goal: list[float] = Field(default=[], max_length=2, description="x and y in metres, as in [8.0, 0.0]")
+    goal_topic: str = Field(default="", description="the name of a topic")
     goal_tolerance: float = number(0.3, above=0.0, below=10.0)
 
 
@@ -65,7 +67,8 @@ class DriveFile(TomlTable):
         fixed_frame: Frame in which everything is scored.
         dt: Length of a step in seconds.
         max_gap: Longest time in seconds without a message between which poses are interpolated.
-        map: File `map.yaml` of `map_server`; empty for no obstacles.
+        map: File `map.yaml` of `map_server`; empty for the map of `map_topic`, or for no obstacles.
+        map_topic: Topic of `nav_msgs/OccupancyGrid`, whose last message counts.
         messages: Files `PACKAGE/msg/NAME.msg` with the definitions of messages that the bags do not hold.
         vehicle: The robot.
         people: The pedestrians.
@@ -77,6 +80,7 @@ class DriveFile(TomlTable):
     dt: float = number(0.1, above=0.0, below=1.0)
     max_gap: float = number(0.5, above=0.0, below=10.0)
     map: str = Field(default="", description="the path of a file")
+    map_topic: str = Field(default="", description="the name of a topic")
     messages: list[str] = Field(default=[], description="a list of files .msg")
     vehicle: RobotTable = table("vehicle")
     people: PeopleTable = table("people")
@@ -94,5 +98,10 @@ class DriveFile(TomlTable):
 def read_drive_file(path: Path) -> DriveFile:
     """Read the file; paths in it become absolute. Raises InputError where a key is missing, unknown or wrong."""
     drive, folder = parse_table(DriveFile, read_toml(path, "drive"), Location(str(path))), path.resolve().parent
+    vehicle = drive.vehicle
+    if len(vehicle.goal) == 1 or bool(vehicle.goal) == bool(vehicle.goal_topic):
+        raise InputError(f"{path}: [vehicle] needs either goal, as in [8.0, 0.0], or goal_topic")
+    if drive.map and drive.map_topic:
+        raise InputError(f"{path} has map and map_topic, but needs one of them at most")
     changes = {name: [str(folder / each) for each in getattr(drive, name)] for name in ("bags", "messages")}
     return drive.model_copy(update={**changes, "map": str(folder / drive.map) if drive.map else ""})

@@ -23,6 +23,8 @@ from crowdbench.runs.rosbag import NANOSECONDS, typestore, write_bag  # noqa: E4
 STORE = typestore()
 TOPICS = {
     "/odom": "nav_msgs/msg/Odometry",
+    "/goal_pose": "geometry_msgs/msg/PoseStamped",
+    "/map": "nav_msgs/msg/OccupancyGrid",
     "/people": "people_msgs/msg/People",
     "/tf": "tf2_msgs/msg/TFMessage",
     "/tf_static": "tf2_msgs/msg/TFMessage",
@@ -178,6 +180,68 @@ def test_what_is_missing_or_wrong_is_said(tmp_path, trace_of, messages, sentence
     bag_of(tmp_path / "a", messages)
     with pytest.raises(InputError, match=sentence.replace("(", r"\(")):
         trace_of(drive_file(tmp_path, ["a"], VEHICLE))
+
+
+def goal_pose(seconds, x, y, frame="map"):
+    return make("geometry_msgs/msg/PoseStamped", header(seconds + 100.0, frame), pose(x, y))
+
+
+def grid(cells, size, origin, frame="map"):
+    # Each cell is made of 64, because outlines are simplified by the size of a cell.
+    cells, resolution = np.kron(cells, np.ones((8, 8))), size / 8
+    info = make(
+        "nav_msgs/msg/MapMetaData",
+        make("builtin_interfaces/msg/Time", 0, 0),
+        resolution,
+        cells.shape[1],
+        cells.shape[0],
+        origin,
+    )
+    return make("nav_msgs/msg/OccupancyGrid", header(100.0, frame), info, cells.astype(np.int8).reshape(-1))
+
+
+FROM_TOPICS = 'map_topic = "/map"\n[vehicle]\nodometry = "/odom"\ngoal_topic = "/goal_pose"\n'
+
+
+def test_goal_and_map_are_read_from_their_topics(tmp_path, trace_of):
+    # Unknown cells, half occupied ones and free ones; the lowest row first.
+    cells = np.array([[-1, 100, 50, 0], [0, 100, 0, 0], [0, 0, 0, 100]])
+    for name, x in (("a", 3.0), ("b", 4.0)):
+        more = [("/goal_pose", 0.0, goal_pose(0.0, x, 0.0)), ("/map", 0.0, grid(cells, 0.5, pose(10.0, -4.0)))]
+        bag_of(tmp_path / name, more + straight())
+    found, _ = trace_of(drive_file(tmp_path, ["a", "b"], FROM_TOPICS))
+    np.testing.assert_allclose(found.goal[:, 0, 0], [[3.0, 0.0], [4.0, 0.0]])
+    assert found.steps.tolist() == [11, 15]
+    bounds = sorted([*np.nanmin(each, axis=0), *np.nanmax(each, axis=0)] for each in found.obstacles[0])
+    np.testing.assert_allclose(bounds, [[10.5, -4.0, 11.0, -3.0], [11.5, -3.0, 12.0, -2.5]], atol=0.0626)
+    np.testing.assert_allclose(found.wall_gap[0, 10], np.hypot(10.5 - 2.75, 3.0) - 0.3, atol=0.0626)
+
+
+def test_goal_and_map_may_have_a_frame_of_their_own(tmp_path, trace_of):
+    messages = [("/tf_static", 0.0, transform(100.0, "map", "hall", 0.0, -2.0, np.pi / 2))]
+    messages += [("/goal_pose", 0.0, goal_pose(0.0, 2.0, -3.0, "hall"))]
+    messages += [("/map", 0.0, grid(np.array([[100]]), 1.0, pose(1.5, -3.0), "hall")), *straight()]
+    bag_of(tmp_path / "a", messages)
+    found, _ = trace_of(drive_file(tmp_path, ["a"], FROM_TOPICS))
+    np.testing.assert_allclose(found.goal[0, 0, 0], [3.0, 0.0], atol=1e-9)
+    assert found.outcome.tolist() == [Outcome.WALL_COLLISION]
+    corners = [[2.0, -0.5], [2.0, -0.5], [3.0, 0.5], [3.0, 0.5]]
+    np.testing.assert_allclose(np.sort(found.obstacles[0, 0], axis=0), corners, atol=0.126)
+
+
+def test_goals_that_are_missing_or_change_are_said(tmp_path, trace_of):
+    table = '[vehicle]\nodometry = "/odom"\ngoal_topic = "/goal_pose"\n'
+    bag_of(tmp_path / "a", straight() + [("/goal_pose", t, goal_pose(t, 4.0 + t, 0.0)) for t in (0.0, 2.0)])
+    with pytest.raises(InputError, match=r"the goal changes at 2.00 s: cut the bag there"):
+        trace_of(drive_file(tmp_path, ["a"], table))
+    bag_of(tmp_path / "b", straight())
+    with pytest.raises(InputError, match="there is no topic /goal_pose"):
+        trace_of(drive_file(tmp_path, ["b"], table))
+    for wrong in ("", "goal = [1.0]\n", 'goal = [1.0, 2.0]\ngoal_topic = "/goal_pose"\n'):
+        with pytest.raises(InputError, match=r"needs either goal, as in \[8.0, 0.0\], or goal_topic"):
+            drive_file(tmp_path, ["b"], "[vehicle]\n" + wrong)
+    with pytest.raises(InputError, match="has map and map_topic"):
+        drive_file(tmp_path, ["b"], 'map = "map.yaml"\n' + FROM_TOPICS)
 
 
 def test_a_clock_is_corrected_by_its_offset(tmp_path, trace_of):
