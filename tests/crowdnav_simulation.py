@@ -5,11 +5,18 @@ from collections import namedtuple
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
+import torch
 
 ActionXY = namedtuple("ActionXY", ["vx", "vy"])
 ActionRot = namedtuple("ActionRot", ["v", "r"])
-ObservableState = namedtuple("ObservableState", "px py vx vy radius")
-FullState = namedtuple("FullState", "px py vx vy radius gx gy v_pref theta")
+
+
+class ObservableState(namedtuple("ObservableState", "px py vx vy radius")):
+    pass
+
+
+class FullState(namedtuple("FullState", "px py vx vy radius gx gy v_pref theta")):
+    pass
 
 
 class Info:
@@ -76,8 +83,11 @@ class Agent:
         self.vx, self.vy, self.theta, self.radius, self.v_pref = 0.0, 0.0, math.pi / 2, 0.3, 1.0
         self.policy, self.visible, self.kinematics = policy, visible, policy.kinematics
 
+    def seen(self, ob):
+        return SimpleNamespace(self_state=self.get_full_state(), human_states=ob)
+
     def act(self, ob):
-        return self.policy.predict(SimpleNamespace(self_state=self.get_full_state(), human_states=ob))
+        return self.policy.predict(self.seen(ob))
 
     def get_full_state(self):
         return FullState(*(getattr(self, name) for name in FullState._fields))
@@ -99,6 +109,52 @@ class Agent:
         self.theta += getattr(action, "r", 0.0)
 
 
+class Lookahead:
+    """A value network that is asked for one action after the other, as CrowdNav's are."""
+
+    phase, device, epsilon, gamma, time_step, with_om, kinematics = "test", "cpu", None, 0.9, 0.25, False, "holonomic"
+
+    def __init__(self, env, query_env):
+        self.env, self.query_env = env, query_env
+        angles = np.arange(16) * math.pi / 8
+        self.action_space = [ActionXY(0.0, 0.0), *(ActionXY(math.cos(a), math.sin(a)) for a in angles.tolist())]
+        torch.manual_seed(0)
+        self.layers = torch.nn.Sequential(torch.nn.Linear(14, 20), torch.nn.Tanh(), torch.nn.Linear(20, 1))
+
+    def model(self, inputs):
+        return self.layers(inputs).mean(dim=1)
+
+    def rotate(self, joint):
+        return joint - joint[:, 8:9]
+
+    def transform(self, state):
+        return state
+
+    def reach_destination(self, state):
+        own = state.self_state
+        return math.dist((own.px, own.py), (own.gx, own.gy)) < own.radius
+
+    def propagate(self, own, action):
+        return own._replace(px=own.px + 0.25 * action.vx, py=own.py + 0.25 * action.vy, vx=action.vx, vy=action.vy)
+
+    def compute_reward(self, own, humans):
+        return min(math.dist((own.px, own.py), (human.px, human.py)) for human in humans) / 10
+
+    def predict(self, state):
+        self.action_values = []
+        for action in self.action_space:
+            own = self.propagate(state.self_state, action)
+            if self.query_env:
+                humans, reward, _, _ = self.env.onestep_lookahead(action)
+            else:
+                humans = [self.propagate(human, human) for human in state.human_states]
+                reward = self.compute_reward(own, humans)
+            joint = torch.tensor([[*own, *human] for human in humans])
+            value = self.model(self.rotate(joint)[None]).item()
+            self.action_values.append(reward + 0.9 ** (0.25 * state.self_state.v_pref) * value)
+        return self.action_space[int(np.argmax(self.action_values))]
+
+
 class CrowdSim:
     """What a fork has beside the step."""
 
@@ -111,6 +167,7 @@ class CrowdSim:
     def put(self, position, goal, policy=ORCA):
         """In the place of `reset`: start there, the robot first."""
         self.global_time, self.states, self.human_times = 0, [], [0] * (len(position) - 1)
+        self.action_values = []
         (self.robot.px, self.robot.py), (self.robot.gx, self.robot.gy) = position[0], goal[0]
         self.robot.vx = self.robot.vy = 0.0
         self.robot.theta = math.pi / 2
@@ -130,7 +187,10 @@ def modules():
     action.ActionXY, envs.CrowdSim = ActionXY, CrowdSim
     vars(info).update({kind.__name__: kind for kind in OUTCOMES})
     parents = {name: ModuleType(name) for name in ("crowd_sim", "crowd_sim.envs.utils")}
+    policy = ModuleType("policy")
+    policy.MultiHumanRL = Lookahead
     return parents | {
+        "crowd_nav.policy.multi_human_rl": policy,
         "crowd_sim.envs": envs,
         "crowd_sim.envs.utils.action": action,
         "crowd_sim.envs.utils.info": info,

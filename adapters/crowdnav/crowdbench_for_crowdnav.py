@@ -1,7 +1,7 @@
 """Let CrowdNav (Chen et al. 2019) and its forks simulate with crowdbench: import it first in `train.py` and `test.py`.
 
 It stands in for the modules `gym` and `rvo2`, which need not be installed. `gym.make` returns the `CrowdSim` of the
-fork with a compiled step: see `crowd_sim_step`.
+fork with a compiled step, and gives its policies a batched lookahead: see `crowd_sim_step` and `batched_lookahead`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import Any
 
 import gymnasium
+from batched_lookahead import batch_lookahead
 from crowd_sim_step import faster
 from rvo2_simulator import PyRVOSimulator
 
@@ -27,6 +28,7 @@ def make(id: str, **kwargs: Any) -> Any:
     """Make an environment that was registered, without wrappers; others are those of Gymnasium."""
     if id not in _entry_points:
         return gymnasium.make(id, **kwargs)
+    batch_lookahead()
     module, _, name = _entry_points[id].partition(":")
     return faster(getattr(importlib.import_module(module), name))(**kwargs)
 

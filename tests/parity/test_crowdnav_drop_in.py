@@ -10,13 +10,14 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-from crowdnav_simulation import ORCA, OUTCOMES, ActionRot, ActionXY, Agent, CrowdSim, drive, modules
+import torch
+from crowdnav_simulation import ORCA, OUTCOMES, ActionRot, ActionXY, Agent, CrowdSim, Lookahead, drive, modules
 
 from crowdbench import Cases, load_scenario
 
 FOLDER = Path(__file__).parents[2] / "adapters" / "crowdnav"
 STAND_INS = "gym", "gym.envs", "gym.envs.registration", "gym.spaces", "gym.utils", "rvo2"
-OWN = "crowdbench_for_crowdnav", "crowd_sim_step", "rvo2_simulator"
+OWN = "crowdbench_for_crowdnav", "batched_lookahead", "crowd_sim_step", "rvo2_simulator"
 
 
 @pytest.fixture
@@ -145,6 +146,55 @@ def test_people_with_different_parameters_do_too(fork):
     env.put(*next(starts(1)))
     env.humans[2].policy.safety_space = 0.2
     assert env.step(ActionXY(0.0, 0.0)) == "a step of its own"
+
+
+@pytest.mark.parametrize("query_env", [True, False])
+def test_a_batched_lookahead_decides_as_one_action_after_the_other(fork, monkeypatch, query_env):
+    batched = importlib.import_module("batched_lookahead")
+    one_by_one, rotate = Lookahead.predict, Lookahead.rotate
+    monkeypatch.setattr(Lookahead, "predict", one_by_one)  # is given back after the test
+    monkeypatch.setattr(batched, "PREDICT", fork.fingerprint(one_by_one))
+    monkeypatch.setattr(batched, "ROTATE", "another")
+    make()
+    assert Lookahead.predict is one_by_one
+    monkeypatch.setattr(batched, "ROTATE", fork.fingerprint(rotate))
+    env = make()
+    assert Lookahead.predict is batched.predict
+    policy = env.robot.policy = Lookahead(env, query_env)
+    for position, goal in starts(4):
+        ob = env.put(position, goal)
+        for _ in range(12):
+            state = env.robot.seen(ob)
+            chosen, values = policy.predict(state), policy.action_values
+            assert one_by_one(policy, state) == chosen
+            np.testing.assert_allclose(values, policy.action_values, atol=1e-6)
+            assert np.std(values) > 1e-3
+            ob, _, _, _ = env.step(chosen)
+
+
+def test_a_lookahead_explores_in_training_with_crowdnavs_generator(fork, monkeypatch):
+    batched = importlib.import_module("batched_lookahead")
+    env = make()
+    policy = Lookahead(env, True)
+    state = env.robot.seen(env.put(*next(starts(1))))
+    policy.phase, policy.epsilon = "train", 1.0
+    np.random.seed(3)  # noqa: NPY002
+    found = [batched.predict(policy, state) for _ in range(5)]
+    np.random.seed(3)  # noqa: NPY002
+    expected = []
+    for _ in range(5):
+        np.random.random()  # noqa: NPY002
+        expected.append(policy.action_space[np.random.choice(len(policy.action_space))])  # noqa: NPY002
+    assert found == expected
+    assert policy.last_state is state
+    policy.phase, policy.model = "test", lambda inputs: torch.full((len(inputs), 1), torch.nan)
+    with pytest.raises(ValueError, match="returns NaN"):
+        batched.predict(policy, state)
+    env.robot.py = 3.9
+    assert batched.predict(policy, env.robot.seen(state.human_states)) == ActionXY(0, 0)
+    policy.phase = None
+    with pytest.raises(AttributeError, match="set_phase and set_device"):
+        batched.predict(policy, state)
 
 
 def test_the_rest_of_gym_is_gymnasium(fork):
