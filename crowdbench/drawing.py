@@ -1,7 +1,8 @@
-"""The one drawing of an episode seen from above: who is where, as shapes in metres that any library can draw.
+"""The one drawing of an episode seen from above: the palette, and shapes in metres that any library can draw.
 
-`figures.episode` draws the shapes with Matplotlib, for figures, films and the pages of boards; `envs.render` draws them
-with pygame. A recording holds all states at once: `record.drawing` has the same ways, bodies, colours and extent.
+`envs.render` draws the shapes as an image, for environments and films; `figures.style` draws them with Matplotlib, for
+figures and the pages of boards. A recording holds all states at once: `record.drawing` has the same paths, colours,
+marks and extent.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from crowdbench.core.arrays import Polygons
 from crowdbench.core.dynamics import Holonomic, nose, outline
@@ -21,60 +22,71 @@ from crowdbench.core.types import Outcome, Rules, Trace, World
 from crowdbench.sim.episode import fill_motion, gaps_on_arc
 
 CROWD = 100
-"""The ways of more agents than this would cover the picture: then they are left out."""
-
-_ANGLES = np.arange(10) * np.pi / 5.0 + np.pi / 2.0
-_STAR = np.resize([0.2, 0.08], 10)[:, None] * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+"""The paths of more agents than this would cover the picture: then they are left out."""
 
 Points = Float[np.ndarray, "*_ 2"]
 Color = tuple[int, int, int]
 
 
 class Palette(NamedTuple):
-    """The colours of an episode. Vehicle, pedestrians and failures can be told apart by colour-blind readers too."""
+    """Colours by role.
 
-    vehicle: Color = (222, 122, 0)
-    pedestrian: Color = (38, 104, 178)
-    walked: Color = (146, 179, 216)
-    hidden: Color = (160, 188, 218)
-    failure: Color = (214, 39, 40)
-    faint: Color = (228, 228, 222)
-    wall: Color = (154, 154, 148)
-    text: Color = (70, 70, 70)
-    background: Color = (255, 255, 255)
+    Marks have a contrast of 3:1 or more against the background, texts of 4.5:1. Under simulated deuteranopia, two
+    roles differ by 15 or more in CIEDE2000. A pedestrian that the vehicle does not see has a dashed outline and no
+    colour of its own; a contact has the shape of `burst`.
+    """
+
+    vehicle: Color
+    pedestrian: Color
+    contact: Color
+    success: Color
+    predicted: Color
+    considered: Color
+    attention: Color
+    walked: Color
+    wall: Color
+    faint: Color
+    text: Color
+    background: Color
 
 
-LIGHT = Palette()
-"""On paper and in windows."""
+def _colors(digits: str) -> list[Color]:
+    """Return colours from their hexadecimal digits."""
+    return [
+        (red, green, blue)
+        for red, green, blue in np.frombuffer(bytes.fromhex(digits), np.uint8).reshape(-1, 3).tolist()
+    ]
 
-FORESEEN: Color = (150, 150, 165)
-CONSIDERED: Color = (245, 185, 100)
-"""On paper: ways that a planner predicts, and those that it considers."""
 
-DARK = Palette(
-    vehicle=(255, 194, 10),
-    pedestrian=(94, 169, 255),
-    walked=(43, 84, 136),
-    hidden=(32, 54, 86),
-    failure=(255, 77, 84),
-    faint=(72, 78, 90),
-    wall=(150, 156, 168),
-    text=(255, 255, 255),
-    background=(17, 19, 24),
-)
-"""In recordings, which also have the colours below."""
+LIGHT = Palette(*_colors("e87000 0050b9 7a0028 007668 88908c 985818 c364d7 7098ce 80807a e4e4de 3c3c3c ffffff"))
+"""On paper, in windows and on light pages."""
 
-SUCCESS: Color = (70, 210, 140)
-REMEMBERED: Color = (140, 107, 10)
-MUTED: Color = (140, 146, 158)
+DARK = Palette(*_colors("ffb428 5587ff ff326e 96f5c8 787e8a 8c641e e1b9ff 3860b0 969ca8 484e5a ffffff 111318"))
+"""In recordings and on dark pages."""
+
+ROLES = Palette._fields[:7]
+"""The roles that a reader must tell apart."""
+
 GRID: Color = (33, 36, 43)
-ATTENTION: Color = (204, 121, 167)
+"""Lines of the ground of a recording: visible only where nothing else is."""
 
-SCALE: tuple[Color, ...] = ((62, 44, 112), (38, 118, 142), (160, 228, 130))
-"""From small to large values, dark to light."""
+SERIES = _colors("0072b2 e69f00 009e73 cc79a7 56b4e9 d55e00 f0e442 000000")
+"""Colours of curves, which colour-blind readers can tell apart (Okabe and Ito 2008), in their order in figures."""
 
-CURVES: tuple[Color, ...] = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0))
-"""Colours of a planner's own curves, which colour-blind readers can tell apart (Okabe and Ito 2008)."""
+CURVES = [SERIES[number] for number in (4, 2, 3, 6, 0, 5)]
+"""Colours of a planner's curves in a recording. The first ones are no colour of a role."""
+
+_TURN = np.linspace(0.0, 2.0 * np.pi, 49)
+CIRCLE: Float[np.ndarray, "49 2"] = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+
+DASHES = CIRCLE[:-1].reshape(8, 6, 2)[:, :4]
+"""The outline of a pedestrian that is not seen, for a radius of 1: eight dashes of four points."""
+
+BAND = 0.2
+"""Height in inches of the bands of a picture, which hold the scale and texts, so that nothing covers them."""
+
+FONT_SIZE = 8.0
+"""The smallest size of a text in points, in a picture as wide as a column of a paper."""
 
 
 class Line(NamedTuple):
@@ -99,19 +111,23 @@ class Polygon(NamedTuple):
     """A polygon, with its corners in metres. Two corners are a line."""
 
     corners: Float[np.ndarray, "corner 2"]
-    face: Color
+    face: Color | None
     edge: Color
     width: float
 
 
 class Text(NamedTuple):
-    """A text whose centre, or whose left end, is at a point in metres. Its size is in points."""
+    """A text in points. It is centred at a point in metres, or begins or ends there: `anchor` is "m", "l" or "r".
+
+    `halo` is the colour around or behind the letters, so that they can be read over lines.
+    """
 
     at: Float[np.ndarray, "2"]
     text: str
     color: Color
-    size: float = 6.0
-    is_left: bool = False
+    anchor: str = "m"
+    halo: Color | None = None
+    size: float = FONT_SIZE
 
 
 Shape = Line | Disc | Polygon | Text
@@ -122,7 +138,7 @@ class Moment:
     """One moment of an episode, the last of some states.
 
     Attributes:
-        step: Numbers of the states.
+        step: Numbers of the states; the last one may be between two states.
         position: Where the agents were in each state, in metres, NaN where one was not there.
         velocity: In m/s, in the step before each state.
         heading: The vehicle's, in radians.
@@ -135,7 +151,7 @@ class Moment:
         hits_obstacle: True if the vehicle has hit one in the last step, which has ended the episode.
     """
 
-    step: Int[np.ndarray, "time"]
+    step: Shaped[np.ndarray, "time"]
     position: Float[np.ndarray, "time agent 2"]
     velocity: Float[np.ndarray, "time agent 2"]
     heading: Float[np.ndarray, "time"]
@@ -148,13 +164,27 @@ class Moment:
     hits_obstacle: bool = False
 
     @classmethod
-    def of_trace(cls, trace: Trace, row: int, state: int) -> Moment:
-        """Return a state of the episode in a row of a trace."""
-        until, now = (row, slice(state + 1)), (row, state)
-        motion = trace.position[until], trace.velocity[until], trace.heading[until], trace.person[until]
-        here = trace.goal[now], trace.radius[now], trace.seen[now]
+    def of_trace(cls, trace: Trace, row: int, state: int, share: float = 0.0) -> Moment:
+        """Return a state of the episode in a row of a trace, or what is between it and the next one.
+
+        Args:
+            trace: The trace.
+            row: The row.
+            state: The state.
+            share: The part of the next step that is done; agents move along straight lines.
+        """
+        states = np.arange(state + 1 + (share > 0.0))
+        position, heading = trace.position[row, states], trace.heading[row, states]
+        if share > 0.0:
+            stays = same_agents(trace.person[row, states[-2:]])[0, :, None]
+            between = (1.0 - share) * position[-2] + share * position[-1]
+            position[-1] = np.where(stays, between, position[-2])
+            heading[-1] = heading[-2] + share * turn(*heading[-2:])
+        person = trace.person[row, np.minimum(states, state)]
+        here = trace.goal[row, state], trace.radius[row, state], trace.seen[row, state]
         hits_obstacle = bool(state == trace.steps[row] and trace.outcome[row] == Outcome.WALL_COLLISION)
-        return cls(np.arange(state + 1), *motion, *here, trace.obstacles[row], trace.rules, hits_obstacle)
+        motion = position, trace.velocity[row, states], heading, person
+        return cls(np.minimum(states, state + share), *motion, *here, trace.obstacles[row], trace.rules, hits_obstacle)
 
     @classmethod
     def of_worlds(cls, worlds: Sequence[World]) -> Moment:
@@ -213,47 +243,113 @@ def paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"])
     return [part[np.isfinite(part[:, 0])] for part in parts if np.isfinite(part[:, 0]).sum() > 1]
 
 
-def draw_moment(moment: Moment, corner: Float[np.ndarray, "2"], palette: Palette = LIGHT) -> Iterator[Shape]:
-    """Yield the shapes of a picture of a moment, from the ground up. An arrow is the way of the next second.
+def draw_moment(moment: Moment, palette: Palette = LIGHT) -> Iterator[Shape]:
+    """Return the shapes of a moment, from the ground up. An arrow is the path of the next second.
 
     Args:
         moment: The moment.
-        corner: Lower left corner of the picture in metres.
         palette: Its colours.
     """
     for corners in polygons(moment.obstacles):
         yield Polygon(corners, palette.faint, palette.wall, 1.0)
-    bar = corner + 0.3 + np.array([[0.0, 0.0], [1.0, 0.0]])
-    yield Line(bar, palette.text, 1.0)
-    yield Text(bar.mean(axis=0) + np.array([0.0, 0.25]), "1 m", palette.text)
     tolerance = moment.rules.goal_tolerance or float(moment.radius[0])
-    yield Polygon(moment.goal[0] + _STAR, palette.vehicle, palette.vehicle, 0.3)
-    yield Disc(moment.goal[0], tolerance, None, palette.vehicle)
-    colors = [palette.vehicle, *(palette.pedestrian if seen else palette.hidden for seen in moment.seen.tolist())]
+    yield Polygon(moment.goal[0] + star(0.2, 0.08, 5), palette.vehicle, palette.vehicle, 0.3)
+    yield Disc(moment.goal[0], tolerance, None, palette.vehicle, 1.0)
+    colors = [palette.vehicle] + [palette.pedestrian] * len(moment.seen)
     trails = [palette.vehicle] + [palette.walked] * len(moment.seen)
-    for agent in [*moment.hit, *[0] * moment.hits_obstacle]:
-        colors[agent] = trails[agent] = palette.failure
     same = same_agents(moment.person)
     # The vehicle is drawn last, so that nothing hides it.
     for agent in reversed(range(len(colors))) if len(colors) <= CROWD else ():
         for path in paths(moment.position[:, agent], same[:, agent]):
             yield Line(path, trails[agent], 1.6 if agent == 0 else 0.8)
+            yield Disc(path[0], 0.06, trails[agent])
+    contacts = [0, *moment.hit] if moment.hit or moment.hits_obstacle else []
     arrows: list[Shape] = []
     for agent in np.flatnonzero(np.isfinite(moment.position[-1, :, 0]))[::-1].tolist():
-        here = moment.position[-1, agent]
-        yield Disc(here, float(moment.radius[agent]), colors[agent], palette.background)
+        here, radius = moment.position[-1, agent], float(moment.radius[agent])
+        if agent == 0 or moment.seen[agent - 1]:
+            yield Disc(here, radius, colors[agent], palette.background)
+        else:
+            yield Disc(here, radius, palette.background)
+            yield from (Line(here + radius * dash, palette.pedestrian, 1.2) for dash in DASHES)
+        if agent in contacts:
+            yield Disc(here, radius, None, palette.contact, 1.8)
         arrows += _arrow(here, moment.velocity[-1, agent], palette.text)
     if not isinstance(moment.rules.dynamics, Holonomic):
         body = moment.rules.body, moment.position[-1, 0], moment.heading[-1, ...], float(moment.radius[0])
         yield Polygon(outline(*body), palette.vehicle, palette.text, 1.0)
         yield Line(nose(*body), palette.text, 1.0)
     yield from arrows
+    if contacts:
+        yield Polygon(burst(moment.position[-1, contacts], moment.radius[contacts]), None, palette.contact, 1.6)
+
+
+def star(outer: float, inner: float, points: int) -> Float[np.ndarray, "corner 2"]:
+    """Return the corners of a star around the origin, with radii in metres, one point upwards."""
+    angles = np.pi / 2.0 + np.arange(2 * points) * np.pi / points
+    return np.resize([outer, inner], 2 * points)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+def burst(position: Float[np.ndarray, "agent 2"], radius: Float[np.ndarray, "agent"]) -> Float[np.ndarray, "corner 2"]:
+    """Return the mark of a contact: a star in metres around the agents in it."""
+    middle = position.mean(axis=0)
+    reach = float((np.hypot(*(position - middle).T) + radius).max())
+    return middle + star(1.7 * reach, 1.25 * reach, 12)
+
+
+def bounds_with_bands(
+    bounds: Float[np.ndarray, "2 2"], side: float, *, has_title: bool = False
+) -> tuple[Float[np.ndarray, "2 2"], float]:
+    """Make room for a band below a part of the plane, and for one above it if there is a title.
+
+    Args:
+        bounds: The smallest and the largest x and y in metres that are shown.
+        side: How long the longer side of the plane is in the picture, in inches.
+        has_title: True if there is a title.
+
+    Returns:
+        The bounds with the bands, and the number of metres that are an inch.
+    """
+    inch = float((bounds[1] - bounds[0]).max()) / side
+    return bounds + BAND * inch * np.array([[0.0, -1.0], [0.0, float(has_title)]]), inch
+
+
+def draw_bands(
+    bounds: Float[np.ndarray, "2 2"],
+    inch: float,
+    note: tuple[str, Color] | None = None,
+    title: str = "",
+    palette: Palette = LIGHT,
+) -> Iterator[Shape]:
+    """Return the shapes of the bands: the scale at the left, a note at the right, and the title above.
+
+    Args:
+        bounds: As `bounds_with_bands` returns them, as is `inch`.
+        inch: How many metres are an inch.
+        note: A text, such as the time or the outcome, and its colour.
+        title: The title.
+        palette: The colours.
+    """
+    (left, bottom), (right, top) = bounds
+    band = BAND * inch
+    for y in (bottom, *[top - band] * bool(title)):
+        corners = np.array([(left, y), (right, y), (right, y + band), (left, y + band)])
+        yield Polygon(corners, palette.background, palette.background, 0.0)
+    middle, pad = bottom + band / 2.0, 0.06 * inch
+    length = next((each for each in (1.0, 2.0, 5.0, 10.0, 20.0) if each > 0.15 * inch), 50.0)
+    end = np.array([left + pad + length, middle])
+    yield Line(np.stack([end - [length, 0.0], end]), palette.text, 1.6)
+    yield Text(end + np.array([pad, 0.0]), f"{length:g} m", palette.text, "l")
+    if note is not None:
+        yield Text(np.array([right - pad, middle]), *note, "r")
+    if title:
+        yield Text(np.array([left + pad, top - band / 2.0]), title, palette.text, "l")
 
 
 def _arrow(start: Float[np.ndarray, "2"], vector: Float[np.ndarray, "2"], color: Color) -> list[Shape]:
-    """An arrow from a point in metres; nothing where it has no length."""
+    """Return an arrow from a point in metres; nothing where it would be shorter than its head."""
     length = float(np.hypot(*vector))
-    if length < 1e-3:
+    if length < 0.15:
         return []
     tip, along = start + vector, vector / length * 0.15
     across = np.array([-along[1], along[0]]) * 0.6

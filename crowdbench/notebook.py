@@ -31,7 +31,7 @@ from crowdbench.utils.progress import progress as show_progress
 from crowdbench.utils.tables import markdown
 
 if TYPE_CHECKING:
-    from PIL import Image
+    from PIL.Image import Image
 
 
 @dataclass(frozen=True, repr=False)
@@ -98,22 +98,17 @@ class Result:
         recording = self._stored_directory() / RECORDING
         viewer.view([recording], find_case(recording, str(case)), web=web)
 
-    def render(self, case: int | str) -> Image.Image:
+    def render(self, case: int | str) -> Image:
         """Draw a recorded case from above, as a picture that a notebook shows and `save("case.png")` writes.
 
         Raises InputError where the run was not kept, or the case is not recorded.
         """
-        from PIL import Image
+        from crowdbench.envs.render import rasterize
+        from crowdbench.figures.episode import Episode
+        from crowdbench.record.cases import find_case, read_case
 
-        from crowdbench.figures.episode import draw_case
-        from crowdbench.record.cases import find_case
-
-        with tempfile.TemporaryDirectory() as folder:
-            recording, out = self._stored_directory() / RECORDING, Path(folder) / "case.png"
-            draw_case(recording, find_case(recording, str(case)), out)
-            picture = Image.open(out)
-            picture.load()  # before the file goes
-            return picture
+        recording = self._stored_directory() / RECORDING
+        return rasterize(*Episode(read_case(recording, find_case(recording, str(case))).trace, 0).picture(), 300.0)
 
     def _stored_directory(self) -> Path:
         if self.directory is None:

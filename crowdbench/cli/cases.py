@@ -55,7 +55,7 @@ def view(
             from crowdbench.figures.episode import draw_case
 
             say(f"crowdbench: {error}. This picture is one of `crowdbench render`")
-            draw_case(paths[0], number, screenshot)
+            draw_case(paths, number, screenshot)
     if screenshot is not None:
         say(f"wrote {screenshot}")
 

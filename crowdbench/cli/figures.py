@@ -104,7 +104,7 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
 
 
 def render(
-    what: str,
+    what: list[str],
     case: str | None = None,
     worst: str | None = None,
     strip: Annotated[int | None, typer.Option(min=1, max=12)] = None,
@@ -112,36 +112,41 @@ def render(
     out: Path = Path("case.png"),
     data: Path | None = None,
 ) -> None:
-    """Draw a case of a run from above, as a figure or a film, or how a case of a scenario starts. No viewer is needed.
+    """Draw a case of a run from above, as a figure or a film, or the start of a case of a scenario.
 
-    A case that was not recorded is simulated again from its commands.
+    Several runs are drawn side by side in the same case. A case that was not recorded is simulated again from its
+    commands. No viewer is needed.
 
     Args:
-        what: Directory of a run, an .rrd file, or a scenario: a name, or ./mine.toml.
+        what: Directories of runs, .rrd files, or one scenario: a name, or ./mine.toml.
         case: The case: val/37, or its number; else the first failure of a run, or the first test case of a scenario.
-        worst: The case of a run in which this metric, such as minimum_gap, is worst.
-        strip: Draw so many moments side by side instead of the whole way.
+        worst: The case of the (first) run in which this metric, such as minimum_gap, is worst.
+        strip: Draw so many moments of one run side by side instead of the whole path.
         zoom: Show so many metres around the vehicle; a film and moments follow it.
-        out: A figure (.pdf, .svg or .png) or a film (.gif, or .mp4 with ffmpeg).
+        out: A figure (.pdf, .svg or .png) or a film (.gif, .webp, or .mp4 with ffmpeg).
     """
     from crowdbench.cli.cases import open_case
     from crowdbench.figures import episode
     from crowdbench.scenario.cases import parse_case
 
-    if strip is not None and out.suffix in episode.FILMS:
-        raise InputError("--strip draws a figure: leave it out, or give a .pdf, .svg or .png file with --out")
-    if Path(what).is_dir() or what.endswith(".rrd"):
-        with open_case([Path(what)], case, worst, data) as ((recording,), number):
+    if strip is not None and (out.suffix in episode.FILMS or len(what) > 1):
+        raise InputError(
+            "--strip draws a figure of one run: leave it out, or give one run and a .pdf, .svg or .png file"
+        )
+    if all(Path(each).is_dir() or each.endswith(".rrd") for each in what):
+        with open_case([Path(each) for each in what], case, worst, data) as (recordings, number):
             if number is None:
-                raise InputError(f"{what} may have several cases: give one of them, --case 37")
-            episode.draw_case(recording, number, out, strip, zoom)
+                raise InputError(f"{what[0]} may have several cases: give one of them, --case 37")
+            episode.draw_case(recordings, number, out, strip, zoom)
     else:
+        if len(what) > 1:
+            raise InputError(f"{' '.join(what)} are not all runs: give directories of runs, or one scenario")
         for name, given in (("strip", strip), ("zoom", zoom), ("worst", worst)):
             if given is not None:
                 raise InputError(f"--{name} is for a case of a run: a scenario has its start alone")
         from crowdbench.catalog import load_scenario
 
-        scenario = load_scenario(what, data=data)
+        scenario = load_scenario(what[0], data=data)
         scenario.check_data(data)
         episode.draw_start(scenario, *parse_case(case or "0", "test"), out)
     say(f"wrote {out}")

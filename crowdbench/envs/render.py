@@ -1,32 +1,51 @@
-"""Draws a world from above, as an array or in a window."""
+"""Draws a world from above, as an array or in a window, and shapes as an image."""
 
 from __future__ import annotations
 
+import functools
 import importlib
 from collections.abc import Iterable
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from crowdbench.core.types import World
-from crowdbench.drawing import CROWD, LIGHT, Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
+from crowdbench.drawing import (
+    CROWD,
+    FONT_SIZE,
+    LIGHT,
+    Disc,
+    Line,
+    Moment,
+    Polygon,
+    Shape,
+    Text,
+    bounds_with_bands,
+    draw_bands,
+    draw_moment,
+    extent,
+)
 from crowdbench.utils.errors import InputError
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 RENDER_MODES = ["human", "rgb_array"]
 
 SIZE = 600
 """Width and height of the picture in pixels."""
 
+POINT = 2.4
+"""Pixels per point, in which the widths of lines and the sizes of texts are given."""
+
 MARGIN = 1.0
 """Margin in metres around all starts, goals and obstacles."""
 
 SMOOTHING = 2
 """The picture is drawn this many times larger and scaled down, so that its edges are smooth."""
-
-POINT = 2.4
-"""Pixels per point, in which the widths of lines and the sizes of texts are given."""
 
 
 class Renderer:
@@ -45,7 +64,7 @@ class Renderer:
         self.mode = mode
         self._window: Any = None
         self._clock: Any = None
-        self._corner, self._width = np.zeros(2), 1.0
+        self._bounds, self._inch = np.zeros((2, 2)), 1.0
         self._states: list[World] = []
 
     def show(self, world: World, case: str) -> None:
@@ -55,7 +74,7 @@ class Renderer:
             world: One world. The first state of an episode sets the scale of the picture.
             case: The name of the case, shown as text.
         """
-        if self.mode is not None:
+        if self.mode == "rgb_array":
             self._remember(world)
         if self.mode != "human":
             return
@@ -65,7 +84,7 @@ class Renderer:
             self._window = pygame.display.set_mode((SIZE, SIZE))
             pygame.display.set_caption("crowdbench")
             self._clock = pygame.time.Clock()
-        self._window.blit(self._draw(case), (0, 0))
+        self._window.blit(pygame.surfarray.make_surface(self.picture(world, case).swapaxes(0, 1)), (0, 0))
         pygame.event.pump()
         pygame.display.flip()
         self._clock.tick(1 / world.rules.dt)
@@ -84,8 +103,7 @@ class Renderer:
     def picture(self, world: World, case: str) -> UInt8[np.ndarray, "height width 3"]:
         """The picture of a world, see `frame`."""
         self._remember(world)
-        pygame = importlib.import_module("pygame")
-        return np.ascontiguousarray(pygame.surfarray.array3d(self._draw(case)).swapaxes(0, 1))
+        return np.asarray(self._draw(case))
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -99,60 +117,76 @@ class Renderer:
             self._states.clear()
             agents = np.stack([world.position[0], world.goal[0]])[:, world.present[0]]
             low, high = extent(agents, np.zeros((1, 2)), world.obstacles[0], MARGIN)
-            self._width = float((high - low).max())
-            self._corner = (low + high - self._width) / 2.0
+            middle, half = (low + high) / 2.0, (high - low).max() / 2.0
+            square = np.stack([middle - half, middle + half])
+            self._bounds, self._inch = bounds_with_bands(square, SIZE / POINT / 72.0, has_title=True)
         if not self._states or int(world.step[0]) > int(self._states[-1].step[0]):
             self._states.append(world)
 
-    def _draw(self, case: str) -> Any:
-        """The picture of the last state."""
+    def _draw(self, case: str) -> Image:
+        """Return the picture of the last state."""
         world = self._states[-1]
         agents = np.flatnonzero(world.present[0])
         pedestrians = agents[1:].tolist() if len(agents) <= CROWD else []
-        goals = [Disc(world.goal[0, agent], float(world.radius[0, agent]), None, LIGHT.hidden) for agent in pedestrians]
-        numbers = [Text(world.position[0, agent], str(agent - 1), LIGHT.background, 5.0) for agent in pedestrians]
-        shapes = [*goals, *draw_moment(Moment.of_worlds(self._states), self._corner), *numbers]
-        title = f"{case}   {float(world.step[0]) * world.rules.dt:.2f} s"
-        at = self._corner + self._width * np.array([0.02, 0.97])
-        shapes.append(Text(at, title, LIGHT.text, 7.0, is_left=True))
-        return _draw_shapes(shapes, self._corner, self._width)
+        goals = [Disc(world.goal[0, agent], float(world.radius[0, agent]), None, LIGHT.walked) for agent in pedestrians]
+        moment = Moment.of_worlds(self._states)
+        numbers = [self._number(moment, agent) for agent in pedestrians]
+        note = f"{float(world.step[0]) * world.rules.dt:.2f} s", LIGHT.text
+        bands = draw_bands(self._bounds, self._inch, note, case)
+        return rasterize([*goals, *draw_moment(moment), *numbers, *bands], self._bounds, self._inch, 72.0 * POINT)
+
+    def _number(self, moment: Moment, agent: int) -> Text:
+        """Return the number of a pedestrian: on its disc, or beside a disc that is small or an outline."""
+        here, radius = moment.position[-1, agent], float(moment.radius[agent])
+        if moment.seen[agent - 1] and radius > 0.75 * FONT_SIZE / 72.0 * self._inch:
+            return Text(here, str(agent - 1), LIGHT.background)
+        return Text(here + radius + 0.04 * self._inch, str(agent - 1), LIGHT.text, halo=LIGHT.background)
 
 
-def _draw_shapes(shapes: Iterable[Shape], corner: Float[np.ndarray, "2"], width: float) -> Any:
-    """A surface of pygame with shapes, each over those before it.
+def rasterize(shapes: Iterable[Shape], bounds: Float[np.ndarray, "2 2"], inch: float, dpi: float) -> Image:
+    """Return an image with shapes, each over those before it.
 
     Args:
         shapes: The shapes, in metres.
-        corner: The lower left corner of the picture in metres.
-        width: Its width and its height in metres.
+        bounds: The smallest and the largest x and y in metres that it shows.
+        inch: How many metres are an inch.
+        dpi: Pixels per inch.
     """
-    pygame = importlib.import_module("pygame")
-    pygame.font.init()
-    large = pygame.Surface((SIZE * SMOOTHING, SIZE * SMOOTHING))
-    large.fill(LIGHT.background)
-    scale = SIZE * SMOOTHING / width
+    from PIL import Image, ImageDraw
+
+    scale, point = SMOOTHING * dpi / inch, SMOOTHING * dpi / 72.0
+    width, height = (SMOOTHING * np.round((bounds[1] - bounds[0]) * dpi / inch).astype(int)).tolist()
+    image = Image.new("RGB", (width, height), LIGHT.background)
+    pen = ImageDraw.Draw(image)
 
     def pixels(points: Float[np.ndarray, "*_ 2"]) -> Any:
-        return ((points - corner) * [scale, -scale] + [0.0, SIZE * SMOOTHING]).tolist()
+        return ((points - bounds[0]) * [scale, -scale] + [0.0, height]).ravel().tolist()
 
     def thickness(points: float) -> int:
-        return max(1, round(points * POINT * SMOOTHING))
+        return max(1, round(points * point))
 
     for shape in shapes:
         match shape:
             case Line(points, color, wide):
-                pygame.draw.lines(large, color, False, pixels(points), thickness(wide))
+                pen.line(pixels(points), color, thickness(wide), joint="curve")
             case Disc(centre, radius, face, edge, wide):
-                if face is not None:
-                    pygame.draw.circle(large, face, pixels(centre), radius * scale)
-                if edge is not None:
-                    pygame.draw.circle(large, edge, pixels(centre), radius * scale, thickness(wide))
+                pen.circle(pixels(centre), radius * scale, face, edge, thickness(wide) if edge else 0)
             case Polygon(corners, face, edge, wide):
-                if len(corners) > 2:
-                    pygame.draw.polygon(large, face, pixels(corners))
-                pygame.draw.lines(large, edge, True, pixels(corners), thickness(wide))
-            case Text(at, text, color, size, is_left):
-                written = pygame.font.Font(None, thickness(1.5 * size)).render(text, True, color)
-                side = "midleft" if is_left else "center"
-                large.blit(written, written.get_rect(**{side: pixels(at)}))
-    return pygame.transform.smoothscale(large, (SIZE, SIZE))
+                if face is not None:
+                    pen.polygon(pixels(corners), face)
+                if wide:
+                    pen.line(pixels(np.concatenate([corners, corners[:2]])), edge, thickness(wide), joint="curve")
+            case Text(at, text, color, anchor, halo, size):
+                around = thickness(1.0) if halo else 0
+                font, place = _font(size * point), tuple(pixels(at))
+                pen.text(place, text, color, font, anchor + "m", stroke_width=around, stroke_fill=halo)
+    return image.reduce(SMOOTHING)
+
+
+@functools.lru_cache
+def _font(pixels: float) -> Any:
+    """Return the font of Matplotlib's figures, which has signs such as a tick, in a size."""
+    import matplotlib
+    from PIL import ImageFont
+
+    return ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", pixels)

@@ -1,51 +1,63 @@
-"""An episode seen from above: as a figure, as moments side by side, or as a film."""
+"""Episodes seen from above: as a figure, as moments side by side, or as a film."""
 
 from __future__ import annotations
 
-import io
+import contextlib
+import dataclasses
+import math
 import shutil
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.types import Trace, World
+from crowdbench.core.types import Outcome, Trace, World
 from crowdbench.drawing import (
-    CONSIDERED,
     CROWD,
-    FORESEEN,
     LIGHT,
     Color,
     Disc,
     Line,
     Moment,
-    Polygon,
     Shape,
-    Text,
+    bounds_with_bands,
+    draw_bands,
     draw_moment,
     extent,
 )
-from crowdbench.figures.style import canvas, check_file, write
+from crowdbench.envs.render import rasterize
+from crowdbench.figures.style import canvas, check_file, draw_panel
 from crowdbench.figures.time_marks import mark_times
-from crowdbench.record.cases import read_case
+from crowdbench.record.cases import read_same_case
 from crowdbench.record.decisions import PlannedPaths, read_paths
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from PIL.Image import Image
+
+Picture = tuple[list[Shape], Float[np.ndarray, "2 2"], float]
+"""The shapes of a picture, the smallest and the largest x and y in metres, and how many metres are an inch."""
 
 SIDE = 3.5
 """Length in inches of the longer side of a picture of the plane."""
 
-FILMS = {".gif": 160, ".mp4": 320}
+WHOLE = 7.0
+"""Width in inches of both columns of a paper, the most for pictures side by side."""
+
+FILMS = {".gif": 144, ".webp": 144, ".mp4": 288}
 """The endings of films, and how many dots per inch their pictures have: a .gif would be too large with more."""
+
+RATE = 20
+"""Pictures of a film per second."""
+
+HOLD = 2 * RATE
+"""How many pictures show the end of a film."""
 
 
 @dataclass(frozen=True)
@@ -57,70 +69,119 @@ class Episode:
         row: The row of the episode.
         zoom: How many metres around the vehicle are shown, which pictures of a moment follow; None for all that
             matters.
-        paths: Predicted and considered paths, by the number of the state.
+        paths: Paths that the planner predicted, considered and planned, by the number of the state.
+        title: A title of its pictures; empty for none.
+        side: Length in inches of the longer side of its pictures.
     """
 
     trace: Trace
     row: int
     zoom: float | None = None
     paths: Mapping[int, PlannedPaths] = field(default_factory=dict)
+    title: str = ""
+    side: float = SIDE
 
     @property
     def end(self) -> int:
         """The last state."""
         return int(self.trace.steps[self.row])
 
-    def bounds(self, state: int | None = None) -> Float[np.ndarray, "2 2"]:
-        """The smallest and the largest x and y in metres that are shown of a state, or of the whole episode."""
+    @property
+    def outcome(self) -> tuple[str, Color]:
+        """The outcome in short, and its colour; in a narrow picture there is no room to name the failure."""
+        outcome, seconds = Outcome(int(self.trace.outcome[self.row])), f"{self.end * self.trace.rules.dt:g} s"
+        if outcome is Outcome.SUCCESS:
+            return f"\N{CHECK MARK} {seconds}", LIGHT.success
+        hit = " and ".join(f"pedestrian {agent - 1}" for agent in Moment.of_trace(self.trace, self.row, self.end).hit)
+        failure = f"{hit or outcome.label.replace('_', ' ')}, " if self.side > 2.0 else ""
+        return f"\N{BALLOT X} {failure}{seconds}", LIGHT.contact
+
+    def bounds(self, centre: Float[np.ndarray, "2"] | None = None) -> Float[np.ndarray, "2 2"]:
+        """Return the smallest and the largest x and y that are shown of the plane.
+
+        Args:
+            centre: Where the vehicle is, which a zoomed picture follows, in metres; None for the whole episode.
+        """
         trace, row, states = self.trace, self.row, slice(self.end + 1)
         if self.zoom is None:  # the pedestrians' goals may be outside
-            return extent(trace.position[row, states], trace.goal[row, states, 0], trace.obstacles[row], 1.1)
-        path = trace.position[row, states if state is None else slice(state, state + 1), 0]
-        half = self.zoom / 2
-        return np.stack([path.min(axis=0) - half, path.max(axis=0) + half])
+            return extent(trace.position[row, states], trace.goal[row, states, 0], trace.obstacles[row], 0.7)
+        path = trace.position[row, states, 0] if centre is None else centre[None]
+        return np.stack([path.min(axis=0) - self.zoom / 2, path.max(axis=0) + self.zoom / 2])
+
+    def picture(self, step: float | None = None) -> Picture:
+        """Return a picture of a time, or of the whole episode.
+
+        Args:
+            step: A time in steps, which may be between two states; None for the whole episode with marks of the time.
+        """
+        trace, row = self.trace, self.row
+        at = float(self.end) if step is None else min(step, float(self.end))
+        state = math.floor(at)
+        moment = Moment.of_trace(trace, row, state, at - state)
+        plane = self.bounds(None if step is None else moment.position[-1, 0])
+        bounds, inch = bounds_with_bands(plane, self.side, has_title=bool(self.title))
+        shapes = [*self.paths.get(state, PlannedPaths()).shapes(), *draw_moment(moment)]
+        if step is None:
+            shapes += mark_times(trace, row, plane, inch)
+        note = self.outcome if at == self.end else (f"{at * trace.rules.dt:.2f} s", LIGHT.text)
+        return [*shapes, *draw_bands(bounds, inch, note, self.title)], bounds, inch
 
 
-def trajectories(episode: Episode, out: Path) -> None:
-    """Draw a whole episode: all paths, discs at the end, and where the vehicle was when.
+def draw_case(
+    recordings: Sequence[Path], case: int, out: Path, moments: int | None = None, zoom: float | None = None
+) -> None:
+    """Draw a recorded case of one run, or of several side by side, as a film where the file is one.
 
     Args:
-        episode: The episode.
+        recordings: The recordings.
+        case: The number of the case.
+        out: A file of `FILMS`, or a figure.
+        moments: How many moments a figure shows side by side, of one recording; None for the whole episode.
+        zoom: See `Episode`.
+
+    Raises:
+        InputError: The case is not recorded, or does not start alike in all recordings.
+    """
+    recorded = read_same_case(recordings, case)
+    alone, columns = len(recorded) == 1, count_columns(len(recorded))
+    side = SIDE if alone else WHOLE / columns
+    episodes = [
+        Episode(each.trace, 0, zoom, read_paths(each.chunks, each.trace.rules.dt), "" if alone else each.planner, side)
+        for each in recorded
+    ]
+    if out.suffix in FILMS:
+        film(episodes, out)
+    elif moments is not None:
+        draw_strip(episodes[0], moments, out)
+    else:
+        draw_pictures([episode.picture() for episode in episodes], columns, out)
+
+
+def count_columns(number: int) -> int:
+    """Return how many of several pictures stand side by side: all three, but four in two rows."""
+    return number if number < 4 else math.ceil(number / 2)
+
+
+def draw_pictures(pictures: Sequence[Picture], columns: int, out: Path) -> None:
+    """Draw pictures of `Episode.picture` in rows, as one figure.
+
+    Args:
+        pictures: The pictures.
+        columns: How many stand side by side.
         out: The figure's file.
 
     Raises:
         InputError: The file cannot be written.
     """
-    bounds = episode.bounds()
-    marks = mark_times(episode.trace, episode.row, bounds, float((bounds[1] - bounds[0]).max()) / SIDE)
-    with canvas(out, *_fit(*bounds)) as figure:
-        _draw_state(figure.add_subplot(), episode, None, marks)
-
-
-def draw_case(recording: Path, case: int, out: Path, moments: int | None = None, zoom: float | None = None) -> None:
-    """Draw a recorded case, as a film where the file is one.
-
-    Args:
-        recording: The recording.
-        case: The number of the case.
-        out: A file of `FILMS`, or a figure.
-        moments: How many moments a figure shows side by side; None for the whole path in one.
-        zoom: See `Episode`.
-
-    Raises:
-        InputError: The case is not recorded.
-    """
-    recorded = read_case(recording, case)
-    episode = Episode(recorded.trace, 0, zoom, read_paths(recorded.chunks, recorded.trace.rules.dt))
-    if out.suffix in FILMS:
-        film(episode, out)
-    elif moments is not None:
-        strip(episode, moments, out)
-    else:
-        trajectories(episode, out)
+    rows = math.ceil(len(pictures) / columns)
+    width, height = np.max([(high - low) / inch for _, (low, high), inch in pictures], axis=0).tolist()
+    with canvas(out, width * columns, height * rows) as figure:
+        for number, (shapes, bounds, _) in enumerate(pictures, 1):
+            draw_panel(figure, (rows, columns, number), bounds, shapes)
 
 
 def draw_start(scenario: Scenario, split: str, number: int, out: Path) -> None:
-    """Draw a case before anything has happened: where everybody starts, and which way they want to go.
+    """Draw a case before anything has happened: the starts and the routes of all agents.
 
     Args:
         scenario: The scenario.
@@ -134,13 +195,13 @@ def draw_start(scenario: Scenario, split: str, number: int, out: Path) -> None:
     world = scenario.draw(split, np.array([number]))
     present = np.flatnonzero(world.present[0])
     routes = [_route(world, agent) for agent in present[:CROWD]]
-    low, high = extent(np.concatenate(routes), world.goal[0, :1], world.obstacles[0], 0.7)
+    plane = extent(np.concatenate(routes), world.goal[0, :1], world.obstacles[0], 0.7)
     colors = [LIGHT.vehicle if agent == 0 else LIGHT.walked for agent in present]
     lines = [Line(route, color, 0.8) for route, color in zip(routes, colors, strict=False)]
-    goals = [Disc(route[-1], 0.08, LIGHT.walked, None, 0.0) for route in routes[1:]]
-    with canvas(out, *_fit(low, high)) as figure:
-        shapes = draw_moment(Moment.of_worlds([world]), low)
-        draw(_plane(figure.add_subplot(), low, high), [*lines, *goals, *shapes])
+    goals = [Disc(route[-1], 0.12, LIGHT.background, LIGHT.walked, 0.8) for route in routes[1:]]
+    bounds, inch = bounds_with_bands(plane, SIDE)
+    shapes = [*lines, *goals, *draw_moment(Moment.of_worlds([world])), *draw_bands(bounds, inch)]
+    draw_pictures([(shapes, bounds, inch)], 1, out)
 
 
 def _route(world: World, agent: int) -> Float[np.ndarray, "point 2"]:
@@ -150,7 +211,7 @@ def _route(world: World, agent: int) -> Float[np.ndarray, "point 2"]:
     return np.concatenate([world.position[0, agent, None], waypoints, world.goal[0, agent, None]])
 
 
-def strip(episode: Episode, moments: int, out: Path) -> None:
+def draw_strip(episode: Episode, moments: int, out: Path) -> None:
     """Draw moments of an episode side by side, equally far apart in time, the last one at its end.
 
     Args:
@@ -162,105 +223,69 @@ def strip(episode: Episode, moments: int, out: Path) -> None:
         InputError: The file cannot be written.
     """
     states = np.linspace(0, episode.end, moments + 1).round().astype(int)[1:]
-    width, height = _fit(*episode.bounds(0))
-    scale = 7.0 / (width * moments)  # as wide as both columns of a paper
-    with canvas(out, 7.0, height * scale + 0.2) as figure:
-        for column, state in enumerate(states.tolist(), 1):
-            axes = figure.add_subplot(1, moments, column)
-            _draw_state(axes, episode, state)
-            axes.set_title(f"{state * episode.trace.rules.dt:g} s", fontsize=7, pad=2)
+    width, height = np.ptp(episode.bounds(np.zeros(2)), axis=0).tolist()
+    strip = dataclasses.replace(episode, side=WHOLE / moments * max(1.0, height / width))
+    draw_pictures([strip.picture(float(state)) for state in states.tolist()], moments, out)
 
 
-def film(episode: Episode, out: Path) -> None:
-    """Make a film of an episode.
+def film(episodes: Sequence[Episode], out: Path, speed: float = 1.0) -> None:
+    """Make a film of an episode, or of several side by side, which wait for the longest one.
 
     Args:
-        episode: The episode.
-        out: A .gif or .mp4 file; for the latter the program ffmpeg is needed.
+        episodes: The episodes, whose steps are equally long.
+        out: A .gif, .webp or .mp4 file; for the latter the program ffmpeg is needed.
+        speed: How many seconds of the episode are a second of the film.
 
     Raises:
         InputError: The file cannot be written, or ffmpeg is missing.
     """
+    from PIL import Image as Images
+
     check_file(out, [*FILMS])
     if out.suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(f"a film {out.name} needs the program ffmpeg (Debian: ffmpeg); a .gif file does not")
-    seconds = episode.trace.rules.dt
     with files.whole(out) as partial:
-        if out.suffix == ".gif":
-            first, *others = _frames(episode, FILMS[out.suffix])
-            first.save(
-                partial, format="GIF", save_all=True, append_images=others, duration=round(1000 * seconds), loop=0
-            )
+        dpi = FILMS[out.suffix]
+        frames, last = _frames(episodes, dpi, speed), _frame(episodes, max(episode.end for episode in episodes), dpi)
+        if out.suffix != ".mp4":
+            options: dict[str, Any] = {"lossless": True, "method": 2} if out.suffix == ".webp" else {}
+            # Pillow keeps all pictures in memory: with the colours of the last one, a pixel needs one byte.
+            palette = last.quantize()
+            # The ground stays white, where a mean with the smooth rims of what stands on it would be grey.
+            palette.putpalette([255 if channel > 249 else channel for channel in palette.getpalette() or ()])
+            few = (frame.quantize(palette=palette, dither=Images.Dither.NONE) for frame in frames)
+            options |= {"save_all": True, "append_images": few, "duration": 1000 // RATE, "loop": 0}
+            next(few).save(partial, format=out.suffix[1:], **options)
             return
-        command = f"ffmpeg -loglevel error -y -f image2pipe -framerate {1 / seconds:g} -i -".split()
-        command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-f", "mp4", str(partial)]
-        pictures = io.BytesIO()
-        for frame in _frames(episode, FILMS[out.suffix]):
-            frame.save(pictures, format="PNG")
-        process = subprocess.run(command, input=pictures.getvalue(), capture_output=True)
+        size = "x".join(map(str, last.size))
+        command = f"ffmpeg -loglevel error -y -f rawvideo -pixel_format rgb24 -video_size {size} -framerate {RATE} -i -"
+        command += " -vf pad=ceil(iw/2)*2:ceil(ih/2)*2 -pix_fmt yuv420p -movflags +faststart -f mp4"
+        pipe = subprocess.PIPE
+        with subprocess.Popen([*command.split(), str(partial)], stdin=pipe, stderr=pipe) as process:
+            assert process.stdin is not None
+            with contextlib.suppress(BrokenPipeError):
+                for frame in frames:
+                    process.stdin.write(frame.tobytes())
+            _, said = process.communicate()
         if process.returncode:
-            raise InputError(f"ffmpeg could not make {out}: {process.stderr.decode(errors='replace').strip()[-200:]}")
+            raise InputError(f"ffmpeg could not make {out}: {said.decode(errors='replace').strip()[-200:]}")
 
 
-def _frames(episode: Episode, dpi: int) -> Iterator[Image]:
-    """A picture of each state, the last one a few times, so that one sees how the episode ends."""
+def _frames(episodes: Sequence[Episode], dpi: int, speed: float) -> Iterator[Image]:
+    """Yield the pictures of a film, the last one for a while, so that the outcome can be read."""
+    longest = max(episode.end for episode in episodes)
+    steps = np.arange(0.0, longest, speed / (RATE * episodes[0].trace.rules.dt))
+    for step in [*steps.tolist(), *[longest] * HOLD]:
+        yield _frame(episodes, step, dpi)
+
+
+def _frame(episodes: Sequence[Episode], step: float, dpi: int) -> Image:
+    """Return a picture of a film, at a time in steps: a panel for each episode."""
     from PIL import Image as Images
 
-    for state in [*range(episode.end + 1), *[episode.end] * 8]:
-        page = io.BytesIO()
-        with canvas(None, *_fit(*episode.bounds(0))) as figure:
-            axes = figure.add_subplot()
-            _draw_state(axes, episode, state)
-            axes.text(
-                0.02, 0.98, f"{state * episode.trace.rules.dt:.2f} s", transform=axes.transAxes, va="top", fontsize=8
-            )
-            write(figure, page, "png", dpi=dpi)
-        yield Images.open(page).convert("RGB")
-
-
-def _fit(low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> tuple[float, float]:
-    """Width and height in inches of a picture of a part of the plane."""
-    width, height = SIDE * (high - low) / (high - low).max()
-    return float(width), float(height)
-
-
-def _draw_state(axes: Axes, episode: Episode, state: int | None, marks: Iterable[Shape] = ()) -> None:
-    """Draw a state of an episode, or the last one among all that is shown, with a scale, and marks over it."""
-    low, high = episode.bounds(state)
-    state = episode.end if state is None else state
-    planned = episode.paths.get(state, PlannedPaths([], []))
-    lines = [Line(path, FORESEEN, 0.4) for path in planned.predicted]
-    lines += [Line(path, CONSIDERED, 0.4) for path in planned.considered]
-    shapes = draw_moment(Moment.of_trace(episode.trace, episode.row, state), low)
-    draw(_plane(axes, low, high), [*lines, *shapes, *marks])
-
-
-def _plane(axes: Axes, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> Axes:
-    """Axes that show a part of the plane, in metres, and nothing else."""
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-    axes.axis("off")
-    return axes
-
-
-def draw(axes: Axes, shapes: Iterable[Shape]) -> None:
-    """Draw shapes on axes, which are in metres: each over those before it."""
-    from matplotlib.patches import Circle
-    from matplotlib.patches import Polygon as Patch
-
-    for order, shape in enumerate(shapes):
-        match shape:
-            case Line(points, color, width):
-                axes.plot(*points.T, color=_rgb(color), lw=width, zorder=order)
-            case Disc(centre, radius, face, edge, width):
-                colors = {"facecolor": _rgb(face), "edgecolor": _rgb(edge or face)}
-                axes.add_patch(Circle(tuple(centre), radius, **colors, lw=width, zorder=order))
-            case Polygon(corners, face, edge, width):
-                axes.add_patch(Patch(corners, facecolor=_rgb(face), edgecolor=_rgb(edge), lw=width, zorder=order))
-            case Text(at, text, color, size, is_left):
-                side = "left" if is_left else "center"
-                axes.text(at[0], at[1], text, color=_rgb(color), fontsize=size, ha=side, va="center", zorder=order)
-
-
-def _rgb(color: Color | None) -> tuple[float, ...] | str:
-    """A colour as Matplotlib takes it."""
-    return "none" if color is None else tuple(channel / 255.0 for channel in color)
+    panels, columns = [rasterize(*episode.picture(step), dpi) for episode in episodes], count_columns(len(episodes))
+    width, height = (np.max([panel.size for panel in panels], axis=0) + dpi // 18).tolist()  # apart from each other
+    frame = Images.new("RGB", (width * columns, height * math.ceil(len(panels) / columns)), LIGHT.background)
+    for number, panel in enumerate(panels):
+        frame.paste(panel, (number % columns * width, number // columns * height))
+    return frame

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.types import Outcome
-from crowdbench.figures.style import COLOURS, DASHES, MARKERS, axes
+from crowdbench.drawing import FONT_SIZE
+from crowdbench.figures.style import COLOURS, DASHES, HEIGHT, MARKERS, axes
 from crowdbench.metrics.summary import bootstrap, rate
 from crowdbench.runs.store import RunResult
 from crowdbench.runs.table import RunTable
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 CURVE, CARD = "curve.csv", "weights.json"
 """The files of a training that figures are drawn of."""
@@ -27,7 +31,7 @@ MOMENTS = 60
 
 
 def success_over_time(directories: Sequence[Path], out: Path) -> None:
-    """The share of cases that are solved by a time, with 95 % intervals at each time.
+    """Draw the share of cases that are solved by a time, with 95 % intervals from the first success on.
 
     Args:
         directories: Directories of the runs.
@@ -36,21 +40,36 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
     Raises:
         InputError: One of them is not a run, they are too many, or the file cannot be written.
     """
-    table = RunTable.read(directories)
+    table, ends = RunTable.read(directories), {}
     with axes(out, caption=table.cases) as ax:
         for number, (label, run) in enumerate(table.labelled.items()):
             dt, limit = (float(run.result["scenario"][key]) for key in ("dt", "time_limit"))
             episodes, line = run.episodes, _line(number)
             solved = np.where(episodes.outcome == Outcome.SUCCESS, episodes.steps * dt, np.inf)
-            moments = np.linspace(0.0, limit, MOMENTS + 1)
+            moments = np.linspace(min(solved.min(), limit), limit, MOMENTS + 1)
             rates = [rate(solved <= moment, episodes.block) for moment in moments]
             low, high = 100 * np.array([(estimate.low, estimate.high) for estimate in rates]).T
             times = np.unique(np.append(solved[np.isfinite(solved)], (0.0, limit)))
             share = [100 * float((solved <= time).mean()) for time in times]
             ax.fill_between(moments, low, high, color=line["color"], alpha=0.15, linewidth=0)
-            ax.plot(times, share, drawstyle="steps-post", label=label, **line)
-        ax.set(xlabel="time, s", ylabel="cases solved, %", ylim=(0, 102), xlim=(0, None))
-        ax.legend()
+            ax.plot(times, share, drawstyle="steps-post", **line)
+            ends[label] = share[-1], line["color"]
+        ax.set(xlabel="time, s", ylabel="cases solved, %", ylim=(0, 102), xlim=(0, limit))
+        _label_ends(ax, ends)
+
+
+def _label_ends(ax: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
+    """Write names at the right of lines, below each other where lines end close together.
+
+    Args:
+        ax: The axes, whose values begin at 0.
+        ends: The value at the end of each line, and its colour, by name.
+    """
+    line, top = FONT_SIZE / (72.0 * 0.7 * HEIGHT) * ax.get_ylim()[1], np.inf
+    for below, (name, (value, color)) in enumerate(sorted(ends.items(), key=lambda end: -end[1][0])):
+        top = max(min(value, top - line), line * (len(ends) - 1 - below))
+        ax.plot([1.0, 1.04], [value, top], color=color, transform=ax.get_yaxis_transform(), clip_on=False)
+        ax.text(1.05, top, name, transform=ax.get_yaxis_transform(), va="center")
 
 
 def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
@@ -72,19 +91,10 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
             raise InputError(f"{metric} is not defined in any case of the run of {label}")
     with axes(out, 0.8 + 0.35 * len(runs), table.cases) as ax:
         rows = list(range(len(runs), 0, -1))
-        box = {"color": COLOURS[0]}
-        ax.boxplot(
-            [column[np.isfinite(column)] for column in values],
-            positions=rows,
-            orientation="horizontal",
-            whis=(5.0, 95.0),
-            showfliers=False,
-            widths=0.5,
-            boxprops=box,
-            whiskerprops=box,
-            capprops=box,
-            medianprops={"color": "#000000"},
-        )
+        finite = [column[np.isfinite(column)] for column in values]
+        look: dict[str, Any] = {name: {"color": COLOURS[0]} for name in ("boxprops", "whiskerprops", "capprops")}
+        look |= {"orientation": "horizontal", "showfliers": False, "medianprops": {"color": COLOURS[-1]}}
+        ax.boxplot(finite, positions=rows, whis=(5.0, 95.0), widths=0.5, **look)
         for row, column, run in zip(rows, values, runs.values(), strict=True):
             mean = bootstrap(column, np.ones(len(column)), run.episodes.block)
             ends = [[mean.mean - mean.low], [mean.high - mean.mean]]

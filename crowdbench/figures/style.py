@@ -1,12 +1,16 @@
-"""The style of figures for a column of a paper, and how a figure is written."""
+"""The style of figures for a column of a paper, how shapes are drawn in one, and how a figure is written."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.drawing import FONT_SIZE, SERIES, Color, Disc, Line, Polygon, Shape, Text
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 
@@ -14,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#000000")
-"""Colours that colour-blind readers can tell apart (Okabe and Ito 2008), in the order of the series."""
+COLOURS = tuple(f"#{bytes(color).hex()}" for color in SERIES)
+"""Colours in the order of the series."""
 
 DASHES = ("-", "--", "-.", ":")
 """Line styles in the order of the series, so that they can be told apart without colour."""
@@ -27,11 +31,11 @@ SUFFIXES = (".pdf", ".png", ".svg")
 WIDTH, HEIGHT = 3.5, 2.5
 """Size of a figure in inches: a column of a paper of two."""
 
-_STYLE = {
+STYLE = {
     "svg.fonttype": "none",
     "svg.hashsalt": "crowdbench",
     "pdf.fonttype": 42,
-    "font.size": 8,
+    **dict.fromkeys(("font.size", "axes.titlesize", "legend.fontsize"), FONT_SIZE),
     "text.parse_math": False,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -40,7 +44,6 @@ _STYLE = {
     "grid.color": "#dddddd",
     "grid.linewidth": 0.5,
     "legend.frameon": False,
-    "legend.fontsize": 7,
     "lines.linewidth": 1.2,
 }
 
@@ -52,52 +55,49 @@ def axes(out: Path, height: float = HEIGHT, caption: str = "") -> Iterator[Axes]
     Args:
         out: The file, whose ending says its format.
         height: In inches.
-        caption: Stands above them, small: the cases of the figure.
+        caption: The title, which states the cases of the figure.
 
     Raises:
         InputError: The ending is another one, or the folder does not exist.
     """
     with canvas(out, WIDTH, height) as figure:
-        figure.add_subplot().set_title(caption, loc="right", fontsize=6, pad=2)
+        figure.add_subplot().set_title(caption, loc="right", pad=2)
         yield figure.axes[0]
 
 
 @contextlib.contextmanager
-def canvas(out: Path | None, width: float, height: float) -> Iterator[Figure]:
+def canvas(out: Path, width: float, height: float) -> Iterator[Figure]:
     """A figure, written when the `with` statement ends without an error.
 
     Args:
-        out: The file, whose ending says its format; None where the figure is not written.
+        out: The file, whose ending says its format.
         width: In inches.
         height: In inches.
 
     Raises:
         InputError: The ending is another one, or the folder does not exist.
     """
-    if out is not None:
-        check_file(out, SUFFIXES)
+    check_file(out, SUFFIXES)
     import matplotlib.figure
     import matplotlib.style
 
-    with matplotlib.style.context(["default", _STYLE]):
+    with matplotlib.style.context(["default", STYLE]):
         figure = matplotlib.figure.Figure(figsize=(width, height), layout="constrained")
         yield figure
-        if out is not None:
-            with files.whole(out) as partial:
-                write(figure, partial, out.suffix[1:])
+        with files.whole(out) as partial:
+            _write(figure, partial, out.suffix[1:])
 
 
-def write(figure: Figure, file: Path | BinaryIO, kind: str, dpi: float = 300.0) -> None:
+def _write(figure: Figure, file: Path, kind: str) -> None:
     """Write a figure, without the time at which it is made: the same figure has the same bytes.
 
     Args:
         figure: The figure.
         file: Where to.
         kind: Its format.
-        dpi: Pixels per inch.
     """
     stamp = {"Date": None} if kind == "svg" else {"CreationDate": None} if kind == "pdf" else {}
-    figure.savefig(file, format=kind, metadata=stamp, dpi=dpi)
+    figure.savefig(file, format=kind, metadata=stamp, dpi=300.0)
 
 
 def check_file(out: Path, endings: Sequence[str]) -> None:
@@ -113,3 +113,47 @@ def check_file(out: Path, endings: Sequence[str]) -> None:
     if out.suffix not in endings or not out.parent.is_dir():
         listed = f"{', '.join(endings[:-1])} or {endings[-1]}"
         raise InputError(f"a picture goes to a file in a folder that exists, with the ending {listed}, not {out}")
+
+
+def draw_panel(
+    figure: Figure, place: tuple[int, int, int], bounds: Float[np.ndarray, "2 2"], shapes: Iterable[Shape]
+) -> Axes:
+    """Draw shapes in a panel of a figure that shows a part of the plane, in metres, and nothing else.
+
+    Args:
+        figure: The figure.
+        place: Numbers of rows, of columns, and of the panel, from 1 on.
+        bounds: The smallest and the largest x and y in metres.
+        shapes: The shapes.
+    """
+    panel = figure.add_subplot(*place)
+    panel.set(xlim=bounds[:, 0], ylim=bounds[:, 1], aspect="equal")
+    panel.axis("off")
+    draw(panel, shapes)
+    return panel
+
+
+def draw(axes: Axes, shapes: Iterable[Shape]) -> None:
+    """Draw shapes on axes, which are in metres: each over those before it."""
+    from matplotlib.patches import Circle
+    from matplotlib.patches import Polygon as Patch
+
+    for order, shape in enumerate(shapes):
+        match shape:
+            case Line(points, color, width):
+                axes.plot(*points.T, color=_rgb(color), lw=width, zorder=order, solid_capstyle="butt")
+            case Disc(centre, radius, face, edge, width):
+                colors = {"facecolor": _rgb(face), "edgecolor": _rgb(edge or face)}
+                axes.add_patch(Circle(tuple(centre), radius, **colors, lw=width, zorder=order))
+            case Polygon(corners, face, edge, width):
+                axes.add_patch(Patch(corners, facecolor=_rgb(face), edgecolor=_rgb(edge), lw=width, zorder=order))
+            case Text(at, text, color, anchor, halo, size):
+                side = {"l": "left", "m": "center", "r": "right"}[anchor]
+                written = axes.text(at[0], at[1], text, color=_rgb(color), fontsize=size, ha=side, zorder=order)
+                ground = {"facecolor": _rgb(halo), "edgecolor": "none", "alpha": 0.75, "pad": 0.5}
+                written.set(va="center", bbox=ground if halo else None)
+
+
+def _rgb(color: Color | None) -> tuple[float, ...] | str:
+    """A colour as Matplotlib takes it."""
+    return "none" if color is None else tuple(channel / 255.0 for channel in color)

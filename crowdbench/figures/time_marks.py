@@ -12,11 +12,14 @@ from crowdbench.drawing import LIGHT, Disc, Shape, Text
 
 Point = Float[np.ndarray, "2"]
 Points = Float[np.ndarray, "point 2"]
+Pairs = Float[np.ndarray, "*_ 2 2"]
 
-SECONDS = 2.0
-"""The time between two marks."""
+SECONDS = (2.0, 5.0, 10.0, 20.0)
+"""The times between two marks, of which the shortest is taken that makes no more than `MOST` marks."""
 
-LETTER = np.array([0.055, 0.1])
+MOST = 8
+
+LETTER = np.array([0.075, 0.12])
 """Width and height in inches of a letter of a time."""
 
 DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)], float)
@@ -27,7 +30,9 @@ AWAY = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 
 
 def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: float) -> list[Shape]:
-    """Discs where the vehicle was every `SECONDS`, each with the time; where it waits one with the first and the last.
+    """Return discs where the vehicle was at equal times, each with the time, or with two times where the vehicle waits.
+
+    A time that would cover another one is left out.
 
     Args:
         trace: The trace with the episode.
@@ -36,7 +41,8 @@ def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: f
         inch: How many metres are an inch of the picture.
     """
     end, radius = int(trace.steps[row]), float(trace.radius[row, 0, 0])
-    step = max(round(SECONDS / trace.rules.dt), 1)
+    seconds = next((each for each in SECONDS if end * trace.rules.dt <= MOST * each), SECONDS[-1])
+    step = max(round(seconds / trace.rules.dt), 1)
     waits = list(_group(trace.position[row, :end:step, 0], radius))
     positions = np.array([trace.position[row, first * step, 0] for first, _ in waits])
     discs: list[Shape] = [Disc(mark, radius, None, LIGHT.vehicle) for mark in positions]
@@ -45,12 +51,14 @@ def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: f
     lines = [_spread(points, apart) for points in (trace.position[row, : end + 1], np.concatenate([walls, walls[:1]]))]
     taken = np.concatenate([*lines, around])
     texts: list[Shape] = []
+    boxes = np.empty((0, 2, 2))
     for mark, (first, last) in zip(positions, waits, strict=True):
-        text = f"{first * SECONDS:g} s" if first == last else f"{first * SECONDS:g} to {last * SECONDS:g} s"
+        text = f"{first * seconds:g} s" if first == last else f"{first * seconds:g} to {last * seconds:g} s"
         half = inch * LETTER * [len(text), 1.0] / 2
-        at = _free_place(mark, radius, half, taken, bounds)
-        texts.append(Text(at, text, LIGHT.vehicle))
-        taken = np.concatenate([taken, at + half * [[-1, 0], [-0.5, 0], [0, 0], [0.5, 0], [1, 0]]])
+        at = _free_place(mark, radius, half, taken, boxes, bounds)
+        if at is not None:
+            texts.append(Text(at, text, LIGHT.text, halo=LIGHT.background))
+            boxes = np.concatenate([boxes, [[at, half]]])
     return [*discs, *texts]
 
 
@@ -72,10 +80,20 @@ def _spread(position: Float[np.ndarray, "time agent 2"], apart: float) -> Float[
     return points[np.isfinite(points[:, 0])]
 
 
-def _free_place(mark: Point, radius: float, half: Point, taken: Points, bounds: Float[np.ndarray, "2 2"]) -> Point:
-    """Where a text is centred that is `half` as wide and high, and covers the fewest points that are taken."""
+def _free_place(mark: Point, radius: float, half: Point, taken: Points, boxes: Pairs, bounds: Pairs) -> Point | None:
+    """Return where a text is centred that covers no other one, and the fewest points that are taken.
+
+    Args:
+        mark: The disc of which it tells the time.
+        radius: Its radius in metres.
+        half: Half the width and the height of the text.
+        taken: Points where something is drawn.
+        boxes: Centre, and half the size, of the texts before it.
+        bounds: The smallest and the largest x and y of the picture.
+    """
     shares = np.where(DIRECTIONS.all(axis=1), 0.8, 1.0)[:, None]
-    positions = mark + 1.2 * radius * AWAY + half * np.sign(DIRECTIONS) * shares
+    positions = np.concatenate([mark + far * radius * AWAY + half * np.sign(DIRECTIONS) * shares for far in (1.2, 2.0)])
     covered = (np.abs(positions[:, None] - taken) < half).all(axis=-1).sum(axis=1)
-    is_inside = ((positions - half >= bounds[0]) & (positions + half <= bounds[1])).all(axis=1)
-    return np.asarray(positions[np.argmin(np.where(is_inside, covered, np.inf))])
+    is_free = ((positions - half >= bounds[0]) & (positions + half <= bounds[1])).all(axis=1)
+    is_free &= ~(np.abs(positions[:, None] - boxes[:, 0]) < half + boxes[:, 1]).all(axis=-1).any(axis=1)
+    return positions[np.argmin(np.where(is_free, covered, np.inf))] if is_free.any() else None

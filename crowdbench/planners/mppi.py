@@ -26,7 +26,7 @@ Noise = Float[np.ndarray, "world round sample time 2"]
 Paths = Float[np.ndarray, "world candidate time 3"]
 """Positions in metres, and the negative cost of the whole sequence in seconds."""
 
-SHOWN = 60
+SHOWN = 12
 """Number of sampled paths that are recorded."""
 
 
@@ -137,7 +137,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         self.last.check_length(steps)
         first, noise = self._first_guesses(obs), self._noise(obs)
         prediction = predict(self.predictor, obs, self.horizon, first[:, 0])
-        best = np.empty((len(obs), self.horizon, 2))
+        best, path = np.empty((2, len(obs), self.horizon, 2))
         shown = np.empty((len(obs), min(SHOWN, self.search.samples), self.horizon, 3))
 
         def fill(part: slice) -> None:
@@ -146,7 +146,10 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
             scene = scene_of(chunk, futures, 0, chunk.vehicle, self.horizon)
             inflation = radius_inflation(chunk, self.horizon, self.weights.sigma_factor)
             best[part], paths = self._search(scene, inflation, hidden_scene(chunk, scene), first[part], noise[part])
-            shown[part] = paths[:, : shown.shape[1]]
+            order = np.argsort(-paths[:, :, 0, 2], axis=1, kind="stable")[:, : shown.shape[1], None, None]
+            shown[part] = np.take_along_axis(paths, order, axis=1)
+            if obs.logs is not None:
+                path[part] = try_sequences(scene, best[part, None], NO_INFLATION).motion[:, 0, 1:, :2]
 
         rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1) * prediction.position.shape[1]
         in_chunks(fill, len(obs), max(1, 8 * CHUNK // rows))
@@ -154,6 +157,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         if obs.logs is not None:
             obs.log("predicted", prediction.position)
             obs.log("sampled", shown.swapaxes(1, 2))
+            obs.log("planned", path[:, :, None])
         return best[:, :steps]
 
     def _first_guesses(self, obs: Observation) -> Sequences:

@@ -1,19 +1,29 @@
-"""How the Rerun viewer shows a recording, which Rerun calls a blueprint."""
+"""The curves of a recording, and how the Rerun viewer shows a recording, which Rerun calls a blueprint."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float
+from rerun.chunk import Chunk
 
-from crowdbench.core.types import DISCOMFORT_GAP
-from crowdbench.drawing import CURVES, DARK, MUTED, Color
-from crowdbench.record.plots import PLANNER_PLOTS
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import DISCOMFORT_GAP, Trace
+from crowdbench.drawing import CURVES, DARK, Color
+from crowdbench.record import decisions
+from crowdbench.record.rrd import moments, moving
+
+PLANNER_PLOTS = "plots/planner"
+"""Path of the planner's own curves."""
+
+
+_TEXTS = {"episode": "summary", "legend": "legend", "metrics": "metrics"}
+"""The texts beside the plane, by the names of their tabs."""
 
 
 def blueprint(
@@ -28,10 +38,7 @@ def blueprint(
         has_menu: True if the viewer's menu is shown.
     """
     plots = [*_plots(fastest), *(_plot_of_planner(name, count) for name, count in plotted.items())]
-    texts = rrb.Tabs(
-        rrb.TextDocumentView(name="episode", origin="/summary"),
-        rrb.TextDocumentView(name="metrics", origin="/metrics"),
-    )
+    texts = rrb.Tabs(*(rrb.TextDocumentView(name=name, origin=f"/{origin}") for name, origin in _TEXTS.items()))
     side = rrb.Vertical(texts, *plots, row_shares=[2.0] + [1.0] * len(plots))
     return rrb.Blueprint(
         rrb.Horizontal(_plane("top view", extents), side, column_shares=[3.0, 2.0]),
@@ -51,7 +58,8 @@ def side_by_side(
         longest: How long the longest of them takes, in seconds: the time that all plots show.
         has_menu: True if the viewer's menu is shown.
     """
-    axis = axis_between(rrb.TimeRangeBoundary.absolute(seconds=0.0), rrb.TimeRangeBoundary.absolute(seconds=longest))
+    start, end = (rrb.TimeRangeBoundary.absolute(seconds=seconds) for seconds in (0.0, longest))
+    axis = rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
     columns = [
         rrb.Vertical(_plane(name, extents, f"/{n}"), *_plots(fastest, f"/{n}", axis), row_shares=[4.0, 1.0, 1.0])
         for n, name in enumerate(names)
@@ -86,8 +94,8 @@ def _plane(name: str, extents: Sequence[Float[np.ndarray, "2 2"]], root: str = "
 
 def _plots(fastest: float, root: str = "", axis: rrb.TimeAxis | None = None) -> list[rrb.TimeSeriesView]:
     """The views of the gap and the speed, see `side_by_side`; the axis is as long as the episode if None."""
-    gap = style_of(["gap", "discomfort", "contact"], [DARK.vehicle, MUTED, DARK.failure])
-    speed = style_of(["speed", "preferred"], [DARK.vehicle, MUTED])
+    gap = style_of(["gap", "discomfort", "contact"], [DARK.vehicle, DARK.wall, DARK.contact])
+    speed = style_of(["speed", "preferred"], [DARK.vehicle, DARK.wall])
     title = f"gap, m (grey: discomfort under {DISCOMFORT_GAP} m, red: contact)"
     speeds = -0.1 * fastest, 1.5 * fastest
     return [
@@ -135,6 +143,44 @@ def plot(
     )
 
 
-def axis_between(start: rrb.TimeRangeBoundary, end: rrb.TimeRangeBoundary) -> rrb.TimeAxis:
-    """An axis of time from one time to another."""
-    return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
+def draw_plots(trace: Trace, row: int) -> Iterator[Chunk]:
+    """Yield gap and speed over time, with the values to compare them with. Their style is in the blueprint."""
+    steps, dt = int(trace.steps[row]), trace.rules.dt
+    gap = trace.gap[row, :steps]
+    somebody = np.isfinite(gap)
+    if somebody.any():
+        curves = np.stack([gap, np.full(steps, DISCOMFORT_GAP), np.zeros(steps)], axis=1)
+        yield _draw_curves("plots/gap", moments(np.flatnonzero(somebody) + 1, dt), curves[somebody])
+    speed = norm(trace.velocity[row, : steps + 1, 0])
+    preferred = np.full(steps + 1, trace.preferred_speed[row, 0])
+    yield _draw_curves("plots/speed", moments(np.arange(steps + 1), dt), np.stack([speed, preferred], axis=1))
+
+
+def draw_logs(trace: Trace, row: int) -> Iterator[Chunk]:
+    """Yield the logs of the planner that are curves, see `Observation.log`. Their style is in the blueprint."""
+    for name, array in trace.logs.items():
+        # Steps without a value are left out, because Rerun draws no curve between values separated by NaN.
+        logged_at = decisions.steps_logged(trace, row, name)
+        if is_curve(array) and len(logged_at):
+            curves = array[row, logged_at].reshape(len(logged_at), -1)
+            yield _draw_curves(f"{PLANNER_PLOTS}/{name}", moments(logged_at, trace.rules.dt), curves)
+
+
+def _draw_curves(entity: str, timeline: Sequence[rr.TimeColumn], values: Float[np.ndarray, "time curve"]) -> Chunk:
+    """Curves of one entity over time."""
+    return moving(entity, timeline, [values.shape[1]] * len(values), rr.Scalars.columns(scalars=values.ravel()))
+
+
+def logged_curves(chunks: Iterable[Chunk]) -> dict[str, int]:
+    """The curves of `draw_logs` in the chunks of a recording: how many there are by each name, in order."""
+    curves = {}
+    for chunk in chunks:
+        name = chunk.entity_path.removeprefix(f"/{PLANNER_PLOTS}/")
+        if name != chunk.entity_path and not chunk.is_static and chunk.num_rows:
+            curves[name] = len(chunk.to_record_batch().column("Scalars:scalars")[0])
+    return dict(sorted(curves.items()))
+
+
+def is_curve(logged: np.ndarray) -> bool:
+    """Return True if a logged array `[world, step, ...]` is shown as curves over time."""
+    return logged.ndim <= 3

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
 from rerun.chunk import RrdReader, StoreEntry
 
 from crowdbench.record import contents, rrd
@@ -14,6 +15,18 @@ from crowdbench.utils.errors import InputError
 
 NAME = re.compile(r"([a-z]+)-(\d+)-[a-z_]+(-[0-9a-f]+)?")
 """The name of an episode's recording in the viewer: split, case, outcome, and what tells the run from others."""
+
+
+PROPERTIES, VERDICT = "crowdbench", "verdict"
+"""The name of all properties of a recording, and of that with `verdict.describe_failure`."""
+
+
+def read_verdict(path: Path, case: int) -> list[str]:
+    """Return the sentences on the failure in a case of a recording; none where the case succeeds or is not recorded."""
+    reader, _, entries = _entries(path)
+    found = rrd.chunks_of(reader, entries[case], f"/__properties/{PROPERTIES}") if case in entries else []
+    batches = [chunk.to_record_batch() for chunk in found]
+    return [line for batch in batches if VERDICT in batch.schema.names for line in batch[VERDICT][0].as_py()]
 
 
 def recorded_cases(path: Path) -> list[int]:
@@ -53,6 +66,20 @@ def read_case(path: Path, case: int) -> contents.RecordedEpisode:
             "(all are with --record all)"
         )
     return contents.read_episode(path, reader, entries[case])
+
+
+def read_same_case(paths: Sequence[Path], case: int) -> list[contents.RecordedEpisode]:
+    """Return one case of several recordings.
+
+    Raises InputError as `read_case`, or where the case does not start alike in all of them.
+    """
+    episodes = [read_case(path, case) for path in paths]
+    first, *others = (episode.trace for episode in episodes)
+    for path, other in zip(paths[1:], others, strict=True):
+        same_start = np.array_equal(other.position[:, 0], first.position[:, 0], equal_nan=True)
+        if not same_start or (other.split, other.rules.dt) != (first.split, first.rules.dt):
+            raise InputError(f"case {case} starts otherwise in {path} than in {paths[0]}: give runs of one scenario")
+    return episodes
 
 
 def _ranges(numbers: Iterable[int]) -> str:

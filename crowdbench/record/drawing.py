@@ -1,8 +1,7 @@
 """An episode in the plane of a recording.
 
-Positions, trails and contacts come from `crowdbench.drawing`. All of it is under `/world`, whose transform
-turns y upwards, because Rerun's y points down: the numbers that one hovers over are the simulator's. The vehicle is
-yellow, pedestrians are blue, a failure is red.
+Paths, colours and marks come from `crowdbench.drawing`. All of it is under `/world`, whose transform turns y
+upwards, because Rerun's y points down: the numbers that one hovers over are the simulator's.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+import shapely
 from jaxtyping import Float
 from rerun.chunk import Chunk
 
@@ -19,18 +19,16 @@ from crowdbench import drawing
 from crowdbench.core.dynamics import Holonomic, nose, outline, reach
 from crowdbench.core.geometry import polygons
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.drawing import CURVES, DARK, GRID, SUCCESS, Color
+from crowdbench.drawing import CIRCLE, DARK, DASHES, GRID, Color
+from crowdbench.record.blueprint import draw_logs, draw_plots
 from crowdbench.record.decisions import draw_decisions
-from crowdbench.record.marks import draw_approach, draw_sensor, draw_shares
-from crowdbench.record.plots import draw_logs, draw_plots, is_curve, metrics_text, summary_text
+from crowdbench.record.marks import draw_approach, draw_sensor
 from crowdbench.record.rrd import moments, moving, still, width
-from crowdbench.sim.contacts import Contacts, Fault, find_contacts
+from crowdbench.record.verdict import legend_text, metrics_text, summary_text
+from crowdbench.sim.contacts import find_contacts
 
-HATCHING = 0.25
+HATCHING = 0.4
 """Distance in metres between the lines that fill an obstacle."""
-
-_ANGLE = np.linspace(0.0, 2.0 * np.pi, 49)
-CIRCLE: Float[np.ndarray, "49 2"] = np.stack([np.cos(_ANGLE), np.sin(_ANGLE)], axis=1)
 
 
 class _Agents:
@@ -93,15 +91,13 @@ def draw_episode(trace: Trace, row: int, title: str, values: Mapping[str, float 
     if not isinstance(trace.rules.dynamics, Holonomic):
         yield from _draw_body(agents)
     yield from _draw_names(agents)
-    contacts = find_contacts(trace, np.array([row]))
-    sentence, mark = _draw_ending(agents, contacts)
-    yield mark
-    yield from draw_shares(trace, row, contacts, agents.label)
+    yield _draw_ending(agents)
     yield from draw_plots(trace, row)
     yield from draw_logs(trace, row)
     yield from draw_decisions(trace, row)
     yield from draw_approach(trace, row, agents.label)
-    for entity, text in (("summary", summary_text(trace, row, title, sentence)), ("metrics", metrics_text(values))):
+    texts = {"summary": summary_text(trace, row, title), "legend": legend_text(trace, row)}
+    for entity, text in (texts | {"metrics": metrics_text(values)}).items():
         yield still(entity, rr.TextDocument(text, media_type="text/markdown"))
 
 
@@ -142,34 +138,28 @@ def _draw_walls(walls: Sequence[Float[np.ndarray, "_ 2"]]) -> Chunk:
     """The outlines of obstacles; outlines of solid ones are closed and hatched, because the viewer fills none."""
     outlines = [np.concatenate([wall, wall[:1]]) if len(wall) > 2 else wall for wall in walls]
     lines = [*outlines, *(line for wall in walls if len(wall) > 2 for line in _hatch(wall))]
-    widths = width([2.0] * len(outlines) + [0.75] * (len(lines) - len(outlines)))
-    return still("world/walls", rr.LineStrips2D(lines, colors=[DARK.wall] * len(lines), radii=widths, draw_order=2))
+    hatches = len(lines) - len(outlines)
+    widths, colors = (
+        width([2.0] * len(outlines) + [0.75] * hatches),
+        [DARK.wall] * len(outlines) + [DARK.faint] * hatches,
+    )
+    return still("world/walls", rr.LineStrips2D(lines, colors=colors, radii=widths, draw_order=2))
 
 
-def _hatch(polygon: Float[np.ndarray, "corner 2"]) -> list[Float[np.ndarray, "2 2"]]:
-    """Lines at 45 degrees within a polygon."""
-    # Turned by 45 degrees, the lines are horizontal: each crosses the edges where it enters and where it leaves.
-    turned = polygon @ np.array([[1.0, 1.0], [-1.0, 1.0]]) / np.sqrt(2.0)
-    after = np.roll(turned, -1, axis=0)
-    low, high = turned[:, 1].min(), turned[:, 1].max()
-    lines = []
-    for y in np.arange(np.ceil(low / HATCHING) * HATCHING, high, HATCHING):
-        crossed = (turned[:, 1] > y) != (after[:, 1] > y)
-        a, b = turned[crossed], after[crossed]
-        x = np.sort(a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0]))
-        ends = np.stack([x, np.full(len(x), y)], axis=1) @ np.array([[1.0, -1.0], [1.0, 1.0]]) / np.sqrt(2.0)
-        lines += list(ends.reshape(-1, 2, 2))
-    return lines
+def _hatch(polygon: Float[np.ndarray, "corner 2"]) -> list[Float[np.ndarray, "point 2"]]:
+    """Return lines at 45 degrees within a polygon."""
+    (left, bottom), (right, top) = polygon.min(axis=0), polygon.max(axis=0)
+    starts = np.arange(left - (top - bottom), right, HATCHING * np.sqrt(2.0))
+    lines = shapely.linestrings([[(x, bottom), (x + top - bottom, top)] for x in starts])
+    inside = shapely.get_parts(shapely.intersection(lines, shapely.polygons(polygon)))
+    return [shapely.get_coordinates(part) for part in inside[shapely.length(inside) > 0.0]]
 
 
 def _draw_goals(agents: _Agents) -> Iterator[Chunk]:
-    """The goals of those who are there as dots, once where they do not change."""
+    """Draw the goals of the agents that are there as dots."""
     goal = np.where(np.isnan(agents.position), np.nan, agents.goal)
-    style: dict[str, Any] = {"radii": width(3), "colors": agents.colors(DARK.vehicle, DARK.pedestrian)}
-    if (goal == goal[:1]).all():
-        yield still("world/goals", rr.Points2D(goal[0], **style))
-        return
-    yield still("world/goals", rr.Points2D.from_fields(**style))
+    colors = agents.colors(DARK.vehicle, DARK.pedestrian)
+    yield still("world/goals", rr.Points2D.from_fields(radii=width(3), colors=colors))
     yield agents.moving("world/goals", rr.Points2D.columns(positions=goal.reshape(-1, 2)))
 
 
@@ -190,16 +180,21 @@ def _draw_trails(agents: _Agents) -> Iterator[Chunk]:
 
 
 def _draw_discs(agents: _Agents) -> Iterator[Chunk]:
-    """Agents as discs of their true size, darker if the vehicle does not see them, with the way of one second."""
+    """Draw agents as discs of their true size, or dashed outlines if the vehicle does not see them, with velocities."""
     trace, radius = agents.trace, agents.radius
-    always: dict[str, Any] = {}
+    always: dict[str, Any] = {"colors": agents.colors(DARK.vehicle, DARK.pedestrian)}
     changing: dict[str, Any] = {}
-    if trace.perceived is None:
-        always["colors"] = agents.colors(DARK.vehicle, DARK.pedestrian)
-    else:
-        seen = trace.seen[agents.row, : len(radius)][:, agents.number[1:] - 1]
-        crowds = ([DARK.pedestrian if is_seen else DARK.hidden for is_seen in state] for state in seen.tolist())
-        changing["colors"] = [color for crowd in crowds for color in (DARK.vehicle, *crowd)]
+    if trace.perceived is not None:
+        unseen = ~trace.seen[agents.row, : len(radius)][:, agents.number[1:] - 1]
+        radius = np.where(np.insert(unseen, 0, False, axis=1), 0.0, radius)
+        unseen &= np.isfinite(agents.position[:, 1:, 0])
+        centre, reach = agents.position[:, 1:][unseen], agents.radius[:, 1:][unseen]
+        dashes = (centre[:, None, None] + reach[:, None, None, None] * DASHES).reshape(-1, *DASHES.shape[1:])
+        if len(dashes):
+            style = rr.LineStrips2D.from_fields(colors=[DARK.pedestrian], radii=width(1.5), draw_order=30)
+            yield still("world/unseen", style)
+            counts, strips = len(DASHES) * unseen.sum(axis=1), rr.LineStrips2D.columns(strips=dashes)
+            yield moving("world/unseen", agents.timeline, counts, strips)
     if (radius == radius[:1]).all():
         always["radii"] = radius[0]
     else:
@@ -228,60 +223,23 @@ def _draw_names(agents: _Agents) -> Iterator[Chunk]:
     anchors = np.empty((states, number + 1, 2))
     anchors[:, :-1] = agents.position
     anchors[:, :-1, 1] -= agents.radius
-    anchors[:, -1] = _above_goal(agents)
+    anchors[:, -1] = agents.goal[0, 0] + np.array([0.0, agents.radius[0, 0] + agents.label])
     names = ["vehicle", *(str(agent - 1) for agent in agents.number[1:]), "goal"]
-    yield still("world/names", rr.Points2D.from_fields(labels=names, colors=_name_colors(agents), radii=width(0)))
+    colors = [*agents.colors(DARK.vehicle, DARK.pedestrian), DARK.vehicle]
+    yield still("world/names", rr.Points2D.from_fields(labels=names, colors=colors, radii=width(0)))
     yield agents.moving("world/names", rr.Points2D.columns(positions=anchors.reshape(-1, 2)), number=number + 1)
 
 
-def _above_goal(agents: _Agents) -> Float[np.ndarray, "2"]:
-    """Where the name of the vehicle's goal stands, in metres."""
-    return agents.goal[0, 0] + np.array([0.0, agents.radius[0, 0] + agents.label])
-
-
-def _name_colors(agents: _Agents) -> list[Color]:
-    """The colours of the names: the colours of the pedestrians' curves where the planner logged a curve of each."""
-    trace = agents.trace
-    pedestrians = trace.position.shape[2] - 1
-    has_curves = any(is_curve(logged) and logged[0, 0].size == pedestrians > 1 for logged in trace.logs.values())
-    colors = [CURVES[(agent - 1) % len(CURVES)] if has_curves else DARK.pedestrian for agent in agents.number[1:]]
-    return [DARK.vehicle, *colors, DARK.vehicle]
-
-
-_HOW = {
-    Fault.STRUCK_STANDING: "stands, and {} touches it",
-    Fault.STRUCK_BEHIND: "is struck from behind by {}",
-    Fault.STRUCK: "is struck by {}",
-    Fault.ALONE: "hits {}",
-    Fault.BOTH: "collides with {}",
-    Fault.UNDETERMINED: "touches {}",
-}
-"""Verb for a vehicle that ends an episode in contact with a pedestrian."""
-
-
-def _draw_ending(agents: _Agents, contacts: Contacts) -> tuple[str, Chunk]:
-    """How the episode ended, as a sentence, and its mark in the last state: green or red rims and a ring."""
-    trace, row, label = agents.trace, agents.row, agents.label
-    steps, dt, outcome = int(trace.steps[row]), trace.rules.dt, Outcome(int(trace.outcome[row]))
-    sentences = {Outcome.TIMEOUT: "runs out of time", Outcome.WALL_COLLISION: "hits an obstacle"}
-    sentence, involved = sentences.get(outcome, "reaches its goal"), [0]
-    if outcome is Outcome.COLLISION:
-        agent = int(contacts.agent[row])
-        sentence, involved = _HOW[Fault(contacts.fault[row])].format(f"pedestrian {agent - 1}"), [0, agent]
-    centers, ring = trace.position[row, steps, involved], 3.0 * trace.radius[row, 0, 0]
-    middle = centers.mean(0)
-    color = SUCCESS if outcome is Outcome.SUCCESS else DARK.failure
-    sizes = [*trace.radius[row, steps, involved], ring]
-    rims = rr.LineStrips2D.columns(
-        strips=[center + size * CIRCLE for center, size in zip([*centers, middle], sizes, strict=True)],
-        colors=[color] * len(sizes),
-    )
-    above, name = middle + np.array([0.0, ring + label]), _above_goal(agents)
-    if abs(above[0] - name[0]) < 6.0 * label and abs(above[1] - name[1]) < 1.5 * label:
-        above[1] = name[1] + 1.5 * label  # as both could not be read
-    text = rr.Points2D.columns(positions=[above], labels=[sentence], colors=[color], radii=[width(0)])
-    columns = [*rims.partition([len(sizes)]), *text.partition([1])]
-    sentence = f"{sentence} after {steps * dt:g} s"
-    if trace.noticed is not None and contacts.agent[row]:
-        sentence += "; the pedestrian had " + ("noticed it" if contacts.saw[row] else "not noticed it")
-    return sentence, Chunk.from_columns("world/ending", moments(np.array([steps]), dt), columns)
+def _draw_ending(agents: _Agents) -> Chunk:
+    """Draw how the episode ended in the last state: rims, and a ring around them, or a star for a contact."""
+    trace, row = agents.trace, agents.row
+    steps, outcome = int(trace.steps[row]), Outcome(int(trace.outcome[row]))
+    involved = [0, *find_contacts(trace, np.array([row])).agent[[row]]][: 1 + (outcome is Outcome.COLLISION)]
+    position, radius = trace.position[row, steps, involved], trace.radius[row, steps, involved]
+    is_contact = outcome in (Outcome.COLLISION, Outcome.WALL_COLLISION)
+    around = drawing.burst(position, radius) if is_contact else position.mean(axis=0) + 3.0 * radius[0] * CIRCLE
+    strips = [centre + size * CIRCLE for centre, size in zip(position, radius, strict=True)]
+    strips.append(np.concatenate([around, around[:2]]))
+    color = DARK.success if outcome is Outcome.SUCCESS else DARK.contact
+    lines = rr.LineStrips2D.columns(strips=strips, colors=[color] * len(strips))
+    return moving("world/ending", moments(np.array([steps]), trace.rules.dt), [len(strips)], lines)

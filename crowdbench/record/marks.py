@@ -1,4 +1,4 @@
-"""Marks of a recording beside the agents: what is sensed, the closest approach ahead, the shares in a collision."""
+"""Marks of a recording beside the agents: what is sensed, and the closest approach ahead."""
 
 from __future__ import annotations
 
@@ -12,34 +12,18 @@ from rerun.chunk import Chunk
 from crowdbench.core.arrays import Numbers, Vectors
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.drawing import DARK, MUTED, REMEMBERED
+from crowdbench.drawing import DARK
 from crowdbench.record.rrd import moments, moving, still, width
-from crowdbench.sim.contacts import WINDOW, Contacts
 from crowdbench.sim.lines_of_sight import measure_all_beams
 
 MOST_BEAMS = 90
 """Of a lidar with more beams than this, only every second one is drawn, or every third one, ..."""
 
-SENSOR_KEY = (
-    "*dark blue: not seen · ring: where the vehicle sees a pedestrian, or (dark ring) remembers it · "
-    "grey: range, field of view, lidar*"
-)
-"""Legend of the marks of the sensor."""
-
-AHEAD = 4.0
-"""How far ahead the closest approach is looked for, in seconds."""
+AHEAD = 2.0
+"""Only a closest approach within this time is shown, in seconds."""
 
 NEAR = 0.5
 """The largest gap in metres that is shown."""
-
-APPROACH_KEY = (
-    f"*line with a gap and a time: the closest approach in the next {AHEAD:g} s if both go on; red: they touch*"
-)
-"""Legend of the mark of the closest approach."""
-
-
-SHARES_KEY = f"*red ways: the last {WINDOW:g} s before the collision, with the share of each in the approach*"
-"""Legend of the marks of a collision with a pedestrian."""
 
 
 def draw_sensor(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
@@ -65,7 +49,7 @@ def _draw_perceived(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -
     assert trace.age is not None
     states = int(trace.steps[row]) + 1
     known, radius = np.isfinite(trace.age[row, :states]), trace.radius[row, :states, 1:]
-    colors = [DARK.vehicle if is_seen else REMEMBERED for is_seen in trace.seen[row, :states][known].tolist()]
+    colors = [DARK.vehicle if is_seen else DARK.considered for is_seen in trace.seen[row, :states][known].tolist()]
     sizes = np.repeat(radius[known][:, None], 2, axis=1)
     rings = rr.Ellipses2D.columns(centers=trace.perceived[row, :states][known], half_sizes=sizes, colors=colors)
     yield still("world/sight", rr.Ellipses2D.from_fields(line_radii=width(1.5), draw_order=45))
@@ -118,7 +102,7 @@ def time_to_closest(position: Vectors, velocity: Vectors) -> Numbers:
 
 
 def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
-    """The closest approach ahead of each state: a line between both centres then, with the gap and the time.
+    """The closest approach ahead of each state, if soon: a line between both centres then, with the gap and the time.
 
     Args:
         trace: The trace with the episode.
@@ -132,7 +116,7 @@ def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
     when = time_to_closest(position[:, 1:] - position[:, :1], velocity[:, 1:] - velocity[:, :1])
     vehicle, pedestrian = (position[:, who] + velocity[:, who] * when[..., None] for who in (slice(1), slice(1, None)))
     gap = norm(pedestrian - vehicle) - trace.radius[row, :states, 1:] - trace.radius[row, :states, :1]
-    gap = np.where(np.isfinite(gap) & (when > 0.0), gap, np.inf)
+    gap = np.where(np.isfinite(gap) & (when > 0.0) & (when < AHEAD), gap, np.inf)
     state, who = np.arange(states), gap.argmin(axis=1)
     is_shown = gap[state, who] < NEAR
     if trace.outcome[row] == Outcome.COLLISION:
@@ -142,7 +126,7 @@ def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
     nearest = state[is_shown], who[is_shown]
     lines = np.stack([vehicle[nearest], pedestrian[nearest]], axis=1)
     labels = [f"{max(g, 0.0):.2f} m in {t:.1f} s" for g, t in zip(gap[nearest], when[nearest], strict=True)]
-    colors = [DARK.failure if distance < 0.0 else MUTED for distance in gap[nearest]]
+    colors = [DARK.contact if distance < 0.0 else DARK.wall for distance in gap[nearest]]
     # The text stands over the pedestrian, away from the vehicle's name.
     above = lines[:, 1] + [0.0, trace.radius[row, 0, 0] + label]
     style = rr.LineStrips2D.from_fields(radii=width(1.5), draw_order=46)
@@ -150,29 +134,3 @@ def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
     strips = rr.LineStrips2D.columns(strips=lines, colors=colors)
     texts = rr.Points2D.columns(positions=above, labels=labels, colors=colors)
     yield moving("world/approach", moments(state, trace.rules.dt), is_shown.astype(int), strips, texts)
-
-
-def draw_shares(trace: Trace, row: int, contacts: Contacts, label: float) -> Iterator[Chunk]:
-    """The ways of the last second before a collision with a pedestrian, with the share of each of the two in it.
-
-    Args:
-        trace: The trace with the episode.
-        row: Its row in the trace.
-        contacts: The contacts that ended it.
-        label: Height of a line of text in metres.
-    """
-    share, agent, steps = float(contacts.share[row]), int(contacts.agent[row]), int(trace.steps[row])
-    if agent == 0 or math.isnan(share):
-        return
-    first = max(0, steps - math.ceil(WINDOW / trace.rules.dt))
-    paths = [trace.position[row, first : steps + 1, who] for who in (0, agent)]
-    paths = [path[np.isfinite(path).all(axis=1)] for path in paths]
-    # Beside the start of each way, on the side that is away from the other one.
-    apart = paths[0][0] - paths[1][0]
-    apart *= 1.5 * label / max(math.hypot(*apart), label)
-    labels = [f"vehicle {100 * share:.0f} %", f"pedestrian {100 * (1.0 - share):.0f} %"]
-    style = rr.LineStrips2D.from_fields(colors=[DARK.failure], radii=width(3), draw_order=47)
-    yield still("world/shares", style, rr.Points2D.from_fields(radii=width(0), colors=[DARK.failure]))
-    lines = rr.LineStrips2D.columns(strips=paths)
-    texts = rr.Points2D.columns(positions=[paths[0][0] + apart, paths[1][0] - apart], labels=labels)
-    yield moving("world/shares", moments(np.array([steps]), trace.rules.dt), [2], lines, texts)

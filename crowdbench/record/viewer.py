@@ -17,17 +17,15 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk, LazyChunkStream
 from rerun.experimental import ViewerClient
 
 from crowdbench.core.types import Outcome
 from crowdbench.record import rrd
-from crowdbench.record.blueprint import blueprint, side_by_side
-from crowdbench.record.cases import read_case, recorded_cases
+from crowdbench.record.blueprint import blueprint, logged_curves, side_by_side
+from crowdbench.record.cases import read_case, read_same_case, recorded_cases
 from crowdbench.record.drawing import extent
-from crowdbench.record.plots import logged_curves
 from crowdbench.utils.errors import InputError
 
 PATIENCE = 60.0
@@ -104,12 +102,8 @@ def _write_case(paths: Sequence[Path], case: int, folder: Path, *, has_menu: boo
 
 def _write_beside(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> tuple[Path, float]:
     """As `_write_case`, with the same case of several recordings. Raises InputError where it does not start alike."""
-    episodes = [read_case(path, case) for path in paths]
-    first, *others = (episode.trace for episode in episodes)
-    for path, other in zip(paths[1:], others, strict=True):
-        same_start = np.array_equal(other.position[:, 0], first.position[:, 0], equal_nan=True)
-        if not same_start or (other.split, other.rules.dt) != (first.split, first.rules.dt):
-            raise InputError(f"case {case} starts otherwise in {path} than in {paths[0]}: give runs of one scenario")
+    episodes = read_same_case(paths, case)
+    first = episodes[0].trace
     chunks = [
         chunk.with_entity_path(f"/{n}{chunk.entity_path}")
         for n, episode in enumerate(episodes)

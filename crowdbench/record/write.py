@@ -25,13 +25,11 @@ from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.record import contents, rrd
-from crowdbench.record.blueprint import blueprint
+from crowdbench.record.blueprint import blueprint, is_curve, logged_curves
+from crowdbench.record.cases import PROPERTIES, VERDICT
 from crowdbench.record.drawing import draw_episode, extent
-from crowdbench.record.plots import is_curve, logged_curves
 from crowdbench.record.rrd import still
-
-PROPERTIES = "crowdbench"
-"""Name of the properties of a recording."""
+from crowdbench.record.verdict import describe_failure
 
 
 @dataclass
@@ -113,6 +111,8 @@ class Recorder:
         about = {name: value for name, value in self._run.items() if name != "cases"}
         about |= {"options": json.dumps(self.options), "split": trace.split, "case": case, "outcome": outcome}
         about |= {"version": self._version, "metrics": metrics}
+        if sentences := describe_failure(trace, row):
+            about[VERDICT] = sentences
         yield Chunk.from_property(PROPERTIES, rr.AnyValues(**about))
 
     def _with_units(self, measured: Mapping[str, float | bool]) -> dict[str, float | bool]:

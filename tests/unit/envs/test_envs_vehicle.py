@@ -183,10 +183,10 @@ def test_a_picture_shows_trails_numbers_and_contact():
     assert has(first, LIGHT.background)
     done = False
     while not done:
-        assert not has(env.render(), LIGHT.failure)
+        assert not has(env.render(), LIGHT.contact)
         _, _, done, _, info = env.step(np.array([0.0, 1.0], np.float32))
     assert info["outcome"] == "collision"
-    assert has(env.render(), LIGHT.failure)
+    assert has(env.render(), LIGHT.contact)
     # Between its start and where it is, the vehicle has left nothing but its trail.
     middle = env.render()[430, 296:306]
     assert (np.abs(middle.astype(int) - LIGHT.vehicle).sum(axis=1) < 60).any()

@@ -12,11 +12,12 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.last_plans import LastPlans
-from crowdbench.planners.mppi import MPPIPlanner, Search, Weights
+from crowdbench.planners.mppi import SHOWN, MPPIPlanner, Search, Weights
 from crowdbench.planners.scene import scene_of
 from crowdbench.predict import Prediction
 from crowdbench.predict.linear import ConstantVelocity
-from crowdbench.record.decisions import key_text
+from crowdbench.record.decisions import marks_of
+from crowdbench.record.verdict import legend_text
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
@@ -118,16 +119,20 @@ def test_the_predicted_and_the_sampled_ways_are_logged():
     planner.reset(obs.row)
     planner.plan(obs)
     assert obs.logs["predicted"].shape == (len(obs), 2, 5, 4, 2)
-    assert obs.logs["sampled"].shape == (len(obs), 5, 30, 3)
+    assert obs.logs["sampled"].shape == (len(obs), 5, SHOWN, 3)
     assert np.isfinite(obs.logs["sampled"]).all()
+    assert (np.diff(obs.logs["sampled"][:, 0, :, 2], axis=1) <= 0.0).all()  # the best ones, the first is the best
+    assert obs.logs["planned"].shape == (len(obs), 5, 1, 2)
 
 
 def test_a_recording_says_what_the_lines_mean():
     driver = Driver(load_planner("mppi", {"search": {"samples": 20}})[1], "mppi")
     scenario = load_scenario("circle_crossing_5", {"time_limit": 1.5})
-    text = key_text(rollout(driver, scenario, Cases("val", 0, 1), keep_logs=True))
-    assert text.startswith("*grey lines: predicted ways")
-    assert "coloured lines: ways that were considered" in text
+    trace = rollout(driver, scenario, Cases("val", 0, 1), keep_logs=True)
+    assert marks_of(trace) == {"predicted", "considered", "planned"}
+    legend = legend_text(trace, 0)
+    assert "brown lines | the best 12 of the paths that were considered" in legend
+    assert "star" not in legend
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers import drive
 
+from crowdbench.drawing import LIGHT
 from crowdbench.record.decisions import BEST, draw_decisions, read_paths
 
 
@@ -17,7 +18,9 @@ def said():
     perceived = np.where(np.arange(5)[:, None] == 2, np.nan, trace.position[:, :, 1:])
     predicted = np.zeros((1, states - 1, 3, 8, 5, 2)) + np.arange(5.0)[:, None]
     considered = np.zeros((1, states - 1, 8, 20, 3)) + np.arange(20.0)[:, None]
-    return dataclasses.replace(trace, perceived=perceived, logs={"predicted": predicted, "sampled": considered})
+    planned = np.zeros((1, states - 1, 8, 1, 2)) + 7.0
+    logs = {"predicted": predicted, "sampled": considered, "planned": planned}
+    return dataclasses.replace(trace, perceived=perceived, logs=logs)
 
 
 def test_all_that_is_known_is_predicted_and_the_best_ways_are_considered(said):
@@ -28,6 +31,10 @@ def test_all_that_is_known_is_predicted_and_the_best_ways_are_considered(said):
         assert np.unique(whom, return_counts=True)[0].tolist() == [0.0, 1.0, 3.0, 4.0]
         thirds = np.array([way[0, 0] for way in state.considered]).reshape(-1, BEST)
         np.testing.assert_array_equal(thirds, np.tile(np.arange(19.0, 19.0 - BEST, -1.0), (len(thirds), 1)))
+        assert {tuple(point) for way in state.planned for point in way} == {(7.0, 7.0)}
+        drawn = [(shape.color, len(shape.points)) for shape in state.shapes()]
+        assert {color for color, _ in drawn} == {LIGHT.predicted, LIGHT.considered, LIGHT.vehicle}
+        assert drawn[-1][0] == LIGHT.vehicle  # over all others
 
 
 def test_a_planner_that_logs_nothing_has_no_ways(said):
