@@ -1,25 +1,32 @@
-"""The figure of ladders: a bar for each scenario, whose parts are the gains with ever more knowledge."""
+"""The figure of ladders: for each scenario, success with increasing knowledge as points on a line."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
 
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
 from crowdbench.cli.console import say
 from crowdbench.cli.options import help_from_docstring
-from crowdbench.figures.style import COLOURS, axes
+from crowdbench.figures.style import COLOURS, MARKERS, axes
 from studies.pages import read_kept
 
-FIRST = "#bbbbbb"
-"""The colour of the success of the lowest rung."""
+FIRST = "#888888"
+"""The colour of lines, and of the success of the lowest rung."""
 
 KNOWLEDGE = dict(
-    zip(("perception", "inference", "goals", "policies", "attention", "chance", "search"), COLOURS, strict=False)
+    zip(
+        ("perception", "inference", "goals", "policies", "attention", "chance", "search"),
+        zip(MARKERS[1:], (*COLOURS[:6], "#444444"), strict=True),
+        strict=True,
+    )
 )
-"""The colours of the gains."""
+"""The marker and the colour of a rung, by what it knows beyond the rung before it."""
 
 COMMAND = "python studies/ladder/run.py"
 """Writes the files."""
@@ -27,7 +34,9 @@ COMMAND = "python studies/ladder/run.py"
 
 @help_from_docstring
 def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
-    """Draw a bar for each scenario: the success of the lowest rung, and what each further one adds or takes away.
+    """Draw a line for each scenario: from the success of the lowest rung to that of the others, each with a mark.
+
+    A rung that changes nothing has no mark.
 
     Args:
         files: Files that `python studies/ladder/run.py` kept.
@@ -38,34 +47,33 @@ def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
         for path in files
     ]
     lowest = 100.0
-    with axes(out, height=0.9 + 0.25 * len(found)) as ax:
+    with axes(out, height=0.9 + 0.22 * len(found)) as ax:
         for place, each in enumerate(reversed(found)):
-            rates = [100.0 * rung["mean"] for rung in each["success"].values()]
-            ax.barh(place, rates[0], color=FIRST, height=0.6)
+            rates, best = (
+                [100.0 * rung["mean"] for rung in each["success"].values()],
+                100.0 * each["best_success"]["mean"],
+            )
+            ax.plot([min(rates), max(rates)], [place, place], color=FIRST, lw=1.6, zorder=2)
+            _mark(ax, rates[0], place, "o", FIRST, fillstyle="none")
             for step, before, after in zip(each["steps"], rates, rates[1:], strict=False):
-                left, width = min(before, after), abs(after - before)
-                loses = after < before
-                # A loss is narrower, and in front: what a later rung gains lies in the same place.
-                height, hatch, order = (0.25, "////", 4) if loses else (0.6, None, 3)
-                bar = ax.barh(place, width, left=left, height=height, color=KNOWLEDGE[step["knowledge"]], zorder=order)
-                bar.patches[0].set(hatch=hatch, edgecolor="white")
-            ax.plot([100.0 * each["best_success"]["mean"]], [place], "k*", ms=5, zorder=5, clip_on=False)
-            lowest = min(lowest, *rates, 100.0 * each["best_success"]["mean"])
-        names = [each["scenario"] for each in reversed(found)]
-        ax.set_yticks(range(len(found)), names, fontsize=6)
-        ax.set(xlabel="success, %", xlim=(max(0.0, lowest - lowest % 10.0 - 10.0), 101))
-        ax.grid(visible=False, axis="y")
-        bars = [ax.barh(0, 0, color=colour, label=name) for name, colour in KNOWLEDGE.items()]
-        star = ax.plot([], [], "k*", ms=5, label="best planner")
-        ax.legend(
-            handles=[*bars, *star],
-            ncols=4,
-            loc="lower center",
-            bbox_to_anchor=(0.3, 1.0),
-            fontsize=6,
-            columnspacing=0.8,
-        )
+                if after != before:
+                    _mark(ax, after, place, *KNOWLEDGE[step["knowledge"]])
+            _mark(ax, best, place + 0.28, 7, "#000000")
+            lowest = min(lowest, *rates, best)
+        ax.set_yticks(range(len(found)), [each["scenario"] for each in reversed(found)])
+        ax.set(xlabel="success, %", xlim=(max(0.0, lowest - lowest % 10.0), 101.5), ylim=(-0.6, len(found) - 0.2))
+        shown = dict.fromkeys(step["knowledge"] for each in found for step in each["steps"])
+        _mark(ax, [], [], "o", FIRST, fillstyle="none", label="as sensed")
+        for name in shown:
+            _mark(ax, [], [], *KNOWLEDGE[name], label=f"+ {name}")
+        _mark(ax, [], [], 7, "#000000", label="best planner")
+        ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.2, 1.0), columnspacing=1.0, handletextpad=0.2)
     say(f"wrote {out}")
+
+
+def _mark(ax: Axes, rate: Any, place: Any, marker: str | int, colour: str, **options: Any) -> None:
+    """Draw the mark of a rung, or of the best planner, at a success rate in per cent."""
+    ax.plot(rate, place, ls="", marker=marker, color=colour, ms=5.5, zorder=4, clip_on=False, **options)
 
 
 if __name__ == "__main__":
