@@ -19,6 +19,7 @@ from crowdbench.boards.entry import Entry, is_pending
 from crowdbench.boards.verification import read_public_run
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics import Metric
+from crowdbench.record.verdict import describe_failure
 from crowdbench.record.write import Recorder
 from crowdbench.runs.recording import units_of
 from crowdbench.runs.replay import traces
@@ -97,7 +98,7 @@ def _failure(trace: Trace, row: int, scenario: str, reported: Episodes) -> dict[
         "outcome": outcome,
         "reported": _word(reported.outcome[reported.case == case][0]),
         "seconds": seconds,
-        "gap": float(np.min(trace.gap[row, : trace.steps[row]])),
+        "verdict": describe_failure(trace, row),
         "picture": trajectories(trace, row, f"{scenario}, case {case}: {outcome} after {seconds:g} s"),
     }
 

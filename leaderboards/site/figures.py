@@ -22,25 +22,20 @@ from texts import shorten
 
 from crowdbench.core.types import Trace
 from crowdbench.drawing import Color, Disc, Moment, Palette, Shape, draw_moment, extent
-from crowdbench.figures.episode import draw
+from crowdbench.figures.style import draw
+
+_OF_ROLES = {
+    role: role if role in ("vehicle", "pedestrian", "contact", "walked") else "ink" for role in Palette._fields
+} | {"faint": "line", "background": "page"}
+"""By role, the name of a variable of `style.css`. Episodes on the pages have no success and no decisions."""
 
 _RGB: dict[str, Color] = {
-    name: (1, 2, number) for number, name in enumerate(("ink", "muted", "line", "page", "accent", "bad"))
+    name: (1, 2, number) for number, name in enumerate(dict.fromkeys(("muted", "accent", *_OF_ROLES.values())))
 }
 COLOURS = {name: f"#{bytes(color).hex()}" for name, color in _RGB.items()}
 """By the name of a variable of `style.css`, the colour that stands for it while Matplotlib draws."""
 
-PALETTE = Palette(
-    vehicle=_RGB["accent"],
-    pedestrian=_RGB["muted"],
-    walked=_RGB["muted"],
-    hidden=_RGB["muted"],
-    failure=_RGB["bad"],
-    faint=_RGB["line"],
-    wall=_RGB["ink"],
-    text=_RGB["ink"],
-    background=_RGB["page"],
-)
+PALETTE = Palette(**{role: _RGB[name] for role, name in _OF_ROLES.items()})
 """The colours of an episode."""
 
 _STYLE = {
@@ -211,8 +206,7 @@ def _covered(axes: Axes, one: Standing, scale: float) -> list[shapely.Polygon]:
 
 
 def trajectories(trace: Trace, row: int, label: str) -> Markup:
-    """An episode at its end, with the ways to it and discs at every full second of the vehicle and of the agent that it
-    hit.
+    """Draw an episode at its end, with all paths, and discs at every full second of both agents of a contact.
 
     Args:
         trace: The trace with the episode.
@@ -223,13 +217,10 @@ def trajectories(trace: Trace, row: int, label: str) -> Markup:
     position = trace.position[row, : last + 1]
     moment = Moment.of_trace(trace, row, last)
     marks: list[Shape] = []
-    for agent in (0, *moment.hit):
-        color = PALETTE.failure if agent in moment.hit else PALETTE.vehicle
+    for agent, color in [(0, PALETTE.vehicle), *((agent, PALETTE.pedestrian) for agent in moment.hit)]:
         earlier = position[: -1 : max(round(EVERY / trace.rules.dt), 1), agent]
         places = earlier[np.isfinite(earlier).all(axis=1)]
         marks += [Disc(centre, float(moment.radius[agent]), None, color, 0.7) for centre in places]
-    if moment.hit:
-        marks.append(Disc(position[last, [0, *moment.hit]].mean(axis=0), 0.75, None, PALETTE.failure, 1.2))
     low, high = extent(position, trace.goal[row, last, 0], trace.obstacles[row], 0.6)
     middle, half = (low + high) / 2, (high - low).max() / 2
     (left, bottom), (right, top) = middle - half, middle + half
@@ -237,5 +228,5 @@ def trajectories(trace: Trace, row: int, label: str) -> Markup:
         axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="x (m)", ylabel="y (m)")
         axes.spines[:].set_visible(False)
         axes.tick_params(length=0)
-        draw(axes, [*marks, *draw_moment(moment, middle - half, PALETTE)])
+        draw(axes, [*marks, *draw_moment(moment, PALETTE)])
         return _to_svg(figure, label)
