@@ -1,4 +1,4 @@
-"""Draws docs/noticing/ and prints docs/noticing.md, who notices the vehicle: python docs/noticing_page.py."""
+"""Prints docs/noticing.md, who notices the vehicle: python docs/noticing_page.py. docs/pictures.py draws it."""
 
 import math
 import tomllib
@@ -9,9 +9,8 @@ import numpy as np
 from crowdbench.catalog import load_planner, load_scenario, scenarios
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Rules, Trace
-from crowdbench.drawing import LIGHT, Disc, Moment, Polygon, Shape, draw_moment, extent
-from crowdbench.figures.episode import draw
-from crowdbench.figures.style import canvas
+from crowdbench.drawing import LIGHT, Disc, Moment, Polygon, Shape, bounds_with_bands, draw_bands, draw_moment, extent
+from crowdbench.figures.episode import draw_pictures
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
@@ -40,26 +39,29 @@ nearest to the vehicle."""
 
 
 def main() -> None:
-    """Write the pictures, and print the page."""
-    study = tomllib.loads((DOCS.parent / "studies" / "suite" / "study.toml").read_text())
+    """Print the page."""
     described = dict(scenarios())
-    names = dict.fromkeys(name for table in study["tables"] for name in table["scenarios"])
     print(f"# Reactions in each scenario\n\n{printed_by('python docs/noticing_page.py')}\n\n{NOTE}")
-    for name in names:
-        scenario = load_scenario(name)
-        trace = rollout(Driver(load_planner(PLANNER)[1], PLANNER), scenario, CASE)
-        state = moment(trace)
-        vehicle = trace.position[0, state, 0]
-        low, high = extent(trace.position[0, :1], trace.goal[0, :1, 0], trace.obstacles[0], 0.7)
-        low, high = np.maximum(low, vehicle - REACH), np.minimum(high, vehicle + REACH)
-        width, height = SIDE * (high - low) / (high - low).max()
-        with canvas(DOCS / "noticing" / f"{name}.png", width, height) as figure:
-            axes = figure.add_subplot()
-            axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-            axes.axis("off")
-            draw(axes, shapes(trace, state, low))
-        print(f"\n## {name}\n\n{described[name]}. {sentence(scenario.rules)}\n")
+    for name in suite_names():
+        print(f"\n## {name}\n\n{described[name]}. {sentence(load_scenario(name).rules)}\n")
         print(f"![Pedestrians that have noticed the vehicle in {name}](noticing/{name}.png)")
+
+
+def suite_names() -> list[str]:
+    """Return the names of the scenarios of the suite, each once."""
+    study = tomllib.loads((DOCS.parent / "studies" / "suite" / "study.toml").read_text())
+    return list(dict.fromkeys(name for table in study["tables"] for name in table["scenarios"]))
+
+
+def draw_noticing(name: str, out: Path) -> None:
+    """Draw the moment of a scenario in which as many people have noticed the vehicle as have not."""
+    trace = rollout(Driver(load_planner(PLANNER)[1], PLANNER), load_scenario(name), CASE)
+    state = moment(trace)
+    vehicle = trace.position[0, state, 0]
+    low, high = extent(trace.position[0, :1], trace.goal[0, :1, 0], trace.obstacles[0], 0.7)
+    plane = np.stack([np.maximum(low, vehicle - REACH), np.minimum(high, vehicle + REACH)])
+    bounds, inch = bounds_with_bands(plane, SIDE)
+    draw_pictures([([*shapes(trace, state), *draw_bands(bounds, inch)], bounds, inch)], 1, out)
 
 
 def sentence(rules: Rules) -> str:
@@ -95,14 +97,14 @@ def have_noticed(trace: Trace) -> np.ndarray:
     return everybody if trace.noticed is None else trace.noticed[0]
 
 
-def shapes(trace: Trace, state: int, corner: np.ndarray) -> list[Shape]:
+def shapes(trace: Trace, state: int) -> list[Shape]:
     """Return the picture of a state, in which filled people have noticed the vehicle."""
     people, drawn = trace.position[0, state, 1:], list[Shape]()
     here = np.flatnonzero(np.isfinite(people[:, 0]))
     if trace.noticed is not None:
         nearest = here[np.argmin(norm(people[here] - trace.position[0, state, 0]))]
         drawn.append(field_of_view(people[nearest], trace.velocity[0, state, 1 + nearest], trace.obstacles[0]))
-    drawn += draw_moment(Moment.of_trace(trace, 0, state), corner)
+    drawn += draw_moment(Moment.of_trace(trace, 0, state))
     for person in here[~have_noticed(trace)[state, here]]:
         radius = float(trace.radius[0, state, 1 + person])
         drawn.append(Disc(people[person], radius, LIGHT.background, LIGHT.pedestrian, 1.0))
