@@ -293,7 +293,9 @@ def star(outer: float, inner: float, points: int) -> Float[np.ndarray, "corner 2
 def burst(position: Float[np.ndarray, "agent 2"], radius: Float[np.ndarray, "agent"]) -> Float[np.ndarray, "corner 2"]:
     """Return the mark of a contact: a star in metres around the agents in it."""
     middle = position.mean(axis=0)
-    reach = float((np.hypot(*(position - middle).T) + radius).max())
+    reach, small = float((np.hypot(*(position - middle).T) + radius).max()), 2.0 * float(radius.min())
+    if reach > 1.5 * small:  # a long vehicle: the star is around the other one
+        middle, reach = position[radius.argmin()], small
     return middle + star(1.7 * reach, 1.25 * reach, 12)
 
 

@@ -16,13 +16,11 @@ from PIL import Image, ImageSequence
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Trace
-from crowdbench.drawing import LIGHT, Line, Moment, bounds_with_bands, draw_bands, draw_moment
 from crowdbench.figures.episode import Episode, draw_pictures, draw_start, draw_strip, film
 from crowdbench.planners.driver import Driver
 from crowdbench.record.decisions import draw_decisions, read_paths
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.sim.contacts import WINDOW, Fault, find_contacts
 
 DOCS = Path(__file__).parent
 
@@ -31,16 +29,6 @@ DIFFERENCE = 2.0
 
 COLUMNS = 4
 """Panels side by side in a picture as wide as a page."""
-
-KINDS = {
-    Fault.STRUCK_STANDING: "struck standing",
-    Fault.STRUCK_BEHIND: "struck from behind",
-    Fault.STRUCK: "struck otherwise",
-    Fault.ALONE: "hit alone",
-    Fault.BOTH: "hit both",
-    Fault.UNDETERMINED: "undetermined",
-}
-"""The kinds of contacts, and their titles."""
 
 
 @dataclass(frozen=True)
@@ -77,29 +65,6 @@ def draw_suite(out: Path) -> None:
     draw_pictures(pictures, COLUMNS, out)
 
 
-def draw_faults(out: Path) -> None:
-    """Draw the first collision of each kind in some runs, with the paths of the last second."""
-    shown = {}
-    for planner, scenario in (("sarl_cvm", "car_12"), ("straight", "groups_12")):
-        trace = drive(planner, scenario, "test:200")
-        contacts = find_contacts(trace)
-        for kind in KINDS:
-            rows = np.flatnonzero((contacts.fault == kind) & (contacts.agent > 0))
-            if len(rows) and kind not in shown:
-                shown[kind] = trace, int(rows[0]), contacts
-    pictures = []
-    for kind, (trace, row, contacts) in sorted(shown.items()):
-        steps, agent = int(trace.steps[row]), int(contacts.agent[row])
-        middle = trace.position[row, steps, 0]
-        bounds, inch = bounds_with_bands(np.stack([middle - 3.0, middle + 3.0]), 7.0 / 3, has_title=True)
-        states = slice(max(0, steps - round(WINDOW / trace.rules.dt)), steps + 1)
-        paths = [Line(trace.position[row, states, who], LIGHT.contact, 1.5) for who in (0, agent)]
-        share = f"φ = {contacts.share[row]:.2g}" if np.isfinite(contacts.share[row]) else "φ undefined"
-        bands = draw_bands(bounds, inch, (share, LIGHT.text), KINDS[kind])
-        pictures.append(([*draw_moment(Moment.of_trace(trace, row, steps)), *paths, *bands], bounds, inch))
-    draw_pictures(pictures, 3, out)
-
-
 def draw_race(out: Path) -> None:
     """Make a film of four planners in the same case of a crossing, at twice the speed."""
     episodes = []
@@ -112,16 +77,15 @@ def draw_race(out: Path) -> None:
 
 def draw_episode(out: Path) -> None:
     """Draw a whole case, with the time along the path."""
-    episode = Episode(drive("orca_margin", "circle_crossing_5", "test/5"), 0)
+    episode = Episode(drive("orca_margin", "circle_crossing_5", "val/5"), 0)
     draw_pictures([episode.picture()], 1, out)
 
 
 PICTURES: dict[str, Callable[[Path], None]] = {
     "suite.png": draw_suite,
-    "faults.png": draw_faults,
     "race.webp": draw_race,
     "episode.png": draw_episode,
-    "strip.png": lambda out: draw_strip(Episode(drive("mppi", "intersection_16", "test/8"), 0, 9.0), 5, out),
+    "strip.png": lambda out: draw_strip(Episode(drive("mppi", "intersection_16", "val/8"), 0, 9.0), 5, out),
     "groups.png": lambda out: draw_start(load_scenario("groups_12"), "test", 3, out),
     **{f"noticing/{name}.png": functools.partial(draw_noticing, name) for name in suite_names()},
 }
