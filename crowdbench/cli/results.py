@@ -136,38 +136,47 @@ def _replay(run: RunResult, scenario: Scenario, metrics: Mapping[str, Metric], a
 
 
 def export(
-    run: Path,
+    runs: list[Path],
     out: Annotated[Path, typer.Option()],
-    format: Literal["txt", "socnav", "rosbag2"] = "txt",
+    format: Literal["txt", "socnav", "rosbag2", "replay"] = "txt",
     pedestrians: list[str] | None = None,
     layout: str | None = None,
     data: Path | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Write the tracks of a run, and a table of what the vehicle saw, did and gained, for other programs.
+    """Write the tracks of a run and a table of its steps for other programs, or a page that plays runs in a browser.
 
     The cases are simulated again from the recorded commands, without the planner.
 
     Args:
-        run: Directory of a run.
+        runs: Directory of a run; of several runs for a replay.
         out: Directory to write: `tracks/` has a file for each case, with a line `frame person x y` for each position
             in metres; the vehicle is person 0, and a frame is a step. `steps.parquet` has a row for each step, with the
             observation of the environments, the command, CrowdNav's reward, and whether the episode ends.
         format: Format of the tracks. socnav: JSON files of SocNav3 (arXiv:2509.01251), whose metric predicts how people
             would rate a trajectory. Nobody was asked about these runs. rosbag2: ROS 2 bags (MCAP) for RViz and
-            Foxglove, with the extra ros.
+            Foxglove, with the extra ros. replay: a page, `index.html`, that plays the cases of the runs, with several
+            planners side by side, and needs no server.
         pedestrians: The file of a pedestrian policy of your own that the run had, ./mine.py. Repeatable.
         layout: The file of a layout of your own that the run had, ./mine.py.
     """
     from crowdbench.runs.export import STEPS
     from crowdbench.runs.export import export as write
+    from crowdbench.runs.pages import PAGE, export_page
     from crowdbench.runs.store import RunResult
     from crowdbench.utils import files
 
-    files.check_free(out, overwrite, STEPS)
+    if len(runs) > 1 and format != "replay":
+        raise InputError(f"--format {format} takes one run, and {len(runs)} are given")
+    mark = PAGE if format == "replay" else STEPS
+    files.check_free(out, overwrite, mark)
     announce_compilation()
-    result = RunResult.read(run)
-    scenario = load_scenario(result, pedestrians, layout, data)
-    with files.new_directory(out, overwrite, STEPS) as folder, progress(len(result.commands.case)) as report:
-        cases = write(result, scenario, folder, report, format)
+    results = [RunResult.read(run) for run in runs]
+    number = sum(len(result.commands.case) for result in results)
+    with files.new_directory(out, overwrite, mark) as folder, progress(number) as report:
+        if format == "replay":
+            cases = export_page(results, lambda run: load_scenario(run, pedestrians, layout, data), folder, report)
+        else:
+            scenario = load_scenario(results[0], pedestrians, layout, data)
+            cases = write(results[0], scenario, folder, report, format)
     print(f"{cases} cases in {out}")
