@@ -1,0 +1,254 @@
+"""`crowdbench export --format replay`: the page in headless Chromium, beside the recordings that it is made from."""
+
+import contextlib
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from crowdbench.cli import app
+from crowdbench.core.types import Outcome
+from crowdbench.record.cases import read_case
+from crowdbench.record.decisions import read_paths
+from crowdbench.runs.load import load_run
+from crowdbench.runs.pages import COARSE, PAGE, QUANTUM, pack
+from crowdbench.runs.shards import make_run
+from crowdbench.runs.spec import RunSpec
+from crowdbench.runs.store import RunResult
+from crowdbench.scenario.cases import Cases
+
+RUNS = [("orca", "doorway_8", 10), ("mppi", "doorway_8", 2), ("orca_margin", "restless_20", 1), ("orca", "office_8", 1)]
+"""Planner, scenario and number of cases: with attention and predictions, with respawn, with walls that hide people."""
+
+EPISODES = """() => Object.fromEntries(Object.entries(replay.episodes).map(
+    ([planner, { canvas, caption, ...episode }]) => [planner, episode]))"""
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """The runs, and the folder of their page."""
+    place = tmp_path_factory.mktemp("replay")
+    made = []
+    for planner, scenario, cases in RUNS:
+        folder = place / f"{planner}-{scenario}"
+        make_run(load_run(RunSpec(planner, scenario, Cases("val", 0, cases), record="all")), folder)
+        made.append(RunResult.read(folder))
+    arguments = [*(str(run.directory) for run in made), "--format", "replay", "--out", str(place / "page")]
+    done = CliRunner().invoke(app, ["export", *arguments])
+    assert done.exit_code == 0, done.output
+    assert "12 cases in" in done.output
+    return made, place / "page"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Headless Chromium."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("needs Chromium")
+    with (
+        playwright.sync_playwright() as started,
+        contextlib.closing(started.chromium.launch(executable_path=chromium)) as one,
+    ):
+        yield one
+
+
+@pytest.fixture
+def visit(browser, runs):
+    """Open the page at a link; afterwards, nothing was on the console and nothing came from elsewhere."""
+    wrong, opened = [], []
+
+    def go(link="", width=1280, height=720, **options):
+        context = browser.new_context(
+            viewport={"width": width, "height": height}, **{"reduced_motion": "reduce"} | options
+        )
+        opened.append(context)
+        page = context.new_page()
+        page.on("console", lambda message: wrong.append(message.text))
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("requestfailed", lambda request: wrong.append(request.url))
+        page.on("request", lambda request: wrong.extend([request.url] * (not is_inside(request.url, runs[1]))))
+        page.goto((runs[1] / PAGE).as_uri() + link)
+        page.wait_for_function("document.querySelectorAll('figure canvas').length > 0")
+        return page
+
+    yield go
+    for context in opened:
+        context.close()
+    assert wrong == []
+
+
+def is_inside(url, folder):
+    return url.startswith((folder.as_uri() + "/", "data:"))
+
+
+def same(value, other, tolerance=1e-9):
+    np.testing.assert_allclose(value, other, atol=tolerance, rtol=0.0)
+
+
+@pytest.mark.parametrize("number", range(len(RUNS)))
+def test_the_page_has_the_positions_of_the_recording_to_the_quantum(runs, visit, number):
+    planner, scenario, cases = RUNS[number]
+    trace = runs[0][number].recording.trace
+    page = visit()
+    for case in range(min(cases, 2)):
+        page.goto(page.url.partition("#")[0] + f"#any/{scenario}/val/{case}/{planner}@0")
+        page.wait_for_function(f"document.title.startsWith('{scenario}, case val/{case}')")
+        episode = page.evaluate(EPISODES)[planner]
+        states = episode["steps"] + 1
+        assert (states - 1, episode["outcome"]) == (trace.steps[case], Outcome(trace.outcome[case]).label[0])
+        position = np.full((states, trace.position.shape[2], 2), np.nan)
+        flags = {name: np.zeros(position.shape[:2], bool) for name in ("seen", "noticed")}
+        for stay in episode["stays"]:
+            during = slice(stay["first"], stay["last"] + 1), stay["agent"]
+            assert np.isnan(position[during]).all()  # nobody is in two places
+            position[during] = np.stack([stay["x"], stay["y"]], axis=1)
+            same(trace.radius[case][during], stay["radius"], QUANTUM / 2)
+            if stay["agent"]:
+                assert len(set(trace.person[case, during[0], stay["agent"] - 1])) == 1
+            for name, flag in flags.items():
+                flag[during] = stay[name] or False
+        same(position, trace.position[case, :states], QUANTUM / 2 + 1e-9)
+        same(np.array(episode["gap"]) / 100, np.minimum(trace.gap[case, : states - 1], 1e3), 0.005 + 1e-9)
+        present = trace.present[case, :states, 1:]
+        assert (flags["seen"][:, 1:] == (trace.seen[case, :states] & present)).all()
+        if trace.noticed is not None:
+            assert (flags["noticed"][:, 1:] == (trace.noticed[case, :states] & present)).all()
+            assert flags["noticed"].any()
+        if episode.get("heading"):
+            same(np.exp(1j * np.array(episode["heading"])), np.exp(1j * trace.heading[case, :states]), 0.006)
+    assert (~flags["seen"][:, 1:] & present).any() == (scenario != "doorway_8")
+
+
+def test_predicted_and_considered_paths_are_those_of_the_recording(runs, visit):
+    run = runs[0][1]
+    recorded = read_paths(read_case(run.directory / "run.rrd", 1).chunks, run.recording.trace.rules.dt)
+    planned = visit("#suite/doorway_8/val/1/mppi@2").evaluate(EPISODES)["mppi"]["planned"]
+    assert len(planned) == run.episodes.steps[1] + 1
+    compared = 0
+    for state, paths in enumerate(planned):
+        for kind in ("predicted", "considered"):
+            lines = getattr(recorded[state], kind) if state in recorded else []
+            assert len(paths[kind]) == len(lines)
+            for line, path in zip(lines, paths[kind], strict=True):
+                compared += 1
+                same(line[[0, -1]], np.array(path)[[0, -1]], COARSE / 2 + 1e-6)
+    assert compared > 500
+
+
+def test_a_link_shows_its_frame_and_stays(runs, visit):
+    page = visit("#suite/doorway_8/val/1/mppi,orca@3.25")
+    assert page.evaluate("Object.keys(replay.episodes)") == ["mppi", "orca"]
+    assert page.locator("#clock").inner_text() == "3.25 s"
+    assert page.locator("#time").input_value() == "3.25"
+    for number, planner in ((1, "mppi"), (0, "orca")):
+        trace = runs[0][number].recording.trace
+        label = page.get_by_role("img", name=re.compile(f"^{planner} at 3.25 s")).get_attribute("aria-label")
+        assert f"gap {trace.gap[1, 12]:.2f} m" in label
+        assert "sees 8 of 8 pedestrians" in label
+    assert page.url.endswith("#suite/doorway_8/val/1/mppi,orca@3.25")
+    page.locator("#time").fill("2")
+    assert page.url.endswith("#suite/doorway_8/val/1/mppi,orca@2")
+    page.goto(page.url.replace("val/1/mppi,orca@2", "val/0/orca@1"))
+    page.wait_for_function("document.title.includes('val/0')")
+    assert page.locator("#clock").inner_text() == "1.00 s"
+
+
+def test_it_plays_to_the_end_and_pauses(visit):
+    page = visit("#suite/doorway_8/val/0/orca", reduced_motion="no-preference")
+    page.wait_for_function("document.getElementById('time').value > .5")  # without a time in the link it plays
+    page.keyboard.press(" ")
+    stopped = page.locator("#time").input_value()
+    page.wait_for_timeout(200)
+    assert page.locator("#time").input_value() == stopped
+    page.locator("#speed").select_option("4")
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_function("document.querySelector('figcaption .s, figcaption .c, figcaption .t')")
+    page.wait_for_function("document.getElementById('play').textContent.includes('Play')")
+    assert "orca at" in page.locator("#status").inner_text()
+
+
+def test_a_failure_has_a_verdict_and_a_button_that_leads_to_it(runs, visit):
+    episodes = runs[0][0].episodes
+    failed = episodes.failures["collision"][0]
+    page = visit("#suite/doorway_8/val/0/orca@0")
+    page.keyboard.press("f")
+    page.wait_for_function(f"document.title.includes('val/{failed} ')")
+    end = episodes.steps[failed] * 0.25
+    assert f"at {end:g} s" in page.locator(".verdict").inner_text()
+    page.keyboard.press("j")
+    page.keyboard.press(" ")
+    assert end - 3 <= float(page.locator("#time").input_value()) < end
+    page.keyboard.press("End")
+    assert page.locator("figcaption .c").inner_text() == f"✗ collision, {end:.2f} s"
+
+
+def test_keys_step_and_change_cases_and_planners(visit):
+    page = visit("#suite/doorway_8/val/0/orca@1")
+    for key, clock in (("ArrowRight", "1.25 s"), ("ArrowLeft", "1.00 s"), ("Home", "0.00 s")):
+        page.keyboard.press(key)
+        assert page.locator("#clock").inner_text() == clock
+    page.keyboard.press("n")
+    page.wait_for_function("document.title.includes('val/1')")
+    page.keyboard.press("2")
+    page.wait_for_function("'mppi' in replay.episodes")
+    assert page.get_by_role("button", name="mppi").get_attribute("aria-pressed") == "true"
+    page.locator("#scenario").select_option("restless_20")
+    page.wait_for_function("'orca_margin' in replay.episodes")
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 720)])
+def test_the_page_fits_and_each_control_has_a_name(visit, width, height, theme):
+    page = visit("#suite/doorway_8/val/1/mppi,orca@3", width, height, color_scheme=theme)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    if width == 1280:
+        assert page.evaluate("document.documentElement.scrollHeight") <= height
+    unnamed = [
+        control.evaluate("each => each.outerHTML")
+        for control in page.locator("button, select, input, canvas[role=img]").all()
+        if not re.search('"[^"]+"', control.aria_snapshot())
+    ]
+    assert unnamed == []
+    ground, most = page.evaluate("""() => {
+        const canvas = document.querySelector('figure canvas'), pen = canvas.getContext('2d');
+        const pixels = pen.getImageData(0, 0, canvas.width, canvas.height).data;
+        return [pixels[0], new Set(new Uint32Array(pixels.buffer)).size];
+    }""")
+    assert (ground > 127) == (theme == "light")
+    assert most > 20
+    before = page.evaluate("getComputedStyle(document.documentElement).backgroundColor")
+    page.get_by_role("button", name="Switch between light and dark").click()
+    assert page.evaluate("getComputedStyle(document.documentElement).backgroundColor") != before
+
+
+def test_the_page_and_its_data_are_small(runs):
+    folder = runs[1]
+    assert sum(path.stat().st_size for path in folder.iterdir() if path.is_file()) < 60_000
+    for path in folder.glob("data/doorway_8/*[0-9].js"):
+        episodes = json.loads(path.read_text().partition(",")[2][:-2])["episodes"]
+        assert path.stat().st_size / len(episodes) < 3_000
+    assert not re.search(r"https?://", "".join(path.read_text() for path in folder.iterdir() if path.is_file()))
+
+
+def test_integers_are_packed_as_in_source_maps():
+    assert pack(np.array([0, 1, -1]), np.array([[16], [-16]])) == "ACDgBhB"
+    assert pack(np.array([123, 456, 789])) == "2HwcqxB"
+    assert pack() == ""
+
+
+def test_runs_that_cannot_share_a_page_are_refused(runs, tmp_path, call):
+    first, *others = [str(run.directory) for run in runs[0]]
+    done = call("export", first, others[0], "--out", str(tmp_path / "out"))
+    assert done.returncode == 1
+    assert "--format txt takes one run, and 2 are given" in done.stderr
+    spec = RunSpec("orca", "doorway_8", Cases("val", 0, 1), overrides={"pedestrians.attention.ignores": 0.5})
+    make_run(load_run(spec), tmp_path / "other")
+    done = call("export", first, str(tmp_path / "other"), "--format", "replay", "--out", str(tmp_path / "out"))
+    assert done.returncode == 1
+    assert "has another scenario doorway_8 than the runs before it" in done.stderr
+    assert not (tmp_path / "out").exists()
