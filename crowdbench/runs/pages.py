@@ -3,7 +3,7 @@
 index.html, replay.js           the page
 data/index.js                   scenarios, cases, planners, outcomes, and the palette
 data/doorway_8/val-3.js         a case: the tracks of its episodes, one for each planner
-data/doorway_8/val-3.paths.js   what planners predicted and considered in it, where that was recorded
+data/doorway_8/val-3.paths.js   what planners predicted, considered and planned in it, where that was recorded
 
 Data are scripts, because a page of a file system can read nothing else. Arrays are texts, see `pack`. Positions are
 rounded to `QUANTUM`.
@@ -30,14 +30,15 @@ from crowdbench.core.dynamics import Holonomic, outline
 from crowdbench.core.geometry import polygons
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.drawing import DARK, LIGHT, same_agents
-from crowdbench.record.cases import read_case, recorded_cases
+from crowdbench.record.cases import read_case, read_verdict, recorded_cases
 from crowdbench.record.decisions import PlannedPaths, read_paths
+from crowdbench.record.verdict import describe_failure
 from crowdbench.runs.replay import traces
 from crowdbench.runs.results import RECORDING
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.contacts import Contacts, find_contacts
+from crowdbench.sim.contacts import find_contacts
 from crowdbench.utils.errors import InputError
 
 PAGE = "index.html"
@@ -47,7 +48,7 @@ QUANTUM = 0.002
 """Positions of agents are multiples of it, in metres."""
 
 COARSE = 0.02
-"""The same of predicted and considered paths, and how far these may lie beside the recorded ones."""
+"""The same of predicted, considered and planned paths, and how far these may lie beside the recorded ones."""
 
 _DIGITS = np.frombuffer(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_", np.uint8)
 
@@ -99,21 +100,29 @@ def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress:
         recording = run.directory / RECORDING
         recorded = set(recorded_cases(recording)) if recording.exists() else set()
         for trace in traces(run, scenario, undisturbed=False, progress=progress):
-            contacts = find_contacts(trace)
+            hit = find_contacts(trace).agent
             for row, case in enumerate(trace.case.tolist()):
                 key = f"{name}/{trace.split}-{case}"
                 cases[key]["obstacles"] = pack(*_to_lines(polygons(trace.obstacles[row]), QUANTUM))
-                cases[key]["episodes"][planner] = {
-                    **_episode(trace, row),
-                    "hit": int(contacts.agent[row]),
-                    "verdict": _verdict(trace, row, contacts),
-                }
+                verdict = read_verdict(recording, case) if case in recorded else describe_failure(trace, row)
+                episode = {**_episode(trace, row), "hit": int(hit[row]), "verdict": verdict}
+                cases[key]["episodes"][planner] = episode
                 if case in recorded:
                     planned = read_paths(read_case(recording, case).chunks, trace.rules.dt)
                     if packed := _paths(planned, int(trace.steps[row]) + 1):
                         cases[key]["paths"], paths[key][planner] = True, packed
     palette = {theme: _colors(colors._asdict()) for theme, colors in (("light", LIGHT), ("dark", DARK))}
-    _write(folder, "index", {"palette": palette, "quantum": QUANTUM, "coarse": COARSE, "scenarios": scenarios})
+    _write(
+        folder,
+        "index",
+        {
+            "palette": palette,
+            "quantum": QUANTUM,
+            "coarse": COARSE,
+            "paths": PlannedPaths._fields,
+            "scenarios": scenarios,
+        },
+    )
     for key, data in itertools.chain(cases.items(), ((f"{key}.paths", data) for key, data in paths.items())):
         _write(folder, key, data)
     return len(cases)
@@ -150,8 +159,6 @@ def _describe(scenario: Scenario) -> dict[str, Any]:
 
 
 def _colors(palette: Mapping[str, tuple[int, int, int]]) -> dict[str, str]:
-    more = {"success": (40, 160, 120), "predicted": (136, 144, 140), "considered": (200, 140, 60)}
-    palette = {"contact": palette["failure"], **more, **palette}
     return {role: "#{:02x}{:02x}{:02x}".format(*color) for role, color in palette.items()}
 
 
@@ -187,18 +194,6 @@ def _episode(trace: Trace, row: int) -> dict[str, Any]:
     return episode
 
 
-def _verdict(trace: Trace, row: int, contacts: Contacts) -> list[str]:
-    """Return why an episode failed, as sentences; none of a success."""
-    outcome, seconds = Outcome(int(trace.outcome[row])), trace.steps[row] * trace.rules.dt
-    if outcome is Outcome.SUCCESS:
-        return []
-    if outcome is not Outcome.COLLISION:
-        return [f"{outcome.label.replace('_', ' ')} at {seconds:g} s"]
-    share = contacts.share[row]
-    part = "" if np.isnan(share) else f"; the vehicle's share of the approach is {100.0 * share:.0f} %"
-    return [f"collision with pedestrian {contacts.agent[row] - 1} at {seconds:g} s{part}"]
-
-
 def _bend(values: Float[np.ndarray, "*_ time"]) -> Float[np.ndarray, "*_ time"]:
     """Return second differences, which are small where a path is smooth."""
     return np.diff(np.diff(values, prepend=0.0), prepend=0.0)
@@ -218,12 +213,12 @@ def _to_lines(lines: Sequence[Float[np.ndarray, "_ 2"]], quantum: float) -> list
 
 def _paths(planned: Mapping[int, PlannedPaths], states: int) -> str:
     """Return the paths of an episode: how many of each kind in each state, and then all of them; empty without any."""
-    each = [planned.get(state, PlannedPaths([], [])) for state in range(states)]
-    lines = [line for paths in each for line in (*paths.predicted, *paths.considered)]
+    each = [planned.get(state, PlannedPaths()) for state in range(states)]
+    lines = [line for paths in each for lines in paths for line in lines]
     if not lines:
         return ""
     index = np.repeat(np.arange(len(lines)), list(map(len, lines)))
     simple = shapely.simplify(shapely.linestrings(np.concatenate(lines), indices=index), COARSE)
     points, index = shapely.get_coordinates(simple, return_index=True)
-    numbers = np.array([[len(paths.predicted), len(paths.considered)] for paths in each])
+    numbers = np.array([list(map(len, paths)) for paths in each])
     return pack(numbers, *_to_lines(np.split(points, np.flatnonzero(np.diff(index)) + 1), COARSE))

@@ -57,8 +57,8 @@ const replay = (() => {
       stays.push({ agent, first, last: first + count - 1, radius: radius * quantum, x, y, seen, noticed });
     }
     if (paths) {
-      const ways = reader(paths), counts = ways.many(2 * episode.steps + 2), lines = ways.lines(index.coarse);
-      while (counts.length) planned.push({ predicted: lines.splice(0, counts.shift()), considered: lines.splice(0, counts.shift()) });
+      const ways = reader(paths), counts = ways.many(index.paths.length * (episode.steps + 1)), lines = ways.lines(index.coarse);
+      while (counts.length) planned.push(Object.fromEntries(index.paths.map(kind => [kind, lines.splice(0, counts.shift())])));
     }
     const heading = episode.heading && reader(episode.heading).path(episode.steps + 1, 0.01);
     return { ...episode, stays, planned, heading, gap: gap.sums(gap.many(episode.steps)), end: episode.steps * scenario.dt };
@@ -148,7 +148,7 @@ const replay = (() => {
     const sample = kind => {
       const canvas = element("canvas", { width: 44, height: 36 }), pen = canvas.getContext("2d");
       pen.scale(2, 2);
-      if (colors[kind] && kind.endsWith("ed")) line(pen, [[2, 13], [20, 5]], colors[kind], 2);
+      if (index.paths.includes(kind)) line(pen, [[2, 13], [20, 5]], colors[kind] ?? colors.vehicle, 2);
       else if (kind === "contact") burst(pen, [[11, 9, 5]], 1.5);
       else disc(pen, 11, 9, 6.5, colors[kind] ?? colors.pedestrian, kind !== "unseen", kind === "noticed");
       return canvas;
@@ -158,7 +158,7 @@ const replay = (() => {
     if (stays.some(stay => stay.noticed.includes(true))) keys.noticed = "has noticed the vehicle";
     if (all.some(episode => "cw".includes(episode.outcome))) keys.contact = "contact";
     const choices = { numbers: "numbers" };
-    if (all.some(({ planned }) => planned.length)) Object.assign(choices, { predicted: "predicted paths", considered: "paths that the planner considers" });
+    for (const kind of index.paths) if (all.some(({ planned }) => planned.some(paths => paths[kind].length))) choices[kind] = `${kind} paths`;
     const toggle = ([value, text]) => {
       const checked = boxes.find(box => box.value === value)?.checked ?? value !== "numbers";
       const input = element("input", { type: "checkbox", value, checked, onchange: draw });
@@ -270,8 +270,8 @@ const replay = (() => {
       const walked = stay.x.slice(0, now - stay.first + 1).map((x, k) => [x, stay.y[k]]);
       line(pen, [...walked, place(stay)], stay.agent ? colors.walked : colors.vehicle, (stay.agent ? 1.5 : 3) * pixel);
     }
-    for (const kind of state < steps ? ["predicted", "considered"].filter(isShown) : [])
-      for (const path of planned[now]?.[kind] ?? []) line(pen, path, colors[kind], 1.3 * pixel);
+    for (const kind of state < steps && planned.length ? index.paths.filter(isShown) : [])
+      for (const path of planned[now][kind]) line(pen, path, colors[kind] ?? colors.vehicle, (kind === "planned" ? 3 : 1.3) * pixel);
     for (const stay of here) {
       const { agent, radius, first, seen, noticed } = stay;
       if (agent || !heading) disc(pen, ...place(stay), radius, agent ? colors.pedestrian : colors.vehicle, seen[now - first], agent && noticed[now - first]);
