@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -45,6 +46,12 @@ def find_case(path: Path, case: str) -> int:
 
 def _entries(path: Path) -> tuple[RrdReader, str, dict[int, StoreEntry]]:
     """Return a recording, its split, and the recording of each case in it."""
+    return _read_entries(path, path.stat().st_mtime_ns if path.is_file() else 0)
+
+
+@functools.lru_cache(maxsize=1)
+def _read_entries(path: Path, changed: int) -> tuple[RrdReader, str, dict[int, StoreEntry]]:
+    """Return `_entries` of a file that was last changed then."""
     with rrd.opening(path):
         reader = RrdReader(path)
         named = [(NAME.fullmatch(entry.recording_id), entry) for entry in reader.recordings()]

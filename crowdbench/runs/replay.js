@@ -60,7 +60,7 @@ const replay = (() => {
       const ways = reader(paths), counts = ways.many(index.paths.length * (episode.steps + 1)), lines = ways.lines(index.coarse);
       while (counts.length) planned.push(Object.fromEntries(index.paths.map(kind => [kind, lines.splice(0, counts.shift())])));
     }
-    const heading = episode.heading && reader(episode.heading).path(episode.steps + 1, 0.01);
+    const heading = reader(episode.heading).path(episode.steps + 1, 0.01);
     return { ...episode, stays, planned, heading, gap: gap.sums(gap.many(episode.steps)), end: episode.steps * scenario.dt };
   }
 
@@ -86,10 +86,11 @@ const replay = (() => {
     chosen = chosen.filter(planner => ending(planner, number));
     if (which !== name) fill(name = which);
     const key = `${name}/${number.replace("/", "-")}`, shown = chosen, these = await load(key);
-    const paths = these.paths ? await load(`${key}.paths`) : {};
+    const isRecorded = chosen.some(planner => scenario.runs[planner].recorded.includes(+number.split("/")[1]));
+    const paths = isRecorded ? await load(`${key}.paths`) : {};
     if (shown !== chosen) return; // something else was asked for meanwhile
-    obstacles = reader(these.obstacles).lines(index.quantum);
-    episodes = Object.fromEntries(chosen.map(planner => [planner, decode(these.episodes[planner], paths[planner])]));
+    obstacles = reader(these[chosen[0]].obstacles).lines(index.quantum);
+    episodes = Object.fromEntries(chosen.map(planner => [planner, decode(these[planner], paths[planner])]));
     end = Math.max(...chosen.map(planner => episodes[planner].end));
     time = Math.min(start, end);
     arrange();
@@ -192,14 +193,21 @@ const replay = (() => {
 
   function fit() {
     overview();
-    const all = Object.values(episodes), spans = [0, 1].map(axis => {
+    const all = Object.values(episodes), margin = Math.max(0.6, scenario.tolerance + 0.2, ...scenario.outline.map(point => Math.hypot(...point)));
+    const spans = [0, 1].map(axis => {
       const values = [...all.flatMap(({ stays, goal }) => [goal[axis], ...stays.flatMap(stay => axis ? stay.y : stay.x)]), ...obstacles.flat().map(point => point[axis])];
-      return [values.reduce((a, b) => Math.min(a, b)) - 0.6, values.reduce((a, b) => Math.max(a, b)) + 0.6];
+      return [values.reduce((a, b) => Math.min(a, b)) - margin, values.reduce((a, b) => Math.max(a, b)) + margin];
     });
-    const [wide, high] = spans.map(([low, top]) => top - low), below = ["verdicts", "legend", "transport"].reduce((sum, id) => sum + $(id).offsetHeight + 10, 0);
-    const room = innerWidth < 640 ? innerHeight - $("transport").offsetHeight - 20 : Math.max(innerHeight - $("panels").offsetTop - below, 320);
-    const scaleOf = columns => Math.min((($("panels").clientWidth + 10) / columns - 10) / wide, (room / Math.ceil(all.length / columns) - 44) / high);
-    const columns = all.map((_, k) => k + 1).reduce((a, b) => scaleOf(b) > scaleOf(a) + 1e-9 ? b : a), scale = Math.max(scaleOf(columns), 8);
+    const [wide, high] = spans.map(([low, top]) => top - low), counts = all.map((_, k) => k + 1), heightOf = id => $(id).offsetHeight + 10;
+    const scaleOf = (columns, isBeside) => { // pixels in a metre, with the verdicts below or beside the pictures
+      $("stage").classList.toggle("beside", isBeside);
+      const below = heightOf("transport") + heightOf("legend") + (isBeside ? 0 : heightOf("verdicts"));
+      const room = innerWidth < 640 ? innerHeight - heightOf("transport") : Math.max(innerHeight - $("panels").offsetTop - below, 320);
+      return Math.min((($("panels").clientWidth + 10) / columns - 10) / wide, (room / Math.ceil(all.length / columns) - 44) / high);
+    };
+    const ways = counts.flatMap(columns => [[columns, false], ...innerWidth > 1000 ? [[columns, true]] : []]).map(way => [scaleOf(...way), ...way]);
+    const [best, columns, isBeside] = ways.reduce((a, b) => b[0] > a[0] + 1e-9 ? b : a), scale = Math.max(best, 8);
+    $("stage").classList.toggle("beside", isBeside && $("verdicts").children.length > 0);
     box = { left: spans[0][0], top: spans[1][1], scale };
     $("panels").style.gridTemplateColumns = `repeat(${columns}, ${Math.floor(scale * wide)}px)`;
     for (const { canvas } of all) resize(canvas, Math.floor(scale * wide), Math.floor(scale * high));
@@ -274,14 +282,14 @@ const replay = (() => {
       for (const path of planned[now][kind]) line(pen, path, colors[kind] ?? colors.vehicle, (kind === "planned" ? 3 : 1.3) * pixel);
     for (const stay of here) {
       const { agent, radius, first, seen, noticed } = stay;
-      if (agent || !heading) disc(pen, ...place(stay), radius, agent ? colors.pedestrian : colors.vehicle, seen[now - first], agent && noticed[now - first]);
+      if (agent || !scenario.outline.length) disc(pen, ...place(stay), radius, agent ? colors.pedestrian : colors.vehicle, seen[now - first], agent && noticed[now - first]);
       else body(pen, ...place(stay), between(heading, state), pixel);
     }
     if (state >= steps && "cw".includes(outcome)) burst(pen, here.filter(({ agent }) => agent === 0 || agent === hit).map(stay => [...place(stay), stay.radius]), 2.5 * pixel);
     pen.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     Object.assign(pen, { fillStyle: colors.text, strokeStyle: colors.background, lineWidth: 3, font: "600 12px system-ui, sans-serif" });
     for (const stay of here.filter(({ agent }) => agent && (agent === hit || isShown("numbers")))) {
-      const [x, y] = place(stay), at = [stay.agent - 1, (x + stay.radius - left) * scale + 1, (top - y + stay.radius) * scale + 5];
+      const [x, y] = place(stay), at = [stay.agent - 1, (x + 0.7 * stay.radius - left) * scale + 2, (top - y + 0.7 * stay.radius) * scale + 8];
       pen.strokeText(...at);
       pen.fillText(...at);
     }
@@ -342,7 +350,8 @@ const replay = (() => {
   };
 
   function dress() {
-    const mix = part => `color-mix(in srgb, ${palette.text} ${part}%, ${palette.background})`, palette = index.palette[dark ? "dark" : "light"];
+    const mix = part => `color-mix(in srgb, ${palette.text} ${part}%, ${palette.background})`, palette = { ...index.palette[dark ? "dark" : "light"] };
+    for (const role in palette) palette[role] = `rgb(${palette[role]})`;
     colors = { ...palette, page: mix(4), line: mix(25), quiet: dark ? "#a9adb6" : "#66666a" };
     for (const [role, color] of Object.entries(colors)) document.documentElement.style.setProperty(`--${role}`, color);
     document.documentElement.style.colorScheme = dark ? "dark" : "light";
