@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
 
 from crowdbench import catalog
 from crowdbench.core.dynamics import Holonomic, outline
@@ -51,12 +52,12 @@ one, in metres. Paths are simplified by as much."""
 _DIGITS = np.frombuffer(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_", np.uint8)
 
 
-def pack(*arrays: Int[np.ndarray, "*_"]) -> str:
-    """Return integers as a text: base 32 from the lowest digit on, as in source maps.
+def pack(*arrays: ArrayLike) -> str:
+    """Return integers, of any type, as a text: base 32 from the lowest digit on, as in source maps.
 
     The lowest bit is the sign. Each digit is a character; those of the alphabet's second half say that more follow.
     """
-    values = np.concatenate([np.empty(0, np.int64), *(np.ravel(array).astype(np.int64) for array in arrays)])
+    values = np.concatenate([np.empty(0, np.int64), *(np.asarray(array, np.int64).ravel() for array in arrays)])
     digits = np.where(values < 0, 1 - 2 * values, 2 * values)[:, None] >> 5 * np.arange(8)
     follows = digits[:, 1:] > 0
     digits &= 31
@@ -146,7 +147,7 @@ def _episode(trace: Trace, row: int) -> dict[str, Any]:
     stayed = same_agents(trace.person[row, :states]) & is_there[:-1]
     stay = np.cumsum(is_there & ~np.insert(stayed, 0, False, axis=0), axis=0)
     flags = [np.insert(flag[row, :states], 0, True, axis=1) for flag in (trace.seen, trace.noticed) if flag is not None]
-    numbers = []
+    numbers: list[ArrayLike] = []
     for agent, count in enumerate(stay[-1].tolist()):
         for number in range(1, count + 1):
             (state,) = np.nonzero(is_there[:, agent] & (stay[:, agent] == number))
@@ -176,10 +177,10 @@ def _turns(flag: Bool[np.ndarray, "state"]) -> Int[np.ndarray, "turn"]:
     return np.concatenate([[len(state)], np.diff(state, prepend=0)])
 
 
-def _to_lines(lines: Sequence[Float[np.ndarray, "_ 2"]], quantum: float) -> list[Int[np.ndarray, "*_"]]:
+def _to_lines(lines: Sequence[Float[np.ndarray, "_ 2"]], quantum: float) -> list[ArrayLike]:
     """Return the number of lines, that of the points of each, and the steps from point to point in quanta."""
     points = np.round(np.concatenate([np.zeros((1, 2)), *lines]) / quantum)
-    return [np.array([len(lines), *map(len, lines)]), np.diff(points, axis=0)]
+    return [[len(lines), *map(len, lines)], np.diff(points, axis=0)]
 
 
 def _paths(planned: Mapping[int, PlannedPaths], states: int) -> str:

@@ -1,6 +1,7 @@
-"""The pages of the leaderboards: one for all boards, one for each board, one for each entry.
+"""The pages of the leaderboards: one for all boards, one for each board, one for each entry, and replays of cases.
 
-They are plain files that need no server, no network and no JavaScript: python leaderboards/site/build.py --out pages
+They are plain files that need no server and no network, and but for the replays no JavaScript:
+python leaderboards/site/build.py --out pages
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import jinja2
 import page_tables
 import texts
 import typer
-from failures import failures
+from failures import failures, write_replay
 from figures import success_against_time
 from markupsafe import Markup
 from readme import FILLING
@@ -40,6 +41,9 @@ MARK = '<meta name="generator" content="leaderboards/site/build.py of crowdbench
 ENTRY_PAGES = "entries"
 """The folder of the pages of a board's entries, inside the board's."""
 
+REPLAY = "replay"
+"""The folder of the replays, inside the board's."""
+
 HERE = Path(__file__).parent
 TEMPLATES = HERE / "templates"
 STYLE = HERE / "style.css"
@@ -60,7 +64,7 @@ def build(out: Annotated[Path, typer.Option()], board: list[str] | None = None, 
 def build_site(root: Path, out: Path, names: Collection[str] = ()) -> int:
     """Build the pages of boards.
 
-    The same boards give the same bytes, apart from recordings (`.rrd`), in which Rerun numbers its chunks at random.
+    The same boards give the same bytes.
 
     Args:
         root: The folder of boards.
@@ -138,14 +142,18 @@ def _templates() -> jinja2.Environment:
 
 
 def _write_board(folder: Path, templates: jinja2.Environment, found: Standings, seed: int | None) -> None:
-    """Write the page of a board, and of its entries."""
+    """Write the page of a board, those of its entries, and the replays of their public cases."""
+    failed = {one.entry.name: failures(found.board, one.entry) for one in found.entries}
+    played = [one.entry for one in found.entries if not failed[one.entry.name].problem]
+    (folder / ENTRY_PAGES).mkdir(parents=True)
+    if played:
+        write_replay(found.board, played, folder / REPLAY)
+    context = {"standings": found, "played": {entry.name for entry in played}}
     scatter = success_against_time(found)
-    _write(folder / INDEX, templates, "board.html", top="../", standings=found, seed=seed, scatter=scatter)
-    pages = folder / ENTRY_PAGES
-    pages.mkdir()
+    _write(folder / INDEX, templates, "board.html", top="../", seed=seed, scatter=scatter, **context)
     for one in found.entries:
-        context = {"standings": found, "one": one, "failures": failures(found.board, one.entry, pages)}
-        _write(pages / f"{one.entry.name}.html", templates, "entry.html", top="../../", **context)
+        page = folder / ENTRY_PAGES / f"{one.entry.name}.html"
+        _write(page, templates, "entry.html", top="../../", one=one, failures=failed[one.entry.name], **context)
 
 
 def _write(path: Path, templates: jinja2.Environment, template: str, **context: Any) -> None:

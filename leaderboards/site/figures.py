@@ -1,7 +1,4 @@
-"""The figures of the pages, drawn by Matplotlib as SVG: success against time, and the trajectories of an episode.
-
-Their colours follow the page, light or dark.
-"""
+"""Success against time, drawn by Matplotlib as SVG in the colours of the page, light or dark."""
 
 from __future__ import annotations
 
@@ -20,23 +17,8 @@ from matplotlib.figure import Figure
 from standings import Standing, Standings
 from texts import shorten
 
-from crowdbench.core.types import Trace
-from crowdbench.drawing import Color, Disc, Moment, Palette, Shape, draw_moment, extent
-from crowdbench.figures.style import draw
-
-_OF_ROLES = {
-    role: role if role in ("vehicle", "pedestrian", "contact", "walked") else "ink" for role in Palette._fields
-} | {"faint": "line", "background": "page"}
-"""By role, the name of a variable of `style.css`. Episodes on the pages have no success and no decisions."""
-
-_RGB: dict[str, Color] = {
-    name: (1, 2, number) for number, name in enumerate(dict.fromkeys(("muted", "accent", *_OF_ROLES.values())))
-}
-COLOURS = {name: f"#{bytes(color).hex()}" for name, color in _RGB.items()}
+COLOURS = {name: f"#0102{number:02x}" for number, name in enumerate(("muted", "accent", "ink", "line", "page"))}
 """By the name of a variable of `style.css`, the colour that stands for it while Matplotlib draws."""
-
-PALETTE = Palette(**{role: _RGB[name] for role, name in _OF_ROLES.items()})
-"""The colours of an episode."""
 
 _STYLE = {
     "svg.fonttype": "none",
@@ -77,9 +59,6 @@ _OFFSETS = np.array(
     ]
 )
 """Where a name may stand beside its point, the best place first, in units of the SVG."""
-
-EVERY = 1.0
-"""Seconds between the discs that show where the vehicle, and the agent that it ran into, was."""
 
 _SHORTENED = (
     (r"<metadata>.*?</metadata>", ""),
@@ -203,30 +182,3 @@ def _covered(axes: Axes, one: Standing, scale: float) -> list[shapely.Polygon]:
     (left, low), (x, y), (right, high) = np.asarray(axes.transData.transform(_ends(one))) / scale
     edges = [(x - 5, y - 5, x + 5, y + 5), (left, y - 1, right, y + 1), (x - 1, low, x + 1, high)]
     return [shapely.box(*each) for each in edges]
-
-
-def trajectories(trace: Trace, row: int, label: str) -> Markup:
-    """Draw an episode at its end, with all paths, and discs at every full second of both agents of a contact.
-
-    Args:
-        trace: The trace with the episode.
-        row: Its row.
-        label: Its description, for readers who cannot see it.
-    """
-    last = int(trace.steps[row])
-    position = trace.position[row, : last + 1]
-    moment = Moment.of_trace(trace, row, last)
-    marks: list[Shape] = []
-    for agent, color in [(0, PALETTE.vehicle), *((agent, PALETTE.pedestrian) for agent in moment.hit)]:
-        earlier = position[: -1 : max(round(EVERY / trace.rules.dt), 1), agent]
-        places = earlier[np.isfinite(earlier).all(axis=1)]
-        marks += [Disc(centre, float(moment.radius[agent]), None, color, 0.7) for centre in places]
-    low, high = extent(position, trace.goal[row, last, 0], trace.obstacles[row], 0.6)
-    middle, half = (low + high) / 2, (high - low).max() / 2
-    (left, bottom), (right, top) = middle - half, middle + half
-    with _axes(4.4, 4.4) as (figure, axes):
-        axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="x (m)", ylabel="y (m)")
-        axes.spines[:].set_visible(False)
-        axes.tick_params(length=0)
-        draw(axes, [*marks, *draw_moment(moment, PALETTE)])
-        return _to_svg(figure, label)

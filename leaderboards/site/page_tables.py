@@ -80,8 +80,9 @@ def case_table(table: Standings) -> dict[str, Any] | None:
     Pending entries are left out. Where nobody was measured in the season, the cases are the public ones.
 
     Returns:
-        `groups` are the scenarios with how many of their cases are shown, `cases` the numbers of these, `rows` the
-        entries with their outcomes in them. Of `total` cases somebody failed in `failed`, and all in `by_all`.
+        `groups` are the scenarios with how many of their cases are shown, `cases` the numbers of these, `links` what a
+        replay calls them, empty in the season; `rows` the entries with their outcomes in them. Of `total` cases
+        somebody failed in `failed`, and all in `by_all`.
         `is_measured` says that the cases belong to the season.
     """
     board = table.board
@@ -91,6 +92,7 @@ def case_table(table: Standings) -> dict[str, Any] | None:
     if not entries:
         return None
     per_scenario = entries[0].outcomes.shape[1]
+    split, first = board.public_cases.split, board.public_cases.start
     outcomes = np.array([one.outcomes.ravel() for one in entries])
     failures = (outcomes != Outcome.SUCCESS).sum(axis=0)
     hardest = np.argsort(-failures, kind="stable")[: min(MOST_CASES, int((failures > 0).sum()))]
@@ -100,6 +102,9 @@ def case_table(table: Standings) -> dict[str, Any] | None:
         "is_measured": bool(measured),
         "groups": [(board.scenarios[i], length) for i, length in groups],
         "cases": (cases % per_scenario).tolist(),
+        "links": []
+        if measured
+        else [f"{board.scenarios[i // per_scenario]}/{split}/{first + i % per_scenario}" for i in cases],
         "rows": [
             (one, [LETTERS[Outcome(each)] for each in own])
             for one, own in zip(entries, outcomes[:, cases].tolist(), strict=True)

@@ -126,7 +126,8 @@ class Page(HTMLParser):
 
 
 def pages(site):
-    return [Page(path) for path in sorted(site.rglob("*.html"))]
+    """The pages but for replays, which have tests of their own."""
+    return [Page(path) for path in sorted(site.rglob("*.html")) if path.parent.name != "replay"]
 
 
 def test_the_pages_of_one_board_are_made_alone(root, tmp_path):
@@ -151,7 +152,7 @@ def test_nothing_is_requested_from_elsewhere_and_every_link_leads_somewhere(site
             assert not parts.path.startswith("/"), target
             file = page.path.parent / unquote(parts.path) if parts.path else page.path
             assert file.is_file(), target
-            if parts.fragment:
+            if parts.fragment and file.parent.name != "replay":
                 assert parts.fragment in page.targets("id"), target
     assert "http" not in (site / "style.css").read_text()
 
@@ -162,10 +163,9 @@ def test_the_start_page_links_every_page(site):
     assert linked | {(site / "index.html").resolve()} == {page.path.resolve() for page in pages(site)}
 
 
-def test_pages_and_recordings_are_small(site):
-    recordings = list(site.rglob("*.rrd"))
-    assert recordings
-    assert all(path.stat().st_size < 1_000_000 for path in site.rglob("*") if path.is_file())
+def test_pages_and_replays_are_small(site):
+    assert len(list(site.rglob("replay/data/*/*.js"))) == 6
+    assert all(path.stat().st_size < 100_000 for path in site.rglob("*") if path.is_file())
 
 
 def test_what_strangers_write_is_text(site):
@@ -236,20 +236,32 @@ def test_in_a_browser_a_phone_shows_the_page_and_columns_can_be_sorted(site, tmp
     assert found["times"] == sorted(found["times"], key=float)
 
 
-def test_failures_are_drawn_from_the_recorded_commands(site, root):
+def test_failures_lead_to_their_replays(site, root):
     entry = (site / "five" / "entries" / "orca.html").read_text(encoding="utf-8")
     rows = (root / "five/entries/orca/public/circle_crossing_5/episodes.csv").read_text().splitlines()[1:]
     collided = [row.split(",")[0] for row in rows if row.split(",")[1] == "collision"]
     assert collided
-    for case in collided[:3]:
+    for case in collided:
         assert f"Case {case}: collision" in entry
+        assert f'"../replay/index.html#circle_crossing_5/test/{case}/orca"' in entry
+        data = (site / f"five/replay/data/circle_crossing_5/test-{case}.js").read_text()
+        assert json.loads(data.partition(",")[2][:-2])["orca"]["outcome"] == "c"
+    assert entry.count("Collision with pedestrian") == len(collided)
     assert "reported:" not in entry
-    assert entry.count("<svg") == min(len(collided), 3)
-    assert "orca-circle_crossing_5.rrd" in entry
-    assert not re.search("#[0-9a-f]{6}", entry[entry.index("<svg") : entry.rindex("</svg>")].replace("#fff", ""))
 
 
-def test_a_damaged_run_leaves_the_page_without_pictures(root, tmp_path):
+def test_outside_a_season_each_cell_of_who_fails_where_leads_to_its_replay(root, tmp_path):
+    shutil.copytree(root / "five/entries/late", tmp_path / "five/entries/late")
+    shutil.copy(root / "five/board.toml", tmp_path / "five")
+    assert build_site(tmp_path, tmp_path / "site") == 3
+    page = Page(tmp_path / "site/five/index.html")
+    episodes = read_episodes(read_board(tmp_path / "five"), tmp_path / "five/entries/late/public")["circle_crossing_5"]
+    failed = [case for cases in episodes.failures.values() for case in cases]
+    links = {target for target in page.targets("href") if "#circle" in target}
+    assert links == {f"replay/index.html#circle_crossing_5/test/{case}/late" for case in failed}
+
+
+def test_a_damaged_run_leaves_the_page_without_a_replay(root, tmp_path):
     shutil.copytree(root / "five/entries/late", tmp_path / "five/entries/late")
     shutil.copy(root / "five/board.toml", tmp_path / "five")
     entry = read_entry(tmp_path / "five/entries/late")
@@ -258,14 +270,14 @@ def test_a_damaged_run_leaves_the_page_without_pictures(root, tmp_path):
     assert build_site(tmp_path, tmp_path / "site") == 3
     text = (tmp_path / "site/five/entries/late.html").read_text(encoding="utf-8")
     assert "They cannot be simulated again" in text
-    assert "<svg" not in text
+    assert not (tmp_path / "site/five/replay").exists()
     assert "There is no season yet" in (tmp_path / "site/index.html").read_text(encoding="utf-8")
 
 
 def test_the_same_boards_give_the_same_bytes(site, root):
-    before = {path.relative_to(site): path.read_bytes() for path in site.rglob("*") if path.suffix not in (".rrd", "")}
+    before = {path.relative_to(site): path.read_bytes() for path in site.rglob("*") if path.is_file()}
     build_site(root, site)
-    after = {path.relative_to(site): path.read_bytes() for path in site.rglob("*") if path.suffix not in (".rrd", "")}
+    after = {path.relative_to(site): path.read_bytes() for path in site.rglob("*") if path.is_file()}
     assert before == after
     assert [path.name for path in site.parent.iterdir() if path.name.startswith(".site")] == []
 
