@@ -92,7 +92,7 @@ def build_site(root: Path, out: Path, names: Collection[str] = ()) -> int:
             report(1)
         seeds = {found.board.name: _find_seed(season, found.board) for found in boards}
         shutil.copyfile(STYLE, folder / STYLE.name)
-        _write(folder / INDEX, templates, "index.html", top="", boards=boards, seeds=seeds)
+        _write(folder / INDEX, templates, "index.html", top="", boards=sorted(boards, key=_is_saturated), seeds=seeds)
         for found in boards:
             _write_board(folder / found.board.name, templates, found, seeds[found.board.name])
             report(1)
@@ -105,6 +105,11 @@ def _find_seed(season: Season | None, board: Board) -> int | None:
         return season.seed(board.name) if season else None
     except TooEarly:
         return None
+
+
+def _is_saturated(found: Standings) -> bool:
+    """Check if more than half of the ranked entries may be the best one, so that a board tells little."""
+    return 2 * sum(one.rank is not None and one.rank.first == 1 for one in found.ranked) > len(found.ranked) > 2
 
 
 def _check_replaceable(path: Path) -> None:

@@ -45,6 +45,20 @@ def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
     return low, mean, max(high - low, 1.0)
 
 
+def tags(one: Standing) -> str:
+    """Return what a reader can choose entries by, with commas between."""
+    card = one.entry.card
+    is_learned = bool(card.training_scenarios or card.training_data)
+    found = {
+        "learned": is_learned,
+        "not learned": not is_learned,
+        "predicts people": card.crowd_model != "none",
+        "real-time": one.decision_time is not None and one.decision_time.is_real_time,
+        "privileged": card.privileged_training or one.entry.spec.privileged,
+    }
+    return ",".join(name for name, holds in found.items() if holds)
+
+
 def near(table: Standings, one: Standing) -> tuple[list[str], list[str]]:
     """Return the names of the ranked entries that an entry is equivalent to, and of those not told apart from it."""
     pairs = [pair for pair in table.pairs if one.name in (pair.higher, pair.lower)]

@@ -1,10 +1,9 @@
 """The pages of the leaderboards, built from small boards."""
 
-import html
+import csv
 import json
 import re
 import shutil
-import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -40,6 +39,13 @@ BOARDS = Path(__file__).parents[2] / "leaderboards"
 build_site = load_module(BOARDS / "site" / "build.py").build_site
 texts = load_module(BOARDS / "site" / "texts.py")
 HOSTILE = '"><script>alert(1)</script><img src=http://evil.example/x onerror=alert(2)>{{ 7 * 7 }} $x_{1}$ \u202e'
+STRANGE = {
+    "title": HOSTILE,
+    "paper": "javascript:alert(3)",
+    "code": "https://example.org/?a=1&b=2",
+    "privileged_training": True,
+}
+"""What the card of an entry says that may break a page."""
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +59,7 @@ def root(tmp_path_factory):
         (root / name / "board.toml").write_text(board.replace("version", "cases = 6\npublic_cases = 6\nversion", 1))
     shutil.copy(BOARDS / "season.toml", root)
     enter(root, "five", "orca")
-    enter(root, "five", "social_force", title=HOSTILE, paper="javascript:alert(3)", code="https://example.org/?a=1&b=2")
+    enter(root, "five", "social_force", **STRANGE)
     boards = {board.name: board for board in read_boards(root)}
     entries = {name: [read_entry(path) for path in sorted((root / name).glob("entries/*"))] for name in boards}
     season = freeze(root, "five", {one.name: one.digest for one in entries["five"]})
@@ -200,40 +206,59 @@ def test_everything_is_there_without_javascript(site):
     assert "button" not in {tag for tag, _ in Page(site / "five" / "index.html").tags}
     assert "No entry is ranked on this board yet." in "".join(Page(site / "suite" / "index.html").text)
     reported = (site / "five" / "index.html").read_text(encoding="utf-8")
-    assert '<tr class="reported">' in reported
+    assert '<tr class="reported" data-tags="not learned,predicts people">' in reported
     assert "reported only" in reported
     index = "".join(Page(site / "index.html").text)
     assert "This season is a rehearsal." in index
     assert str(json.loads((site.parent / "leaderboards/frozen.json").read_text())["season"]) in index
 
 
-PROBE = """<script>
-const head = [...document.querySelectorAll("th[data-sort]")].find(each => each.textContent.startsWith("time"));
-head.querySelector("button").click();
-const rows = [...document.querySelector("table[data-sortable]").tBodies[0].rows];
-const times = rows.map(row => row.cells[head.cellIndex].dataset.v);
-parent.document.title = JSON.stringify({
-  page: document.documentElement.scrollWidth, window: innerWidth, sort: head.getAttribute("aria-sort"), times});
-</script>"""
-
-
-def test_in_a_browser_a_phone_shows_the_page_and_columns_can_be_sorted(site, tmp_path):
+@pytest.fixture
+def page(site):
+    """The page of a board in headless Chromium at the width of a phone; nothing is on its console."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:
         pytest.skip("needs Chromium")
-    shutil.copytree(site, tmp_path / "site")
-    page = (tmp_path / "site/five/index.html").read_text(encoding="utf-8").replace("</body>", PROBE + "</body>")
-    # In a frame, because the window itself cannot be that narrow.
-    phone = tmp_path / "site/five/phone.html"
-    phone.write_text(f'<title></title><iframe width="390" srcdoc="{html.escape(page)}"></iframe>', encoding="utf-8")
-    options = "--headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-sync"
-    command = [chromium, *options.split(), f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", phone.as_uri()]
-    shown = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
-    found = json.loads(re.search("<title>(.*?)</title>", shown)[1])
-    assert found["page"] <= found["window"] <= 390
-    assert found["sort"] == "ascending"
-    assert len(found["times"]) == 2
-    assert found["times"] == sorted(found["times"], key=float)
+    said = []
+    with playwright.sync_playwright() as started:
+        one = started.chromium.launch(executable_path=chromium).new_page(viewport={"width": 390, "height": 844})
+        one.on("console", lambda message: said.append(message.text))
+        one.on("pageerror", lambda error: said.append(str(error)))
+        one.goto((site / "five" / "index.html").as_uri())
+        yield one
+        one.context.browser.close()
+    assert said == []
+
+
+def test_a_phone_shows_the_page_and_columns_can_be_sorted(page):
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    head = page.locator("table[data-sortable]").first.locator("th[data-sort]").filter(has_text=re.compile("^time"))
+    column = head.evaluate("each => each.cellIndex")
+    head.get_by_role("button").click()
+    assert head.get_attribute("aria-sort") == "ascending"
+    rows = page.locator("table[data-sortable]").first.locator("tbody tr").all()
+    values = [float(row.locator("> *").nth(column).get_attribute("data-v")) for row in rows]
+    assert len(values) == 2
+    assert values == sorted(values)
+
+
+def test_entries_are_filtered_and_leave_as_csv(page):
+    bar, rows = page.locator(".filters").first, page.locator("table.entries").first.locator("tbody tr")
+    bar.get_by_role("searchbox").fill("optimal reciprocal")
+    assert rows.filter(visible=True).count() == 0
+    bar.get_by_role("searchbox").fill("ORCA")
+    assert rows.filter(visible=True).count() == 1
+    assert "1 of 2" in bar.inner_text()
+    with page.expect_download() as download:
+        bar.get_by_role("link", name="CSV").click()
+    header, *lines = list(csv.reader(download.value.path().read_text().splitlines()))
+    assert header[1:3] == ["entry", "success, %"]
+    assert [line[1] for line in lines] == ["ORCA"]
+    bar.get_by_role("searchbox").fill("")
+    assert rows.filter(visible=True).count() == 2
+    bar.get_by_role("checkbox", name="privileged").check()
+    assert ["alert(1)" in row.inner_text() for row in rows.filter(visible=True).all()] == [True]
 
 
 def test_failures_lead_to_their_replays(site, root):
