@@ -11,7 +11,6 @@ rounded to `QUANTUM`.
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import json
 import re
@@ -26,7 +25,6 @@ import shapely
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from crowdbench import catalog
 from crowdbench.core.dynamics import Holonomic, outline
 from crowdbench.core.geometry import polygons
 from crowdbench.core.types import Outcome, Trace
@@ -91,7 +89,8 @@ def export_page(
         about = scenarios.setdefault(scenario.name, _describe(scenario))
         if about["digest"] != scenario.digest:
             raise InputError(f"{run.directory} has another scenario {scenario.name} than runs before it: leave it out")
-        planner = _name(run, about["runs"])
+        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", run.result["run"]["planner"]["name"])  # as a link can have it
+        planner = f"{name}-{len(about['runs']) + 1}" if name in about["runs"] else name
         outcomes = "".join(Outcome(outcome).label[0] for outcome in run.episodes.outcome.tolist())
         recording = run.directory / RECORDING
         recorded = recorded_cases(recording) if recording.exists() else []
@@ -116,23 +115,14 @@ def export_page(
     return sum(not key.endswith(".paths") for key in files)
 
 
-def _name(run: RunResult, taken: Mapping[str, Any]) -> str:
-    """Return a name for a run's planner that a link can have."""
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", run.result["run"]["planner"]["name"])
-    names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
-    return next(each for each in names if each not in taken)
-
-
 def _describe(scenario: Scenario) -> dict[str, Any]:
     """Return what is the same in all cases: times in seconds, the outline of a vehicle on wheels in metres."""
-    rules, group, rim = scenario.rules, "", []
-    with contextlib.suppress(InputError):  # a scenario of the user's own
-        group = catalog.scenario_path(scenario.name).parent.name
+    rules, rim = scenario.rules, np.empty((0, 2))
     if not isinstance(rules.dynamics, Holonomic):
-        rim = outline(rules.body, np.zeros(2), np.zeros(()), scenario.vehicle.radius).round(3).tolist()
-    about = {"digest": scenario.digest, "group": group, "description": scenario.table.get("description", "")}
+        rim = outline(rules.body, np.zeros(2), np.zeros(()), scenario.vehicle.radius).round(3)
+    about = {"digest": scenario.digest, "description": scenario.table.get("description", ""), "dt": rules.dt}
     tolerance = rules.goal_tolerance or scenario.vehicle.radius
-    return {**about, "dt": rules.dt, "outline": rim, "tolerance": tolerance, "runs": {}}
+    return {**about, "outline": rim.tolist(), "tolerance": tolerance, "runs": {}}
 
 
 def _episode(trace: Trace, row: int) -> dict[str, Any]:

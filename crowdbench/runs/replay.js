@@ -64,11 +64,11 @@ const replay = (() => {
     return { ...episode, stays, planned, heading, gap: gap.sums(gap.many(episode.steps)), end: episode.steps * scenario.dt };
   }
 
-  // Which case is shown: #suite/doorway_8/val/3/mppi,orca@6.25
+  // Which case is shown: #doorway_8/val/3/mppi,orca@6.25, or with a board before the scenario.
 
   const ending = (planner, which) => scenario.runs[planner].outcomes[scenario.runs[planner].names.indexOf(which)] ?? "";
   const fails = which => chosen.some(planner => "cwt".includes(ending(planner, which) || "s"));
-  const link = () => `#${[scenario.group, name, number, chosen].filter(Boolean).join("/")}${time ? `@${+time.toFixed(2)}` : ""}`;
+  const link = () => `#${name}/${number}/${chosen}${time ? `@${+time.toFixed(2)}` : ""}`;
 
   async function follow() {
     const match = decodeURI(location.hash).match(/^#(?:.*\/)?([^/]+)\/(\w+\/\d+)(?:\/([^@/]*))?(?:@([\d.]+))?$/) ?? [];

@@ -150,9 +150,9 @@ def test_a_link_shows_its_frame_and_stays(runs, visit):
         label = page.get_by_role("img", name=re.compile(f"^{planner} at 3.25 s")).get_attribute("aria-label")
         assert f"gap {trace.gap[1, 12]:.2f} m" in label
         assert "sees 8 of 8 pedestrians" in label
-    assert page.url.endswith("#suite/doorway_8/val/1/mppi,orca@3.25")
+    assert page.url.endswith("#doorway_8/val/1/mppi,orca@3.25")
     page.locator("#time").fill("2")
-    assert page.url.endswith("#suite/doorway_8/val/1/mppi,orca@2")
+    assert page.url.endswith("#doorway_8/val/1/mppi,orca@2")
     page.goto(page.url.replace("val/1/mppi,orca@2", "val/0/orca@1"))
     page.wait_for_function("document.title.includes('val/0')")
     assert page.locator("#clock").inner_text() == "1.00 s"
