@@ -38,7 +38,10 @@ PATHS = re.compile(rf"/world/planner/({'|'.join(ROLES)})/\w+/\d")
 BEST = 12
 """How many of the paths that a planner considers are shown, the best ones."""
 
-STRIPS = "LineStrips2D:strips"
+FAN = re.compile(r"/world/planner/\w+?(/best)?")
+"""Entities of commands as arrows, and of the best one, see `_draw_fan`."""
+
+STRIPS, VECTORS = "LineStrips2D:strips", "Arrows2D:vectors"
 
 
 class _Log(NamedTuple):
@@ -216,3 +219,17 @@ def read_paths(chunks: Sequence[Chunk], dt: float) -> dict[int, PlannedPaths]:
             role = getattr(paths.setdefault(state, PlannedPaths([], [], [])), match[1])
             role.extend(np.array(strip, float) for strip in strips or [])
     return paths
+
+
+def add_commands(paths: dict[int, PlannedPaths], chunks: Sequence[Chunk], dt: float) -> None:
+    """Add the commands that a planner compared, as paths of one second, to those that `read_paths` has read."""
+    for chunk in chunks:
+        match = FAN.fullmatch(chunk.entity_path)
+        if match is None or chunk.is_static or VECTORS not in (batch := chunk.to_record_batch()).schema.names:
+            continue
+        states = np.round(batch["time"].cast(pa.int64()).to_numpy() / (1e9 * dt)).astype(int)
+        rows = zip(states.tolist(), batch["Arrows2D:origins"].to_pylist(), batch[VECTORS].to_pylist(), strict=True)
+        for state, [origin], vectors in rows:
+            ends = np.array(origin) + np.reshape(vectors, (-1, 2))
+            role = getattr(paths.setdefault(state, PlannedPaths([], [], [])), "planned" if match[1] else "considered")
+            role.extend(np.array([origin, end]) for end in ends)

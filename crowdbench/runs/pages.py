@@ -30,7 +30,7 @@ from crowdbench.core.geometry import polygons
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.drawing import DARK, LIGHT, same_agents
 from crowdbench.record.cases import read_case, read_verdict, recorded_cases
-from crowdbench.record.decisions import PlannedPaths, read_paths
+from crowdbench.record.decisions import PlannedPaths, add_commands, read_paths
 from crowdbench.record.verdict import describe_failure
 from crowdbench.runs.replay import traces
 from crowdbench.runs.results import RECORDING
@@ -102,7 +102,8 @@ def export_page(
                 key, verdict = f"{scenario.name}/{trace.split}-{case}", []
                 if case in recorded:
                     verdict = read_verdict(recording, case)  # which knows what the planner predicted
-                    planned = read_paths(read_case(recording, case).chunks, trace.rules.dt)
+                    chunks = read_case(recording, case).chunks
+                    add_commands(planned := read_paths(chunks, trace.rules.dt), chunks, trace.rules.dt)
                     files[f"{key}.paths"][planner] = _paths(planned, int(trace.steps[row]) + 1)
                 episode = {"hit": int(hit[row]), "verdict": verdict or describe_failure(trace, row)}
                 files[key][planner] = episode | _episode(trace, row)

@@ -7,7 +7,7 @@ import pytest
 from helpers import drive
 
 from crowdbench.drawing import LIGHT
-from crowdbench.record.decisions import BEST, draw_decisions, read_paths
+from crowdbench.record.decisions import BEST, add_commands, draw_decisions, read_paths
 
 
 @pytest.fixture(scope="module")
@@ -39,3 +39,17 @@ def test_all_that_is_known_is_predicted_and_the_best_ways_are_considered(said):
 
 def test_a_planner_that_logs_nothing_has_no_ways(said):
     assert read_paths(list(draw_decisions(dataclasses.replace(said, logs={}), 0)), said.rules.dt) == {}
+
+
+def test_commands_are_paths_of_one_second_and_the_best_one_is_planned(said):
+    fan = np.zeros((1, said.position.shape[1] - 1, 4, 3)) + np.arange(12.0).reshape(4, 3)
+    fan[:, :, 1, 2] = np.nan  # cannot be chosen
+    logged = dataclasses.replace(said, logs={"commands": fan})
+    add_commands(paths := {}, list(draw_decisions(logged, 0)), said.rules.dt)
+    assert sorted(paths) == list(range(int(said.steps[0])))
+    for state, found in paths.items():
+        starts = np.array([path[0] for path in (*found.considered, *found.planned)])
+        np.testing.assert_allclose(starts, np.tile(said.position[0, state, 0], (4, 1)), atol=1e-5)
+        commands = np.array([path[1] - path[0] for path in (*found.considered, *found.planned)])
+        np.testing.assert_allclose(commands, fan[0, 0, [0, 2, 3, 3], :2], atol=1e-5)
+        assert len(found.planned) == 1
