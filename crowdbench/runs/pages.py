@@ -44,8 +44,8 @@ PAGE = "index.html"
 """The page's file in its folder."""
 
 QUANTUM, COARSE = 0.002, 0.02
-"""Positions of agents are multiples of the first one, those of predicted, considered and planned paths of the second
-one, in metres. Paths are simplified by as much."""
+"""In metres: positions of agents are multiples of the first one, predicted, considered and planned paths of the second
+one. Paths are simplified by as much."""
 
 _DIGITS = np.frombuffer(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_", np.uint8)
 
@@ -53,7 +53,7 @@ _DIGITS = np.frombuffer(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz01
 def pack(*arrays: ArrayLike) -> str:
     """Return integers, of any type, as a text: base 32 from the lowest digit on, as in source maps.
 
-    The lowest bit is the sign. Each digit is a character; those of the alphabet's second half say that more follow.
+    The lowest bit is the sign. Each digit is a character; a character of the alphabet's second half says that more follow.
     """
     values = np.concatenate([np.empty(0, np.int64), *(np.asarray(array, np.int64).ravel() for array in arrays)])
     digits = np.where(values < 0, 1 - 2 * values, 2 * values)[:, None] >> 5 * np.arange(8)
@@ -69,7 +69,7 @@ def export_page(
     """Write a page that plays the cases of runs.
 
     Args:
-        runs: The runs. Those of one scenario can be seen side by side.
+        runs: The runs. Runs of one scenario can be seen side by side.
         load: Makes the scenario of a run again.
         folder: An empty folder.
         progress: Called after each step with what it added to the episodes, in parts of an episode.

@@ -147,7 +147,7 @@ def _templates() -> jinja2.Environment:
 
 
 def _write_board(folder: Path, templates: jinja2.Environment, found: Standings, seed: int | None) -> None:
-    """Write the page of a board, those of its entries, and the replays of their public cases."""
+    """Write the page of a board, the pages of its entries, and the replays of their public cases."""
     failed = {one.entry.name: failures(found.board, one.entry) for one in found.entries}
     played = [one.entry for one in found.entries if not failed[one.entry.name].problem]
     (folder / ENTRY_PAGES).mkdir(parents=True)
