@@ -53,7 +53,7 @@ _DIGITS = np.frombuffer(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz01
 def pack(*arrays: ArrayLike) -> str:
     """Return integers, of any type, as a text: base 32 from the lowest digit on, as in source maps.
 
-    The lowest bit is the sign. Each digit is a character; a character of the alphabet's second half says that more follow.
+    The lowest bit is the sign. A digit is a character, of the alphabet's second half where more follow.
     """
     values = np.concatenate([np.empty(0, np.int64), *(np.asarray(array, np.int64).ravel() for array in arrays)])
     digits = np.where(values < 0, 1 - 2 * values, 2 * values)[:, None] >> 5 * np.arange(8)
