@@ -1,7 +1,7 @@
 """Verifies an entry: replays its public runs, runs its planner on held-out cases, and compares.
 
 The public cases are simulated from their recorded commands in this process, which never loads the planner. The planner
-drives the held-out cases in a process of its own. docs/boards.md lists what a verification cannot detect.
+drives the held-out cases in a process of its own. docs/trust.md lists the attacks that a verification cannot detect.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The identity of a run: all that its figures depend on. docs/trust.md lists what changes it, and what does not."""
+"""The identity of a run: all that its figures depend on. docs/identity.md lists the effects of edits."""
 
 from __future__ import annotations
 
