@@ -24,7 +24,7 @@ def batch_lookahead() -> None:
 def predict(policy: Any, state: Any) -> Any:
     """Return the action with the largest reward and discounted value of the next state, or an explored one.
 
-    Values differ from those of CrowdNav, which calls its network for one action after the other, by rounding.
+    Values differ by rounding from CrowdNav, which calls its network for one action after the other.
 
     Args:
         policy: The policy.

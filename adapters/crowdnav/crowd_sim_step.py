@@ -78,7 +78,7 @@ class CompiledStep:
 
         Args:
             action: `ActionXY(vx, vy)` in m/s, or `ActionRot(v, r)`: a turn of r radians, then v in m/s.
-            update: Whether the step is taken.
+            update: True if the step is taken.
 
         Returns:
             The pedestrians' observable states after it, reward, whether the episode has ended, and how.

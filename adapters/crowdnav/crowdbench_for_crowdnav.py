@@ -25,7 +25,7 @@ def register(id: str, entry_point: str, **kwargs: Any) -> None:
 
 
 def make(id: str, **kwargs: Any) -> Any:
-    """Make an environment that was registered, without wrappers; others are those of Gymnasium."""
+    """Make an environment that was registered, without wrappers; others are made by Gymnasium."""
     if id not in _entry_points:
         return gymnasium.make(id, **kwargs)
     batch_lookahead()

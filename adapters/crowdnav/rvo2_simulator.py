@@ -14,16 +14,16 @@ from crowdbench.sim.pedestrians.orca import Agents, Avoidance, avoid
 Point = Sequence[float]
 
 DEFAULTS = "NeighborDist", "MaxNeighbors", "TimeHorizon", "TimeHorizonObst", "Radius", "MaxSpeed", "Velocity"
-"""What an agent has by default, in the order of Python-RVO2's arguments."""
+"""Defaults of an agent, in the order of Python-RVO2's arguments."""
 
 FIELDS = "Position", *DEFAULTS, "PrefVelocity"
-"""What `setAgent...` sets and `getAgent...` returns."""
+"""Fields that `setAgent...` sets and `getAgent...` returns."""
 
 POINTS = "Position", "Velocity", "PrefVelocity"
 
 
 class PyRVOSimulator:
-    """Agents that avoid each other by ORCA. Methods and their arguments are those of Python-RVO2.
+    """Agents that avoid each other by ORCA. Methods and their arguments equal Python-RVO2's.
 
     Neighbours, lines and vertices of agents and obstacles cannot be read, nor is there `queryVisibility`.
 

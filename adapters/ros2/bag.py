@@ -177,7 +177,7 @@ def _goal(found: list[tuple[float, float, Any]], drive: DriveFile, transforms: T
 def grid_obstacles(
     message: Any, place: Callable[[tuple[float, float, float]], tuple[float, float, float]]
 ) -> list[Polygon]:
-    """Return the obstacles of a message `nav_msgs/OccupancyGrid`, as those of a file `map.yaml`.
+    """Return the obstacles of a message `nav_msgs/OccupancyGrid`, as for a file `map.yaml`.
 
     Args:
         message: The message. Cells with an occupancy above 65 % are occupied, unknown ones are not.
