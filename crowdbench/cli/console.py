@@ -58,6 +58,8 @@ def failure(error: BaseException) -> Failure | None:
     if isinstance(error, OSError):
         place = "the output" if error.filename is None else error.filename
         return Failure(_one_line(f"{place} cannot be written or read: {error.strerror or error}"), 1)
+    if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop from "):  # of Path.resolve, up to 3.12
+        return Failure(_one_line(f"{error}: name a file or a folder"), 1)
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         name = error.object.encode("utf-8", "backslashreplace").decode()
         return Failure(_one_line(f"'{name}' is not UTF-8, as this command needs it: rename the file or folder"), 1)

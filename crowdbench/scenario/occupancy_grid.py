@@ -32,6 +32,12 @@ LARGEST = 4096
 MOST_CORNERS = 2000
 """Corners of all obstacles together, at most: shortest paths are searched among them."""
 
+MOST_TURNS = 30_000
+"""Corners of the outlines of pixels, at most: the time of simplifying them grows with the square of their number."""
+
+STRIP = 256
+"""Rows of an image whose brightness is computed at once: that of all takes a gigabyte."""
+
 WHITE = {"L": 255.0, "RGB": 255.0, "RGBA": 255.0, "I;16": 65535.0, "I": 65535.0}
 """The value of white, by the mode of an image as Pillow reads it. Pillow scales a PGM of more than 8 bits to 16."""
 
@@ -89,6 +95,9 @@ def read_obstacles(path: Path) -> list[Polygon]:
     """
     spec = _read_spec(path)
     occupied = _read_image(path, spec)
+    if (turns := _count_turns(occupied)) > MOST_TURNS:
+        most = f"but {MOST_TURNS} are possible before it is simplified: use a coarser image, or one with less noise"
+        raise InputError(f"the outline of the map {path} has {turns} corners, {most}")
     shape = shapely.union_all(_boxes(occupied)).simplify(1.0)
     if (corners := shapely.get_num_coordinates(shape)) > MOST_CORNERS:
         raise InputError(f"the map {path} has {corners} corners, but {MOST_CORNERS} are possible: use a coarser image")
@@ -129,7 +138,9 @@ def _read_image(path: Path, spec: GridSpec) -> Bool[np.ndarray, "row column"]:
             with Image.open(file) as image:
                 if max(image.size) > LARGEST:
                     raise InputError(large)
-                occupied = _find_occupied(image, spec)
+                width, height = image.size
+                strips = [image.crop((0, top, width, min(top + STRIP, height))) for top in range(0, height, STRIP)]
+                occupied = np.concatenate([_find_occupied(strip, spec) for strip in strips])
     except (Image.DecompressionBombWarning, Image.DecompressionBombError):
         raise InputError(large) from None
     except (OSError, ValueError, SyntaxError) as error:  # the last two are Pillow's, of a broken header
@@ -150,6 +161,15 @@ def _find_occupied(image: Image.Image, spec: GridSpec) -> Bool[np.ndarray, "row 
         return (occupancy > spec.occupied_thresh) & (occupancy <= 1.0)
     opaque = levels[..., -1] == 1.0 if spec.mode == "scale" and image.mode == "RGBA" else True
     return ((brightness if spec.negate else 1.0 - brightness) > spec.occupied_thresh) & opaque
+
+
+def _count_turns(occupied: Bool[np.ndarray, "row column"]) -> int:
+    """Count the corners of the outline of pixels, two where pixels touch at a corner alone."""
+    padded = np.pad(occupied, 1)
+    rows, columns = padded[1:] ^ padded[:-1], padded[:, 1:] ^ padded[:, :-1]
+    single = rows[:, 1:] ^ rows[:, :-1]
+    double = rows[:, 1:] & rows[:, :-1] & columns[1:] & columns[:-1]
+    return int(single.sum() + 2 * double.sum())
 
 
 def _boxes(occupied: Bool[np.ndarray, "row column"]) -> list[shapely.Polygon]:

@@ -133,6 +133,31 @@ def test_pipes_devices_and_folders_are_not_read(crowdbench, tmp_path, name, comm
 
 
 @pytest.mark.parametrize(
+    "command",
+    [
+        *(
+            ["view"],
+            ["verify"],
+            ["table"],
+            ["score"],
+            ["score", "--replay"],
+            ["plot", "success"],
+            ["export", "--out", "x"],
+        ),
+        *(["merge", "--out", "x"], ["compare", "loop"], ["render"], ["check"], ["study"], ["list", "scenarios"]),
+        *(["submit", "--board", "ten"], ["run", "--planner", "straight", "--cases", "1", "--out"]),
+    ],
+    ids=" ".join,
+)
+def test_links_in_a_loop_end_in_a_sentence(crowdbench, command):
+    Path("loop").symlink_to("loop")
+    status, out, errors = crowdbench(*command, "loop")
+    assert (status, out) == (1, "")
+    assert errors
+    assert "crowdbench itself" not in errors[-1]
+
+
+@pytest.mark.parametrize(
     "content", [b"'''\xe9'''\n", "x = 1".encode("utf-16"), b"x = 1\0"], ids=["latin1", "utf16", "nul"]
 )
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from crowdbench.catalog import load_recorded_scenario, load_scenario
 from crowdbench.cli import app
+from crowdbench.scenario import occupancy_grid
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts.floor_plan import floor_plan
 from crowdbench.scenario.occupancy_grid import read_obstacles
@@ -156,6 +157,9 @@ def test_polygons_leave_any_pixels_by_the_resolution_at_most(tmp_path, seed):
         (lambda folder: (folder / "map.pgm").write_text("P5 100000 100000 255 x"), "is too large"),
         (lambda folder: (folder / "map.pgm").write_text("P5 20000 9000 255 x"), "is too large"),
         (lambda folder: draw(folder, np.indices((80, 80)).sum(0) % 2 * 255), "corners, but 2000 are possible"),
+        (lambda folder: draw(folder, np.indices((200, 240)).sum(0) % 2 * 255), "has 97248 corners, but 30000 are"),
+        (lambda folder: draw(folder, np.indices((4096, 4096)).sum(0) % 2 * 255), "corners, but 30000 are possible bef"),
+        (lambda folder: draw(folder, np.random.default_rng(0).integers(0, 2, (999, 999)) * 255), "but 30000 are poss"),
     ],
 )
 def test_a_wrong_map_gets_one_sentence(tmp_path, change, says):
@@ -217,3 +221,11 @@ def test_the_maps_that_ship_are_of_rooms_and_of_shelves():
     office, shop = (load_scenario(name).table["layout"]["obstacles"] for name in ("office_8", "shop_10"))
     assert 6 <= len(office) <= 30
     assert 6 <= len(shop) <= 30
+
+
+@pytest.mark.parametrize("occupied", [0.1, 0.5, 0.9])
+def test_the_corners_of_an_outline_are_those_of_the_union_of_its_pixels(occupied):
+    pixels = np.random.default_rng(0).random((30, 40)) < occupied
+    union = shapely.union_all(occupancy_grid._boxes(pixels))
+    rings = [ring for part in occupancy_grid._polygons(union) for ring in (part.exterior, *part.interiors)]
+    assert occupancy_grid._count_turns(pixels) == sum(len(ring.normalize().simplify(0.0).coords) - 1 for ring in rings)
