@@ -20,7 +20,8 @@ from crowdbench.scenario import layouts
 from crowdbench.scenario import load as scenario_file
 from crowdbench.scenario.certified import FOLDER, CertificateStatus, Certified
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.scenario.schema import PedestriansSpec
+from crowdbench.scenario.schema import LayoutSpec, PedestriansSpec
+from crowdbench.scenario.unseen import unseen_layout, unseen_policy
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.utils.errors import InputError, find_named, is_number, plugin_errors
 from crowdbench.utils.toml import read_toml
@@ -149,7 +150,7 @@ def load_scenario(
         table["pedestrians"] = {key: crowd[key] for key in crowd if key in PedestriansSpec.model_fields}
         table["pedestrians"]["policy"] = _resolve_files(pedestrians)
     for key, value in (overrides or {}).items():
-        _set(table, key, _resolve_files(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
+        set_key(table, key, _resolve_files(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
     _read_map(table.get("layout"), path.parent)
     scenario = scenario_file.parse(
         table,
@@ -196,6 +197,7 @@ def load_recorded_scenario(
     pedestrians: Iterable[str] = (),
     layout: str | None = None,
     data: Path | None = None,
+    unseen: bool = False,
 ) -> Scenario:
     """Make the scenario of a run again.
 
@@ -207,6 +209,8 @@ def load_recorded_scenario(
         pedestrians: The files of the pedestrian policies that are the user's own.
         layout: The file of the layout, if it is the user's own.
         data: The folder with the recorded tracks, if the run had any.
+        unseen: True to do without files of the user's own and without recorded tracks: then the scenario has a table
+            and a digest, and no cases.
 
     Returns:
         The scenario.
@@ -215,15 +219,34 @@ def load_recorded_scenario(
         InputError: Something in the table is wrong, or the file of the layout or of a policy is not given, or is
             another one than in the run.
     """
-    policies, placement = table["pedestrians"].get("policy_files"), table.get("layout", {})
-    layouts = {placement.get("generator"): placement["generator_file"]} if "generator_file" in placement else {}
-    load_layout = _make_loader(LAYOUTS, "--layout", [layout] if layout else [], layouts, source)
-    digests = policies if isinstance(policies, Mapping) else {}
-    load_policy = _make_loader(PEDESTRIANS, "--pedestrians", pedestrians, digests, source)
     keys = {key: value for key, value in table.items() if key not in ("name", "digest")}
-    keys["layout"] = {key: value for key, value in placement.items() if key != "generator_file"}
-    keys["pedestrians"] = {key: value for key, value in table["pedestrians"].items() if key != "policy_files"}
-    return scenario_file.parse(keys, str(table.get("name", "")), source, load_layout, load_policy, data)
+    placement, crowd = dict(table.get("layout", {})), dict(table["pedestrians"])
+    layouts = (
+        {str(placement.get("generator")): placement.pop("generator_file")} if "generator_file" in placement else {}
+    )
+    policies = _as_table(crowd.pop("policy_files", {}))
+    load_layout: Callable[[str], PluginWithDigest]
+    if unseen:
+        options = {key: value for key, value in placement.items() if key not in LayoutSpec.model_fields}
+        load_layout = _load_unseen(LAYOUTS, layouts, lambda name: unseen_layout(options))
+        load_policy = _load_unseen(PEDESTRIANS, policies, lambda name: unseen_policy(_as_table(crowd.get(name))))
+    else:
+        load_layout = _make_loader(LAYOUTS, "--layout", [layout] if layout else [], layouts, source)
+        load_policy = _make_loader(PEDESTRIANS, "--pedestrians", pedestrians, policies, source)
+    keys |= {"layout": placement, "pedestrians": crowd}
+    return scenario_file.parse(keys, str(table.get("name", "")), source, load_layout, load_policy, data, not unseen)
+
+
+def _as_table(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _load_unseen(
+    kind: Kind, digests: Mapping[str, str], stand_in: Callable[[str], Any]
+) -> Callable[[str], PluginWithDigest]:
+    """What `_make_loader` returns, with stand-ins for files of the user's own."""
+    load = _make_loader(kind, "", [], digests, "")
+    return lambda name: (name, stand_in(name), digests[name]) if name in digests else load(name)
 
 
 def _make_loader(
@@ -287,7 +310,14 @@ def _resolve_files(policy: Any) -> Any:
     return str(Path.cwd() / policy) if is_file else policy
 
 
-def _set(table: dict[str, Any], key: str, value: Any, path: Path) -> None:
+def names_file(policy: Any) -> bool:
+    """Return whether a policy or a layout, or one in a table of several, is named by its file."""
+    names = policy if isinstance(policy, dict) else [policy]
+    return any(isinstance(name, str) and file_and_function(name)[0] is not None for name in names)
+
+
+def set_key(table: dict[str, Any], key: str, value: Any, path: Path) -> None:
+    """Set a dotted key of a scenario. Raises InputError, which names the file `path`, where a part is no table."""
     *sections, last = key.split(".")
     for section in sections:
         table = table.setdefault(section, {})

@@ -56,6 +56,7 @@ def table(
         label: With --format latex, its label.
     """
     from crowdbench.metrics import MAIN
+    from crowdbench.runs.result_file import STATED
     from crowdbench.runs.table import SCENARIO, RunTable
 
     if (caption or label) and format is not Format.LATEX:
@@ -73,6 +74,7 @@ def table(
         grid = runs.cross((metric or ["success_rate"])[0])
     records = [{**record, "cases": str(runs.runs[0].cases)} for record in grid.records]
     text = format_tables([dataclasses.replace(grid, records=records)], format)
+    say(f"crowdbench: {STATED}")
     print(floating(text, caption, label) if caption or label else text)
 
 

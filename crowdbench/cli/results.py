@@ -35,10 +35,12 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
         format: Write the comparison alone, as a table; latex needs the package booktabs.
     """
     from crowdbench.runs.compare import compare_to, comparison_grid
+    from crowdbench.runs.result_file import STATED
 
     comparisons = compare_to(reference, others)
     for warning in dict.fromkeys(warning for comparison in comparisons for warning in comparison.warnings):
         say(f"crowdbench: {warning}")
+    say(f"crowdbench: {STATED}")
     grid = comparison_grid(comparisons, metric or [])
     if format is not None:
         print(format_tables([grid], format))
@@ -85,17 +87,21 @@ def score(
         raise InputError(f"{wrong[0]} is for --replay: a recording says where everybody started and walked")
     from crowdbench.metrics.load import load_metrics
     from crowdbench.record.contents import read
-    from crowdbench.runs.result_file import check_result, warn_of_other_code
-    from crowdbench.runs.results import RECORDING, Episodes
+    from crowdbench.runs.replay import check_recorded
+    from crowdbench.runs.result_file import STATED, warn_of_other_code
+    from crowdbench.runs.results import Episodes
+    from crowdbench.runs.store import RunResult
     from crowdbench.runs.table import metric_grid
 
-    if recording.is_dir():
-        for warning in warn_of_other_code(recording, check_result(recording, (RECORDING,))):
-            say(f"crowdbench: {warning}")
+    run = RunResult.read(recording) if recording.is_dir() else None
     metrics, contents = load_metrics(metric or []), read(recording_of(recording))
     episodes = Episodes.of(contents.trace, metrics)
+    if run is not None:
+        for warning in [*warn_of_other_code(recording, run.result), STATED]:
+            say(f"crowdbench: {warning}")
+        check_recorded(run, episodes, metrics)
     # The rates of a part would be biased, because failures are preferred.
-    summary = episodes.summary() if len(episodes) == contents.cases else {}
+    summary = episodes.summary() if len(episodes) == (contents.cases if run is None else len(run.cases)) else {}
     if as_json:
         about = {"planner": contents.planner, "scenario": contents.scenario, "cases": contents.cases}
         rows = dataclasses.replace(episodes, block=None).to_arrow().to_pylist()

@@ -44,6 +44,23 @@ def find_case(path: Path, case: str) -> int:
     return number
 
 
+def read_header(path: Path) -> tuple[dict[str, str], dict[int, str]]:
+    """Read what a recording says of its run, without its states.
+
+    Args:
+        path: The recording.
+
+    Returns:
+        Split, planner, scenario and the scenario's digest; and by case the label of the outcome.
+
+    Raises:
+        InputError: It cannot be read, or is none of crowdbench.
+    """
+    reader, split, entries = _entries(path)
+    facts = contents.read_facts(path, reader, next(iter(entries.values())))
+    return {"split": split, **facts}, {case: entry.recording_id.split("-")[2] for case, entry in entries.items()}
+
+
 def _entries(path: Path) -> tuple[RrdReader, str, dict[int, StoreEntry]]:
     """Return a recording, its split, and the recording of each case in it."""
     return _read_entries(path, path.stat().st_mtime_ns if path.is_file() else 0)
@@ -57,7 +74,7 @@ def _read_entries(path: Path, changed: int) -> tuple[RrdReader, str, dict[int, S
         named = [(NAME.fullmatch(entry.recording_id), entry) for entry in reader.recordings()]
     entries = {(match[1], int(match[2])): entry for match, entry in named if match}
     splits = {split for split, _ in entries}
-    if len(splits) != 1:
+    if len(splits) != 1 or len(entries) != len(named):
         raise rrd.foreign(path)
     (split,) = splits
     return reader, split, {case: entry for (_, case), entry in entries.items()}

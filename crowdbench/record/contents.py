@@ -174,17 +174,23 @@ def read(path: Path) -> Recording:
     with rrd.opening(path):
         reader = RrdReader(path)
         episodes = [_to_episode(rrd.chunks_of(reader, entry, "/exact/**")) for entry in reader.recordings()]
-    trace, facts = _to_trace(path, episodes)
-    return Recording(trace, **{name: facts[name] for name in ("planner", "scenario", "scenario_digest", "cases")})
+        trace, facts = _to_trace(path, episodes)
+        return Recording(trace, **{name: facts[name] for name in ("planner", "scenario", "scenario_digest", "cases")})
 
 
 def read_episode(path: Path, reader: RrdReader, entry: StoreEntry) -> RecordedEpisode:
     """Read one of the recordings in a file. Raises InputError as `read` does."""
     with rrd.opening(path):
         chunks = rrd.chunks_of(reader, entry, "/**")
-        episode = _to_episode(chunks)
-    trace, facts = _to_trace(path, [episode])
-    return RecordedEpisode(entry, chunks, trace, facts["planner"])
+        trace, facts = _to_trace(path, [_to_episode(chunks)])
+        return RecordedEpisode(entry, chunks, trace, facts["planner"])
+
+
+def read_facts(path: Path, reader: RrdReader, entry: StoreEntry) -> dict[str, str]:
+    """Read the planner, the scenario and its digest of a recording in a file. Raises InputError as `read` does."""
+    with rrd.opening(path):
+        facts = json.loads(_to_episode(rrd.chunks_of(reader, entry, "/exact/episode"))["facts"][0])
+        return {name: facts[name] for name in ("planner", "scenario", "scenario_digest")}
 
 
 def _to_episode(chunks: Sequence[Chunk]) -> Episode:

@@ -22,6 +22,9 @@ from crowdbench.utils.errors import InputError
 ERRORS = (RuntimeError, ValueError, OSError)
 """Exceptions of Rerun and the file system."""
 
+FORGED = (LookupError, TypeError, AttributeError, ArithmeticError)
+"""What is raised besides where a Rerun file holds something else than crowdbench writes."""
+
 
 PARTLY = "only a part was written, as on a full disk or under a limit of the size of files (ulimit -f)"
 
@@ -35,7 +38,7 @@ def errors_as(sentence: str) -> Iterator[None]:
             yield
     except InputError:
         raise
-    except ERRORS as error:
+    except (*ERRORS, *FORGED) as error:
         raise InputError(sentence) from error
 
 

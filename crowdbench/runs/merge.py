@@ -56,7 +56,7 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
             scenario=parts[0].result["scenario"],
             recorded=_join_recordings(parts, cases, directory / RECORDING),
             stated={**stated[0], "timing": _timing(parts), **joined},
-            interrupted=interrupted,
+            interrupted=interrupted or parts[-1].result["interrupted"],
         )
 
 
@@ -118,7 +118,8 @@ def _timing(parts: Sequence[RunResult]) -> dict[str, float]:
 def _join(tables: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the largest of numbers, and all distinct texts, such as the machines of a cluster."""
     joined: dict[str, Any] = {}
-    for name, first in tables[0].items():
+    for name in tables[0]:
         values = [table[name] for table in tables if name in table]
-        joined[name] = ", ".join(dict.fromkeys(map(str, values))) if isinstance(first, str) else max(values)
+        is_text = any(isinstance(value, str) for value in values)
+        joined[name] = ", ".join(dict.fromkeys(map(str, values))) if is_text else max(values)
     return joined

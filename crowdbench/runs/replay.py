@@ -21,7 +21,7 @@ from crowdbench.metrics import Metric, need_undisturbed
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.differences import Difference, Differences
-from crowdbench.runs.identity import code
+from crowdbench.runs.identity import code, source_of
 from crowdbench.runs.recording import COMMANDS, Commands
 from crowdbench.runs.result_file import RESULT
 from crowdbench.runs.results import EPISODES, RECORDING, Episodes
@@ -32,7 +32,6 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.defaults import BATCH
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import plain
 
 
 class Playback(Planner):
@@ -93,7 +92,9 @@ class Replay:
             lines.append(f"Not compared, because their metric is not known: {unknown} (see --metric).")
         if self.differences:
             return "\n".join([*lines, "The run is not what its commands lead to:", *map(str, self.differences)])
-        lines.append("All agree. This does not tell which planner gave the commands, how long it took or what it knew.")
+        lines.append(
+            "All agree. Stated by the run alone: the planner with its options, `privileged`, names, times and versions."
+        )
         return "\n".join(lines)
 
 
@@ -118,7 +119,8 @@ def replay(
     columns = dict.fromkeys([*run.episodes.columns, *run.result["metrics"]])
     measured = {name: metrics[name] for name in columns if name in metrics}
     differences = Differences(run.cases, exact=not changed)
-    differences.note(f"checks of {RESULT} fail", [run.broken] if run.broken else [], 1)
+    differences.note("checks of the files fail", [run.broken] if run.broken else [], 1)
+    differences.note_values(RESULT, {"run.scenario": run.result["run"]["scenario"]}, {"run.scenario": scenario.digest})
     parts: list[Episodes] = []
     wrong_states: list[str] = []
     undisturbed = run.recording is not None or need_undisturbed(measured)
@@ -130,15 +132,30 @@ def replay(
     recorded = 0 if run.recording is None else len(run.recording.trace)
     _compare_commands(differences, run.commands, scenario, replayed)
     _compare_episodes(differences, run, replayed)
-    _compare_result(differences, run, scenario, replayed, recorded)
     if run.recording is not None:
         recording, kind = run.recording, _kind(trace)
-        stated = {"planner": recording.planner, "scenario": recording.scenario_digest, **_kind(recording.trace)}
-        differences.note_values(RECORDING, stated, {"planner": run.label, "scenario": scenario.digest, **kind})
+        differences.note_values(RECORDING, _kind(recording.trace), kind)
         differences.note_rows(RECORDING, recording.trace.case, some_missing=True)
         differences.note(f"episodes in {RECORDING} have other states", wrong_states, recorded)
     unchecked = [name for name in columns if name not in metrics]
     return Replay(len(replayed), recorded, len(measured), unchecked, changed, list(differences))
+
+
+def check_recorded(run: RunResult, recorded: Episodes, metrics: Mapping[str, Metric]) -> None:
+    """Raise InputError where metrics of recorded states are not those in `episodes.csv`.
+
+    Args:
+        run: The run.
+        recorded: What was measured in its recording.
+        metrics: The metrics by name; those with another source than in the run are not compared.
+    """
+    same = [name for name in recorded.columns if run.result["run"]["metrics"].get(name) == source_of(metrics[name])]
+    rows = np.searchsorted(run.episodes.case, recorded.case)
+    differences = Differences(run.cases, exact=False)
+    columns = {name: recorded.columns[name] for name in same}
+    differences.note_episodes(run.episodes.take(rows), dataclasses.replace(recorded, columns=columns))
+    if differences:
+        raise InputError(f"{run.directory / EPISODES} and {RECORDING} differ: {differences[0]}; make the run again")
 
 
 def traces(
@@ -232,25 +249,6 @@ def _compare_episodes(differences: Differences, run: RunResult, replayed: Episod
     differences.note(f"metrics have no column in {EPISODES}", missing, len(replayed.columns))
     _, *rows = np.intersect1d(run.episodes.case, replayed.case, return_indices=True)
     differences.note_episodes(run.episodes.take(rows[0]), replayed.take(rows[1]))
-
-
-def _compare_result(
-    differences: Differences, run: RunResult, scenario: Scenario, replayed: Episodes, recorded: int
-) -> None:
-    """Note what is wrong with `result.json`."""
-    result = run.result
-    stated = {
-        **{name: result.get(name) for name in ("outcomes", "recorded")},
-        "run": {"scenario": result["run"]["scenario"]},
-        "metrics": {name: result["metrics"].get(name) for name in replayed.columns},
-    }
-    again = {
-        "run": {"scenario": scenario.digest},
-        "outcomes": replayed.counts(),
-        "metrics": plain(replayed.summary()),
-        "recorded": recorded,
-    }
-    differences.note_values(RESULT, stated, again)
 
 
 def _kind(trace: Trace) -> dict[str, Any]:

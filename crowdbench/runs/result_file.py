@@ -9,16 +9,19 @@ from __future__ import annotations
 import glob
 import hashlib
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, create_model
+from pydantic import ConfigDict, Field, create_model
 
 from crowdbench.metrics.load import LARGEST
 from crowdbench.runs.identity import code, digest
+from crowdbench.runs.recording import COMMANDS
+from crowdbench.runs.results import EPISODES, RECORDING
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
+from crowdbench.utils.defaults import RECORD
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.records import check_record
 
@@ -27,23 +30,37 @@ RESULT = "result.json"
 FORMAT = 1
 """Version of what a result holds."""
 
+STATED = (
+    "Means and intervals are recomputed from episodes.csv, and `crowdbench score RUN --replay` recomputes that file. "
+    "Stated by the runs alone: planners with their options, `privileged`, names, interruptions, times and versions."
+)
+"""What a table of runs does not prove: a re-run, such as a signed verification on a board, does."""
+
 _Texts = dict[str, str]
 _Table = dict[str, Any]
-_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Figure = Annotated[float, Field(ge=0.0, le=1e12)]
 _Seconds = Annotated[float, Field(gt=0.0, lt=1e9)]
 _Mean = Annotated[float, Field(ge=-LARGEST, le=LARGEST)] | None
+_Count = Annotated[int, Field(ge=0)]
 
-_Planner = create_model("_Planner", name=str, options=_Table, files=_Table, facts=_Texts)
-_Rest = create_model("_Rest", replanning=_Table, metrics=_Texts, code=str, decision_limit=float)
-_Run = create_model("_Run", __base__=_Rest, planner=_Planner, scenario=str, cases=str)
+_ALONE: Any = {"__config__": ConfigDict(extra="forbid")}
+_Planner = create_model("_Planner", name=str, options=_Table, files=_Table, code=str, facts=_Texts, key=str, **_ALONE)
+_Rest = create_model(
+    "_Rest", replanning=_Table, batch=int | None, metrics=_Texts, code=str, decision_limit=float, **_ALONE
+)
+_Run = create_model("_Run", __base__=_Rest, planner=_Planner, scenario=str, cases=str, metrics=_Texts)
 _Scenario = create_model("_Scenario", name=str, layout=_Table, pedestrians=_Table, dt=_Seconds, time_limit=_Seconds)
 _Estimate = create_model("_Estimate", n=int, mean=(_Mean, None))
-_Timing = create_model("_Timing", seconds=_Number, decision_ms_per_step=(_Number, 0.0))
-_Stated = create_model("_Stated", privileged=bool, overrides=_Table, record=str, timing=_Timing, versions=_Table)
+_Timing = create_model("_Timing", seconds=_Figure, decision_ms_per_step=(_Figure, 0.0), **_ALONE)
+_Machine = create_model("_Machine", versions=_Texts, isolation=(dict[str, str | _Figure], {}), timing=_Timing, **_ALONE)
+_Stated = create_model("_Stated", __base__=_Machine, privileged=bool, overrides=_Table, record=Literal[RECORD])
 _Metrics: Any = dict[str, _Estimate]  # type: ignore[valid-type]
-_Found = create_model("_Found", interrupted=bool, outcomes=dict[str, int], metrics=_Metrics)
-_Result = create_model("_Result", __base__=_Found, id=str, run=_Run, scenario=_Scenario, stated=_Stated, files=_Texts)
-"""Minimal content of every result, see `identity.RunId`; nobody can recompute `stated` from the other files."""
+_Found = create_model(
+    "_Found", outcomes=dict[str, int], metrics=_Metrics, blocks=(_Count, 0), rates=list[str], **_ALONE
+)
+_Head = create_model("_Head", __base__=_Found, format=int, id=str, run=_Run, scenario=_Scenario, rates=list[str])
+_Result = create_model("_Result", __base__=_Head, interrupted=bool, recorded=_Count, stated=_Stated, files=_Texts)
+"""What results hold, see `identity.RunId`; nobody can recompute `stated` from the other files."""
 
 
 def write_result(folder: Path, result: Mapping[str, Any]) -> dict[str, Any]:
@@ -84,13 +101,12 @@ def read_result(directory: Path) -> dict[str, Any]:
     return result
 
 
-def check_result(directory: Path, needed: Collection[str] = (), only: bool = False) -> dict[str, Any]:
+def check_result(directory: Path, tables_only: bool = False) -> dict[str, Any]:
     """Read `result.json`, and check that it is whole and that the files of the run are those that it wrote.
 
     Args:
         directory: The directory of the run.
-        needed: The files that will be read: `result.json` must list them.
-        only: True where no other file is checked: others may be missing.
+        tables_only: True where files beside `episodes.csv` may be missing.
 
     Returns:
         The contents of `result.json`.
@@ -104,10 +120,12 @@ def check_result(directory: Path, needed: Collection[str] = (), only: bool = Fal
         raise InputError(f"{path} is not the file that the run wrote: its sha256 differs; make the run again")
     if result["id"] != digest(result["run"]):
         raise InputError(f"{path} has an id that is not that of its run; make the run again")
-    for name in needed:
+    for name in (EPISODES, COMMANDS, RECORDING):
         if name not in digests and (directory / name).exists():
             raise InputError(f"{directory / name} is not a file of this run: {RESULT} does not list it; remove it")
-    for name, expected in ((name, digests[name]) for name in digests if name in needed or not only):
+    for name, expected in digests.items():
+        if tables_only and name != EPISODES and not (directory / name).exists():
+            continue
         try:
             actual = files.sha256(directory / name)
         except OSError as error:

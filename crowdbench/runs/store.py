@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-from collections.abc import Mapping
+import itertools
+import json
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crowdbench.core.types import Rules
+from crowdbench import catalog
+from crowdbench.core.types import Outcome, Rules
 from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.runs.identity import digest
-from crowdbench.runs.recording import COMMANDS, Commands, read_commands
+from crowdbench.runs.recording import COMMANDS, Commands, check_size, read_commands
 from crowdbench.runs.result_file import RESULT, check_result, read_result, write_result
-from crowdbench.runs.results import EPISODES, RECORDING, Episodes, read_estimate, result_label
+from crowdbench.runs.results import BLOCK, EPISODES, RECORDING, Episodes, result_label
 from crowdbench.scenario.cases import Cases
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import plain
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.errors import InputError, is_number
+from crowdbench.utils.tables import flatten, plain
 
 if TYPE_CHECKING:
     from crowdbench.record.contents import Recording
@@ -55,13 +61,16 @@ def write_run(
         "scenario": scenario,
         "interrupted": interrupted,
         "recorded": recorded,
-        "outcomes": episodes.counts(),
-        "metrics": plain(episodes.summary()),
-        **episodes.blocks,
-        "rates": episodes.rates,
+        **summary_of(episodes),
         "stated": stated,
     }
     return write_result(folder, result)
+
+
+def summary_of(episodes: Episodes) -> dict[str, Any]:
+    """Return what `result.json` holds of a table of episodes."""
+    metrics = plain(episodes.summary())
+    return {"outcomes": episodes.counts(), "metrics": metrics, **episodes.blocks, "rates": episodes.rates}
 
 
 @dataclass(frozen=True)
@@ -82,32 +91,92 @@ class RunResult:
 
     @classmethod
     def read(cls, directory: Path, tables_only: bool = False) -> RunResult:
-        """Read a run and check it.
+        """Read a run and check it: whatever follows from other files of the run is computed again.
 
         Args:
             directory: Its directory.
-            tables_only: True to check `result.json` and `episodes.csv` alone; other files may be missing.
+            tables_only: Whether files beside `result.json` and `episodes.csv` may be missing.
 
         Raises:
             InputError: A file is missing, cannot be read, is not the one that the run wrote, or contradicts another.
         """
-        result = check_result(directory, (EPISODES,), tables_only)
-        episodes = Episodes.read(directory / EPISODES)
-        if differences := _contradictions(result, episodes):
-            raise InputError(f"{directory / EPISODES} and {RESULT} differ in {differences[0]}; make the run again")
-        return cls(directory, result, episodes)
+        result = check_result(directory, tables_only)
+        run = cls(directory, result, Episodes.read(directory / EPISODES))
+        run.check()
+        return run
 
     @classmethod
     def read_unchecked(cls, directory: Path) -> RunResult:
         """Read a run that a replay checks. Raises InputError where a file is missing or damaged."""
         if not directory.is_dir():
             raise InputError(f"{directory} is not the directory of a run, which --replay needs")
-        result, broken = read_result(directory), ""
+        run, broken = cls(directory, read_result(directory), Episodes.read(directory / EPISODES)), ""
         try:
-            check_result(directory, (EPISODES, COMMANDS, RECORDING))
+            check_result(directory)
+            run.check()
         except InputError as error:
             broken = str(error)  # and the replay says what in the file is wrong
-        return cls(directory, result, Episodes.read(directory / EPISODES), broken)
+        return dataclasses.replace(run, broken=broken)
+
+    def check(self) -> None:
+        """Raise InputError, which names the file and the field, where the files of the run contradict each other."""
+        scenario = _check_scenario(self.result, self.directory / RESULT)
+        self.result["scenario"] |= scenario.table  # with all defaults
+        wrong = itertools.chain(
+            self._wrong_rows(scenario.rules), self._wrong_fields(), self._wrong_files(scenario.rules)
+        )
+        for file, sentence in wrong:
+            raise InputError(f"{self.directory / file}: {sentence}; make the run again")
+
+    def _wrong_rows(self, rules: Rules) -> Iterator[tuple[str, str]]:
+        """Yield what is wrong with the rows of `episodes.csv`: the file, and the rest of a sentence."""
+        episodes, cases = self.episodes, self.cases
+        if len(episodes) != len(cases) or not (episodes.case == cases.indices).all():
+            yield EPISODES, f"its cases are not those of {RESULT}, {cases}"
+        elif not ((episodes.steps >= 1) & (episodes.steps <= rules.max_steps)).all():
+            yield EPISODES, f"steps are not all from 1 to {rules.max_steps}"
+        if (episodes.block is not None) != ("tracks" in self.result["scenario"]):
+            yield EPISODES, f"a column {BLOCK} belongs where people are recorded, and nowhere else"
+        if episodes.columns.keys() != self.result["run"]["metrics"].keys():
+            yield RESULT, f"run.metrics are not the columns of {EPISODES}"
+        for name in COUNTED.keys() & episodes.columns.keys():
+            if not np.array_equal(episodes.columns[name], np.isin(episodes.outcome, COUNTED[name])):
+                yield EPISODES, f"{name} contradicts the outcomes"
+
+    def _wrong_fields(self) -> Iterator[tuple[str, str]]:
+        """Yield which fields of `result.json` do not follow from `episodes.csv`."""
+        found = summary_of(self.episodes)
+        recomputed = flatten({"blocks": None, **found})
+        stated = flatten({name: self.result.get(name) for name in ("blocks", *found)})
+        for name in {**stated, **recomputed}:
+            if not _agree(stated.get(name), recomputed.get(name)):
+                yield RESULT, f"{name} is {stated.get(name)!r}, but {EPISODES} gives {recomputed.get(name)!r}"
+
+    def _wrong_files(self, rules: Rules) -> Iterator[tuple[str, str]]:
+        """Yield what is wrong with the commands and the recording."""
+        listed, record = self.result["files"], self.result["stated"]["record"]
+        expected = {COMMANDS: record != "none", RECORDING: self.result["recorded"] > 0}
+        for name in (name for name, is_written in expected.items() if is_written != (name in listed)):
+            yield RESULT, f"stated.record is {record!r} and recorded {self.result['recorded']}, against files.{name}"
+        commands, recording = self.directory / COMMANDS, self.directory / RECORDING
+        if commands.exists():
+            check_size(commands, len(self.cases), rules.max_steps)
+            for name in ("case", "steps"):
+                if not np.array_equal(getattr(self.commands, name), getattr(self.episodes, name)):
+                    yield COMMANDS, f"its {name} are not those of {EPISODES}"
+        if recording.exists():
+            from crowdbench.record.cases import read_header
+
+            labels = dict(zip(self.episodes.case.tolist(), self.episodes.outcome.tolist(), strict=True))
+            header, ends = read_header(recording)
+            about = {name: self.header[name] for name in ("planner", "scenario", "scenario_digest")}
+            right = {**about, "split": self.cases.split, "number of episodes": self.result["recorded"]}
+            for name, value in {**header, "number of episodes": len(ends)}.items():
+                if value != right[name]:
+                    yield RECORDING, f"its {name} is {value!r}, but {RESULT} says {right[name]!r}"
+            for case, outcome in ends.items():
+                if case not in labels or Outcome(labels[case]).label != outcome:
+                    yield RECORDING, f"case {case} ends with {outcome}, but not in {EPISODES}"
 
     @property
     def cases(self) -> Cases:
@@ -140,23 +209,28 @@ class RunResult:
         return read(self.directory / RECORDING)
 
 
-def _contradictions(result: Mapping[str, Any], episodes: Episodes) -> list[str]:
-    """Return the points in which a table of episodes contradicts its result or itself."""
-    cases, metrics = Cases.parse(result["run"]["cases"]), set(episodes.columns)
-    rules = Rules(dt=result["scenario"]["dt"], time_limit=result["scenario"]["time_limit"])
-    agreement = {
-        "the cases": len(episodes) == len(cases) and bool((episodes.case == cases.indices).all()),
-        "steps": bool(((episodes.steps >= 1) & (episodes.steps <= rules.max_steps)).all()),
-        "outcomes": episodes.counts() == result["outcomes"],
-        "metrics": metrics == result["metrics"].keys() == result["run"]["metrics"].keys(),
-        "rates": episodes.rates == result.get("rates"),
-    }
-    for name in COUNTED.keys() & metrics:
-        agreement[name] = np.array_equal(episodes.columns[name], np.isin(episodes.outcome, COUNTED[name]))
-    for name in metrics & result["metrics"].keys() if agreement["steps"] else ():
-        n, mean = episodes.mean(name)
-        stated = read_estimate(result["metrics"][name])
-        # Another version of NumPy may add in another order.
-        is_close = np.isclose(mean, stated.mean, rtol=1e-9, atol=1e-12, equal_nan=True)
-        agreement[f"the mean of {name}"] = n == stated.n and bool(is_close)
-    return [name for name, agrees in agreement.items() if not agrees]
+def _check_scenario(result: Mapping[str, Any], path: Path) -> Scenario:
+    """Return the scenario of a run without its cases. Raises InputError where its digest or an override is wrong."""
+
+    def load(table: Mapping[str, Any]) -> Scenario:
+        return catalog.load_recorded_scenario(table, str(path), unseen=True)
+
+    scenario, right = load(result["scenario"]), result["run"]["scenario"]
+    if scenario.digest != right:
+        raise InputError(f"{path}: run.scenario is {right}, but its table scenario has the digest {scenario.digest}")
+    for key, value in result["stated"]["overrides"].items():
+        if key == "layout.map" or catalog.names_file(value):
+            continue  # the table holds what was in the file
+        key = "pedestrians.policy" if key == "pedestrians" else key
+        table = json.loads(json.dumps(result["scenario"]))
+        catalog.set_key(table, key, value, path)
+        if load(table).digest != right:
+            raise InputError(f"{path}: stated.overrides has {key} = {value!r}, which its table scenario has not")
+    return scenario
+
+
+def _agree(stated: Any, recomputed: Any) -> bool:
+    """Whether two values are the same. Another version of NumPy may add in another order."""
+    if is_number(stated) and isinstance(recomputed, float):
+        return math.isclose(stated, recomputed, rel_tol=1e-9, abs_tol=1e-12)
+    return type(stated) is type(recomputed) and stated == recomputed

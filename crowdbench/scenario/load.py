@@ -59,6 +59,7 @@ def parse(
     load_layout: LoadLayout,
     load_policy: LoadPolicy,
     data: Path | None = None,
+    read_tracks: bool = True,
 ) -> Scenario:
     """Make a scenario from a table.
 
@@ -69,6 +70,7 @@ def parse(
         load_layout: Loads the layout that the table names.
         load_policy: Loads the pedestrian policies that it names.
         data: The folder with the recorded tracks, if the user gave one.
+        read_tracks: False to leave recorded people out, of a table with the digests of their files: for the digest.
 
     Raises:
         InputError: A key is unknown, or a value is of the wrong type or impossible; `source` and the key are named.
@@ -84,15 +86,15 @@ def parse(
     spec = parse_table(model, table, file)
     _check_combinations(spec, file)
     rules = _rules(spec, [*policies, RECORDED].index(RECORDED), file)
-    tracks = _tracks(spec, table, rules, data, file)
+    tracks = _tracks(spec, table, rules, data, file, read_tracks)
     complete = spec.complete()
     complete["layout"] |= {"generator": generator} | ({"generator_file": layout_file} if layout_file else {})
     shares = {policy: part.share for policy, part in policies.items()}
     complete["pedestrians"]["policy"] = shares if len(shares) > 1 else next(iter(shares))
     if files := {policy: part.digest for policy, part in policies.items() if part.digest}:
         complete["pedestrians"]["policy_files"] = files
-    if tracks:
-        complete |= {"layout": {}, "tracks": tracks.table}
+    if spec.tracks:
+        complete |= {"layout": {}, "tracks": tracks.table if tracks else table["tracks"]}
         for key in OF_TRACKS:
             del complete["pedestrians"][key]
     else:
@@ -215,7 +217,7 @@ def _count_steps(seconds: float, dt: float, location: Location) -> int:
 
 
 def _tracks(
-    top: ScenarioSpec, table: Mapping[str, Any], rules: Rules, data: Path | None, file: Location
+    top: ScenarioSpec, table: Mapping[str, Any], rules: Rules, data: Path | None, file: Location, read_tracks: bool
 ) -> TrackedCrowd | None:
     """The recorded people of a scenario, if any.
 
@@ -235,6 +237,8 @@ def _tracks(
     if given:
         right = "left out where there is a table [tracks], which says who starts where, how fast, and to where"
         raise file.at(*given[0]).wrong("given", right)
+    if not read_tracks:
+        return None
     with file.at("tracks").named():
         crowd = TrackedCrowd.of(load_scene(top.tracks.scene, data, top.tracks.files), top.tracks.distance, rules)
     if crowd.has_cars and "distance" in table["tracks"]:
