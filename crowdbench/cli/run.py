@@ -164,6 +164,7 @@ def merge(
     """
     from crowdbench.metrics.load import load_metrics
     from crowdbench.runs.merge import merge as merge_runs
+    from crowdbench.runs.result_file import STATED
     from crowdbench.runs.results import result_label
     from crowdbench.runs.shards import REQUEST, find_finished
 
@@ -174,6 +175,7 @@ def merge(
         if not is_whole:
             say("crowdbench: parts are missing: what is merged ends before the first of them")
     result = merge_runs(runs, out, overwrite, interrupted=not is_whole)
+    say(f"crowdbench: {STATED}")
     print_result(f"{result_label(result)} on {result['scenario']['name']}", out, metrics, as_json, all_metrics)
 
 
