@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 import itertools
-import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -28,6 +28,10 @@ from crowdbench.utils.tables import flatten, plain
 
 if TYPE_CHECKING:
     from crowdbench.record.contents import Recording
+
+
+OF_BAGS = 64
+"""Digits of the digest of a robot's bags, which stands for that of a scenario."""
 
 
 def write_run(
@@ -120,12 +124,9 @@ class RunResult:
 
     def check(self) -> None:
         """Raise InputError, which names the file and the field, where the files of the run contradict each other."""
-        scenario = _check_scenario(self.result, self.directory / RESULT)
-        self.result["scenario"] |= scenario.table  # with all defaults
-        wrong = itertools.chain(
-            self._wrong_rows(scenario.rules), self._wrong_fields(), self._wrong_files(scenario.rules)
-        )
-        for file, sentence in wrong:
+        rules = _check_scenario(self.result, self.directory / RESULT)
+        rows, files = self._wrong_rows(rules), self._wrong_files(rules)
+        for file, sentence in itertools.chain(rows, self._wrong_fields(), files):
             raise InputError(f"{self.directory / file}: {sentence}; make the run again")
 
     def _wrong_rows(self, rules: Rules) -> Iterator[tuple[str, str]]:
@@ -154,10 +155,11 @@ class RunResult:
 
     def _wrong_files(self, rules: Rules) -> Iterator[tuple[str, str]]:
         """Yield what is wrong with the commands and the recording."""
-        listed, record = self.result["files"], self.result["stated"]["record"]
-        expected = {COMMANDS: record != "none", RECORDING: self.result["recorded"] > 0}
-        for name in (name for name, is_written in expected.items() if is_written != (name in listed)):
-            yield RESULT, f"stated.record is {record!r} and recorded {self.result['recorded']}, against files.{name}"
+        result, record, recorded = self.result, self.result["stated"]["record"], self.result["recorded"]
+        has_commands = record != "none" and len(result["run"]["scenario"]) != OF_BAGS
+        for name, is_written in ((COMMANDS, has_commands), (RECORDING, recorded > 0)):
+            if is_written != (name in result["files"]):
+                yield RESULT, f"stated.record is {record!r} and recorded {recorded}, which do not go with files.{name}"
         commands, recording = self.directory / COMMANDS, self.directory / RECORDING
         if commands.exists():
             check_size(commands, len(self.cases), rules.max_steps)
@@ -167,16 +169,14 @@ class RunResult:
         if recording.exists():
             from crowdbench.record.cases import read_header
 
-            labels = dict(zip(self.episodes.case.tolist(), self.episodes.outcome.tolist(), strict=True))
             header, ends = read_header(recording)
-            about = {name: self.header[name] for name in ("planner", "scenario", "scenario_digest")}
-            right = {**about, "split": self.cases.split, "number of episodes": self.result["recorded"]}
-            for name, value in {**header, "number of episodes": len(ends)}.items():
+            right = {**self.header, "split": self.cases.split, "recorded": recorded}
+            for name, value in {**header, "recorded": len(ends)}.items():
                 if value != right[name]:
                     yield RECORDING, f"its {name} is {value!r}, but {RESULT} says {right[name]!r}"
-            for case, outcome in ends.items():
-                if case not in labels or Outcome(labels[case]).label != outcome:
-                    yield RECORDING, f"case {case} ends with {outcome}, but not in {EPISODES}"
+            labels = [Outcome(outcome).label for outcome in self.episodes.outcome]
+            if not ends.items() <= dict(zip(self.episodes.case.tolist(), labels, strict=True)).items():
+                yield RECORDING, f"its outcomes are not those of {EPISODES}"
 
     @property
     def cases(self) -> Cases:
@@ -209,24 +209,30 @@ class RunResult:
         return read(self.directory / RECORDING)
 
 
-def _check_scenario(result: Mapping[str, Any], path: Path) -> Scenario:
-    """Return the scenario of a run without its cases. Raises InputError where its digest or an override is wrong."""
+def _check_scenario(result: Mapping[str, Any], path: Path) -> Rules:
+    """Complete the table of a run's scenario by defaults, and return the rules.
+
+    Raises InputError where the digest or an override does not fit the table.
+    """
 
     def load(table: Mapping[str, Any]) -> Scenario:
         return catalog.load_recorded_scenario(table, str(path), unseen=True)
 
-    scenario, right = load(result["scenario"]), result["run"]["scenario"]
+    table, right = result["scenario"], result["run"]["scenario"]
+    if len(right) == OF_BAGS and not table["pedestrians"]:
+        return Rules(dt=table["dt"], time_limit=table["time_limit"])
+    scenario = load(table)
     if scenario.digest != right:
         raise InputError(f"{path}: run.scenario is {right}, but its table scenario has the digest {scenario.digest}")
+    table |= scenario.table
     for key, value in result["stated"]["overrides"].items():
         if key == "layout.map" or catalog.names_file(value):
             continue  # the table holds what was in the file
-        key = "pedestrians.policy" if key == "pedestrians" else key
-        table = json.loads(json.dumps(result["scenario"]))
-        catalog.set_key(table, key, value, path)
-        if load(table).digest != right:
+        changed = copy.deepcopy(table)
+        catalog.set_key(changed, "pedestrians.policy" if key == "pedestrians" else key, value, path)
+        if load(changed).digest != right:
             raise InputError(f"{path}: stated.overrides has {key} = {value!r}, which its table scenario has not")
-    return scenario
+    return scenario.rules
 
 
 def _agree(stated: Any, recomputed: Any) -> bool:
