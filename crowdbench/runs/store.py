@@ -225,13 +225,12 @@ def _check_scenario(result: Mapping[str, Any], path: Path) -> Rules:
     if scenario.digest != right:
         raise InputError(f"{path}: run.scenario is {right}, but its table scenario has the digest {scenario.digest}")
     table |= scenario.table
+    changed = copy.deepcopy(table)
     for key, value in result["stated"]["overrides"].items():
-        if key == "layout.map" or catalog.names_file(value):
-            continue  # the table holds what was in the file
-        changed = copy.deepcopy(table)
-        catalog.set_key(changed, "pedestrians.policy" if key == "pedestrians" else key, value, path)
-        if load(changed).digest != right:
-            raise InputError(f"{path}: stated.overrides has {key} = {value!r}, which its table scenario has not")
+        if key != "layout.map" and not catalog.names_file(value):  # the table holds what was in the file
+            catalog.set_key(changed, "pedestrians.policy" if key == "pedestrians" else key, value, path)
+    if changed != table and load(changed).digest != right:
+        raise InputError(f"{path}: stated.overrides are not those of its table scenario")
     return scenario.rules
 
 

@@ -13,9 +13,10 @@ from helpers import make, reseal
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.metrics import METRICS
+from crowdbench.runs.merge import merge
 from crowdbench.runs.result_file import STATED
 from crowdbench.runs.results import Episodes
-from crowdbench.runs.store import RunResult
+from crowdbench.runs.store import RunResult, summary_of
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import flatten
 
@@ -168,17 +169,17 @@ def test_every_edited_column_is_refused(forged, column):
         RunResult.read(forged)
 
 
-def test_values_exchanged_between_cases_are_refused(forged):
-    old = Episodes.read(forged / "episodes.csv")
+def test_values_exchanged_between_cases_are_found_by_a_replay(forged, call):
     lines = (forged / "episodes.csv").read_text().splitlines()
     rows = [line.split(",") for line in lines[1:]]
     at = lines[0].split(",").index("jerk")
     rows[0][at], rows[1][at] = rows[1][at], rows[0][at]
     (forged / "episodes.csv").write_text("\n".join([lines[0], *map(",".join, rows)]) + "\n")
-    reseal(forged)
-    assert np.isclose(Episodes.read(forged / "episodes.csv").mean("jerk")[1], old.mean("jerk")[1])
-    with pytest.raises(InputError, match=r"metrics\.jerk\.(low|high)"):
-        RunResult.read(forged)
+    episodes = Episodes.read(forged / "episodes.csv")
+    reseal(forged, lambda table: table.update(summary_of(episodes)))
+    done = call("score", str(forged), "--replay")
+    assert done.returncode == 1
+    assert "2 of 4 cases have other figures in episodes.csv: test/0 (jerk" in done.stdout
 
 
 def commands_of(run, change):
@@ -230,7 +231,7 @@ def test_exchanged_and_broken_files_are_refused(run, other, kind):
 
 
 COMMANDS = {
-    "table": ["table", "RUN"],
+    "table": ["table", "RUN", "--metric", "jerk"],
     "compare": ["compare", "RUN", "RUN"],
     "score": ["score", "RUN"],
     "replay": ["score", "RUN", "--replay"],
@@ -260,8 +261,6 @@ def test_every_command_refuses_an_edited_interval_and_says_what_is_stated(call, 
 
 def test_a_score_of_states_is_that_of_the_episodes(run, call):
     """A forger who rewrites episodes.csv and the summary, and leaves the recording alone."""
-    from crowdbench.runs.store import summary_of
-
     episodes = Episodes.read(run / "episodes.csv")
     episodes.columns["jerk"][:] /= 2.0
     episodes.write(run / "episodes.csv")
@@ -274,8 +273,6 @@ def test_a_score_of_states_is_that_of_the_episodes(run, call):
 
 
 def test_a_merged_run_of_an_interrupted_one_is_interrupted(tmp_path):
-    from crowdbench.runs.merge import merge
-
     a, b = go(tmp_path / "a", "commands", "2"), go(tmp_path / "b", "commands", "2:4")
     reseal(b, lambda table: table.update(interrupted=True))
     reseal(a, lambda table: table["stated"].update(isolation={"level": "a", "peak": 1}))
