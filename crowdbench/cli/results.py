@@ -88,7 +88,7 @@ def score(
     from crowdbench.metrics.load import load_metrics
     from crowdbench.record.contents import read
     from crowdbench.runs.replay import check_recorded
-    from crowdbench.runs.result_file import STATED, warn_of_other_code
+    from crowdbench.runs.result_file import STATED
     from crowdbench.runs.results import Episodes
     from crowdbench.runs.store import RunResult
     from crowdbench.runs.table import metric_grid
@@ -97,7 +97,7 @@ def score(
     metrics, contents = load_metrics(metric or []), read(recording_of(recording))
     episodes = Episodes.of(contents.trace, metrics)
     if run is not None:
-        for warning in [*warn_of_other_code(recording, run.result), STATED]:
+        for warning in [*run.warnings, STATED]:
             say(f"crowdbench: {warning}")
         check_recorded(run, episodes, metrics)
     # The rates of a part would be biased, because failures are preferred.

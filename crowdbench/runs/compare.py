@@ -194,7 +194,7 @@ def _pair(a: RunResult, b: RunResult) -> Paired:
 def compare_results(a: RunResult, b: RunResult, metrics: Sequence[str] = ()) -> Comparison:
     """Compare two runs in metrics, all where none are named. Raises InputError as `compare` does."""
     names = (a.label, b.label) if a.label != b.label else (str(a.directory), str(b.directory))
-    return _summarize(a.result["scenario"]["name"], names, [_pair(a, b)], _warnings((a, b)), metrics)
+    return _summarize(a.result["scenario"]["name"], names, [_pair(a, b)], [*a.warnings, *b.warnings], metrics)
 
 
 def _summarize(
@@ -217,18 +217,6 @@ def _summarize(
         changed=changed,
         warnings=warnings,
     )
-
-
-def _warnings(runs: Sequence[RunResult]) -> list[str]:
-    warnings = [
-        f"{run.directory} was interrupted: only the cases that it finished are compared"
-        for run in runs
-        if run.result["interrupted"]
-    ]
-    if len({run.result["run"]["code"] for run in runs}) > 1:
-        both = " and ".join(str(run.directory) for run in runs)
-        warnings.append(f"{both} were made by different code of crowdbench, which may be what makes them differ")
-    return warnings
 
 
 def check_comparable(a: RunResult, b: RunResult) -> None:

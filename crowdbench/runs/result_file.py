@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, create_model
 
 from crowdbench.metrics.load import LARGEST
-from crowdbench.runs.identity import code, digest
+from crowdbench.runs.identity import digest
 from crowdbench.runs.recording import COMMANDS
 from crowdbench.runs.results import EPISODES, RECORDING
 from crowdbench.scenario.cases import Cases
@@ -129,13 +129,6 @@ def check_result(directory: Path, tables_only: bool = False) -> dict[str, Any]:
         if actual != expected:
             raise InputError(f"{directory / name} is not the file that the run wrote: its sha256 differs; run it again")
     return result
-
-
-def warn_of_other_code(directory: Path, result: Mapping[str, Any]) -> list[str]:
-    """Return a sentence where a run was made by another simulator than the present one."""
-    if result["run"]["code"] == code():
-        return []
-    return [f"{directory} was made by other code of crowdbench than this, whose figures may differ"]
 
 
 def _contents_digest(contents: Mapping[str, Any]) -> str:

@@ -16,7 +16,7 @@ from jaxtyping import Int, Shaped
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics import Metric, MetricInfo, info_of, is_rate
 from crowdbench.metrics.load import LARGEST, measure
-from crowdbench.metrics.summary import Estimate, summarize, weigh, weighted_mean
+from crowdbench.metrics.summary import Estimate, summarize
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, describe_error
 
@@ -99,13 +99,6 @@ class Episodes:
         columns = {name: values[rows] for name, values in self.columns.items()}
         block = None if self.block is None else self.block[rows]
         return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns, block)
-
-    def mean(self, name: str) -> tuple[int, float]:
-        """Return the number of episodes in which a metric is defined, and its mean, NaN where there is none."""
-        values = self.columns[name].astype(float)
-        defined = ~np.isnan(values)
-        n = int(defined.sum())
-        return n, float(weighted_mean(values[defined], weigh(name, self.steps[defined]))) if n else math.nan
 
     def summary(self, names: Iterable[str] | None = None) -> dict[str, Estimate]:
         """Each metric's mean and interval; of all metrics where none are named."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 import functools
 import itertools
 import math
@@ -17,7 +16,7 @@ import numpy as np
 from crowdbench import catalog
 from crowdbench.core.types import Outcome, Rules
 from crowdbench.metrics.outcomes import COUNTED
-from crowdbench.runs.identity import digest
+from crowdbench.runs.identity import code, digest
 from crowdbench.runs.recording import COMMANDS, Commands, check_size, read_commands
 from crowdbench.runs.result_file import RESULT, check_result, read_result, write_result
 from crowdbench.runs.results import BLOCK, EPISODES, RECORDING, Episodes, result_label
@@ -114,13 +113,10 @@ class RunResult:
         """Read a run that a replay checks. Raises InputError where a file is missing or damaged."""
         if not directory.is_dir():
             raise InputError(f"{directory} is not the directory of a run, which --replay needs")
-        run, broken = cls(directory, read_result(directory), Episodes.read(directory / EPISODES)), ""
         try:
-            check_result(directory)
-            run.check()
-        except InputError as error:
-            broken = str(error)  # and the replay says what in the file is wrong
-        return dataclasses.replace(run, broken=broken)
+            return cls.read(directory)
+        except InputError as error:  # and the replay says what in the file is wrong
+            return cls(directory, read_result(directory), Episodes.read(directory / EPISODES), str(error))
 
     def check(self) -> None:
         """Raise InputError, which names the file and the field, where the files of the run contradict each other."""
@@ -187,6 +183,15 @@ class RunResult:
     def label(self) -> str:
         """The planner's name with its settings, as shown to people."""
         return result_label(self.result)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Reasons against comparing it with others, a sentence each."""
+        reasons = {
+            "was interrupted: only the cases that it finished are compared": self.result["interrupted"],
+            "was made by other code of crowdbench than this": self.result["run"]["code"] != code(),
+        }
+        return [f"{self.directory} {reason}" for reason, holds in reasons.items() if holds]
 
     @property
     def header(self) -> dict[str, Any]:

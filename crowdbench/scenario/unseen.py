@@ -8,7 +8,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from crowdbench.sim.pedestrians import PedestrianPolicy
+from crowdbench.sim.pedestrians import PedestrianPolicy, Recorded
 from crowdbench.utils.errors import InputError
 
 
@@ -19,22 +19,18 @@ def unseen_layout(options: Mapping[str, Any]) -> Callable[..., Any]:
         options: Their values, of which each is taken for the default.
     """
 
-    def layout(**options: Any) -> Any:
-        raise NotImplementedError
+    def layout() -> None:
+        """Its options are read from its signature."""
 
-    if wrong := [name for name in options if not name.isidentifier()]:
-        raise InputError(f"no option of a layout is called {wrong[0]!r}")
-    parameters = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=options[name]) for name in options]
+    kind = inspect.Parameter.KEYWORD_ONLY
+    try:
+        parameters = [inspect.Parameter(name, kind, default=value) for name, value in options.items()]
+    except ValueError as error:
+        raise InputError(f"an option of a layout cannot be called so: {error}") from None
     layout.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return layout
 
 
 def unseen_policy(parameters: Mapping[str, Any]) -> PedestrianPolicy:
-    """Return a pedestrian policy with parameters of these names, which moves nobody."""
-
-    class Unseen(PedestrianPolicy):
-        def velocities(self, world: Any, parameters: Any) -> Any:
-            raise NotImplementedError
-
-    Unseen.parameters = dict.fromkeys(parameters, 0.0)
-    return Unseen()
+    """Return a pedestrian policy with parameters of these names."""
+    return type("Unseen", (Recorded,), {"parameters": dict.fromkeys(parameters, 0.0)})()
