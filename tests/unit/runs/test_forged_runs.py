@@ -9,7 +9,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from helpers import make, reseal
+import recordings
+from helpers import Still, make, reseal
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.metrics import METRICS
@@ -280,3 +281,68 @@ def test_a_merged_run_of_an_interrupted_one_is_interrupted(tmp_path):
     result = merge([a, b], tmp_path / "c")
     assert result["interrupted"]
     assert result["stated"]["isolation"] == {"level": "a, b", "peak": "1, much"}
+
+
+STROLL = """
+import numpy as np
+from crowdbench import PedestrianPolicy
+
+class Stroll(PedestrianPolicy):
+    parameters = {"pace": 0.5, "turns": 3}
+
+    def velocities(self, world, parameters):
+        return np.zeros_like(world.position[:, 1:])
+
+def policy():
+    return Stroll()
+"""
+
+SPREAD = """
+import numpy as np
+
+from crowdbench.scenario.placement import Placement
+
+def layout(rng, radius, preferred_speed, *, width=5.0, rows=2, name="x"):
+    starts = np.stack([np.linspace(-width, width, len(radius)), np.zeros(len(radius))], 1)
+    return Placement(starts, starts + np.array([0.0, 4.0]))
+"""
+
+
+@pytest.mark.parametrize("kind", ["own files", "recorded people"])
+def test_a_scenario_is_checked_without_the_files_of_its_author(kind, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if kind == "own files":
+        (tmp_path / "stroll.py").write_text(STROLL)
+        (tmp_path / "spread.py").write_text(SPREAD)
+        overrides = {
+            "layout.generator": "spread.py",
+            "layout.width": 6,
+            "pedestrians.policy": {"orca": 1, "stroll.py": 2.0},
+            "pedestrians.stroll.pace": {"low": 0.2, "high": 0.8},
+            "pedestrians.number": 3,
+        }
+        (tmp_path / "mine.toml").write_text("")
+        scenario = load_scenario("mine.toml", overrides)
+        field, wrong = ("layout", "width"), 7.0
+    else:
+        overrides = {"tracks.distance": 3.0}
+        scenario = recordings.scenario(tmp_path, tracks__distance=3.0)
+        field, wrong = ("tracks", "distance"), 4.0
+    make(tmp_path / "run", Still(), scenario, "4", metrics=SOME, record="commands", overrides=overrides)
+    for path in (*tmp_path.glob("*.py"), *tmp_path.glob("mine.*")):
+        path.unlink()
+    table = json.loads((tmp_path / "run" / "result.json").read_text())["scenario"]
+    assert RunResult.read(tmp_path / "run").result["scenario"] == table
+    for change, said in (
+        (lambda result: set_value(result["scenario"], field, wrong), "run.scenario is"),
+        (lambda result: result["stated"]["overrides"].update({".".join(field): wrong}), "stated.overrides are not"),
+        (lambda result: result["scenario"]["pedestrians"].update(radius=10**9), "radius is 1000000000"),
+    ):
+        forged = shutil.copytree(tmp_path / "run", tmp_path / "forged", dirs_exist_ok=True)
+        reseal(forged, change)
+        assert said in str(refusal(forged))
+
+
+def test_a_billion_pedestrians_are_refused_whatever_the_digest(run):
+    reseal(run, lambda result: result["scenario"]["pedestrians"].update(number=[5, 10**9]))
+    assert "pedestrians.number is [5, 1000000000], but must be a whole number from 0 to" in str(refusal(run))
