@@ -93,15 +93,15 @@ def score(
     from crowdbench.runs.store import RunResult
     from crowdbench.runs.table import metric_grid
 
-    run = RunResult.read(recording) if recording.is_dir() else None
+    checked = RunResult.read(recording) if recording.is_dir() else None
     metrics, contents = load_metrics(metric or []), read(recording_of(recording))
     episodes = Episodes.of(contents.trace, metrics)
-    if run is not None:
-        for warning in [*run.warnings, STATED]:
+    if checked is not None:
+        for warning in [*checked.warnings, STATED]:
             say(f"crowdbench: {warning}")
-        check_recorded(run, episodes, metrics)
+        check_recorded(checked, episodes, metrics)
     # The rates of a part would be biased, because failures are preferred.
-    summary = episodes.summary() if len(episodes) == (contents.cases if run is None else len(run.cases)) else {}
+    summary = episodes.summary() if len(episodes) == (contents.cases if checked is None else len(checked.cases)) else {}
     if as_json:
         about = {"planner": contents.planner, "scenario": contents.scenario, "cases": contents.cases}
         rows = dataclasses.replace(episodes, block=None).to_arrow().to_pylist()

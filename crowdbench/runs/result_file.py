@@ -45,13 +45,13 @@ _Count = Annotated[int, Field(ge=0)]
 
 _ALONE: Any = {"__config__": ConfigDict(extra="forbid")}
 _Planner = create_model("_Planner", name=str, options=_Table, files=_Table, code=str, facts=_Texts, key=str, **_ALONE)
-_Rest = create_model("_Rest", replanning=_Table, batch=int | None, code=str, decision_limit=float, **_ALONE)
+_Rest = create_model("_Rest", replanning=_Table, batch=(int | None, ...), code=str, decision_limit=float, **_ALONE)
 _Run = create_model("_Run", __base__=_Rest, planner=_Planner, scenario=str, cases=str, metrics=_Texts)
 _Scenario = create_model("_Scenario", name=str, layout=_Table, pedestrians=_Table, dt=_Seconds, time_limit=_Seconds)
 _Estimate = create_model("_Estimate", n=int, mean=(_Mean, None))
 _Timing = create_model("_Timing", seconds=_Figure, decision_ms_per_step=(_Figure, 0.0), **_ALONE)
 _Machine = create_model("_Machine", versions=_Texts, isolation=(dict[str, str | _Figure], {}), timing=_Timing, **_ALONE)
-_Stated = create_model("_Stated", __base__=_Machine, privileged=bool, overrides=_Table, record=Literal[RECORD])
+_Stated = create_model("_Stated", __base__=_Machine, privileged=bool, overrides=_Table, record=(Literal[RECORD], ...))
 _Metrics: Any = dict[str, _Estimate]  # type: ignore[valid-type]
 _Found = create_model("_Found", outcomes=dict[str, int], metrics=_Metrics, blocks=(_Count, 0), **_ALONE)
 _Head = create_model("_Head", __base__=_Found, format=int, id=str, run=_Run, scenario=_Scenario, rates=list[str])

@@ -230,10 +230,12 @@ def _check_scenario(result: Mapping[str, Any], path: Path) -> Rules:
     if scenario.digest != right:
         raise InputError(f"{path}: run.scenario is {right}, but its table scenario has the digest {scenario.digest}")
     table |= scenario.table
-    changed = copy.deepcopy(table)
+    changed, layout = copy.deepcopy(table), {f"layout.{name}": value for name, value in table["layout"].items()}
     for key, value in result["stated"]["overrides"].items():
-        if key != "layout.map" and not catalog.names_file(value):  # the table holds what was in the file
-            catalog.set_key(changed, "pedestrians.policy" if key == "pedestrians" else key, value, path)
+        # The table holds what was in files, and numbers as the parameters of a layout have them, such as 6.0 for 6.
+        if key == "layout.map" or catalog.names_file(value) or (key, value) in layout.items():
+            continue
+        catalog.set_key(changed, "pedestrians.policy" if key == "pedestrians" else key, value, path)
     if changed != table and load(changed).digest != right:
         raise InputError(f"{path}: stated.overrides are not those of its table scenario")
     return scenario.rules

@@ -4,7 +4,6 @@ import shutil
 
 import numpy as np
 import pytest
-from helpers import reseal
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
@@ -61,7 +60,6 @@ def test_a_case_that_is_not_recorded_is_simulated_again(run, monkeypatch, tmp_pa
     assert (trace.case[0], trace.steps[0]) == (case, episodes.steps[case])
     assert METRICS["path_length"](trace)[0] == episodes.columns["path_length"][case]
     shutil.copytree(run, tmp_path / "run")
-    reseal(tmp_path / "run", lambda table: table["run"].update(scenario="another"))
     monkeypatch.setattr("crowdbench.cli.cases.load_scenario", lambda *_: load_scenario("square_crossing_5"))
     with pytest.raises(InputError, match=f"case {case} of .* ends in another way when it is simulated again"):
         raise CliRunner().invoke(app, ["view", str(tmp_path / "run"), "--case", str(case)]).exception

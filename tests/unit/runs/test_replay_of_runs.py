@@ -248,7 +248,7 @@ def scenario_of_another_id(directory):
         (fast_commands, "cases in commands.parquet have commands that a run refuses, beyond the limits of the vehicle"),
         (fewer_commands, "12 of 12 cases have more or fewer commands in commands.parquet than steps: test/0 ("),
         (another_recording, "episodes in run.rrd have other states: test/0 ("),
-        (fewer_recorded, "against files.run.rrd"),
+        (fewer_recorded, "do not go with files.run.rrd"),
         (other_seed, "episodes in run.rrd have other states: test/0 ("),
         (other_scenario, "cases end otherwise than episodes.csv says: test/"),
         (scenario_of_another_id, "values in result.json differ: run.scenario ("),
