@@ -51,7 +51,8 @@ _Scenario = create_model("_Scenario", name=str, layout=_Table, pedestrians=_Tabl
 _Estimate = create_model("_Estimate", n=int, mean=(_Mean, None))
 _Timing = create_model("_Timing", seconds=_Figure, decision_ms_per_step=(_Figure, 0.0), **_ALONE)
 _Machine = create_model("_Machine", versions=_Texts, isolation=(dict[str, str | _Figure], {}), timing=_Timing, **_ALONE)
-_Stated = create_model("_Stated", __base__=_Machine, privileged=bool, overrides=_Table, record=(Literal[RECORD], ...))
+_Record: Any = Literal[RECORD]
+_Stated = create_model("_Stated", __base__=_Machine, privileged=bool, overrides=_Table, record=_Record)
 _Metrics: Any = dict[str, _Estimate]  # type: ignore[valid-type]
 _Found = create_model("_Found", outcomes=dict[str, int], metrics=_Metrics, blocks=(_Count, 0), **_ALONE)
 _Head = create_model("_Head", __base__=_Found, format=int, id=str, run=_Run, scenario=_Scenario, rates=list[str])
