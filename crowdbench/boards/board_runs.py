@@ -13,6 +13,7 @@ from filelock import Timeout
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.planner_files import PLANNER, locate_named_files
+from crowdbench.boards.season import SEASON
 from crowdbench.isolation.planner import IsolatedPlanner, Limits
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.load import identify
@@ -29,6 +30,9 @@ from crowdbench.utils.errors import InputError, MachineFault
 
 LIMITS = Limits(total=7200.0)
 """The limits of a planner for the cases of one scenario."""
+
+DECIMALS = 4
+"""Decimal places of the commands of entries, in m/s and in the units of native commands."""
 
 
 class InUse(InputError):
@@ -50,15 +54,23 @@ class EntryPlanner:
     options: Mapping[str, Any]
 
     @contextlib.contextmanager
-    def start(self, scenario: Scenario) -> Iterator[IsolatedPlanner]:
-        """Start the planner in a process of its own, which can read the frozen files of the entry alone."""
+    def start(self, scenario: Scenario, cores: Sequence[int] | None = None) -> Iterator[IsolatedPlanner]:
+        """Start the planner in a process of its own, which can read the frozen files of the entry alone.
+
+        Args:
+            scenario: What it is to drive.
+            cores: The processors that it may use; those of this process if None.
+        """
         isolated = IsolatedPlanner(
             locate_named_files(self.planner, self.folder),
             locate_named_files(self.options, self.folder),
             LIMITS,
             readable=filter(Path.exists, [self.folder / PLANNER]),
             folder=Path("/"),  # files that the entry lacks must be missing
+            hidden=[path for path in self.folder.resolve().parents if (path / SEASON).exists()],
             scene=scenario.tracks.scene if scenario.tracks else None,
+            decimals=DECIMALS,
+            cores=cores,
         )
         with contextlib.closing(isolated):
             yield isolated

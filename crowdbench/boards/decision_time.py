@@ -1,20 +1,25 @@
 """The time that an entry's planner takes for a decision, in one world alone and on one core.
 
-The time of a decision never changes a command. The planner is shown again, one world at a time, what it saw in ranked
-cases, and must decide the same. The time on other machines is estimated by a fixed piece of work, the calibration
-kernel, which is timed on the same core while the planner is stopped.
+The time of a decision never changes a command. The planner drives ranked cases again, one world at a time, and must
+decide the same. It is shown none of its earlier commands, and its process and all that it starts stay on one core,
+where their processor time counts. The time on other machines is estimated by a fixed piece of work, the calibration
+kernel, which is timed on the same core while the planner does not run.
 """
 
 from __future__ import annotations
 
+import os
+import random
 import statistics
 import timeit
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from crowdbench.boards.board_runs import CaseSet, EntryPlanner, driven_scenarios
 from crowdbench.boards.verdict import DecisionTime
+from crowdbench.isolation.limits import usable_cores
 from crowdbench.runs.decision_time import SAME, decide_alone
 from crowdbench.runs.recording import COMMANDS, read_commands
 from crowdbench.scenario.cases import Cases
@@ -31,9 +36,6 @@ TIMED = 11
 MIN_SAME = 0.99
 """The share of decisions that must be as in the ranked cases."""
 
-MAX_CORES = 1.1
-"""Seconds of processors for each second of waiting, at most; a planner that takes more is not timed."""
-
 
 class NotTimed(Exception):
     """The decisions of a planner cannot be timed. The message says why."""
@@ -48,7 +50,7 @@ def time_decisions(planner: EntryPlanner, case_set: CaseSet, runs: Path) -> Deci
         runs: The folder of the planner's runs of these cases.
 
     Raises:
-        NotTimed: The planner decides otherwise than in the runs, or takes more than one core.
+        NotTimed: The planner decides otherwise than in the runs.
         InputError: See `decide_alone`.
     """
     board, cases = case_set.board, case_set.cases
@@ -56,24 +58,18 @@ def time_decisions(planner: EntryPlanner, case_set: CaseSet, runs: Path) -> Deci
     scenario = next(scenario for scenario in case_set.scenarios if scenario.name == name)
     recorded = read_commands(runs / name / COMMANDS)
     timed = Cases(cases.split, cases.start, min(cases.stop, cases.start + TIMED))
-    with planner.start(scenario) as isolated:
-        process = isolated.process
-        core = process.pin()
-        with process.stopped(core):
-            before = kernel_seconds()
-        processor, waited = process.processor_seconds(), process.seconds
-        seconds, is_same = decide_alone(isolated, isolated.name, scenario, board.replanning, timed, recorded)
-        processor, waited = process.processor_seconds() - processor, process.seconds - waited
-        with process.stopped(core):
-            kernel_ms = 1e3 * (before + kernel_seconds()) / 2.0
+    core = random.sample(usable_cores(), k=min(1, len(usable_cores())))
+    before = kernel_seconds(core)
+    with planner.start(scenario, core) as isolated:
+        asked = isolated, isolated.name, scenario, board.replanning, timed, recorded
+        seconds, is_same = decide_alone(*asked, processor=isolated.process.usage.seconds)
+    kernel_ms = 1e3 * (before + kernel_seconds(core)) / 2.0
     same = float(np.mean(is_same)) if len(is_same) else 0.0
     if same < MIN_SAME:
         raise NotTimed(
             f"not timed: in one world alone, {100 * same:.1f} % of its decisions are within {SAME:g} m/s of those in "
             f"the ranked cases, but {100 * MIN_SAME:g} % must be"
         )
-    if processor > MAX_CORES * waited + 1.0:
-        raise NotTimed(f"not timed: it took {processor:.1f} s of processors in {waited:.1f} s, but one core is allowed")
     p99 = 1e3 * float(np.percentile(seconds, 99))
     calibrated = p99 * REFERENCE_MS / kernel_ms
     return DecisionTime(
@@ -85,8 +81,12 @@ def time_decisions(planner: EntryPlanner, case_set: CaseSet, runs: Path) -> Deci
     )
 
 
-def kernel_seconds() -> float:
-    """Return the median time of five runs of the calibration kernel: a loop of Python, and sorting in NumPy."""
+def kernel_seconds(core: Sequence[int] = ()) -> float:
+    """Return the median time of five runs of the calibration kernel: a loop of Python, and sorting in NumPy.
+
+    Args:
+        core: The core to run on; any if it is empty.
+    """
 
     def work() -> None:
         total = 0
@@ -95,4 +95,11 @@ def kernel_seconds() -> float:
         values = np.random.Generator(np.random.Philox(1)).random(300_000)
         np.sort(values)
 
-    return statistics.median(timeit.repeat(work, number=1, repeat=5))
+    cores = usable_cores()
+    if core:
+        os.sched_setaffinity(0, core)
+    try:
+        return statistics.median(timeit.repeat(work, number=1, repeat=5))
+    finally:
+        if core:
+            os.sched_setaffinity(0, cores)

@@ -19,7 +19,16 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.planner_files import PLANNER, check_named_files, imported_code, package, package_files
+from crowdbench.boards.planner_files import (
+    PLANNER,
+    check_files,
+    check_named_files,
+    contents,
+    imported_code,
+    package,
+    package_files,
+)
+from crowdbench.catalog import PLANNERS
 from crowdbench.plugins.new_planner import CARD
 from crowdbench.runs.recording import COMMANDS
 from crowdbench.runs.results import EPISODES
@@ -37,11 +46,13 @@ NAMES = re.compile("[a-z0-9][a-z0-9_]{1,49}")
 
 NAMING = "its name must be 2 to 50 lower-case letters, digits and underscores"
 
-_FILES = re.compile(rf"{re.escape(CARD)}|{PLANNER}/.+|{PUBLIC}/\w+/({re.escape(EPISODES)}|{re.escape(COMMANDS)})")
+_FILES = re.compile(
+    rf"{re.escape(CARD)}|{PLANNER}(/[A-Za-z0-9_][A-Za-z0-9_.+-]*)+|{PUBLIC}/\w+/({re.escape(EPISODES)}|{re.escape(COMMANDS)})"
+)
 """The files that an entry may have."""
 
-SUBMITTER = r"^\w[\w .'\-]{0,99}$"
-"""The pattern of a submitter's name, which is printed on pages and in Markdown."""
+SUBMITTER = r"^[A-Za-z0-9][A-Za-z0-9_ .'\-]{0,99}$"
+"""The pattern of a submitter's name: ASCII, so that no two names look alike. Upper case and signs tell none apart."""
 
 MAINTAINERS = "crowdbench"
 """The submitter of the planners that ship, of which any number is ranked."""
@@ -63,11 +74,13 @@ class CardSpec(TomlTable):
 
     `method` is the same for all entries of one method. `crowd_model` is the model of pedestrians inside the planner,
     such as "ORCA", or "none". `validation_runs` is the number of variants that were compared on validation cases.
+    `account` is the GitHub account whose pull requests may change the entry.
     """
 
     title: Name
     authors: Names
     contact: Name
+    account: Text = ""
     method: Name
     licence: Name
     description: Name
@@ -151,6 +164,11 @@ class Entry:
         return self.directory / PUBLIC
 
     @property
+    def submitter(self) -> str:
+        """Return what entries of one submitter have in common."""
+        return fold(self.card.account or self.spec.submitted_by)
+
+    @property
     def digest(self) -> str:
         """Return the sha256 of what is frozen when a season closes: planner, options, files and card."""
         spec = self.spec
@@ -176,9 +194,9 @@ def read_entry(directory: Path) -> Entry:
         raise InputError(f"{directory} is no entry: {path} cannot be read ({error.strerror})") from None
     spec = check_record(EntrySpec, table, path, "entry", SCHEMA)
     check_submitter(spec.submitted_by, spec.package)
-    check_networks(spec.options, spec.networks)
     check_named_files([spec.planner, spec.options, spec.networks], directory)
-    _check_files(directory, spec.files)
+    _check_digests(directory, spec.files)
+    check_networks(spec.options, spec.networks, directory)
     return Entry(directory, spec, read_card(directory / CARD))
 
 
@@ -194,6 +212,7 @@ def read_entries(board: Board, root: Path) -> list[Entry]:
     entries = [read_entry(path.parent) for path in sorted((root / board.name).glob(f"{ENTRIES}/*/{ENTRY}"))]
     for entry in entries:
         check_board_name(entry, board)
+        check_names(entry.name, entry.card, entry.spec.submitted_by, root / board.name)
     return entries
 
 
@@ -201,6 +220,35 @@ def check_board_name(entry: Entry, board: Board) -> None:
     """Raise InputError if an entry is one of another board."""
     if entry.spec.board != board.name:
         raise InputError(f"{entry.directory} is an entry of the board {entry.spec.board}, not of {board.name}")
+
+
+def fold(name: str) -> str:
+    """Return the letters and digits of a name in lower case: names that differ elsewhere look alike."""
+    return re.sub("[^a-z0-9]", "", name.lower())
+
+
+def check_names(name: str, card: CardSpec, submitter: str, folder: Path) -> None:
+    """Raise InputError if an entry has the name or the title of another submitter's entry, or of a planner that ships.
+
+    Args:
+        name: The name of the entry.
+        card: Its card.
+        submitter: Its submitter.
+        folder: The folder of its board. Planners that ship have a card in `cards/` beside it.
+    """
+    if fold(submitter) == MAINTAINERS:
+        return
+    ships = [*PLANNERS.sources(), *(path.stem for path in (folder.parent / "cards").glob("*.toml"))]
+    taken = dict.fromkeys(map(fold, ships), "a planner that ships")
+    for path in (folder / ENTRIES).glob(f"*/{CARD}"):
+        other = read_card(path)
+        if path.parent.name != name:
+            is_own = fold(other.account or other.authors[0]) == fold(card.account or submitter)
+            names = [path.parent.name] if is_own else [path.parent.name, other.title]
+            taken |= dict.fromkeys(map(fold, names), f"the entry {path.parent.name}")
+    for own in (name, card.title):
+        if whose := taken.get(fold(own)):
+            raise InputError(f"{own!r} is the name of {whose}, or looks like it: choose another one")
 
 
 def check_submitter(name: str, package: str) -> None:
@@ -211,14 +259,15 @@ def check_submitter(name: str, package: str) -> None:
         package: The distribution of the planner; empty for a planner whose files are in the entry.
     """
     if not re.fullmatch(SUBMITTER, name) or name != name.strip():
-        raise InputError(f"{name!r} cannot submit an entry: a name has letters, digits, spaces and -_.' only")
-    if name.lower() == MAINTAINERS and not package.startswith(SHIPPED):
+        raise InputError(f"{name!r} cannot submit an entry: a name has letters, digits, spaces and -_.' of ASCII only")
+    if fold(name) == MAINTAINERS and not package.startswith(SHIPPED):
         raise InputError(f"an entry submitted by {name} must be of a planner that ships: give another name")
 
 
-def check_networks(options: Mapping[str, Any], networks: Sequence[Mapping[str, Any]]) -> None:
-    """Raise InputError if two networks of a method have the same options."""
-    if any(network in (options, *networks[:index]) for index, network in enumerate(networks)):
+def check_networks(options: Mapping[str, Any], networks: Sequence[Mapping[str, Any]], folder: Path) -> None:
+    """Raise InputError if two networks of a method have the same options, or files with the same contents."""
+    found = contents([options, *({**options, **network} for network in networks)], folder)
+    if any(network in found[:index] for index, network in enumerate(found)):
         raise InputError("two networks of the entry are the same: name each of them once, and not the entry's own")
 
 
@@ -250,14 +299,12 @@ def is_pending(entry: Entry, board: Board) -> bool:
 
 def file_digests(directory: Path) -> dict[str, str]:
     """Return the sha256 of all files of an entry but `entry.json`, by path."""
-    paths = [path for path in sorted(directory.rglob("*")) if path.is_symlink() or not path.is_dir()]
-    for path in paths:
-        if path.is_symlink() or not path.is_file():
-            raise InputError(f"{path} is not a plain file: an entry holds nothing else")
+    check_files(directory)
+    paths = [path for path in sorted(directory.rglob("*")) if path.is_file()]
     return {path.relative_to(directory).as_posix(): files.sha256(path) for path in paths if path != directory / ENTRY}
 
 
-def _check_files(directory: Path, digests: Mapping[str, str]) -> None:
+def _check_digests(directory: Path, digests: Mapping[str, str]) -> None:
     present = file_digests(directory)
     if missing := sorted(digests.keys() - present.keys()):
         raise InputError(f"{directory / missing[0]}, which {ENTRY} names, is missing")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -15,7 +16,9 @@ from crowdbench.boards.verdict import Method
 from crowdbench.metrics import UNDISTURBED, info_of
 from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.metrics.summary import UNDEFINED, Estimate, wilson
+from crowdbench.runs.recording import COMMANDS, read_commands
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import plain
 
 MIN_NETWORKS = 5
@@ -23,6 +26,9 @@ MIN_NETWORKS = 5
 
 MAX_NETWORK_CASES = 250
 """Cases that each network of a method drives, at most."""
+
+ALIKE = 0.01
+"""Commands of two networks count as the same up to this difference, in m/s or in the units of native commands."""
 
 METHOD_METRICS = ("success_rate", "collision_rate", "sct")
 """Metrics whose means over networks are shown."""
@@ -86,6 +92,24 @@ def other_networks(entry: Entry, board: Board) -> list[EntryPlanner]:
     if len(spec.networks) + 1 < MIN_NETWORKS or len(board.scenarios) > 1:
         return []
     return [EntryPlanner(entry.directory, spec.planner, {**spec.options, **network}) for network in spec.networks]
+
+
+def check_networks_differ(board: Board, folders: Sequence[Path], cases: Cases) -> None:
+    """Raise InputError if two networks of a method drive most cases alike: networks of other seeds do not.
+
+    Args:
+        board: The board, of one scenario.
+        folders: The folders of the runs of each network.
+        cases: The cases that all networks drove.
+    """
+    runs = [read_commands(folder / board.scenarios[0] / COMMANDS) for folder in folders]
+    for (first, one), (second, two) in itertools.combinations(enumerate(runs, start=1), 2):
+        pairs = [(one.of(case), two.of(case)) for case in range(cases.start, cases.stop)]
+        alike = [len(own) == len(other) and bool((np.abs(own - other) < ALIKE).all()) for own, other in pairs]
+        if 2 * sum(alike) > len(alike):
+            raise InputError(
+                f"networks {first} and {second} of its method drive {sum(alike)} of {len(alike)} cases alike"
+            )
 
 
 def summarize_method(board: Board, folders: Sequence[Path], cases: int) -> Method:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import filecmp
+import hashlib
 import importlib.metadata
 import itertools
+import json
 import shutil
+import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,8 +22,14 @@ from crowdbench.utils.errors import InputError
 PLANNER = "planner"
 """The folder of the planner's files in an entry."""
 
-LARGEST = 25e6
-"""Bytes of all files of an entry, at most: entries are kept in git."""
+LARGEST, LARGEST_FILE = 25e6, 10e6
+"""Bytes of all files of an entry, and of one file, at most: entries are kept in git."""
+
+_COMPILED = {".pyc", ".pyo", ".so", ".pyd", ".dll", ".dylib", ".o", ".a", ".class", ".jar", ".wasm", ".whl", ".egg"}
+_COMPILED_MAGIC = b"\x7fELF", b"MZ", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\0asm"
+_ARCHIVE_MAGIC = b"\x1f\x8b", b"BZh", b"\xfd7zXZ\0", b"7z\xbc\xaf\x27\x1c", b"Rar!", b"\x28\xb5\x2f\xfd", b"\x1f\x9d"
+_ARRAYS = {".npz": {".npy"}, ".pt": {"", ".pkl"}, ".pth": {"", ".pkl"}}
+"""Archives that an entry may have, which hold arrays, and the suffixes of what is in them."""
 
 
 def copy_named_files(value: Any, folder: Path) -> Any:
@@ -83,6 +93,8 @@ def _copy(text: str, copies: Path) -> str:
             return text
         path = path.resolve()  # the files beside a linked one are those beside its target
         names = list(read_files(path).digests)
+        if links := [name for name in names if (path.parent / name).is_symlink()]:
+            raise InputError(f"{path.parent / links[0]} is a link: an entry takes plain files")
         folders = itertools.chain([copies], (copies / f"other_{number}" for number in itertools.count(2)))
         target = next(folder for folder in folders if _is_free(folder, path.parent, names))
         for name in names:
@@ -101,11 +113,70 @@ def _is_free(folder: Path, source: Path, names: list[str]) -> bool:
     )
 
 
-def check_size(folder: Path) -> None:
-    """Raise InputError if the files of an entry are too large."""
-    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+def check_files(folder: Path) -> None:
+    """Raise InputError if a file of an entry is no plain file, too large, compiled, or an archive.
+
+    What a planner does must be seen in its files. Of archives only those of arrays are allowed.
+    """
+    paths = [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
+    for path in paths:
+        if path.is_symlink() or not path.is_file():
+            raise InputError(f"{path} is not a plain file: an entry holds nothing else")
+        if why := _why_refused(path):
+            raise InputError(f"{path} {why}: remove it")
+    size = sum(path.stat().st_size for path in paths)
     if size > LARGEST:
         raise InputError(f"the planner's files have {size / 1e6:.0f} MB, but an entry may have {LARGEST / 1e6:g} MB")
+
+
+def _why_refused(path: Path) -> str:
+    """Return why an entry may not have a plain file; empty if it may."""
+    if path.stat().st_size > LARGEST_FILE:
+        return f"has more than {LARGEST_FILE / 1e6:g} MB, which a file of an entry may have"
+    with path.open("rb") as file:
+        head = file.read(512)
+    # All versions of Python begin a compiled file with a number of this range, a return and a line feed.
+    is_bytecode = head[2:4] == b"\r\n" and 2900 < int.from_bytes(head[:2], "little") < 4900
+    if (
+        path.suffix.lower() in _COMPILED
+        or "__pycache__" in path.parts
+        or is_bytecode
+        or head.startswith(_COMPILED_MAGIC)
+    ):
+        return "is compiled: an entry holds what people can read"
+    if head.startswith(_ARCHIVE_MAGIC) or head[257:262] == b"ustar":
+        return "is an archive: an entry holds files"
+    if zipfile.is_zipfile(path):
+        allowed = _ARRAYS.get(path.suffix.lower(), set())
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+        if not all(Path(member.filename).suffix in allowed for member in members):
+            return "is an archive of something else than arrays: an entry holds files"
+        if sum(member.file_size for member in members) > LARGEST:
+            return f"unpacks to more than {LARGEST / 1e6:g} MB"
+    return ""
+
+
+def contents(value: Any, folder: Path) -> Any:
+    """Return the value of an option of an entry with digests in the place of the files that it names.
+
+    Two files of weights with the same tensors have the same digest, whatever else is in them.
+    """
+
+    def digest(text: str) -> str:
+        path = folder / text
+        if "/" not in text or not path.is_file():
+            return text
+        content = path.read_bytes()
+        with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError):
+            if path.suffix == ".safetensors":
+                start = 8 + int.from_bytes(content[:8], "little")
+                tensors = sorted(json.loads(content[8:start]).items())
+                spans = [(name, *tensor["data_offsets"]) for name, tensor in tensors if name != "__metadata__"]
+                content = b"".join(content[start + first : start + last] for _, first, last in spans)
+        return hashlib.sha256(content).hexdigest()
+
+    return _map_texts(digest, value)
 
 
 def package(planner: str) -> str:

@@ -21,6 +21,7 @@ from crowdbench.boards.entry import (
     SCHEMA,
     Entry,
     EntrySpec,
+    check_names,
     check_networks,
     check_submitter,
     file_digests,
@@ -30,7 +31,7 @@ from crowdbench.boards.entry import (
 )
 from crowdbench.boards.planner_files import (
     PLANNER,
-    check_size,
+    check_files,
     copy_named_files,
     imported_code,
     package,
@@ -98,6 +99,7 @@ class Submission:
                 raise InputError(f"{self.card} has {key} as `new-planner` wrote it: say who you are, and what it does")
         if (directory := self.directory(root)).exists():
             raise InUse(f"{directory} exists already: choose another name, or remove it")
+        check_names(self.name, card, self.by, directory.parent.parent)
 
     def copy_to(self, folder: Path) -> tuple[EntryPlanner, list[dict[str, Any]]]:
         """Copy the card, and the files of the planner and those that its options name, into the folder of an entry.
@@ -114,8 +116,8 @@ class Submission:
         package_files(planner)  # raises if there is no such planner
         options = copy_named_files(self.options, folder)
         networks = [{**options, **copy_named_files(network, folder)} for network in self.networks]
-        check_networks(options, networks)
-        check_size(folder)
+        check_files(folder)
+        check_networks(options, networks, folder)
         check_submitter(self.by, package(planner))
         return EntryPlanner(folder, planner, options), networks
 

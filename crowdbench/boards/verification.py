@@ -27,10 +27,8 @@ from crowdbench.boards.board_runs import (
 )
 from crowdbench.boards.consistency_test import lower_than_claimed
 from crowdbench.boards.decision_time import NotTimed, time_decisions
-from crowdbench.boards.entry import SHIPPED, Entry, check_board_name, check_unchanged, read_entry
-from crowdbench.boards.means import method_cases, other_networks, summarize_method
-from crowdbench.boards.planner_files import check_size as check_files_size
-from crowdbench.boards.planner_files import package
+from crowdbench.boards.entry import Entry, check_board_name, check_names, check_unchanged, read_entry
+from crowdbench.boards.means import check_networks_differ, method_cases, other_networks, summarize_method
 from crowdbench.boards.season import Season
 from crowdbench.boards.signature import find_signer
 from crowdbench.boards.verdict import (
@@ -42,6 +40,7 @@ from crowdbench.boards.verdict import (
     write_verification,
 )
 from crowdbench.isolation import sandbox
+from crowdbench.isolation.limits import describe
 from crowdbench.runs.recording import COMMANDS, check_size
 from crowdbench.runs.replay import replay
 from crowdbench.runs.result_file import read_result
@@ -82,7 +81,8 @@ def verify(
 
     Raises:
         MachineFault: `work` cannot be written, or crowdbench has changed meanwhile.
-        InputError: The entry is of another board, or of another digest of the board.
+        InputError: The entry is of another board, of another digest of the board, or has a name that is taken; or
+            there is no sandbox.
     """
     _check_board(entry, board)
     work.mkdir(parents=True, exist_ok=True)
@@ -107,7 +107,7 @@ def verify_in_season(
     Raises:
         MachineFault: `work` or the verdict cannot be written, or crowdbench has changed meanwhile.
         InputError: The entry is of another board, takes no part in the season or was verified in it before, the key is
-            no maintainer's, or the planner could read the key because there is no sandbox.
+            no maintainer's, or there is no sandbox.
         KeyboardInterrupt: The user interrupted it. The same call goes on with finished batches.
     """
     by = find_signer(key, season.root)
@@ -130,7 +130,10 @@ def _check_board(entry: Entry, board: Board) -> None:
             f"{entry.directory} was made for other rules, scenarios or code of the board {board.name} "
             f"({entry.spec.board_digest[:12]}) than these ({board.digest[:12]}): submit it again"
         )
-    check_files_size(entry.directory)
+    spec = entry.spec
+    check_names(entry.name, entry.card, spec.submitted_by, entry.directory.parent.parent)
+    if sandbox.level() == sandbox.PROCESS:
+        raise InputError("an entry is verified in a sandbox, for which bubblewrap is needed: install it")
 
 
 def _check_season(entry: Entry, board: Board, season: Season) -> None:
@@ -140,8 +143,6 @@ def _check_season(entry: Entry, board: Board, season: Season) -> None:
             f"{entry.directory} takes no part in the season {season.spec.name}: it was not among the entries that were "
             "frozen, or was changed since"
         )
-    if sandbox.level() == sandbox.PROCESS and not package(entry.spec.planner).startswith(SHIPPED):
-        raise InputError(f"without bubblewrap, the planner of {entry.directory} could read the key that signs")
     if is_verified(entry, board, season):
         raise InUse(f"{entry.directory} was verified in the season {season.spec.name} before, which is done once")
 
@@ -264,6 +265,7 @@ def _run_again(entry: Entry, case_set: CaseSet, runs: Path, progress: Progress |
         folders = [runs / "networks" / str(number) for number in range(len(networks))]
         for network, folder in zip(networks, folders, strict=True):
             drive(network, cases, folder, progress)
+        check_networks_differ(board, [runs, *folders], cases.cases)
         measured["method"] = summarize_method(board, [runs, *folders], len(cases.cases))
     try:
         measured["decision_time"] = time_decisions(planner, case_set, runs)
@@ -274,7 +276,5 @@ def _run_again(entry: Entry, case_set: CaseSet, runs: Path, progress: Progress |
         return {"verdict": Verdict.LOWER, "reason": "; ".join(differences), **measured}
     missing = sandbox.MISSING[sandbox.level()]
     how = f"in a sandbox without network, which shows it its own files alone{missing and f', but {missing}'}"
-    if sandbox.level() == sandbox.PROCESS:
-        how = f"without a sandbox, {missing}"
-    reason = f"the recorded commands lead to the reported figures; ran {how}"
+    reason = f"the recorded commands lead to the reported figures; ran {how}, limited in {describe()}"
     return {"verdict": Verdict.RERUN, "reason": reason, **measured}

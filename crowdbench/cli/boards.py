@@ -13,7 +13,7 @@ import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import ThreadsOption, assignments, use_threads
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, defuse
 
 if TYPE_CHECKING:
     from crowdbench.boards.entry import Entry
@@ -67,7 +67,7 @@ def submit(
     """
     use_threads(threads)
     from crowdbench.boards.board import find_board
-    from crowdbench.boards.entry import MAINTAINERS, read_card
+    from crowdbench.boards.entry import MAINTAINERS, fold, read_card
     from crowdbench.boards.submission import Submission, rehearse
     from crowdbench.boards.submission import submit as submit_planner
     from crowdbench.catalog import PLANNERS
@@ -82,10 +82,12 @@ def submit(
         PLANNERS.find(planner)
     card = card or Path(planner).parent / "card.toml"
     submitter = read_card(card).authors[0]
-    if submitter.lower() == MAINTAINERS:
+    if fold(submitter) == MAINTAINERS:
         raise InputError(f"{submitter} submits the planners that ship, by leaderboards/fill.py: give your name")
     networks = [assignments([text], "--network") for text in network or []]
-    submission = Submission(rules, name or plugin_name(planner), planner, options, networks, card, submitter)
+    submission = Submission(
+        rules, plugin_name(planner) if name is None else name, planner, options, networks, card, submitter
+    )
     submission.check(root)
     announce_compilation()
     if is_file:
@@ -219,7 +221,7 @@ def _print_verification(entry: Entry, board: str, verification: Verification) ->
 
     where = f" on seed {verification.seed}" if verification.figures else ""
     passes = verification.verdict == Verdict.RERUN
-    print(f"{entry.name} on {board}: {'passes, ' * passes}{verification.verdict}{where}: {verification.reason}")
+    print(f"{entry.name} on {board}: {'passes, ' * passes}{verification.verdict}{where}: {defuse(verification.reason)}")
     for scenario, metrics in verification.figures.items():
         measured = metrics["success_rate"].mean or 0.0
         reported = entry.spec.reported.get(scenario, {}).get("success_rate") or 0.0

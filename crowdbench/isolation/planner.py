@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.types import Observation
 from crowdbench.isolation import sandbox
+from crowdbench.isolation.limits import Usage, describe, usable_cores
 from crowdbench.isolation.process import Process, TooSlow
 from crowdbench.isolation.protocol import (
     VERSION,
@@ -31,7 +32,7 @@ from crowdbench.planners.driver import FaultyAnswer, TimeLimit
 from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function, plugin_name, program
 from crowdbench.utils.defaults import DECISION_LIMIT
-from crowdbench.utils.errors import LONGEST, InputError, MachineFault
+from crowdbench.utils.errors import LONGEST, InputError, MachineFault, defuse
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,11 @@ class IsolatedPlanner(AheadPlanner):
         readable: Files that it may read in its sandbox beside Python and crowdbench; if None, the files that it
             consists of and what its options name.
         folder: Its working directory; the present one if None.
+        hidden: Folders that it must not see, also where they lie in a folder that it may read.
         scene: The recorded scene that it must not have been trained on, if any: see `Planner.for_held_out_scene`.
+        decimals: Its commands are rounded towards 0 to so many decimal places, before anybody uses them; None to leave
+            them as they are. Their low digits would be a channel between two processes of one planner.
+        cores: The processors that it may use; those of this process if None.
 
     Raises:
         InputError: The planner cannot be made, or takes longer or more memory than it may.
@@ -91,14 +96,18 @@ class IsolatedPlanner(AheadPlanner):
         *,
         readable: Iterable[Path] | None = None,
         folder: Path | None = None,
+        hidden: Iterable[Path] = (),
         scene: str | None = None,
+        decimals: int | None = None,
+        cores: Sequence[int] | None = None,
     ) -> None:
         self.name = plugin_name(spec)
-        self.limits = limits
-        self.usage: dict[str, Any] = {"level": sandbox.level()}
+        self.limits, self.decimals = limits, decimals
+        self.usage: dict[str, Any] = {"level": sandbox.level(), "limits": describe()}
         readable = [*_files_named_in(spec), *_files_named_in(options)] if readable is None else readable
-        command = sandbox.command(program(spec), readable, folder)
-        self.process = Process(command, limits.memory, folder, sandbox.temporary())
+        command = sandbox.command(program(spec), readable, folder, hidden)
+        usage = Usage(limits.memory, usable_cores() if cores is None else cores, sandbox.temporary())
+        self.process = Process(self.name, command, sandbox.settings(), usage, folder)
         try:
             properties = self._start(spec, options, scene)
         except BaseException:
@@ -133,7 +142,12 @@ class IsolatedPlanner(AheadPlanner):
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """See `Planner`."""
         read = functools.partial(read_commands, worlds=len(obs), steps=steps)
-        return self._ask(read, "", self.limits.decision, Kind.OBSERVATION, *observation_parts(obs, steps))
+        commands = self._ask(read, "", self.limits.decision, Kind.OBSERVATION, *observation_parts(obs, steps))
+        if self.decimals is None:
+            return commands
+        unit = 10.0**self.decimals
+        # Towards 0, so that no command leaves the limits of the vehicle; what is rounded already stays as it is.
+        return np.trunc(commands * unit * (1.0 + 1e-12)) / unit
 
     def close(self) -> None:
         """End the process. The planner cannot be asked again."""
@@ -175,7 +189,7 @@ class IsolatedPlanner(AheadPlanner):
         except Broken as error:
             raise self._fault(str(error), where) from None
         finally:
-            self.usage["peak_memory_mb"] = self.process.memory / 1e6
+            self.usage["peak_memory_mb"] = self.process.usage.memory / 1e6
 
     def _fault(self, what: str, where: str, row: int | None = None) -> Exception:
         return InputError(f"planner {self.name} {what} {where}") if where else FaultyAnswer(Fault(what, row))
@@ -183,7 +197,7 @@ class IsolatedPlanner(AheadPlanner):
     def _failure(self, where: str, failure: Mapping[str, Any]) -> Exception:
         """Return the exception for a planner that reports a failure. The report is not trusted."""
         how, what, row = failure.get("how"), str(failure.get("what", "")), failure.get("row")
-        sentence = " ".join("".join(item if item.isprintable() else " " for item in what).split())[:LONGEST]
+        sentence = defuse(" ".join("".join(item if item.isprintable() else " " for item in what).split())[:LONGEST])
         if how == How.REFUSED:
             return InputError(sentence)
         if how == How.ONE_STEP:

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import os
-import random
 import select
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-import psutil
-
+from crowdbench.isolation.limits import SHORTEST, TICK, Exceeded, Usage
 from crowdbench.isolation.protocol import Broken, Kind, receive, send
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, harmless
 from crowdbench.utils.resources import FairLimit
 
-TICK = 0.1
-"""Seconds between two looks at the memory of a process."""
+PRINTED = 10_000
+"""Characters of a process's output that are shown, at most."""
 
 
 class TooSlow(Exception):
@@ -30,41 +29,55 @@ class TooSlow(Exception):
 class Process:
     """A process that speaks the messages of `crowdbench.isolation.protocol`.
 
+    What it writes to its standard error is shown line by line after its name, with what could act on a terminal or on
+    a service that reads logs made harmless.
+
     Args:
+<<<<<<< HEAD
         command: The command to start.
         most_memory: Bytes that it may take, with the processes which it starts.
+=======
+        name: What it is called in its output.
+        command: What is started.
+        settings: The settings of `crowdbench.isolation.launch`.
+        usage: What it may take.
+>>>>>>> a72d2d93 (WIP: limits, sandbox, names, timing)
         folder: Its working directory; the present one if None.
-        temporary: Folders in memory that it alone sees: what lies in them counts as its memory.
 
     Attributes:
+        usage: What it takes.
         seconds: Time in which it was waited for, so far.
-        spent: The same without time in which it waited for a processor itself, as far as answers took long.
-        memory: The largest memory in bytes that it was seen to have.
+        spent: The same without time in which it waited for a processor itself, as far as answers took long; or its
+            processor time, shared by the processors that it may use, if that is more.
 
     Raises:
         InputError: This operating system has no such pipes, or the process cannot be started.
     """
 
     def __init__(
-        self, command: Sequence[str], most_memory: float, folder: Path | None = None, temporary: Sequence[str] = ()
+        self, name: str, command: Sequence[str], settings: Mapping[str, Any], usage: Usage, folder: Path | None = None
     ) -> None:
         if not hasattr(select, "poll"):
             raise InputError(f"a planner cannot be isolated on {sys.platform}: this takes Linux or macOS")
-        self.most_memory = most_memory
-        self.temporary = temporary
+        self.name, self.usage = name, usage
         self.seconds = self.spent = 0.0
-        self.memory = 0
-        self._looked = 0.0
+        self._before: float | None = None
+        self._printed, self._line = 0, b""
         # In a session of its own, so that Ctrl-C at a terminal reaches the parent alone, which then ends it.
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True, cwd=folder
+            usage.command(settings, command),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            bufsize=0,
+            start_new_session=True,
+            cwd=folder,
         )
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._pipes = self._process.stdin, self._process.stdout
-        self._sink, self._source = (pipe.fileno() for pipe in self._pipes)
-        os.set_blocking(self._sink, False)
-        os.set_blocking(self._source, False)
+        usage.begin(self._process.pid)
+        self._pipes = [pipe for pipe in (self._process.stdin, self._process.stdout, self._process.stderr) if pipe]
+        self._sink, self._source, self._output = (pipe.fileno() for pipe in self._pipes)
+        for pipe in self._pipes:
+            os.set_blocking(pipe.fileno(), False)
 
     def ask(self, limit: float, kind: Kind, *parts: bytes | memoryview) -> tuple[Kind, bytearray]:
         """Send a message and wait for the answer.
@@ -83,19 +96,23 @@ class Process:
             TooSlow: It took longer.
             Broken: It has ended, took more memory than it may, or answered in another format.
         """
-        start = time.monotonic()
-        self._limit = FairLimit(limit, lambda: (process.pid for process in self._everybody()))
+        self._start, self._before = time.monotonic(), None
+        self._next_look = self._start + min(TICK, limit / 20)
+        self._limit = FairLimit(limit, self.usage.processes)
         try:
             send(self._write, kind, *parts)
             return receive(self._readinto)
+        except Exceeded as error:
+            self.end()
+            raise Broken(str(error)) from None
         except Broken as error:
             raise Broken(self._status() or str(error)) from None
         except BaseException:
             self.end()
             raise
         finally:
-            self.seconds += time.monotonic() - start
-            self.spent += self._limit.spent()
+            self.seconds += time.monotonic() - self._start
+            self.spent += self._limit.spent() if self._before is None else max(self._limit.spent(), self._shared())
 
     def _write(self, content: memoryview) -> int:
         self._wait(self._sink, select.POLLOUT)
@@ -109,81 +126,53 @@ class Process:
         """Wait until a pipe is ready, and look at the process again and again meanwhile."""
         poll = select.poll()
         poll.register(pipe, event)
+        poll.register(self._output, select.POLLIN)
         self._watch()
-        while not poll.poll(1e3 * TICK):
+        while not (ready := dict(poll.poll(1e3 * SHORTEST))).keys() & {pipe}:
+            if self._output in ready and not self._show():
+                poll.unregister(self._output)
             self._watch()
 
     def _watch(self) -> None:
-        if self._limit.over():
-            raise TooSlow
+        self.usage.check()
         now = time.monotonic()
-        if now - self._looked >= TICK:
-            self._looked = now
-            processes = list(self._everybody())
-            memory = sum(map(_memory, processes)) + sum(_size(processes[-1], folder) for folder in self.temporary)
-            self.memory = max(self.memory, memory)
-            if memory > self.most_memory:
-                taken = f"took {self.memory / 1e9:.1f} GB of memory, more than {self.most_memory / 1e9:g} GB,"
-                raise Broken(taken)
+        if now >= self._next_look:
+            self._next_look = now + min(TICK, self._limit.seconds / 20)
+            if self._limit.over() or self._shared() > self._limit.seconds:
+                raise TooSlow
 
-    def _everybody(self) -> Iterator[psutil.Process]:
-        """The process and those that it has started."""
-        with contextlib.suppress(psutil.Error):
-            process = psutil.Process(self._process.pid)
-            yield process
-            yield from process.children(recursive=True)
+    def _shared(self) -> float:
+        """Return its processor time since it was asked, shared by the processors that it may use."""
+        now, taken = time.monotonic() - self._start, self.usage.seconds() / self.usage.processors
+        if self._before is None:  # at the first look it may have used all of them: short answers cost nothing
+            self._before = taken - now
+        return taken - self._before
 
-    def pin(self) -> int | None:
-        """Have it, and all that it has started, use one core alone, any of them. macOS cannot do that.
-
-        Returns:
-            The core.
-        """
-        if not hasattr(os, "sched_setaffinity"):
-            return None
-        core = random.choice(sorted(os.sched_getaffinity(0)))
-        for process in list(self._everybody()):
-            for thread in Path(f"/proc/{process.pid}/task").glob("*"):
-                with contextlib.suppress(OSError):
-                    os.sched_setaffinity(int(thread.name), {core})
-        return core
-
-    @contextlib.contextmanager
-    def stopped(self, core: int | None) -> Iterator[None]:
-        """Stop it, with all that it has started, and be on its core meanwhile."""
-        everybody = list(self._everybody())
-        cores = None if core is None else os.sched_getaffinity(0)
-        for process in everybody:
-            with contextlib.suppress(psutil.Error):
-                process.suspend()
+    def _show(self) -> bool:
+        """Show the lines that it has printed so far, and return whether there may be more."""
         try:
-            if core is not None:
-                os.sched_setaffinity(0, {core})
-            yield
-        finally:
-            if cores is not None:
-                os.sched_setaffinity(0, cores)
-            for process in everybody:
-                with contextlib.suppress(psutil.Error):
-                    process.resume()
-
-    def processor_seconds(self) -> float:
-        """The time of processors that it has taken so far, with all that it has started and that still runs."""
-        total = 0.0
-        for process in list(self._everybody()):
-            with contextlib.suppress(psutil.Error):
-                times = process.cpu_times()
-                total += times.user + times.system
-        return total
+            content = os.read(self._output, 65536)
+        except BlockingIOError:
+            return True
+        *lines, self._line = (self._line + content).split(b"\n")
+        if not content or len(self._line) > PRINTED:
+            lines, self._line = [*lines, self._line], b""
+        for line in filter(None, lines):
+            if self._printed < PRINTED:
+                print(f"planner {self.name}: {harmless(line[:PRINTED].decode(errors='replace'))}", file=sys.stderr)
+            self._printed += len(line)
+        return bool(content)
 
     def end(self) -> None:
         """Kill it, with all that it has started. It may have ended before."""
-        for process in list(self._everybody()):
-            with contextlib.suppress(psutil.Error):
-                process.kill()
-        with contextlib.suppress(OSError):  # what it started and what has another parent now
-            os.killpg(self._process.pid, signal.SIGKILL)
+        if self._pipes[0].closed:
+            return
+        self.usage.kill()
         self._process.wait()
+        self.usage.close()
+        while self._show():
+            if not select.select([self._output], [], [], 0.0)[0]:
+                break
         for pipe in self._pipes:
             pipe.close()
 
@@ -196,23 +185,3 @@ class Process:
         if code is None:
             return ""
         return f"ended its process ({f'signal {signal.Signals(-code).name}' if code < 0 else f'status {code}'})"
-
-
-def _memory(process: psutil.Process) -> int:
-    with contextlib.suppress(psutil.Error):
-        return int(process.memory_info().rss)
-    return 0
-
-
-def _size(process: psutil.Process, folder: str) -> int:
-    """The bytes in a folder as a process in a sandbox sees it."""
-    with contextlib.suppress(OSError):
-        # Opened once: while the sandbox is being made the path leads to the machine's own folder, then to another one.
-        inside = os.open(f"/proc/{process.pid}/root{folder}", os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            if os.fstat(inside).st_dev != os.stat(folder).st_dev:
-                space = os.fstatvfs(inside)
-                return (space.f_blocks - space.f_bfree) * space.f_frsize
-        finally:
-            os.close(inside)
-    return 0

@@ -1,19 +1,24 @@
 """How a planner's process is started: in a sandbox of bubblewrap where it is there, or else as a plain process.
 
 The sandbox shows Python, crowdbench, the system's libraries and the planner's own files, all read-only, and nothing
-else. It has no network, no other process and no capabilities, and its temporary folders are limited.
+else: no board, no season, no entry. It has no network, no other process and no capabilities, its temporary folders are
+limited, and some system calls fail in it: see `crowdbench.isolation.launch`.
 """
 
 from __future__ import annotations
 
 import functools
 import os
+import platform
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
+from crowdbench.isolation.launch import MACHINES
+from crowdbench.isolation.limits import TASKS, launcher
 from crowdbench.plugins.load import ROOT
 from crowdbench.utils.compiled import store
 
@@ -36,13 +41,19 @@ MISSING = {
 }
 """Promises of a sandbox that each level breaks; none for the best."""
 
-_ALONE = ("bwrap", "--die-with-parent", "--unshare-all", "--cap-drop", "ALL", "--proc", "/proc", "--dev", "/dev")
+_FILTER = 9
+"""The descriptor of the filter of system calls, which `launch` makes."""
+
+_ALONE = ("bwrap", "--die-with-parent", "--unshare-all", "--cap-drop", "ALL", "--seccomp", str(_FILTER))
 _USER = {
     BUBBLEWRAP: ("--unshare-user", "--disable-userns", "--uid", "65534", "--gid", "65534"),
     "bubblewrap without a user namespace": (),
 }
 
-_SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32")
+_LIBRARIES = ("bin", "sbin", "lib", "lib32", "lib64", "libx32", "libexec")
+_SYSTEM = [f"{place}/{name}" for place in ("/usr", "/usr/local", "") for name in _LIBRARIES]
+"""Not all of /usr, where a checkout may lie."""
+
 _SETTINGS = ("/etc/ld.so.cache", "/etc/alternatives", "/etc/localtime", "/sys/devices/system/cpu")
 _PACKAGE = Path(__file__).parent.parent
 
@@ -51,7 +62,9 @@ _ENVIRONMENT_OF = ("OMP_", "OPENBLAS_", "MKL_", "NUMBA_")
 """Variables of the environment that a planner gets: names, and how names begin. The rest may hold secrets."""
 
 
-def command(program: Path | None, readable: Iterable[Path] = (), folder: Path | None = None) -> tuple[str, ...]:
+def command(
+    program: Path | None, readable: Iterable[Path] = (), folder: Path | None = None, hidden: Iterable[Path] = ()
+) -> tuple[str, ...]:
     """The command that starts a planner's process.
 
     Args:
@@ -59,12 +72,20 @@ def command(program: Path | None, readable: Iterable[Path] = (), folder: Path | 
         readable: Files and folders that the planner may read beside Python and crowdbench. Without bubblewrap it can
             read more.
         folder: The working directory; the present one if None.
+        hidden: Folders of which nothing but `readable` is shown, also where they lie in folders of Python.
     """
     plain = CLIENT if program is None else (str(program.resolve()),)
     if level() == PROCESS:
         return plain
     executable = [] if program is None else [program.resolve()]
-    return (*_bubblewrap(level(), [*readable, *executable], folder or Path.cwd()), *plain)
+    most = {"CORE": 0, "NOFILE": 1024, **({"NPROC": TASKS} if level() == BUBBLEWRAP else {})}
+    bubblewrap = _bubblewrap(level(), [*readable, *executable], folder or Path.cwd(), hidden)
+    return (*bubblewrap, *launcher({"rlimits": most}, plain))
+
+
+def settings() -> dict[str, Any]:
+    """Return the settings of `launch` for what `command` returns."""
+    return {} if level() == PROCESS else {"filter": _FILTER}
 
 
 def temporary() -> tuple[str, ...]:
@@ -75,17 +96,22 @@ def temporary() -> tuple[str, ...]:
 @functools.cache
 def level() -> str:
     """How well planners can be kept apart on this machine, the first of `MISSING` that works: see docs/isolation.md."""
-    if shutil.which("bwrap") is None:
+    if shutil.which("bwrap") is None or platform.machine() not in MACHINES:
         return PROCESS
     for name in _USER:  # it may be there and not be allowed to make namespaces
-        trial = [*_bubblewrap(name, (), Path("/")), sys.executable, "-c", ""]
-        if subprocess.run(trial, stdin=subprocess.DEVNULL, capture_output=True).returncode == 0:
+        trial = [*_bubblewrap(name, (), Path("/"), ()), sys.executable, "-c", ""]
+        if (
+            subprocess.run(
+                launcher({"filter": _FILTER}, trial), stdin=subprocess.DEVNULL, capture_output=True
+            ).returncode
+            == 0
+        ):
             return name
     return PROCESS
 
 
-def _bubblewrap(level: str, readable: Iterable[Path], folder: Path) -> tuple[str, ...]:
-    options = [*_ALONE, *_USER[level]]
+def _bubblewrap(level: str, readable: Iterable[Path], folder: Path, hidden: Iterable[Path]) -> tuple[str, ...]:
+    options = [*_ALONE, *_USER[level], "--proc", "/proc", "--dev", "/dev"]
     for system in map(Path, _SYSTEM):
         if system.is_symlink():
             options += ["--symlink", os.readlink(system), str(system)]
@@ -93,22 +119,35 @@ def _bubblewrap(level: str, readable: Iterable[Path], folder: Path) -> tuple[str
             options += ["--ro-bind", str(system), str(system)]
     for temporary in TEMPORARY:
         options += ["--size", str(LARGEST_TEMPORARY), "--tmpfs", temporary]
-    for path in [*_python(), *readable]:
-        options += ["--ro-bind", str(path.resolve()), str(path.absolute())]
+    places = list(_python())
+    covers = [
+        place / path.relative_to(place.resolve())
+        for path in {each.resolve() for each in (ROOT / "leaderboards", ROOT / ".git", *hidden) if each.is_dir()}
+        for place in [*places, *map(Path, _SYSTEM)]
+        if path.is_relative_to(place.resolve())
+    ]
+    options += _binds(places) + [word for cover in covers for word in ("--tmpfs", str(cover))] + _binds(readable)
     for setting in _SETTINGS:
         options += ["--ro-bind-try", setting, setting]
     options += ["--dir", str(folder.absolute()), "--chdir", str(folder.absolute())]
-    options += ["--remount-ro", "/", "--remount-ro", "/dev", "--clearenv"]
+    for place in ("/", "/dev", *map(str, covers)):
+        options += ["--remount-ro", place]
+    options += ["--clearenv"]
     for name, value in {**_environment(), "TMPDIR": TEMPORARY[0]}.items():
         options += ["--setenv", name, value]
     return (*options, "--")
 
 
+def _binds(paths: Iterable[Path]) -> list[str]:
+    return [word for path in paths for word in ("--ro-bind", str(path.resolve()), str(path.absolute()))]
+
+
 def _python() -> Iterator[Path]:
     """Where Python lies with its packages, and crowdbench."""
+    prefixes = dict.fromkeys((Path(sys.base_prefix), Path(sys.prefix)))
+    python = [prefix / name for prefix in prefixes for name in (*_LIBRARIES, "pyvenv.cfg")]
     packages = [Path(path) for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
-    folders = [Path(sys.base_prefix), Path(sys.prefix), *packages, *crowdbench_places()]
-    yield from filter(Path.exists, dict.fromkeys(folders))
+    yield from filter(Path.exists, dict.fromkeys([*python, *packages, *crowdbench_places()]))
 
 
 def crowdbench_places() -> list[Path]:

@@ -1,7 +1,7 @@
 """How long a planner takes for its decisions in one world alone: a pass of its own, outside of any run.
 
 A run drives many worlds at once, where a decision of all of them is timed, which takes less per world. The pass may
-follow the commands of a run: then the planner decides on what it saw there, and must decide the same.
+repeat the cases of a run: then the planner must decide the same.
 """
 
 from __future__ import annotations
@@ -25,17 +25,22 @@ from crowdbench.scenario.scenario import Scenario
 HARD_LIMIT = 20
 """A single decision in one world is stopped after so many time steps."""
 
-SAME = 1e-4
+SAME = 1.5e-4
 """Commands count as the same up to this difference, in the units of the vehicle's commands: networks round otherwise
-in one world than in many."""
+in one world than in many, and boards round commands to 1e-4."""
 
 
 class Decisions(NamedTuple):
     """The decisions of a planner, one world at a time.
 
     Attributes:
+<<<<<<< HEAD
         seconds: How long each took.
         is_same: True if its commands are those that the run has recorded; True where no run was followed.
+=======
+        seconds: How long each took, or its processor time if that is more.
+        is_same: Whether its commands are those that the run has recorded; True where no run was followed.
+>>>>>>> a72d2d93 (WIP: limits, sandbox, names, timing)
     """
 
     seconds: Float[np.ndarray, "decision"]
@@ -47,29 +52,35 @@ class _Timed(AheadPlanner):
 
     Args:
         driver: Asks the planner.
-        recorded: The commands of the episode by step, which the vehicle then executes whatever the planner decides;
-            without them it executes the planner's.
+        recorded: The commands of the episode by step. The vehicle executes those of the planner as long as they are the
+            same, so that the planner is shown nothing of what it decided in the run, and else these.
+        processor: Returns the processor time of the planner so far. What it takes between two decisions counts for the
+            later one.
     """
 
     native = True  # the driver has made commands of velocities
 
-    def __init__(self, driver: Driver, recorded: Float[np.ndarray, "step 2"] | None) -> None:
-        self.driver, self.recorded, self.privileged = driver, recorded, driver.privileged
+    def __init__(
+        self, driver: Driver, recorded: Float[np.ndarray, "step 2"] | None, processor: Callable[[], float]
+    ) -> None:
+        self.driver, self.recorded, self.processor, self.privileged = driver, recorded, processor, driver.privileged
         self.decisions: list[tuple[float, bool]] = []
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         self.driver.reset(rows)
+        self.taken = self.processor()
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         start = time.perf_counter()
         commands = self.driver.decide(obs)[:, None] if steps == 1 else self.driver.decide_ahead(obs, steps)
-        seconds, is_same = time.perf_counter() - start, True
+        seconds, is_same, before = time.perf_counter() - start, True, self.taken
+        self.taken = self.processor()
         if self.recorded is not None:
             executed = self.recorded[obs.step[0] : obs.step[0] + steps]
             is_same = bool((np.abs(commands[0, : len(executed)] - executed) <= SAME).all())
-            # An episode may end before all commands of its last decision are executed.
-            commands = np.pad(executed, ((0, steps - len(executed)), (0, 0)))[None]
-        self.decisions.append((seconds, is_same))
+            if not is_same:  # an episode may end before all commands of its last decision are executed
+                commands = np.pad(executed, ((0, steps - len(executed)), (0, 0)))[None]
+        self.decisions.append((max(seconds, self.taken - before), is_same))
         return commands
 
 
@@ -81,6 +92,7 @@ def decide_alone(
     cases: Cases,
     recorded: Commands | None = None,
     progress: Callable[[float], None] | None = None,
+    processor: Callable[[], float] = lambda: 0.0,
 ) -> Decisions:
     """Time the decisions of a planner, one world at a time, with a `reset` before each case.
 
@@ -89,9 +101,15 @@ def decide_alone(
         name: Its name in errors.
         scenario: The scenario.
         replanning: When it observes.
+<<<<<<< HEAD
         cases: The cases. The first case is driven to warm up and does not count.
         recorded: The commands of a run of these cases, which the vehicle executes in the place of the planner's.
+=======
+        cases: What it drives. The first case is driven to warm up and does not count.
+        recorded: The commands of a run of these cases, which the planner must give again.
+>>>>>>> a72d2d93 (WIP: limits, sandbox, names, timing)
         progress: Called after each case with 1.
+        processor: Returns the processor time of the planner so far, where it is in a process of its own.
 
     Returns:
         The decisions.
@@ -102,7 +120,7 @@ def decide_alone(
     first, *others = cases.batches(1)
 
     def drive(driver: Driver, case: Cases) -> list[tuple[float, bool]]:
-        timed = _Timed(driver, None if recorded is None else recorded.of(case.start))
+        timed = _Timed(driver, None if recorded is None else recorded.of(case.start), processor)
         rollout(Driver(timed, name), scenario, case, replanning=replanning, undisturbed=False)
         return timed.decisions
 

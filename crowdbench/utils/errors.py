@@ -6,6 +6,7 @@ import contextlib
 import difflib
 import math
 import os
+import re
 import signal
 import sysconfig
 import traceback
@@ -114,6 +115,16 @@ def describe_error(error: BaseException, where: str = "") -> str:
             raise
         message = "its message cannot be read"
     return f"{type(error).__name__}{where}" + (f": {message}" if message else "") + _line_of(error)
+
+
+def defuse(text: str) -> str:
+    """Return a text of a plug-in in which a service that reads logs finds no commands, such as `::error::`."""
+    return re.sub(r":(?=:)|##(?=\[)", r"\g<0> ", text)
+
+
+def harmless(text: str) -> str:
+    """Return a text of a plug-in as printable ASCII, so that it cannot act on a terminal, and defused."""
+    return defuse("".join(item if " " <= item <= "~" else ascii(item)[1:-1] for item in text))
 
 
 def _line_of(error: BaseException) -> str:
