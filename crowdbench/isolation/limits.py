@@ -221,7 +221,7 @@ def _children(pid: int) -> list[int]:
     lists = list(Path(f"/proc/{pid}/task").glob("*/children"))
     if not lists:  # the kernel has none, or there is no /proc
         return [child.pid for child in psutil.Process(pid).children()]
-    children = []
+    children: list[int] = []
     for path in lists:
         with contextlib.suppress(OSError):
             children += map(int, path.read_text().split())
