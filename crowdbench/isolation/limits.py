@@ -1,9 +1,9 @@
 """What a process takes with all that it has started: limited by a control group where there is one, and measured.
 
-A group of cgroup v2 is made by systemd, or in the group of this process where that is writable. In it the kernel counts
-processor time, of children too that nobody has waited for, and with the controllers `memory` and `pids` all memory and
-all processes. Without these, memory is the sum of the proportional set sizes (PSS), of files in memory without a name,
-and of temporary folders with `BYTES_OF_FILE` for each file.
+A group of cgroup v2 is made in a group that is delegated to this user: that of this process, or one above it. In it the
+kernel counts processor time, of children too that nobody has waited for, and with the controllers `memory` and `pids`
+all memory and all processes. Without these, memory is the sum of the proportional set sizes (PSS) and of temporary
+folders with `BYTES_OF_FILE` for each file.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import subprocess
 import sys
 import time
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +39,6 @@ TICK, SHORTEST = 0.1, 0.01
 _BYTES_A_SECOND, _FILES_A_SECOND = 1e10, 4e5
 """More than a process can take."""
 
-_TRIAL = """
-import pathlib
-place = "/sys/fs/cgroup" + pathlib.Path("/proc/self/cgroup").read_text().split("0::")[1].strip()
-[pathlib.Path(place, name).read_text() for name in ("memory.max", "pids.max", "cpu.stat")]
-"""
-
 
 class Exceeded(Exception):
     """A process takes more than it may. The message is what comes after its name."""
@@ -64,47 +58,37 @@ def launcher(settings: Mapping[str, Any], command: Sequence[str]) -> tuple[str, 
 @functools.cache
 def describe() -> str:
     """Return how memory, processes and processor time of planners are limited on this machine, for a sentence."""
-    if _systemd(1e9, 1):
-        return "memory, processes and processor time by cgroup v2"
     home = _home()
-    found = [] if home is None else (home / "cgroup.subtree_control").read_text().split()
-    memory, tasks = ("cgroup v2" if name in found else other for name, other in (("memory", "PSS"), ("pids", "count")))
-    processor = "cgroup v2" if home else "processes and the children that they have waited for"
-    return f"memory by {memory}, processes by {tasks}, and processor time by {processor}"
+    if home is None:
+        return "memory by PSS, processes by count, and time by that of processes and the children they have waited for"
+    return f"memory and processes by {'cgroup v2' if _limits(home) else 'PSS and by count'}, and time by cgroup v2"
 
 
 @functools.cache
 def _home() -> Path | None:
-    """Return the folder of this process's control group of version 2 if groups can be made in it."""
-    try:
+    """Return the folder of a group of cgroup v2 in which groups can be made, one with controllers if there is any."""
+    with contextlib.suppress(OSError, StopIteration, IndexError):
         mounts = Path("/proc/self/mountinfo").read_text().splitlines()
-        home = _group_of("self", next(line.split()[4] for line in mounts if " - cgroup2 " in line))
-        with contextlib.suppress(OSError):  # where other processes are in the group, controllers stay as they are
-            (home / "cgroup.subtree_control").write_text("+memory +pids")
+        place = Path(next(line.split()[4] for line in mounts if " - cgroup2 " in line))
+        own = place / Path("/proc/self/cgroup").read_text().split("0::/")[1].split("\n")[0]
+        homes = [home for home in (own, *own.parents) if home.is_relative_to(place) and _is_home(home)]
+        return next(filter(_limits, homes), homes[0])
+    return None
+
+
+def _limits(home: Path) -> bool:
+    """Return whether groups in a group can limit memory and processes."""
+    return {"memory", "pids"} <= set((home / "cgroup.subtree_control").read_text().split())
+
+
+def _is_home(home: Path) -> bool:
+    """Return whether this process can make a group in a group, and put processes into it."""
+    with contextlib.suppress(OSError):
         trial = _make_group(home)
         done = subprocess.run(launcher({"group": str(trial)}, [sys.executable, "-c", ""]), capture_output=True)
         trial.rmdir()
-    except (OSError, StopIteration, IndexError):
-        return None
-    return home if done.returncode == 0 else None
-
-
-@functools.cache
-def _systemd(memory: float, cores: int) -> tuple[str, ...]:
-    """Return the command by which systemd starts another one in a group with these limits; empty if it cannot."""
-    limits = {"MemoryMax": int(memory), "MemorySwapMax": 0, "TasksMax": TASKS, "CPUQuota": f"{100 * cores}%"}
-    options = [word for name, value in limits.items() for word in ("-p", f"{name}={value}")]
-    who = () if os.geteuid() == 0 else ("--user",)
-    command = ("systemd-run", *who, "--scope", "--quiet", "--collect", *options, "--")
-    with contextlib.suppress(OSError):
-        trial = subprocess.run([*command, sys.executable, "-c", _TRIAL], capture_output=True, stdin=subprocess.DEVNULL)
-        if trial.returncode == 0:
-            return command
-    return ()
-
-
-def _group_of(process: str, place: str = "/sys/fs/cgroup") -> Path:
-    return Path(place + Path(f"/proc/{process}/cgroup").read_text().split("0::")[1].split()[0])
+        return done.returncode == 0
+    return False
 
 
 def _make_group(home: Path) -> Path:
@@ -128,7 +112,6 @@ class Usage:
     def __init__(self, most_memory: float, cores: Sequence[int], temporary: Sequence[str]) -> None:
         self.most_memory, self.cores, self.temporary = most_memory, list(cores), temporary
         self.memory = 0
-        self._systemd = _systemd(most_memory, self.processors)
         self._group: Path | None = None
         self._pid, self._next = 0, 0.0
 
@@ -140,14 +123,13 @@ class Usage:
     def command(self, settings: Mapping[str, Any], command: Sequence[str]) -> tuple[str, ...]:
         """Return the command that starts another one with settings of `launch`, under the limits."""
         settings = {**settings, "cores": self.cores}
-        home = None if self._systemd else _home()
-        if home is not None:
+        if home := _home():
             self._group = _make_group(home)
             settings["group"] = str(self._group)
             for name, value in {"memory.max": int(self.most_memory), "memory.swap.max": 0, "pids.max": TASKS}.items():
                 if (self._group / name).exists():  # the group has the controller
                     (self._group / name).write_text(str(value))
-        return (*self._systemd, *launcher(settings, command))
+        return launcher(settings, command)
 
     def begin(self, pid: int) -> None:
         """Take over the process that the command has started."""
@@ -180,9 +162,7 @@ class Usage:
         room, files = next(filter(any, (_room(pid, self.temporary) for pid in processes)), (0, 0))
         if files > FILES:
             raise Exceeded(f"made more than {FILES} files")
-        nameless = dict(item for pid in processes for item in _nameless(pid))
-        measured = sum(map(_memory, processes)) + room + BYTES_OF_FILE * files + sum(nameless.values())
-        memory = int(self._read("memory.current") or measured)
+        memory = int(self._read("memory.current") or sum(map(_memory, processes)) + room + BYTES_OF_FILE * files)
         self.memory = max(self.memory, memory)
         if memory > self.most_memory or re.search("oom_kill [1-9]", self._read("memory.events")):
             taken = max(memory, self.most_memory) / 1e9
@@ -210,22 +190,17 @@ class Usage:
 
     def _read(self, name: str) -> str:
         """Return a file of the control group; empty where there is none."""
-        with contextlib.suppress(OSError, IndexError):
-            if self._group is None and self._systemd and (its := _group_of(str(self._pid))) != _group_of("self"):
-                self._group = its
+        with contextlib.suppress(OSError):
             return (self._group / name).read_text() if self._group else ""
         return ""
 
 
 def _children(pid: int) -> list[int]:
-    lists = list(Path(f"/proc/{pid}/task").glob("*/children"))
-    if not lists:  # the kernel has none, or there is no /proc
-        return [child.pid for child in psutil.Process(pid).children()]
-    children: list[int] = []
-    for path in lists:
-        with contextlib.suppress(OSError):
-            children += map(int, path.read_text().split())
-    return children
+    with contextlib.suppress(OSError):
+        lists = [path.read_text() for path in Path(f"/proc/{pid}/task").glob("*/children")]
+        if lists:  # elsewhere it takes a hundred times as long to find them
+            return [int(child) for children in lists for child in children.split()]
+    return [child.pid for child in psutil.Process(pid).children()]
 
 
 def _processor_seconds(pid: int) -> float:
@@ -250,16 +225,6 @@ def _memory(pid: int) -> int:
     with contextlib.suppress(psutil.Error):
         return int(psutil.Process(pid).memory_info().rss)
     return 0
-
-
-def _nameless(pid: int) -> Iterator[tuple[tuple[int, int], int]]:
-    """Yield the bytes of the files in memory without a name that a process has open, by what tells them apart."""
-    with contextlib.suppress(OSError):
-        for file in Path(f"/proc/{pid}/fd").iterdir():
-            with contextlib.suppress(OSError):
-                if os.readlink(file).startswith("/memfd:"):
-                    status = file.stat()
-                    yield (status.st_dev, status.st_ino), 512 * status.st_blocks
 
 
 def _room(pid: int, folders: Sequence[str]) -> tuple[int, int]:

@@ -36,7 +36,6 @@ LARGEST_TEMPORARY = 10**9
 
 MISSING = {
     BUBBLEWRAP: "",
-    "bubblewrap without a user namespace": "it was the user who runs the command, without capabilities",
     PROCESS: "in a process of the same user, which could read and write files and use the network",
 }
 """Promises of a sandbox that each level breaks; none for the best."""
@@ -45,10 +44,7 @@ _FILTER = 9
 """The descriptor of the filter of system calls, which `launch` makes."""
 
 _ALONE = ("bwrap", "--die-with-parent", "--unshare-all", "--cap-drop", "ALL", "--seccomp", str(_FILTER))
-_USER = {
-    BUBBLEWRAP: ("--unshare-user", "--disable-userns", "--uid", "65534", "--gid", "65534"),
-    "bubblewrap without a user namespace": (),
-}
+_USER = ("--unshare-user", "--disable-userns", "--uid", "65534", "--gid", "65534", "--proc", "/proc", "--dev", "/dev")
 
 _LIBRARIES = ("bin", "sbin", "lib", "lib32", "lib64", "libx32", "libexec")
 _SYSTEM = [f"{place}/{name}" for place in ("/usr", "/usr/local", "") for name in _LIBRARIES]
@@ -78,9 +74,8 @@ def command(
     if level() == PROCESS:
         return plain
     executable = [] if program is None else [program.resolve()]
-    most = {"CORE": 0, "NOFILE": 1024, **({"NPROC": TASKS} if level() == BUBBLEWRAP else {})}
-    bubblewrap = _bubblewrap(level(), [*readable, *executable], folder or Path.cwd(), hidden)
-    return (*bubblewrap, *launcher({"rlimits": most}, plain))
+    bubblewrap = _bubblewrap([*readable, *executable], folder or Path.cwd(), hidden)
+    return (*bubblewrap, *launcher({"rlimits": {"CORE": 0, "NOFILE": 1024, "NPROC": TASKS}}, plain))
 
 
 def settings() -> dict[str, Any]:
@@ -95,23 +90,17 @@ def temporary() -> tuple[str, ...]:
 
 @functools.cache
 def level() -> str:
-    """How well planners can be kept apart on this machine, the first of `MISSING` that works: see docs/isolation.md."""
+    """Return how well planners can be kept apart on this machine: see docs/isolation.md."""
     if shutil.which("bwrap") is None or platform.machine() not in MACHINES:
         return PROCESS
-    for name in _USER:  # it may be there and not be allowed to make namespaces
-        trial = [*_bubblewrap(name, (), Path("/"), ()), sys.executable, "-c", ""]
-        if (
-            subprocess.run(
-                launcher({"filter": _FILTER}, trial), stdin=subprocess.DEVNULL, capture_output=True
-            ).returncode
-            == 0
-        ):
-            return name
-    return PROCESS
+    # It may be there and not be allowed to make namespaces.
+    trial = launcher({"filter": _FILTER}, [*_bubblewrap((), Path("/"), ()), sys.executable, "-c", ""])
+    done = subprocess.run(trial, stdin=subprocess.DEVNULL, capture_output=True)
+    return PROCESS if done.returncode else BUBBLEWRAP
 
 
-def _bubblewrap(level: str, readable: Iterable[Path], folder: Path, hidden: Iterable[Path]) -> tuple[str, ...]:
-    options = [*_ALONE, *_USER[level], "--proc", "/proc", "--dev", "/dev"]
+def _bubblewrap(readable: Iterable[Path], folder: Path, hidden: Iterable[Path]) -> tuple[str, ...]:
+    options = [*_ALONE, *_USER]
     for system in map(Path, _SYSTEM):
         if system.is_symlink():
             options += ["--symlink", os.readlink(system), str(system)]

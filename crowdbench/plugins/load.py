@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import contextlib
 import functools
 import hashlib
 import importlib.metadata
@@ -233,18 +232,15 @@ class _SourceLoader(SourceFileLoader):
 @functools.cache
 def _import_from_source(folder: Path) -> None:
     """Have Python import what lies in a folder, but for installed packages, by `_SourceLoader`."""
+    make = FileFinder.path_hook((ExtensionFileLoader, EXTENSION_SUFFIXES), (_SourceLoader, SOURCE_SUFFIXES))
 
-    def find(entry: str) -> FileFinder:
-        prefixes = [prefix for prefix in (sys.prefix, sys.base_prefix) if not folder.is_relative_to(prefix)]
-        if not Path(entry).is_relative_to(folder) or any(map(Path(entry).is_relative_to, prefixes)):
-            raise ImportError
-        extensions = ExtensionFileLoader, EXTENSION_SUFFIXES
-        return FileFinder(entry, extensions, (_SourceLoader, SOURCE_SUFFIXES))
+    def find(entry: str) -> Any:
+        if Path(entry).is_relative_to(folder) and "-packages" not in entry.removeprefix(str(folder)):
+            return make(entry)
+        raise ImportError
 
     sys.path_hooks.insert(0, find)
-    for entry in [entry for entry in sys.path_importer_cache if Path(entry).is_relative_to(folder)]:
-        with contextlib.suppress(ImportError):
-            sys.path_importer_cache[entry] = find(entry)
+    sys.path_importer_cache.pop(str(folder), None)  # it was looked up before, perhaps
 
 
 def load_module(path: Path) -> ModuleType:
