@@ -25,9 +25,10 @@ PLANNER = "planner"
 LARGEST, LARGEST_FILE = 25e6, 10e6
 """Bytes of all files of an entry, and of one file, at most: entries are kept in git."""
 
-_COMPILED = {".pyc", ".pyo", ".so", ".pyd", ".dll", ".dylib", ".o", ".a", ".class", ".jar", ".wasm", ".whl", ".egg"}
-_COMPILED_MAGIC = b"\x7fELF", b"MZ", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\0asm"
-_ARCHIVE_MAGIC = b"\x1f\x8b", b"BZh", b"\xfd7zXZ\0", b"7z\xbc\xaf\x27\x1c", b"Rar!", b"\x28\xb5\x2f\xfd", b"\x1f\x9d"
+_COMPILED = {".pyc", ".pyo", ".so", ".pyd", ".dll", ".dylib", ".o", ".a"}
+_ARCHIVES = b"\x1f\x8b", b"\x1f\x9d", b"BZh", b"\xfd7zXZ\0", b"7z\xbc\xaf\x27\x1c", b"Rar!", b"\x28\xb5\x2f\xfd"
+"""How archives begin, beside those of zip and tar."""
+
 _ARRAYS = {".npz": {".npy"}, ".pt": {"", ".pkl"}, ".pth": {"", ".pkl"}}
 """Archives that an entry may have, which hold arrays, and the suffixes of what is in them."""
 
@@ -137,23 +138,18 @@ def _why_refused(path: Path) -> str:
         head = file.read(512)
     # All versions of Python begin a compiled file with a number of this range, a return and a line feed.
     is_bytecode = head[2:4] == b"\r\n" and 2900 < int.from_bytes(head[:2], "little") < 4900
-    if (
-        path.suffix.lower() in _COMPILED
-        or "__pycache__" in path.parts
-        or is_bytecode
-        or head.startswith(_COMPILED_MAGIC)
-    ):
+    is_compiled = path.suffix.lower() in _COMPILED or head.startswith(b"\x7fELF") or "__pycache__" in path.parts
+    if is_bytecode or is_compiled:
         return "is compiled: an entry holds what people can read"
-    if head.startswith(_ARCHIVE_MAGIC) or head[257:262] == b"ustar":
+    if head.startswith(_ARCHIVES) or head[257:262] == b"ustar":
         return "is an archive: an entry holds files"
     if zipfile.is_zipfile(path):
-        allowed = _ARRAYS.get(path.suffix.lower(), set())
-        with zipfile.ZipFile(path) as archive:
-            members = archive.infolist()
-        if not all(Path(member.filename).suffix in allowed for member in members):
-            return "is an archive of something else than arrays: an entry holds files"
-        if sum(member.file_size for member in members) > LARGEST:
-            return f"unpacks to more than {LARGEST / 1e6:g} MB"
+        with contextlib.suppress(zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+            members, allowed = zipfile.ZipFile(path).infolist(), _ARRAYS.get(path.suffix.lower(), set())
+            if {Path(member.filename).suffix for member in members} <= allowed:
+                is_large = sum(member.file_size for member in members) > LARGEST
+                return f"unpacks to more than {LARGEST / 1e6:g} MB" * is_large
+        return "is an archive of something else than arrays: an entry holds files"
     return ""
 
 
@@ -168,12 +164,12 @@ def contents(value: Any, folder: Path) -> Any:
         if "/" not in text or not path.is_file():
             return text
         content = path.read_bytes()
-        with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError):
-            if path.suffix == ".safetensors":
-                start = 8 + int.from_bytes(content[:8], "little")
-                tensors = sorted(json.loads(content[8:start]).items())
-                spans = [(name, *tensor["data_offsets"]) for name, tensor in tensors if name != "__metadata__"]
-                content = b"".join(content[start + first : start + last] for _, first, last in spans)
+        with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            start = 8 + int.from_bytes(content[:8], "little")
+            tensors = sorted(json.loads(content[8:start]).items())
+            spans = [tensor["data_offsets"] for name, tensor in tensors if name != "__metadata__"]
+            if sum(last - first for first, last in spans) <= len(content):
+                content = b"".join(content[start + first : start + last] for first, last in spans)
         return hashlib.sha256(content).hexdigest()
 
     return _map_texts(digest, value)

@@ -3,7 +3,7 @@
 A group of cgroup v2 is made in a group that is delegated to this user: that of this process, or one above it. In it the
 kernel counts processor time, of children too that nobody has waited for, and with the controllers `memory` and `pids`
 all memory and all processes. Without these, memory is the sum of the proportional set sizes (PSS) and of temporary
-folders with `BYTES_OF_FILE` for each file.
+folders with `BYTES_OF_FILE` for each file, and of files in memory without a name.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import subprocess
 import sys
 import time
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +101,8 @@ class Usage:
     """What a process takes with all that it has started, and its limits.
 
     Attributes:
+        pid: The number of the process, once it is started.
+        processors: The number of processors that it may use.
         memory: The largest memory in bytes that it was seen to have.
 
     Args:
@@ -111,14 +113,10 @@ class Usage:
 
     def __init__(self, most_memory: float, cores: Sequence[int], temporary: Sequence[str]) -> None:
         self.most_memory, self.cores, self.temporary = most_memory, list(cores), temporary
-        self.memory = 0
+        self.processors = len(self.cores) or os.cpu_count() or 1
+        self.memory = self.pid = 0
         self._group: Path | None = None
-        self._pid, self._next = 0, 0.0
-
-    @property
-    def processors(self) -> int:
-        """Return the number of processors that it may use."""
-        return len(self.cores) or os.cpu_count() or 1
+        self._next = 0.0
 
     def command(self, settings: Mapping[str, Any], command: Sequence[str]) -> tuple[str, ...]:
         """Return the command that starts another one with settings of `launch`, under the limits."""
@@ -131,15 +129,11 @@ class Usage:
                     (self._group / name).write_text(str(value))
         return launcher(settings, command)
 
-    def begin(self, pid: int) -> None:
-        """Take over the process that the command has started."""
-        self._pid = pid
-
     def processes(self) -> list[int]:
         """Return the numbers of the process and of those that it has started and that still run."""
         if grouped := self._read("cgroup.procs"):
             return [pid for pid in map(int, grouped.split()) if pid]
-        found = [self._pid]
+        found = [self.pid]
         for pid in found:
             with contextlib.suppress(psutil.Error):
                 found += _children(pid)
@@ -149,20 +143,22 @@ class Usage:
         """Return the processor time that all of them have taken so far, with those that have ended."""
         if counted := re.match(r"usage_usec (\d+)", self._read("cpu.stat")):
             return int(counted[1]) / 1e6
-        return sum(map(_processor_seconds, self.processes()))
+        return self._sum(_processor_seconds)
 
     def check(self) -> None:
         """Look at what they take, if it is time. Raises Exceeded where it is too much."""
         tasks = self._read("cgroup.threads").count("\n")
         if tasks <= TASKS and time.monotonic() < self._next:
             return
-        processes = self.processes()
-        if (tasks or sum(map(_tasks, processes))) > TASKS or re.search("max [1-9]", self._read("pids.events")):
+        tasks = tasks or int(self._sum(psutil.Process.num_threads))
+        if tasks > TASKS or re.search("max [1-9]", self._read("pids.events")):
             raise Exceeded(f"started more than {TASKS} processes and threads")
-        room, files = next(filter(any, (_room(pid, self.temporary) for pid in processes)), (0, 0))
+        room, files = next(filter(any, (_room(pid, self.temporary) for pid in self.processes())), (0, 0))
         if files > FILES:
             raise Exceeded(f"made more than {FILES} files")
-        memory = int(self._read("memory.current") or sum(map(_memory, processes)) + room + BYTES_OF_FILE * files)
+        nameless = dict(item for pid in self.processes() for item in _nameless(pid))
+        measured = self._sum(_memory) + room + BYTES_OF_FILE * files + sum(nameless.values())
+        memory = int(self._read("memory.current") or measured)
         self.memory = max(self.memory, memory)
         if memory > self.most_memory or re.search("oom_kill [1-9]", self._read("memory.events")):
             taken = max(memory, self.most_memory) / 1e9
@@ -172,21 +168,28 @@ class Usage:
 
     def kill(self) -> None:
         """End all of them. They may have ended before."""
-        with contextlib.suppress(OSError, TypeError):  # at once, so that none can start another one meanwhile
-            Path(self._group, "cgroup.kill").write_text("1")  # type: ignore[arg-type]
-        for pid in self.processes():
+        with contextlib.suppress(OSError):  # at once, so that none can start another one meanwhile
+            if self._group:
+                (self._group / "cgroup.kill").write_text("1")
+        # The group of processes has what it started and what has another parent now.
+        for kill, pid in [*((os.kill, pid) for pid in self.processes()), (os.killpg, self.pid)]:
             with contextlib.suppress(OSError):
-                os.kill(pid, signal.SIGKILL)
-        with contextlib.suppress(OSError):  # what it started and what has another parent now
-            os.killpg(self._pid, signal.SIGKILL)
+                kill(pid, signal.SIGKILL)
 
     def close(self) -> None:
         """Remove the control group after `kill`, once all have ended."""
-        for _ in range(100 if self._group else 0):
+        end = time.monotonic() + 1.0
+        while self._group and self._group.exists() and time.monotonic() < end:
             with contextlib.suppress(OSError):
-                self._group.rmdir()  # type: ignore[union-attr]
-                return
-            time.sleep(SHORTEST)
+                self._group.rmdir()
+
+    def _sum(self, measure: Callable[[psutil.Process], float]) -> float:
+        """Return a sum over all of them; 0 for those that have just ended."""
+        total = 0.0
+        for pid in self.processes():
+            with contextlib.suppress(psutil.Error, OSError):
+                total += measure(psutil.Process(pid))
+        return total
 
     def _read(self, name: str) -> str:
         """Return a file of the control group; empty where there is none."""
@@ -203,28 +206,26 @@ def _children(pid: int) -> list[int]:
     return [child.pid for child in psutil.Process(pid).children()]
 
 
-def _processor_seconds(pid: int) -> float:
+def _processor_seconds(process: psutil.Process) -> float:
     """Return the processor time of a process, and of its children that it has waited for."""
-    with contextlib.suppress(psutil.Error, OSError):
-        own, system, *children = psutil.Process(pid).cpu_times()[:4]
-        # Linux counts to the nanosecond, and shows only hundredths of a second elsewhere.
-        return sum(children) + (time.clock_gettime(~pid << 3 | 2) if sys.platform == "linux" else own + system)
-    return 0.0
+    own, system, *children = process.cpu_times()[:4]
+    # Linux counts to the nanosecond, and shows only hundredths of a second elsewhere.
+    return sum(children) + (time.clock_gettime(~process.pid << 3 | 2) if sys.platform == "linux" else own + system)
 
 
-def _tasks(pid: int) -> int:
-    with contextlib.suppress(psutil.Error):
-        return int(psutil.Process(pid).num_threads())
-    return 0
+def _memory(process: psutil.Process) -> int:
+    with contextlib.suppress(OSError):  # it may keep others from reading it
+        found = re.search(r"^Pss: +(\d+)", Path(f"/proc/{process.pid}/smaps_rollup").read_text(), re.MULTILINE)
+        return 1024 * int(found[1]) if found else 0
+    return int(process.memory_info().rss)
 
 
-def _memory(pid: int) -> int:
-    with contextlib.suppress(OSError, TypeError):
-        rollup = Path(f"/proc/{pid}/smaps_rollup").read_text()
-        return 1024 * int(re.search(r"^Pss: +(\d+)", rollup, re.MULTILINE)[1])  # type: ignore[index]
-    with contextlib.suppress(psutil.Error):
-        return int(psutil.Process(pid).memory_info().rss)
-    return 0
+def _nameless(pid: int) -> Iterator[tuple[tuple[int, int], int]]:
+    """Yield the bytes of the files in memory without a name that a process has open, by what tells them apart."""
+    with contextlib.suppress(OSError):
+        for file in Path(f"/proc/{pid}/fd").iterdir():
+            if os.readlink(file).startswith("/memfd:"):
+                yield (file.stat().st_dev, file.stat().st_ino), 512 * file.stat().st_blocks
 
 
 def _room(pid: int, folders: Sequence[str]) -> tuple[int, int]:

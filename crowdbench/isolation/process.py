@@ -73,7 +73,7 @@ class Process:
             start_new_session=True,
             cwd=folder,
         )
-        usage.begin(self._process.pid)
+        usage.pid = self._process.pid
         self._pipes = [pipe for pipe in (self._process.stdin, self._process.stdout, self._process.stderr) if pipe]
         self._sink, self._source, self._output = (pipe.fileno() for pipe in self._pipes)
         for pipe in self._pipes:

@@ -50,11 +50,10 @@ def planner():
 def _groups(request, monkeypatch):
     """With a control group where one can be made, and without."""
     if request.param == "group":
-        if limits._home() is None and not limits._systemd(1e9, 1):
+        if limits._home() is None:
             pytest.skip("no group of cgroup v2 can be made here")
     else:
         monkeypatch.setattr(limits, "_home", lambda: None)
-        monkeypatch.setattr(limits, "_systemd", lambda *_: ())
 
 
 @contextlib.contextmanager
@@ -188,7 +187,7 @@ def test_the_time_of_children_that_have_ended_counts(tmp_path):
 
 
 def test_the_time_of_children_that_nobody_waits_for_counts_in_a_group(tmp_path):
-    if limits._home() is None and not limits._systemd(1e9, 1):
+    if limits._home() is None:
         pytest.skip("no group of cgroup v2 can be made here")
     body = SHORT_LIVED.replace("SIG_DFL", "SIG_IGN").replace("os.wait()", "time.sleep(0.5)")
     with made(tmp_path, body) as planner:
@@ -238,13 +237,15 @@ def test_control_groups_are_removed(tmp_path):
     assert not group.exists()
 
 
-@pytest.mark.skipif(limits._systemd(1e9, 1) == (), reason="systemd starts no scopes here")
-def test_systemd_limits_memory_and_processes(tmp_path):
-    assert limits.describe() == "memory, processes and processor time by cgroup v2"
+@pytest.mark.skipif(
+    limits._home() is None or not limits._limits(limits._home()),
+    reason="no group of cgroup v2 with the controllers memory and pids is delegated here",
+)
+def test_a_delegated_group_limits_memory_and_processes(tmp_path):
+    assert limits.describe() == "memory and processes by cgroup v2, and time by cgroup v2"
     with made(tmp_path, "return Probe()", Limits(memory=1e9)) as planner:
         usage = planner.process.usage
-        usage.check()
-        assert (usage._read("memory.max").strip(), usage._read("pids.max").strip()) == ("1000000000", "512")
+        assert (int(usage._read("memory.max")) // 4096, int(usage._read("pids.max"))) == (10**9 // 4096, 512)
 
 
 FORGED = """
