@@ -223,8 +223,8 @@ def check_board_name(entry: Entry, board: Board) -> None:
 
 
 def fold(name: str) -> str:
-    """Return the letters and digits of a name in lower case: names that differ elsewhere look alike."""
-    return re.sub("[^a-z0-9]", "", name.lower())
+    """Return the letters and digits of a name in lower case, where 0, 1 and i are o, l and l: others look alike."""
+    return re.sub("[^a-z0-9]", "", name.lower()).translate(str.maketrans("01i", "oll"))
 
 
 def check_names(name: str, card: CardSpec, submitter: str, folder: Path) -> None:
@@ -238,6 +238,8 @@ def check_names(name: str, card: CardSpec, submitter: str, folder: Path) -> None
     """
     if fold(submitter) == MAINTAINERS:
         return
+    if not card.title.isascii():
+        raise InputError(f"the title {card.title!r} has letters beside those of ASCII, which can look like others")
     ships = [*PLANNERS.sources(), *(path.stem for path in (folder.parent / "cards").glob("*.toml"))]
     taken = dict.fromkeys(map(fold, ships), "a planner that ships")
     for path in (folder / ENTRIES).glob(f"*/{CARD}"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -11,6 +12,7 @@ from typing import Any
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.board_runs import CaseSet, EntryPlanner, InUse, drive, driven_scenarios, lock_runs
+from crowdbench.boards.decision_time import NotTimed, time_decisions
 from crowdbench.boards.entry import (
     ENTRIES,
     NAMES,
@@ -28,6 +30,7 @@ from crowdbench.boards.entry import (
     write_entry,
 )
 from crowdbench.boards.planner_files import (
+    PLANNER,
     check_files,
     copy_named_files,
     imported_code,
@@ -150,6 +153,9 @@ def submit(
                 (folder / PUBLIC / name).mkdir(parents=True)
                 for file in (EPISODES, COMMANDS):
                     shutil.copyfile(runs / name / file, folder / PUBLIC / name / file)
+            if (folder / PLANNER).exists():  # built-in planners are known to be quick enough
+                with contextlib.suppress(NotTimed):
+                    time_decisions(planner, submission.cases, runs)
             write_entry(folder, _make_spec(submission, planner, networks, runs))
         shutil.rmtree(runs)
     return read_entry(directory), failures

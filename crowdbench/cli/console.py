@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from typer.exceptions import TyperException
 
-from crowdbench.utils.errors import InputError, Interrupted, describe_error
+from crowdbench.utils.errors import InputError, Interrupted, defuse, describe_error
 from crowdbench.utils.progress import announce_compilation as announce_compilation
 from crowdbench.utils.progress import progress as progress
 from crowdbench.utils.progress import say as say
@@ -75,7 +75,7 @@ def with_notes(sentence: str, error: BaseException) -> str:
 
 
 def _one_line(text: str) -> str:
-    line = " ".join(text.split())
+    line = defuse("".join(item if item.isprintable() else ascii(item)[1:-1] for item in " ".join(text.split())))
     return line if len(line) <= LONGEST else f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
 
 

@@ -85,7 +85,7 @@ def _is_home(home: Path) -> bool:
     """Return whether this process can make a group in a group, and put processes into it."""
     with contextlib.suppress(OSError):
         trial = _make_group(home)
-        done = subprocess.run(launcher({"group": str(trial)}, [sys.executable, "-c", ""]), capture_output=True)
+        done = subprocess.run(launcher({"group": str(trial)}, ["true"]), capture_output=True)
         trial.rmdir()
         return done.returncode == 0
     return False
@@ -116,7 +116,7 @@ class Usage:
         self.processors = len(self.cores) or os.cpu_count() or 1
         self.memory = self.pid = 0
         self._group: Path | None = None
-        self._next = 0.0
+        self._soon = self._next = 0.0
 
     def command(self, settings: Mapping[str, Any], command: Sequence[str]) -> tuple[str, ...]:
         """Return the command that starts another one with settings of `launch`, under the limits."""
@@ -147,8 +147,10 @@ class Usage:
 
     def check(self) -> None:
         """Look at what they take, if it is time. Raises Exceeded where it is too much."""
-        tasks = self._read("cgroup.threads").count("\n")
-        if tasks <= TASKS and time.monotonic() < self._next:
+        if (now := time.monotonic()) < self._soon:
+            return
+        self._soon, tasks = now + SHORTEST, self._read("cgroup.threads").count("\n")
+        if tasks <= TASKS and now < self._next:
             return
         tasks = tasks or int(self._sum(psutil.Process.num_threads))
         if tasks > TASKS or re.search("max [1-9]", self._read("pids.events")):
@@ -182,6 +184,7 @@ class Usage:
         while self._group and self._group.exists() and time.monotonic() < end:
             with contextlib.suppress(OSError):
                 self._group.rmdir()
+            time.sleep(1e-3)
 
     def _sum(self, measure: Callable[[psutil.Process], float]) -> float:
         """Return a sum over all of them; 0 for those that have just ended."""

@@ -189,7 +189,7 @@ class IsolatedPlanner(AheadPlanner):
         except Broken as error:
             raise self._fault(str(error), where) from None
         finally:
-            self.usage["peak_memory_mb"] = self.process.usage.memory / 1e6
+            self.usage["peak_memory_mb"] = self.process.memory / 1e6
 
     def _fault(self, what: str, where: str, row: int | None = None) -> Exception:
         return InputError(f"planner {self.name} {what} {where}") if where else FaultyAnswer(Fault(what, row))

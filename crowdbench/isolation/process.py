@@ -79,6 +79,11 @@ class Process:
         for pipe in self._pipes:
             os.set_blocking(pipe.fileno(), False)
 
+    @property
+    def memory(self) -> int:
+        """Return the largest memory in bytes that it was seen to have."""
+        return self.usage.memory
+
     def ask(self, limit: float, kind: Kind, *parts: bytes | memoryview) -> tuple[Kind, bytearray]:
         """Send a message and wait for the answer.
 
@@ -159,7 +164,8 @@ class Process:
             lines, self._line = [*lines, self._line], b""
         for line in filter(None, lines):
             if self._printed < PRINTED:
-                print(f"planner {self.name}: {harmless(line[:PRINTED].decode(errors='replace'))}", file=sys.stderr)
+                text = line[:PRINTED].decode(errors="replace")
+                print(harmless(f"planner {self.name}: {text}"), file=sys.stderr)
             self._printed += len(line)
         return bool(content)
 
@@ -170,8 +176,8 @@ class Process:
         self.usage.kill()
         self._process.wait()
         self.usage.close()
-        while self._show():
-            if not select.select([self._output], [], [], 0.0)[0]:
+        for _ in range(16):  # what escaped from a process without a sandbox may print for ever
+            if not select.select([self._output], [], [], 0.0)[0] or not self._show():
                 break
         for pipe in self._pipes:
             pipe.close()

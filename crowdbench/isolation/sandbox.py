@@ -94,7 +94,7 @@ def level() -> str:
     if shutil.which("bwrap") is None or platform.machine() not in MACHINES:
         return PROCESS
     # It may be there and not be allowed to make namespaces.
-    trial = launcher({"filter": _FILTER}, [*_bubblewrap((), Path("/"), ()), sys.executable, "-c", ""])
+    trial = launcher({"filter": _FILTER}, [*_bubblewrap((), Path("/"), ()), sys.executable, "-I", "-S", "-c", ""])
     done = subprocess.run(trial, stdin=subprocess.DEVNULL, capture_output=True)
     return PROCESS if done.returncode else BUBBLEWRAP
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import safetensors.numpy
-from boards import SEASON, card, not_timed, write_board
+from boards import BOARD, SEASON, card, not_timed, write_board
 from standings import standings
 from typer.testing import CliRunner
 
@@ -26,7 +26,7 @@ from crowdbench.boards.verdict import Verdict, read_verification
 from crowdbench.boards.verification import verify
 from crowdbench.catalog import load_scenario
 from crowdbench.cli import app
-from crowdbench.isolation import sandbox
+from crowdbench.isolation import limits, sandbox
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.recording import read_commands
 from crowdbench.runs.rollout import rollout
@@ -149,12 +149,12 @@ def test_the_wheel_has_the_rules_of_boards_and_no_season_or_entry():
 
 @pytest.mark.usefixtures("_few_timed")
 def test_the_board_fixes_the_cases_and_the_pace_is_that_of_drawn_ones(tmp_path):
-    slow = "def think(obs, commands):\n    time.sleep(0.03 * (len(obs.row) == 8))\n    return commands\n"
+    slow = "def think(obs, commands):\n    time.sleep(0.9 * (len(obs.row) == 8 and obs.step[0] < 3))\n    return commands\n"
     entry, board = submitted(tmp_path, PLANNER + slow)  # there are 8 public cases, and 10 others
     found = verify(entry, board, work=tmp_path / "work")
     assert found.figures["circle_crossing_5"]["success_rate"].n == board.spec.cases
     assert found.decision_time is not None
-    assert found.decision_time.p99_ms < 30.0
+    assert found.decision_time.p99_ms < 800.0
 
 
 # A3: the next command in the low digits of a velocity
@@ -258,13 +258,26 @@ def test_a_planner_leaves_no_key_for_the_next_one(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("name", "title"),
-    [("sarl_cvm", "Mine"), ("or_ca", "Mine"), ("orca_", "Mine"), ("mine", "O R C A"), ("mine", "sarl-lin")],
+    [
+        ("sarl_cvm", "Mine"),
+        ("or_ca", "Mine"),
+        ("orca_", "Mine"),
+        ("mine", "O R C A"),
+        ("mine", "sarl-lin"),
+        ("0rca", "Mine"),
+        ("mine", "SAR1"),
+    ],
 )
 def test_an_entry_is_not_called_as_a_planner_that_ships(name, title, tmp_path):
     wanted = entered(tmp_path, PLANNER, name=name, title=f'"{title}"')
     for make in (rehearse, lambda *given: submit(*given, tmp_path / "work")):
         with pytest.raises(InputError, match="is the name of a planner that ships, or looks like it"):
             make(wanted, tmp_path / "boards")
+
+
+def test_titles_are_ascii(tmp_path):
+    with pytest.raises(InputError, match="has letters beside those of ASCII"):
+        rehearse(entered(tmp_path, PLANNER, title='"\u041eRCA"'), tmp_path / "boards")
 
 
 def test_a_name_of_a_card_that_ships_and_of_another_entry_is_taken(root, tmp_path):
@@ -537,3 +550,58 @@ def test_a_copy_of_oneself_changes_the_rank_and_the_tier_of_nobody_else(rival, c
     starts = [dict(zip([one.name for one in found.ranked], found.tiers, strict=True)) for found in (before, after)]
     assert starts[0]["orca"] == starts[1]["orca"]
     assert sum(starts[0].values()) == sum(starts[1].values())
+
+
+# Honest entries
+
+NEURAL = """
+import crowdbench, numpy as np
+from safetensors.numpy import load_file
+
+class Neural(crowdbench.Planner):
+    def __init__(self, weights):
+        self.weights = load_file(weights)
+    def plan(self, obs):
+        way = obs.vehicle.goal - obs.vehicle.position
+        near = (obs.pedestrians.position - obs.vehicle.position[:, None]).reshape(len(obs), -1)[:, :10] / 5.0
+        hidden = np.tanh(near.astype("f4") @ self.weights["hidden"])
+        turn = 0.6 * np.tanh(hidden @ self.weights["out"])[:, 0]
+        cos, sin = 0.95 * np.cos(turn), 0.95 * np.sin(turn)
+        x, y = (way / np.hypot(*way.T)[:, None]).T
+        return np.stack([cos * x - sin * y, sin * x + cos * y], axis=1).astype("f4")
+
+def planner(weights):
+    return Neural(weights)
+"""
+
+
+def layers(path, seed):
+    generator = np.random.default_rng(seed)
+    values = {"hidden": generator.normal(size=(10, 64)), "out": generator.normal(size=(64, 1))}
+    safetensors.numpy.save_file({name: value.astype("f4") for name, value in values.items()}, path)
+    return str(path)
+
+
+@pytest.mark.usefixtures("_few_timed")
+@pytest.mark.parametrize("groups", [True, False])
+def test_honest_networks_are_verified_and_timed(groups, tmp_path, monkeypatch):
+    if not groups:
+        monkeypatch.setattr(limits, "_home", lambda: None)
+    own, *others = (layers(tmp_path / f"{seed}.safetensors", seed) for seed in range(5))
+    networks = [{"weights": path} for path in others]
+    entry, board = submitted(tmp_path, NEURAL, options={"weights": own}, networks=networks)
+    found = verify(entry, board, work=tmp_path / "work")
+    assert found.verdict == Verdict.RERUN, found.reason
+    assert found.method is not None
+    assert found.method.networks == 5
+    assert found.untimed == ""
+
+
+@pytest.mark.usefixtures("_few_timed")
+def test_an_honest_planner_with_a_lidar_is_verified(tmp_path):
+    write_board(tmp_path / "boards", text=BOARD.replace("circle_crossing_5", "shop_10"))
+    looks = "def think(obs, commands):\n    return commands * np.clip(obs.lidar.min(axis=1), 0.5, 1.0)[:, None]\n"
+    entry, board = submitted(tmp_path, PLANNER + looks)
+    found = verify(entry, board, work=tmp_path / "work")
+    assert found.verdict == Verdict.RERUN, found.reason
+    assert found.untimed == ""
