@@ -149,7 +149,7 @@ def test_the_wheel_has_the_rules_of_boards_and_no_season_or_entry():
 
 @pytest.mark.usefixtures("_few_timed")
 def test_the_board_fixes_the_cases_and_the_pace_is_that_of_drawn_ones(tmp_path):
-    slow = "def think(obs, commands):\n    time.sleep(0.9 * (len(obs.row) == 8 and obs.step[0] < 3))\n    return commands\n"
+    slow = "def think(obs, commands):\n    time.sleep(0.9 * (len(obs) == 8 and obs.step[0] < 3))\n    return commands\n"
     entry, board = submitted(tmp_path, PLANNER + slow)  # there are 8 public cases, and 10 others
     found = verify(entry, board, work=tmp_path / "work")
     assert found.figures["circle_crossing_5"]["success_rate"].n == board.spec.cases
