@@ -58,8 +58,8 @@ class EntryPlanner:
         """Start the planner in a process of its own, which can read the frozen files of the entry alone.
 
         Args:
-            scenario: What it is to drive.
-            cores: The processors that it may use; those of this process if None.
+            scenario: The scenario that it drives.
+            cores: The processors that it may use; by default all of this process.
         """
         isolated = IsolatedPlanner(
             locate_named_files(self.planner, self.folder),

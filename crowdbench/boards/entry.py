@@ -239,7 +239,7 @@ def check_names(name: str, card: CardSpec, submitter: str, folder: Path) -> None
     if fold(submitter) == MAINTAINERS:
         return
     if not card.title.isascii():
-        raise InputError(f"the title {card.title!r} has letters beside those of ASCII, which can look like others")
+        raise InputError(f"the title {card.title!r} must be ASCII: other letters can look like these")
     ships = [*PLANNERS.sources(), *(path.stem for path in (folder.parent / "cards").glob("*.toml"))]
     taken = dict.fromkeys(map(fold, ships), "a planner that ships")
     for path in (folder / ENTRIES).glob(f"*/{CARD}"):

@@ -27,7 +27,7 @@ LARGEST, LARGEST_FILE = 25e6, 10e6
 
 _COMPILED = {".pyc", ".pyo", ".so", ".pyd", ".dll", ".dylib", ".o", ".a"}
 _ARCHIVES = b"\x1f\x8b", b"\x1f\x9d", b"BZh", b"\xfd7zXZ\0", b"7z\xbc\xaf\x27\x1c", b"Rar!", b"\x28\xb5\x2f\xfd"
-"""How archives begin, beside those of zip and tar."""
+"""The first bytes of archives other than zip and tar."""
 
 _ARRAYS = {".npz": {".npy"}, ".pt": {"", ".pkl"}, ".pth": {"", ".pkl"}}
 """Archives that an entry may have, which hold arrays, and the suffixes of what is in them."""
@@ -117,7 +117,7 @@ def _is_free(folder: Path, source: Path, names: list[str]) -> bool:
 def check_files(folder: Path) -> None:
     """Raise InputError if a file of an entry is no plain file, too large, compiled, or an archive.
 
-    What a planner does must be seen in its files. Of archives only those of arrays are allowed.
+    The files must show what the planner does. The only archives are archives of arrays.
     """
     paths = [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
     for path in paths:

@@ -24,7 +24,7 @@ MACHINES = {
     "x86_64": (0xC000003E, 9, "250 248 249 425 426 427 101 310 311 438 321 298 323 272 308 203 319 447 29 68 240"),
     "aarch64": (0xC00000B7, 222, "219 217 218 425 426 427 117 270 271 438 280 241 282 97 268 122 279 447 194 186 180"),
 }
-"""By machine: AUDIT_ARCH, the number of mmap, and those of the system calls that fail as if the kernel had none.
+"""By machine: AUDIT_ARCH, the number of mmap, and the numbers of the calls that fail as if the kernel had none.
 
 They are keyctl, add_key, request_key (keys outlive a sandbox), the three of io_uring (they do what is filtered),
 ptrace, process_vm_readv, process_vm_writev, pidfd_getfd, bpf, perf_event_open, userfaultfd, unshare, setns,
@@ -41,7 +41,7 @@ def make_filter(machine: str) -> bytes:
     """Return the filter of system calls for a machine, a program of classic BPF."""
     architecture, mmap, numbers = MACHINES[machine]
     code = [(_LOAD, 0, 0, 4), (_IF_EQUAL, 1, 0, architecture), (_RETURN, 0, 0, _KILL)]  # others have other numbers
-    code += [(_LOAD, 0, 0, 0), (_IF_AT_LEAST, 0, 1, 1 << 30), (_RETURN, 0, 0, _NO_SUCH_CALL)]  # those of x32
+    code += [(_LOAD, 0, 0, 0), (_IF_AT_LEAST, 0, 1, 1 << 30), (_RETURN, 0, 0, _NO_SUCH_CALL)]  # calls of x32
     for number in map(int, numbers.split()):
         code += [(_IF_EQUAL, 0, 1, number), (_RETURN, 0, 0, _NO_SUCH_CALL)]
     # Shared memory without a file can be kept where no process shows to have it.

@@ -1,4 +1,4 @@
-"""What a process takes with all that it has started: limited by a control group where there is one, and measured.
+"""Resources of a process and of all that it has started: limited by a control group where there is one, and measured.
 
 A group of cgroup v2 is made in a group that is delegated to this user: that of this process, or one above it. In it the
 kernel counts processor time, of children too that nobody has waited for, and with the controllers `memory` and `pids`
@@ -31,7 +31,7 @@ FILES = 50_000
 """Files in its temporary folders, at most."""
 
 BYTES_OF_FILE = 1024
-"""What the kernel takes for a file, even for an empty one."""
+"""Memory that the kernel takes for a file, even for an empty one."""
 
 TICK, SHORTEST = 0.1, 0.01
 """Seconds between two looks at a process, at most and, close to a limit, at least."""
@@ -98,7 +98,7 @@ def _make_group(home: Path) -> Path:
 
 
 class Usage:
-    """What a process takes with all that it has started, and its limits.
+    """Resources of a process and of all that it has started, with their limits.
 
     Attributes:
         pid: The number of the process, once it is started.

@@ -81,7 +81,7 @@ class IsolatedPlanner(AheadPlanner):
         scene: The recorded scene that it must not have been trained on, if any: see `Planner.for_held_out_scene`.
         decimals: Its commands are rounded towards 0 to so many decimal places, before anybody uses them; None to leave
             them as they are. Their low digits would be a channel between two processes of one planner.
-        cores: The processors that it may use; those of this process if None.
+        cores: The processors that it may use; by default all of this process.
 
     Raises:
         InputError: The planner cannot be made, or takes longer or more memory than it may.

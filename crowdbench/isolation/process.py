@@ -29,23 +29,18 @@ class TooSlow(Exception):
 class Process:
     """A process that speaks the messages of `crowdbench.isolation.protocol`.
 
-    What it writes to its standard error is shown line by line after its name, with what could act on a terminal or on
-    a service that reads logs made harmless.
+    Its standard error is shown line by line after its name, as ASCII that no terminal and no service that reads
+    logs takes for a command.
 
     Args:
-<<<<<<< HEAD
+        name: Its name in its output.
         command: The command to start.
-        most_memory: Bytes that it may take, with the processes which it starts.
-=======
-        name: What it is called in its output.
-        command: What is started.
         settings: The settings of `crowdbench.isolation.launch`.
-        usage: What it may take.
->>>>>>> a72d2d93 (WIP: limits, sandbox, names, timing)
+        usage: Its limits.
         folder: Its working directory; the present one if None.
 
     Attributes:
-        usage: What it takes.
+        usage: Its resources.
         seconds: Time in which it was waited for, so far.
         spent: The same without time in which it waited for a processor itself, as far as answers took long; or its
             processor time, shared by the processors that it may use, if that is more.

@@ -34,13 +34,8 @@ class Decisions(NamedTuple):
     """The decisions of a planner, one world at a time.
 
     Attributes:
-<<<<<<< HEAD
-        seconds: How long each took.
-        is_same: True if its commands are those that the run has recorded; True where no run was followed.
-=======
-        seconds: How long each took, or its processor time if that is more.
-        is_same: Whether its commands are those that the run has recorded; True where no run was followed.
->>>>>>> a72d2d93 (WIP: limits, sandbox, names, timing)
+        seconds: Time that each took, or its processor time if that is more.
+        is_same: True if its commands are the recorded ones of the run; True where no run was followed.
     """
 
     seconds: Float[np.ndarray, "decision"]
@@ -52,10 +47,10 @@ class _Timed(AheadPlanner):
 
     Args:
         driver: Asks the planner.
-        recorded: The commands of the episode by step. The vehicle executes those of the planner as long as they are the
-            same, so that the planner is shown nothing of what it decided in the run, and else these.
-        processor: Returns the processor time of the planner so far. What it takes between two decisions counts for the
-            later one.
+        recorded: The commands of the episode by step. The vehicle executes the commands of the planner as long as
+            they are the same, so that the planner is shown nothing of the run, and otherwise the recorded ones.
+        processor: Returns the processor time of the planner so far. Time between two decisions counts for
+            the later one.
     """
 
     native = True  # the driver has made commands of velocities
@@ -101,13 +96,8 @@ def decide_alone(
         name: Its name in errors.
         scenario: The scenario.
         replanning: When it observes.
-<<<<<<< HEAD
         cases: The cases. The first case is driven to warm up and does not count.
-        recorded: The commands of a run of these cases, which the vehicle executes in the place of the planner's.
-=======
-        cases: What it drives. The first case is driven to warm up and does not count.
         recorded: The commands of a run of these cases, which the planner must give again.
->>>>>>> a72d2d93 (WIP: limits, sandbox, names, timing)
         progress: Called after each case with 1.
         processor: Returns the processor time of the planner so far, where it is in a process of its own.
 

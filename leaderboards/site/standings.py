@@ -190,7 +190,7 @@ def _best_of_each(board: Board, candidates: Mapping[str, Standing]) -> list[str]
 
 
 def _compare(board: Board, candidates: Mapping[str, Standing]) -> tuple[list[Pair], dict[str, Rank]]:
-    """Compare the best entries of all submitters with each other, and each other entry with those of other submitters.
+    """Compare the best entries of all submitters with each other, and each other entry with the best of others.
 
     So an entry changes the rank of no other one by standing beside a better one of its submitter.
     """
