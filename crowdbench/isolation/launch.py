@@ -14,7 +14,6 @@ import ctypes
 import json
 import os
 import platform
-import resource
 import struct
 import sys
 from pathlib import Path
@@ -52,6 +51,8 @@ def make_filter(machine: str) -> bytes:
 
 def launch(settings: dict[str, Any], command: list[str]) -> None:
     """Set the limits and become the command."""
+    import resource  # Windows has none
+
     if "group" in settings:
         Path(settings["group"], "cgroup.procs").write_text("0")
     if settings.get("cores"):
