@@ -212,7 +212,7 @@ def read_entries(board: Board, root: Path) -> list[Entry]:
     entries = [read_entry(path.parent) for path in sorted((root / board.name).glob(f"{ENTRIES}/*/{ENTRY}"))]
     for entry in entries:
         check_board_name(entry, board)
-        check_names(entry.name, entry.card, entry.spec.submitted_by, root / board.name)
+        check_names(entry.name, entry.spec.planner, entry.card, entry.spec.submitted_by, root / board.name)
     return entries
 
 
@@ -227,11 +227,12 @@ def fold(name: str) -> str:
     return re.sub("[^a-z0-9]", "", name.lower()).translate(str.maketrans("01i", "oll"))
 
 
-def check_names(name: str, card: CardSpec, submitter: str, folder: Path) -> None:
+def check_names(name: str, planner: str, card: CardSpec, submitter: str, folder: Path) -> None:
     """Raise InputError if an entry has the name or the title of another submitter's entry, or of a planner that ships.
 
     Args:
         name: The name of the entry.
+        planner: Its planner. An entry of a built-in planner may have its name, if the board has no such baseline.
         card: Its card.
         submitter: Its submitter.
         folder: The folder of its board. Planners that ship have a card in `cards/` beside it.
@@ -240,7 +241,10 @@ def check_names(name: str, card: CardSpec, submitter: str, folder: Path) -> None
         return
     if not card.title.isascii():
         raise InputError(f"the title {card.title!r} must be ASCII: other letters can look like these")
-    ships = [*PLANNERS.sources(), *(path.stem for path in (folder.parent / "cards").glob("*.toml"))]
+    ships = [
+        *(PLANNERS.sources().keys() - {planner}),
+        *(path.stem for path in (folder.parent / "cards").glob("*.toml")),
+    ]
     taken = dict.fromkeys(map(fold, ships), "a planner that ships")
     for path in (folder / ENTRIES).glob(f"*/{CARD}"):
         other = read_card(path)

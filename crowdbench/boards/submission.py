@@ -99,7 +99,8 @@ class Submission:
                 raise InputError(f"{self.card} has {key} as `new-planner` wrote it: say who you are, and what it does")
         if (directory := self.directory(root)).exists():
             raise InUse(f"{directory} exists already: choose another name, or remove it")
-        check_names(self.name, card, self.by, directory.parent.parent)
+        check_submitter(self.by, package(self.planner))
+        check_names(self.name, self.planner, card, self.by, directory.parent.parent)
 
     def copy_to(self, folder: Path) -> tuple[EntryPlanner, list[dict[str, Any]]]:
         """Copy the card, and the files of the planner and those that its options name, into the folder of an entry.

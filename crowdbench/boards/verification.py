@@ -131,7 +131,7 @@ def _check_board(entry: Entry, board: Board) -> None:
             f"({entry.spec.board_digest[:12]}) than these ({board.digest[:12]}): submit it again"
         )
     spec = entry.spec
-    check_names(entry.name, entry.card, spec.submitted_by, entry.directory.parent.parent)
+    check_names(entry.name, spec.planner, entry.card, spec.submitted_by, entry.directory.parent.parent)
     if sandbox.level() == sandbox.PROCESS:
         raise InputError("an entry is verified in a sandbox, for which bubblewrap is needed: install it")
 

@@ -285,6 +285,10 @@ def test_a_name_of_a_card_that_ships_and_of_another_entry_is_taken(root, tmp_pat
     (root / "cards" / "strange.toml").write_text("")
     with pytest.raises(InputError, match="'strange' is the name of a planner that ships"):
         rehearse(entered(tmp_path, PLANNER, root=root, name="strange", title='"Mine"'), root)
+    (root / "cards" / "social_force.toml").write_text("")
+    baseline = entered(tmp_path, PLANNER, root=root, name="social_force", title='"Mine"')
+    with pytest.raises(InputError, match="'social_force' is the name of a planner that ships"):
+        rehearse(dataclasses.replace(baseline, planner="social_force"), root)
     taken = "is the name of the entry careful"
     with pytest.raises(InputError, match=taken):
         rehearse(entered(tmp_path, PLANNER, root=root, name="care_ful", title='"Mine"'), root)
