@@ -276,7 +276,7 @@ def test_an_entry_is_not_called_as_a_planner_that_ships(name, title, tmp_path):
 
 
 def test_titles_are_ascii(tmp_path):
-    with pytest.raises(InputError, match="must be ASCII: other letters can look like these"):
+    with pytest.raises(InputError, match="must have letters of ASCII: others can look like these"):
         rehearse(entered(tmp_path, PLANNER, title='"\u041eRCA"'), tmp_path / "boards")
 
 
