@@ -246,12 +246,13 @@ def check_names(name: str, planner: str, card: CardSpec, submitter: str, folder:
         *(path.stem for path in (folder.parent / "cards").glob("*.toml")),
     ]
     taken = dict.fromkeys(map(fold, ships), "a planner that ships")
-    for path in (folder / ENTRIES).glob(f"*/{CARD}"):
-        other = read_card(path)
+    for path in (folder / ENTRIES).glob(f"*/{ENTRY}"):
         if path.parent.name != name:
-            is_own = fold(other.account or other.authors[0]) == fold(card.account or submitter)
-            names = [path.parent.name] if is_own else [path.parent.name, other.title]
-            taken |= dict.fromkeys(map(fold, names), f"the entry {path.parent.name}")
+            other, by = read_card(path.with_name(CARD)), str(files.read_json(path).get("submitted_by"))
+            is_own = fold(other.account or by) == fold(card.account or submitter)
+            names = [path.parent.name, *([] if is_own or fold(by) == MAINTAINERS else [other.title])]
+            if not is_own or fold(path.parent.name) == fold(name):
+                taken |= dict.fromkeys(map(fold, names), f"the entry {path.parent.name}")
     for own in (name, card.title):
         if whose := taken.get(fold(own)):
             raise InputError(f"{own!r} is the name of {whose}, or looks like it: choose another one")
