@@ -228,7 +228,7 @@ def fold(name: str) -> str:
 
 
 def check_names(name: str, planner: str, card: CardSpec, submitter: str, folder: Path) -> None:
-    """Raise InputError if an entry has the name or the title of another submitter's entry, or of a planner that ships.
+    """Raise InputError if an entry has the name of another entry, or the name or title of a planner that ships.
 
     Args:
         name: The name of the entry.
@@ -246,16 +246,10 @@ def check_names(name: str, planner: str, card: CardSpec, submitter: str, folder:
         *(path.stem for path in (folder.parent / "cards").glob("*.toml")),
     ]
     taken = dict.fromkeys(map(fold, ships), "a planner that ships")
-    for path in (folder / ENTRIES).glob(f"*/{ENTRY}"):
-        if path.parent.name != name:
-            other, by = read_card(path.with_name(CARD)), str(files.read_json(path).get("submitted_by"))
-            is_own = fold(other.account or by) == fold(card.account or submitter)
-            names = [path.parent.name, *([] if is_own or fold(by) == MAINTAINERS else [other.title])]
-            if not is_own or fold(path.parent.name) == fold(name):
-                taken |= dict.fromkeys(map(fold, names), f"the entry {path.parent.name}")
-    for own in (name, card.title):
-        if whose := taken.get(fold(own)):
-            raise InputError(f"{own!r} is the name of {whose}, or looks like it: choose another one")
+    others = [path.parent.name for path in (folder / ENTRIES).glob(f"*/{ENTRY}") if path.parent.name != name]
+    names = {**taken, **{fold(other): f"the entry {other}" for other in others}}
+    if whose := names.get(fold(name)) or taken.get(fold(card.title)):
+        raise InputError(f"{name!r}, {card.title!r} is the name of {whose}, or looks like it: choose another one")
 
 
 def check_submitter(name: str, package: str) -> None:

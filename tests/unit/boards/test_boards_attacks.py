@@ -283,27 +283,23 @@ def test_titles_are_ascii(tmp_path):
 def test_a_name_of_a_card_that_ships_and_of_another_entry_is_taken(root, tmp_path):
     (root / "cards").mkdir()
     (root / "cards" / "strange.toml").write_text("")
-    with pytest.raises(InputError, match="'strange' is the name of a planner that ships"):
+    with pytest.raises(InputError, match=r"'strange', .* is the name of a planner that ships"):
         rehearse(entered(tmp_path, PLANNER, root=root, name="strange", title='"Mine"'), root)
     (root / "cards" / "social_force.toml").write_text("")
     baseline = entered(tmp_path, PLANNER, root=root, name="social_force", title='"Mine"')
-    with pytest.raises(InputError, match="'social_force' is the name of a planner that ships"):
+    with pytest.raises(InputError, match=r"'social_force', .* is the name of a planner that ships"):
         rehearse(dataclasses.replace(baseline, planner="social_force"), root)
     taken = "is the name of the entry careful"
     with pytest.raises(InputError, match=taken):
         rehearse(entered(tmp_path, PLANNER, root=root, name="care_ful", title='"Mine"'), root)
-    same_title = entered(tmp_path, PLANNER, root=root, title='"A b planner b"')
-    same_title.check(root)  # entries of one submitter may share a title
-    with pytest.raises(InputError, match=taken):
-        dataclasses.replace(same_title, by="Eve").check(root)
 
 
 def test_a_forged_name_is_refused_by_those_who_verify_and_show_it(root, tmp_path):
     shutil.copytree(root / "small" / "entries" / "careful", root / "small" / "entries" / "sarl_cvm")
     board = read_board(root / "small")
-    with pytest.raises(InputError, match="'sarl_cvm' is the name of a planner that ships"):
+    with pytest.raises(InputError, match=r"'sarl_cvm', .* is the name of a planner that ships"):
         verify(read_entry(root / "small" / "entries" / "sarl_cvm"), board, work=tmp_path / "work")
-    with pytest.raises(InputError, match="'sarl_cvm' is the name of a planner that ships"):
+    with pytest.raises(InputError, match=r"'sarl_cvm', .* is the name of a planner that ships"):
         read_entries(board, root)
 
 
