@@ -244,7 +244,7 @@ def _as_table(value: Any) -> Mapping[str, Any]:
 def _load_unseen(
     kind: Kind, digests: Mapping[str, str], stand_in: Callable[[str], Any]
 ) -> Callable[[str], PluginWithDigest]:
-    """What `_make_loader` returns, with stand-ins for files of the user's own."""
+    """Return what `_make_loader` does, with stand-ins for files of the user's own."""
     load = _make_loader(kind, "", [], digests, "")
     return lambda name: (name, stand_in(name), digests[name]) if name in digests else load(name)
 

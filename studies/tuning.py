@@ -14,7 +14,7 @@ from crowdbench import InputError, Result, run
 from crowdbench.cli import main
 from crowdbench.cli.options import help_from_docstring
 
-SCENARIOS = "noisy_10", "unicycle_10", "doorway_8"
+SCENARIOS = "noisy_10", "unicycle_10", "doorway_10"
 """Noise, wheels and walls: the scenarios in which planners that plan are tuned."""
 
 COSTS = {"near": (3.0, 12.0), "fading": (0.7, 0.9), "growth": (0.15, 0.6), "sigma_factor": (0.2, 1.2)}

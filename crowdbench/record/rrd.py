@@ -23,7 +23,7 @@ ERRORS = (RuntimeError, ValueError, OSError)
 """Exceptions of Rerun and the file system."""
 
 FORGED = (LookupError, TypeError, AttributeError, ArithmeticError)
-"""What is raised besides where a Rerun file holds something else than crowdbench writes."""
+"""Further errors that are raised where a Rerun file has other contents than crowdbench writes."""
 
 
 PARTLY = "only a part was written, as on a full disk or under a limit of the size of files (ulimit -f)"

@@ -2,8 +2,8 @@
 
 index.html, replay.js           the page
 data/index.js                   scenarios, planners, outcomes, and the palette
-data/doorway_8/val-3.js         a case: the tracks of its episodes, one for each planner
-data/doorway_8/val-3.paths.js   what planners predicted, considered and planned in it, where that was recorded
+data/doorway_10/val-3.js         a case: the tracks of its episodes, one for each planner
+data/doorway_10/val-3.paths.js   what planners predicted, considered and planned in it, where that was recorded
 
 Data are scripts, because a page of a file system can read nothing else. Arrays are texts, see `pack`. Positions are
 rounded to `QUANTUM`.

@@ -146,7 +146,7 @@ def check_recorded(run: RunResult, recorded: Episodes, metrics: Mapping[str, Met
 
     Args:
         run: The run.
-        recorded: What was measured in its recording.
+        recorded: The episodes that were measured in its recording.
         metrics: The metrics by name; those with another source than in the run are not compared.
     """
     same = [name for name in recorded.columns if run.result["run"]["metrics"].get(name) == source_of(metrics[name])]

@@ -98,7 +98,7 @@ class RunResult:
 
         Args:
             directory: Its directory.
-            tables_only: Whether files beside `result.json` and `episodes.csv` may be missing.
+            tables_only: True where files beside `result.json` and `episodes.csv` may be missing.
 
         Raises:
             InputError: A file is missing, cannot be read, is not the one that the run wrote, or contradicts another.
@@ -129,7 +129,7 @@ class RunResult:
         """Yield what is wrong with the rows of `episodes.csv`: the file, and the rest of a sentence."""
         episodes, cases = self.episodes, self.cases
         if len(episodes) != len(cases) or not (episodes.case == cases.indices).all():
-            yield EPISODES, f"its cases are not those of {RESULT}, {cases}"
+            yield EPISODES, f"its cases differ from {cases}, as in {RESULT}"
         elif not ((episodes.steps >= 1) & (episodes.steps <= rules.max_steps)).all():
             yield EPISODES, f"steps are not all from 1 to {rules.max_steps}"
         if (episodes.block is not None) != ("tracks" in self.result["scenario"]):
@@ -161,7 +161,7 @@ class RunResult:
             check_size(commands, len(self.cases), rules.max_steps)
             for name in ("case", "steps"):
                 if not np.array_equal(getattr(self.commands, name), getattr(self.episodes, name)):
-                    yield COMMANDS, f"its {name} are not those of {EPISODES}"
+                    yield COMMANDS, f"its {name} differ from {EPISODES}"
         if recording.exists():
             from crowdbench.record.cases import read_header
 
@@ -172,7 +172,7 @@ class RunResult:
                     yield RECORDING, f"its {name} is {value!r}, but {RESULT} says {right[name]!r}"
             labels = [Outcome(outcome).label for outcome in self.episodes.outcome]
             if not ends.items() <= dict(zip(self.episodes.case.tolist(), labels, strict=True)).items():
-                yield RECORDING, f"its outcomes are not those of {EPISODES}"
+                yield RECORDING, f"its outcomes differ from {EPISODES}"
 
     @property
     def cases(self) -> Cases:
@@ -237,12 +237,12 @@ def _check_scenario(result: Mapping[str, Any], path: Path) -> Rules:
             continue
         catalog.set_key(changed, "pedestrians.policy" if key == "pedestrians" else key, value, path)
     if changed != table and load(changed).digest != right:
-        raise InputError(f"{path}: stated.overrides are not those of its table scenario")
+        raise InputError(f"{path}: stated.overrides differ from its table scenario")
     return scenario.rules
 
 
 def _agree(stated: Any, recomputed: Any) -> bool:
-    """Whether two values are the same. Another version of NumPy may add in another order."""
+    """Return whether two values are the same. Another version of NumPy may add in another order."""
     if is_number(stated) and isinstance(recomputed, float):
         return math.isclose(stated, recomputed, rel_tol=1e-9, abs_tol=1e-12)
     return type(stated) is type(recomputed) and stated == recomputed

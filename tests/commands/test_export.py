@@ -90,7 +90,7 @@ def conforms(value, kind):
     return isinstance(value, kind) and not isinstance(value, bool)
 
 
-@pytest.fixture(scope="module", params=["doorway_8", "car_12", "restless_20"])
+@pytest.fixture(scope="module", params=["doorway_10", "car_12", "restless_20"])
 def socnav(request, tmp_path_factory):
     """A scenario, a trace, and the content of the file of each of its cases."""
     folder = tmp_path_factory.mktemp("socnav")
@@ -145,7 +145,7 @@ def test_the_walls_of_a_socnav_file_are_in_its_grid(socnav):
     for content in contents:
         grid, cells = content["grid"], np.array(content["grid"]["data"])
         assert cells.shape == (grid["height"], grid["width"])
-        assert (len(content["walls"]) > 0) == cells.any() == (scenario == "doorway_8")
+        assert (len(content["walls"]) > 0) == cells.any() == (scenario == "doorway_10")
         walls = np.array(content["walls"]).reshape(-1, 1, 2, 2)
         points = (walls[:, :, 0] + np.linspace(0, 1, 9)[:, None] * (walls[:, :, 1] - walls[:, :, 0])).reshape(-1, 2)
         column, row = ((points - [grid["x_orig"], grid["y_orig"]]) // grid["cell_size"]).astype(int).T

@@ -558,7 +558,7 @@ def test_a_scenario_is_started_and_driven(tmp_path):
 
 
 def test_a_scenario_is_checked_as_its_file_says(tmp_path):
-    failed = CliRunner().invoke(app, ["check", "./mine.toml", "--scenario", "doorway_8"])
+    failed = CliRunner().invoke(app, ["check", "./mine.toml", "--scenario", "doorway_10"])
     assert "leave out --option and --scenario" in str(failed.exception)
     missing = CliRunner().invoke(app, ["check", str(tmp_path / "mine.toml")])
     assert "mine.toml" in str(missing.exception)

@@ -13,11 +13,11 @@ WORLDS = {
     "nobody": ("circle_crossing_5", {"pedestrians.number": 0}),
     "one": ("circle_crossing_5", {"pedestrians.number": 1}),
     "hidden vehicle": ("circle_crossing_5", {"vehicle.visible": False}),
-    "nobody among walls": ("doorway_8", {"pedestrians.number": 0}),
-    "walls": ("doorway_8", {}),
+    "nobody among walls": ("doorway_10", {"pedestrians.number": 0}),
+    "walls": ("doorway_10", {}),
     "a car": ("car_12", {}),
     "groups": ("groups_12", {}),
-    "limited sight": ("blind_corner_3", {}),
+    "limited sight": ("blind_corner_6", {}),
     "recorded": ("eth_recorded", {}),
 }
 

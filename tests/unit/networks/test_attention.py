@@ -148,13 +148,13 @@ def test_it_is_trained_and_drives(tmp_path, monkeypatch):
     trainings.shorten(monkeypatch, ppo, 4, CASES=16, CHUNK=2, VALIDATIONS=2)
     overrides = {"pedestrians.number": [1, 3], "time_limit": 4.0}
     sizes = {"worlds": 8, "steps": 16, "segments": 4}
-    config = PPOConfig(network="ppo_attention", scenario="doorway_8", overrides=overrides, seed=7, steps=300, ppo=sizes)
+    config = PPOConfig(network="ppo_attention", scenario="doorway_10", overrides=overrides, seed=7, steps=300, ppo=sizes)
     run = Runner.start(config, tmp_path / "a", "cpu")
     before = [each.clone() for each in run.training.network.parameters()]
     list(run.train())
     changed = [(new != old).any().item() for new, old in zip(run.training.network.parameters(), before, strict=True)]
     assert all(changed)
     assert (
-        "crowdbench train ppo_attention --scenario doorway_8"
+        "crowdbench train ppo_attention --scenario doorway_10"
         in run.finish(trainings.ignore).with_suffix(".md").read_text()
     )

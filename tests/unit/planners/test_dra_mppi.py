@@ -140,7 +140,7 @@ def test_it_drives_around_a_block():
 
 
 def test_a_case_is_the_same_alone_and_in_company():
-    scenario = load_scenario("doorway_8", {"time_limit": 3.0})
+    scenario = load_scenario("doorway_10", {"time_limit": 3.0})
     options = {"predictor": "constant_velocity_sampled", "samples": 30, "points": 400}
     driver = Driver(load_planner("dra_mppi", options)[1], "dra_mppi")
     together = rollout(driver, scenario, Cases("val", 0, 4))

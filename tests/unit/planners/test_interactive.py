@@ -16,7 +16,7 @@ FOLDER = PLANNERS.folder / "mppi_interactive"
 interactive = load_module(FOLDER / "mppi_interactive.py")
 goal_belief, geodesics = load_module(FOLDER / "goal_belief.py"), load_module(FOLDER / "geodesics.py")
 
-DOOR = load_scenario("doorway_8")
+DOOR = load_scenario("doorway_10")
 STEPS = 18
 
 

@@ -166,7 +166,7 @@ def test_every_edited_column_is_refused(forged, column):
     ]
     (forged / "episodes.csv").write_text("".join(",".join(line) + "\n" for line in lines))
     reseal(forged)
-    with pytest.raises(InputError, match=column if column != "steps" else "steps are not those of"):
+    with pytest.raises(InputError, match=column if column != "steps" else "steps differ from"):
         RunResult.read(forged)
 
 
@@ -335,7 +335,7 @@ def test_a_scenario_is_checked_without_the_files_of_its_author(kind, tmp_path, m
     assert RunResult.read(tmp_path / "run").result["scenario"] == table
     for change, said in (
         (lambda result: set_value(result["scenario"], field, wrong), "run.scenario is"),
-        (lambda result: result["stated"]["overrides"].update({".".join(field): wrong}), "stated.overrides are not"),
+        (lambda result: result["stated"]["overrides"].update({".".join(field): wrong}), "stated.overrides differ"),
         (lambda result: result["scenario"]["pedestrians"].update(radius=10**9), "radius is 1000000000"),
     ):
         forged = shutil.copytree(tmp_path / "run", tmp_path / "forged", dirs_exist_ok=True)

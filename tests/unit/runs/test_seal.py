@@ -133,24 +133,24 @@ def another_runs(directory):
 FORGERIES = {
     "deleted failures": (
         rows(lambda header, table: [row for row in table if not failed(row)]),
-        "episodes.csv: its cases are not those of result.json, test:0:12",
+        "episodes.csv: its cases differ from test:0:12, as in result.json",
     ),
     "half the rows": (
         rows(lambda header, table: table[:6]),
-        "episodes.csv: its cases are not those of result.json, test:0:12",
+        "episodes.csv: its cases differ from test:0:12, as in result.json",
     ),
     "doubled rows": (
         rows(lambda header, table: table * 2),
-        "episodes.csv: its cases are not those of result.json, test:0:12",
+        "episodes.csv: its cases differ from test:0:12, as in result.json",
     ),
     "a row twice": (
         rows(lambda header, table: [table[0], *table[:11]]),
-        "episodes.csv: its cases are not those of result.json, test:0:12",
+        "episodes.csv: its cases differ from test:0:12, as in result.json",
     ),
-    "other cases": (cells("case", "7"), "episodes.csv: its cases are not those of result.json, test:0:12"),
+    "other cases": (cells("case", "7"), "episodes.csv: its cases differ from test:0:12, as in result.json"),
     "fewer cases": (
         result(lambda table: table["run"].update(cases="test:0:11")),
-        "episodes.csv: its cases are not those of result.json, test:0:11",
+        "episodes.csv: its cases differ from test:0:11, as in result.json",
     ),
     "another outcome": (
         cells("outcome", "success", failed),
