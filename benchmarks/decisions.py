@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import time
 from collections.abc import Callable, Iterator
 from statistics import mean, median
 
@@ -98,15 +99,22 @@ def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
     yield Measurement(work, (imitation + rounds * mean(durations)) / 60, "min")
 
 
-def measure_ppo_training(steps: int = 100_000) -> Iterator[Measurement]:
-    """Steps per second of a training of a policy, without validations.
+def measure_ppo_training(steps: int = 60_000) -> Iterator[Measurement]:
+    """Steps per second of a processor in trainings of policies, without validations and without the cases' draw.
 
     Args:
-        steps: Number of steps of the training.
+        steps: Number of steps of each training.
     """
-    training = PPOTraining(PPOConfig(network="ppo", steps=steps), "cpu")
-    duration = seconds(functools.partial(training.train_until, 1.0))
-    yield Measurement("training of a policy by PPO, 1 to 10 pedestrians", training.amount / duration, "steps/s")
+    attention = {"network": "ppo_attention", "reward": "safe_progress", "ppo": {"worlds": 512, "epochs": 2}}
+    options = {"circle_crossing_mixed": {"network": "ppo"}, "streams": attention, "corner": attention}
+    for scenario, given in options.items():
+        training = PPOTraining(PPOConfig(scenario=scenario, steps=10**9, **given), "cpu")
+        training.train_until(0.0)  # draws the cases, and updates once
+        begin, done = time.process_time(), training.amount
+        while training.amount - done < steps:
+            training.update()
+        speed = (training.amount - done) / (time.process_time() - begin)
+        yield Measurement(f"training of {given['network']} in {scenario}, per second of a core", speed, "steps/s")
 
 
 def measure_large_crowds(cases: int = 40) -> Iterator[Measurement]:

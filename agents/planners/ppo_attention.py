@@ -1,8 +1,9 @@
-"""A recurrent policy that attends to where people will be, trained by PPO in CrowdNav++'s crowds, without a lookahead.
+"""A recurrent policy that attends to where people will be, trained by PPO in many worlds, without a lookahead.
 
 Liu, Chang, Huang, Chakraborty, Liang, Geng, McPherson and Driggs-Campbell, "Intention Aware Robot Crowd Navigation with
 Attention-Based Interaction Graph", ICRA 2023, arXiv:2203.01821. The policy is shown the present and the next five steps
-of everybody, walls and its own motion, attends among people and from the vehicle to them, and remembers.
+of the nearest eight people, walls, its way and its own motion, attends from the vehicle to people, and remembers. Drive
+it with `filter=kalman`, as in its training.
 """
 
 from crowdbench.planners.policy import NetworkPlanner, load_policy

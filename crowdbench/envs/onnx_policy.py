@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 METADATA = "crowdbench"
 """Metadata key of the training conditions of a policy.
 
-JSON of a table with `observation`, `action` and `nearest` (see `PolicyPlanner`), `scenario` (its name), `dynamics` (of
-the vehicle), `dt` (in seconds), and `pedestrians` (their largest number). Each may be missing. Normalisation and
-squashing are in the graph.
+JSON of a table with `observation`, `action`, `nearest` and `rays` (see `PolicyPlanner`), `scenario` (its name),
+`dynamics` (of the vehicle), `dt` (in seconds), and `pedestrians` (their largest number). Each may be missing.
+Normalisation and squashing are in the graph.
 """
 
 STATE = "state"
@@ -71,7 +71,7 @@ def load_onnx(
         raise InputError(f"{file} does not say how it was trained: give {options}; see crowdbench list planners {file}")
     state = [tuple(one.shape[1:]) for one in session.get_inputs() if one.name.startswith(STATE)]
     view = trained["observation"], trained["action"], trained.get("nearest", NEAREST)
-    planner = PolicyPlanner(_function(file, session), *view, state, trained.get("dynamics"))
+    planner = PolicyPlanner(_function(file, session), *view, state, trained.get("dynamics"), trained.get("rays", 0))
     planner.trained_pedestrians = int(trained["pedestrians"]) if "pedestrians" in trained else None
     planner.trained_dt = float(trained["dt"]) if "dt" in trained else None
     return planner

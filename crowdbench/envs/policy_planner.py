@@ -34,6 +34,7 @@ class PolicyPlanner(Planner):
         nearest: How many pedestrians it observes in the frame of the goal, at most.
         state: The shapes of the arrays that a recurrent policy remembers of one world; zeros where an episode starts.
         dynamics: The dynamics of the vehicles that it may drive, such as `holonomic`; any if None.
+        rays: How many rays to walls it observes in the frame of the goal.
 
     Raises:
         InputError: There is no such observation or action.
@@ -45,9 +46,10 @@ class PolicyPlanner(Planner):
     nearest: int = NEAREST
     state: Sequence[tuple[int, ...]] = ()
     dynamics: str | None = None
+    rays: int = 0
 
     def __post_init__(self) -> None:
-        check_view(self.observation, self.action, self.nearest)
+        check_view(self.observation, self.action, self.nearest, self.rays)
         self.native = self.action == "native"
         self.reset(np.arange(0))
 
@@ -76,7 +78,7 @@ class PolicyPlanner(Planner):
 
     def _act(self, obs: Observation) -> Any:
         """Return what the function answers, and keep its state."""
-        observed = encode(obs, self.observation, self.nearest)
+        observed = encode(obs, self.observation, self.nearest, self.rays)
         if not self.state:
             return self.function(observed)
         if len(self.memory[0]) <= obs.row.max():  # asked without a reset

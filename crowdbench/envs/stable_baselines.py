@@ -37,6 +37,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         observation: `flat`, `goal_frame` or `dict`.
         action: `world`, `goal_frame` or `native`.
         nearest: How many pedestrians are seen in the frame of the goal, at most.
+        rays: How many rays to walls are seen in the frame of the goal.
         cases: How many training cases there are.
 
     Raises:
@@ -52,13 +53,14 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         observation: str = "dict",
         action: str = "goal_frame",
         nearest: int = NEAREST,
+        rays: int = 0,
         cases: int = CASES,
     ) -> None:
         for name, number in {"num_envs": num_envs, "cases": cases}.items():
             if number < 1:
                 raise InputError(f"{name} is {number}, but must be 1 or more")
         self.scenario = stepping.as_scenario(scenario)
-        self.view = View(self.scenario, observation, action, nearest)
+        self.view = View(self.scenario, observation, action, nearest, rays)
         self.render_mode = None
         self._running = TrainingWorlds(num_envs, self.view, load_reward(reward), cases)
         self._is_reset = False

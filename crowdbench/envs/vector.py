@@ -48,6 +48,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         observation: `flat`, `goal_frame` or `dict`.
         action: `world`, `goal_frame` or `native`.
         nearest: How many pedestrians are seen in the frame of the goal, at most.
+        rays: How many rays to walls are seen in the frame of the goal.
 
     Raises:
         InputError: Scenario, render mode, reward, observation or action do not exist.
@@ -63,6 +64,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         observation: str = "flat",
         action: str = "world",
         nearest: int = NEAREST,
+        rays: int = 0,
     ) -> None:
         self.num_envs = num_envs
         self.scenario = stepping.as_scenario(scenario)
@@ -73,7 +75,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             raise InputError(f"render_mode is {render_mode!r}, but many worlds have {', '.join(MODES)} alone, or None")
         self.render_mode = render_mode
         self._renderers = [Renderer(render_mode) for _ in range(num_envs)]
-        self.view = View(self.scenario, observation, action, nearest)
+        self.view = View(self.scenario, observation, action, nearest, rays)
         self.reward = load_reward(reward)
         self.single_observation_space = self.view.observation_space
         self.single_action_space = self.view.action_space

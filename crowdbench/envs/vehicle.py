@@ -37,6 +37,7 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         observation: `flat`, `goal_frame` or `dict`.
         action: `world` or `goal_frame`: the axes of a velocity; or `native`: commands of the vehicle's dynamics.
         nearest: How many pedestrians are seen in the frame of the goal, at most.
+        rays: How many rays to walls are seen in the frame of the goal.
 
     Raises:
         InputError: Scenario, render mode, reward, observation or action do not exist.
@@ -52,9 +53,10 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         observation: str = "flat",
         action: str = "world",
         nearest: int = NEAREST,
+        rays: int = 0,
     ) -> None:
         loaded = stepping.as_scenario(scenario)
-        super().__init__(View(loaded, observation, action, nearest), render_mode, reward)
+        super().__init__(View(loaded, observation, action, nearest, rays), render_mode, reward)
         self.observation_space, self.action_space = self.view.observation_space, self.view.action_space
 
     def reset(

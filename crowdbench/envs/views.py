@@ -3,10 +3,12 @@
 Observations, of the vehicle:
 
 - `flat`: a vector along the axes of the world, see `crowdbench.envs.observations`.
-- `goal_frame`: a vector in the frame of the goal, see `crowdbench.networks.features`: the vehicle's numbers, then the
-  numbers of each pedestrian and 1 where there is one.
+- `goal_frame`: a vector in the frame of the goal, see `crowdbench.networks.features`: the vehicle's numbers,
+  then those of each pedestrian and 1 where there is one. With `rays`, also the parts `motion` and `rays`.
 - `dict`: the same as a dictionary of `vehicle`, `pedestrians`, `mask` (1 where there is a pedestrian), and `history`,
-  the last 8 positions of each pedestrian; and `lidar` where the vehicle has one, as `Observation.lidar`.
+  the last 8 positions of each pedestrian; `lidar` where the vehicle has one, as `Observation.lidar`; and with `rays`,
+  `motion` and `rays`: how the vehicle moves and its next two waypoints, and the distances to walls along so many rays,
+  see `crowdbench.networks.features_ahead`.
 
 The vehicle sees by the scenario's sensor.
 
@@ -40,6 +42,7 @@ from crowdbench.networks.features import (
     histories,
     to_world,
 )
+from crowdbench.networks.features_ahead import MOTION, REACH, motion, wall_distances
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import EXTENT
 from crowdbench.scenario.scenario import Scenario
@@ -49,7 +52,7 @@ from crowdbench.utils.errors import InputError, is_number
 OBSERVATIONS = ("flat", "goal_frame", "dict")
 ACTIONS = ("world", "goal_frame", "native")
 
-KEYS = ("vehicle", "pedestrians", "mask", "lidar", "history")
+KEYS = ("vehicle", "pedestrians", "mask", "lidar", "motion", "rays", "history")
 """The keys of a dictionary that is observed, in its order; that of its space is alphabetical."""
 
 NEAREST = 10
@@ -68,6 +71,7 @@ class View:
         observation: One of `OBSERVATIONS`.
         action: One of `ACTIONS`.
         nearest: How many pedestrians are seen in the frame of the goal, at most.
+        rays: How many rays to walls are seen in the frame of the goal; 0 for none, and for no part `motion`.
 
     Raises:
         InputError: There is no such observation or action.
@@ -77,9 +81,10 @@ class View:
     observation: str = "flat"
     action: str = "world"
     nearest: int = NEAREST
+    rays: int = 0
 
     def __post_init__(self) -> None:
-        check_view(self.observation, self.action, self.nearest)
+        check_view(self.observation, self.action, self.nearest, self.rays)
 
     @property
     def observation_space(self) -> spaces.Space[Any]:
@@ -92,11 +97,13 @@ class View:
             "pedestrians": _box(k, PEDESTRIAN_FEATURES),
             "mask": Box(0.0, 1.0, (k,), np.float64),
         }
+        if self.rays:
+            parts |= {"motion": _box(MOTION + 4), "rays": Box(0.0, REACH, (self.rays,), np.float64)}
         if self.observation == "dict":
             if lidar := self.scenario.rules.sensor.lidar:
                 parts["lidar"] = Box(0.0, lidar.range, (lidar.beams,), np.float64)
             return spaces.Dict({**parts, "history": _box(HISTORY, k, 2)})
-        return _box(VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1))
+        return _box(VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1) + (MOTION + 4 + self.rays if self.rays else 0))
 
     @property
     def action_space(self) -> Box:
@@ -114,7 +121,7 @@ class View:
         """Return the observation of each world."""
         if self.observation == "flat":
             return flatten_vehicle(worlds)
-        return encode(observe(worlds), self.observation, self.nearest)
+        return encode(observe(worlds), self.observation, self.nearest, self.rays)
 
     def commands(self, position: Vectors, goal: Vectors, action: Vectors) -> Vectors:
         """The velocities in m/s, along the axes of the world, that actions ask for; native actions as they are.
@@ -134,31 +141,36 @@ class View:
         return worlds.rules.dynamics.follow(state, velocity, worlds.preferred_speed[:, 0], worlds.rules.dt)
 
 
-def check_view(observation: str, action: str, nearest: int) -> None:
-    """Raise InputError where there is no such observation or action, or `nearest` is no number of pedestrians."""
+def check_view(observation: str, action: str, nearest: int, rays: int) -> None:
+    """Raise InputError where there is no such observation or action, or a number is impossible."""
     for name, value, known in (("observation", observation, OBSERVATIONS), ("action", action, ACTIONS)):
         if value not in known:
             raise InputError(f"{name} is {value!r}, but must be one of {', '.join(known)}")
     if not (isinstance(nearest, int) and nearest >= 1):
         raise InputError(f"nearest is {nearest!r}, but must be a whole number of pedestrians, 1 or more")
+    if not (isinstance(rays, int) and rays >= 0 and (rays == 0 or observation != "flat")):
+        raise InputError(f"rays is {rays!r}, but must be a whole number, 0 where the observation is flat")
 
 
-def encode(obs: Observation, observation: str, nearest: int) -> Observed:
+def encode(obs: Observation, observation: str, nearest: int, rays: int = 0) -> Observed:
     """Return what a policy is shown of what a planner sees.
 
     Args:
         obs: The observation.
         observation: One of `OBSERVATIONS`.
         nearest: How many pedestrians are shown in the frame of the goal, at most.
+        rays: How many rays to walls are shown.
     """
     if observation == "flat":
         return flatten(obs)
     numbers = features(obs, nearest)
     mask = numbers.seen.astype(np.float64)
+    axis = numbers.axis
+    ahead = {"motion": motion(obs, axis), "rays": wall_distances(obs, axis, rays)} if rays else {}
     if observation == "goal_frame":
         pedestrians = np.concatenate([numbers.pedestrians, mask[..., None]], axis=2)
-        return np.concatenate([numbers.vehicle, pedestrians.reshape(len(obs), -1)], axis=1)
-    parts = {"vehicle": numbers.vehicle, "pedestrians": numbers.pedestrians, "mask": mask}
+        return np.concatenate([numbers.vehicle, pedestrians.reshape(len(obs), -1), *ahead.values()], axis=1)
+    parts = {"vehicle": numbers.vehicle, "pedestrians": numbers.pedestrians, "mask": mask, **ahead}
     if obs.lidar is not None:
         parts["lidar"] = obs.lidar
     return {**parts, "history": histories(obs, numbers)}

@@ -1,13 +1,13 @@
-"""Further input of a recurrent policy: predicted positions of people, walls, and how it moves.
+"""What a recurrent policy is shown beyond `features`: where people are predicted to be, its way, walls, how it moves.
 
 In the same frame of the goal, after the numbers of `crowdbench.networks.features`:
 
-    vehicle:     heading as cosine and sine, turn rate, 1 for a unicycle, 1 for a bicycle, how far its farthest disc is
-                 from its position, and of the nearest walls x, y, and 1 where there is one
+    vehicle:     heading as cosine and sine, turn rate, 1 for a unicycle, 1 for a bicycle, distance of its farthest disc
+                 from its position, the next two waypoints x, y, and the distances to walls along `RAYS` rays
     pedestrian:  position x, y after each of the next steps, time since it was seen, radius in which it may be
 
-A wall is the nearest point of an edge of an obstacle, in metres, 45 degrees or more from walls that are nearer; the
-turn rate is in rad/s, times are in seconds.
+in metres, seconds and rad/s. The goal stands for a waypoint that is missing. The first ray lies along the x axis, the
+others follow counter-clockwise; a ray that meets no wall is `REACH` long.
 """
 
 from __future__ import annotations
@@ -18,42 +18,37 @@ from jaxtyping import Float
 from crowdbench.core.dynamics import Bicycle, Unicycle, reach
 from crowdbench.core.types import Observation
 from crowdbench.networks.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES, Features, features, to_goal_frame
+from crowdbench.sim.lines_of_sight import measure_all_beams
 
 Positions = Float[np.ndarray, "world time pedestrian 2"]
 
 STEPS = 5
 """Predicted steps (Liu et al. 2023)."""
 
-WALLS = 4
-"""Walls that are shown, the nearest ones in directions that differ."""
+RAYS = 24
+"""Rays along which the distance to walls is shown."""
 
 REACH = 5.0
-"""Distance in metres up to which a wall is shown, and the largest age in seconds of what was seen."""
+"""Length of a ray in metres, and the largest age in seconds of what was seen."""
 
-VEHICLE_AHEAD = VEHICLE_FEATURES + 6 + 3 * WALLS
+MOTION = 6
+"""Numbers about how the vehicle moves."""
+
+VEHICLE_AHEAD = VEHICLE_FEATURES + MOTION + 4 + RAYS
 PEDESTRIAN_AHEAD = PEDESTRIAN_FEATURES + 2 * STEPS + 2
 """Numbers about the vehicle, and about each pedestrian."""
 
 
-def features_ahead(
-    obs: Observation, nearest: int, ahead: Positions, walls: Float[np.ndarray, "world wall 2"]
-) -> Features:
-    """The features of an observation with a prediction.
+def features_ahead(obs: Observation, nearest: int, ahead: Positions) -> Features:
+    """Return the features of an observation with a prediction.
 
     Args:
-        obs: The observation.
-        nearest: How many pedestrians are shown, at most.
-        ahead: Where they are predicted to be after each of the next `STEPS` steps, in metres.
-        walls: The nearest points of the `WALLS` nearest walls in metres, NaN where there are fewer.
+        obs: What the vehicle sees.
+        nearest: Largest number of pedestrians that are shown.
+        ahead: Predicted positions after each of the next `STEPS` steps, in metres.
     """
-    shown, own = features(obs, nearest), obs.vehicle
-    facing = to_goal_frame(np.stack([np.cos(own.heading), np.sin(own.heading)], axis=1), shown.axis)
-    near = to_goal_frame(walls - own.position[:, None], shown.axis)
-    near = np.concatenate([np.nan_to_num(near), np.isfinite(near[..., :1])], axis=2).reshape(len(obs), -1)
-    kind = np.array([isinstance(own.dynamics, Unicycle), isinstance(own.dynamics, Bicycle), reach(own.body)], float)
-    vehicle = np.concatenate(
-        [shown.vehicle, facing, own.angular_speed[:, None], np.tile(kind, (len(obs), 1)), near], axis=1
-    )
+    shown = features(obs, nearest)
+    vehicle = np.concatenate([shown.vehicle, motion(obs, shown.axis), wall_distances(obs, shown.axis, RAYS)], axis=1)
     pedestrians = np.zeros((*shown.pedestrians.shape[:2], PEDESTRIAN_AHEAD))
     pedestrians[..., :PEDESTRIAN_FEATURES] = shown.pedestrians
     if obs.pedestrians.seen.shape[1] > 0:
@@ -61,8 +56,30 @@ def features_ahead(
     return shown._replace(vehicle=vehicle, pedestrians=pedestrians)
 
 
+def motion(obs: Observation, axis: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world numbers"]:
+    """Return how the vehicle moves, what it is, and its next two waypoints, in the frame of the goal."""
+    own = obs.vehicle
+    facing = to_goal_frame(np.stack([np.cos(own.heading), np.sin(own.heading)], axis=1), axis)
+    kind = np.array([isinstance(own.dynamics, Unicycle), isinstance(own.dynamics, Bicycle), reach(own.body)], float)
+    way = np.concatenate([own.route, np.repeat(own.goal[:, None], 2, axis=1)], axis=1)
+    way = np.where(np.isnan(way), own.goal[:, None], way)
+    following = np.minimum(own.waypoint[:, None] + np.arange(2), way.shape[1] - 1)
+    near = np.take_along_axis(way, following[..., None], axis=1) - own.position[:, None]
+    numbers = facing, own.angular_speed[:, None], np.tile(kind, (len(obs), 1)), to_goal_frame(near, axis)
+    return np.concatenate([part.reshape(len(obs), -1) for part in numbers], axis=1)
+
+
+def wall_distances(obs: Observation, axis: Float[np.ndarray, "world 2"], rays: int) -> Float[np.ndarray, "world ray"]:
+    """Return the distances in metres from the vehicle to walls along rays, the first along `axis`; at most `REACH`."""
+    distance = np.empty((len(obs), rays))
+    nobody = np.zeros((len(obs), 1))
+    angle, position = np.arctan2(axis[:, 1], axis[:, 0]), np.ascontiguousarray(obs.vehicle.position[:, None])
+    measure_all_beams(angle, position, nobody, nobody.astype(bool), obs.obstacles, REACH, distance)
+    return distance
+
+
 def _ahead(obs: Observation, shown: Features, ahead: Positions) -> Float[np.ndarray, "world nearest numbers"]:
-    """Return numbers on each shown pedestrian's future and its observation; 0 where there is no pedestrian."""
+    """Return the future of each shown pedestrian and how much is known of it; 0 where there is nobody."""
     which, crowd = np.maximum(shown.which, 0), obs.pedestrians
     position = np.take_along_axis(ahead, which[:, None, :, None], axis=2).swapaxes(1, 2)
     position = to_goal_frame(position - obs.vehicle.position[:, None, None], shown.axis).reshape(*which.shape, -1)

@@ -62,6 +62,11 @@ class KalmanFilter:
         self.worlds = len(rows)
         self.tracks: _Tracks | None = None
 
+    def forget(self, rows: Int[np.ndarray, "world"]) -> None:
+        """Forget everybody in some worlds, in which another episode starts."""
+        if self.tracks is not None:
+            self.tracks.age[rows], self.tracks.time[rows] = np.inf, 0.0
+
     def filter(self, obs: Observation) -> Observation:
         """Return the filtered observation: estimates of the present, with their deviation."""
         if self.tracks is None:

@@ -135,7 +135,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`."""
         self.last.check_length(steps)
-        first, noise = self._first_guesses(obs), self._noise(obs)
+        first, noise = self.first_guesses(obs), self._noise(obs)
         prediction = predict(self.predictor, obs, self.horizon, first[:, 0])
         best, path = np.empty((2, len(obs), self.horizon, 2))
         shown = np.empty((len(obs), min(SHOWN, self.search.samples), self.horizon, 3))
@@ -145,7 +145,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
             chunk = obs.take(part)
             scene = scene_of(chunk, futures, 0, chunk.vehicle, self.horizon)
             inflation = radius_inflation(chunk, self.horizon, self.weights.sigma_factor)
-            best[part], paths = self._search(scene, inflation, hidden_scene(chunk, scene), first[part], noise[part])
+            best[part], paths = self.optimize(scene, inflation, hidden_scene(chunk, scene), first[part], noise[part])
             order = np.argsort(-paths[:, :, 0, 2], axis=1, kind="stable")[:, : shown.shape[1], None, None]
             shown[part] = np.take_along_axis(paths, order, axis=1)
             if obs.logs is not None:
@@ -160,8 +160,8 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
             obs.log("planned", path[:, :, None])
         return best[:, :steps]
 
-    def _first_guesses(self, obs: Observation) -> Sequences:
-        """The rest of the last plan, the way to the goal, and constant commands."""
+    def first_guesses(self, obs: Observation) -> Sequences:
+        """Return the rest of the last plan, the way to the goal, and constant commands."""
         vehicle, straight = obs.vehicle, np.empty((len(obs), self.horizon, 2))
         dynamics, speed = vehicle.dynamics, vehicle.preferred_speed
         for t in range(self.horizon):
@@ -178,10 +178,18 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
             noise[..., t, :] = correlation * noise[..., t - 1, :] + innovation * noise[..., t, :]
         return np.concatenate([noise, -noise], axis=2)[:, :, : self.search.samples]
 
-    def _search(
+    def optimize(
         self, scene: Scene, inflation: RadiusInflation, hidden: Scene | None, guesses: Sequences, noise: Noise
     ) -> tuple[Sequence, Paths]:
-        """The sequence that is driven in each world, and where the samples of the last round lead."""
+        """Return the sequence that is driven in each world, and where the samples of the last round lead.
+
+        Args:
+            scene: The vehicles and the pedestrians.
+            inflation: The enlargement of each pedestrian's radius in each step.
+            hidden: The scene with whom walls may hide.
+            guesses: Sequences of commands with which the search begins.
+            noise: Noise of standard deviation 1.
+        """
         spread = self.search.spread * _range(scene)[:, None, None]
         candidates, world = guesses, np.arange(len(guesses))
         cost, _ = self.costs(scene, guesses, inflation, hidden)

@@ -13,21 +13,20 @@ import torch
 from jaxtyping import Float
 
 from crowdbench.core.dynamics import Holonomic
-from crowdbench.core.types import Observation, Vehicle
+from crowdbench.core.types import Observation
 from crowdbench.networks.encoders import POLICIES, make_policy
 from crowdbench.networks.features import Features, Vectors, features, in_disc, in_range, to_world
-from crowdbench.networks.features_ahead import REACH, STEPS, WALLS, features_ahead
+from crowdbench.networks.features_ahead import STEPS, features_ahead
 from crowdbench.networks.policy import Policy, Seen
 from crowdbench.networks.threads import in_chunks
 from crowdbench.networks.weights import digest, load_into, read_card, training_dt, weights_file
 from crowdbench.planners.base import Planner
-from crowdbench.planners.reactive import along_walls
+from crowdbench.planners.reactive import along_walls, brake_at_walls
 from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function
 from crowdbench.predict import Predictor
 from crowdbench.predict.base import predict
 from crowdbench.predict.load import load_predictor
-from crowdbench.sim.lines_of_sight import nearest_walls
 from crowdbench.utils.errors import InputError, is_integer
 
 CHUNK = 4096
@@ -53,21 +52,22 @@ class PolicyInterface:
         """Return the input of the policy for an observation."""
         if self.predictor is None:
             return features(obs, self.nearest)
-        prediction = predict(self.predictor, obs, STEPS)
-        walls = nearest_walls(obs.vehicle.position, obs.obstacles, WALLS, REACH)
-        return features_ahead(obs, self.nearest, prediction.position[:, 0], walls)
+        return features_ahead(obs, self.nearest, predict(self.predictor, obs, STEPS).position[:, 0])
 
-    def commands(self, action: Vectors, vehicle: Vehicle, axis: Vectors) -> Vectors:
-        """The commands that actions stand for; velocities in m/s, along the axes of the world, without a predictor.
+    def commands(self, action: Vectors, obs: Observation, axis: Vectors) -> Vectors:
+        """Return the commands that actions stand for, corrected along walls.
+
+        Velocities in m/s along the axes of the world where there is no predictor.
 
         Args:
             action: The actions of a policy.
-            vehicle: The vehicles.
+            obs: What the vehicle sees.
             axis: The direction of the goal, as `Features` has it.
         """
+        vehicle = obs.vehicle
         if self.predictor is None or isinstance(vehicle.dynamics, Holonomic):
-            return to_world(in_disc(action, vehicle.preferred_speed), axis)  # the direction is kept
-        return in_range(action, *vehicle.dynamics.space(vehicle.preferred_speed))
+            return along_walls(obs, to_world(in_disc(action, vehicle.preferred_speed), axis))  # the direction is kept
+        return brake_at_walls(obs, in_range(action, *vehicle.dynamics.space(vehicle.preferred_speed)))
 
 
 @dataclass(eq=False)
@@ -125,9 +125,7 @@ class NetworkPlanner(Planner):
 
         in_chunks(fill, len(obs), CHUNK)
         self.memory[row] = before
-        command = self.interface.commands(action, obs.vehicle, shown.axis)
-        # Policies without a memory have learnt in worlds without obstacles.
-        return command if self.native else along_walls(obs, command)
+        return self.interface.commands(action, obs, shown.axis)
 
 
 def load_policy(

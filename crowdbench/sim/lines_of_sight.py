@@ -1,5 +1,4 @@
-"""Straight lines from the vehicle: visible pedestrians, where the beams of a lidar end, which walls are nearest.
-Compiled.
+"""Straight lines from the vehicle: whom they show, and where the beams of a lidar end. Compiled.
 
 Obstacles are polygons `[polygon, corner, 2]` in metres, NaN after the last corner, of which only the edges count.
 """
@@ -10,17 +9,15 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float
 
-from crowdbench.core.arrays import Walls, WorldPoints
-from crowdbench.sim.obstacles import nearest_on_segment, number_of_corners
+from crowdbench.sim.obstacles import number_of_corners
 from crowdbench.utils.compiled import njit
 
 
 @no_type_check
 @njit(error_model="numpy")
 def is_hidden(seen, position, radius, present, obstacles):
-    """Return whether walls and other people hide an agent from the vehicle. Compiled.
+    """Whether walls and other people hide an agent from the vehicle. Compiled.
 
     It is hidden if none of three points can be seen from the vehicle's position: its centre, and the two ends of its
     diameter across the line of sight.
@@ -33,7 +30,7 @@ def is_hidden(seen, position, radius, present, obstacles):
         obstacles (array): `[polygon, corner, 2]`, in metres.
 
     Returns:
-        hidden (bool): True if it is hidden.
+        hidden (bool): Whether it is hidden.
     """
     x, y = position[0, 0], position[0, 1]
     dx, dy = position[seen, 0] - x, position[seen, 1] - y
@@ -51,8 +48,7 @@ def is_hidden(seen, position, radius, present, obstacles):
 @no_type_check
 @njit(error_model="numpy")
 def _is_behind_people(dx, dy, seen, position, radius, present):
-    """Return whether a line from the vehicle, which ends at (dx, dy) from it, meets the disc of another agent than
-    `seen`."""
+    """Whether a line from the vehicle, which ends at (dx, dy) from it, meets the disc of another agent than `seen`."""
     squared = dx * dx + dy * dy
     for a in range(1, len(radius)):
         if a == seen or not present[a]:
@@ -122,59 +118,3 @@ def measure_all_beams(heading, position, radius, present, obstacles, reach, dist
                 if root > 0.0 and along + math.sqrt(root) > 0.0:  # not behind
                     least = min(least, max(along - math.sqrt(root), 0.0))
             distance[w, k] = least
-
-
-APART = math.cos(math.radians(45.0))
-"""Two walls are shown only if they are at least 45 degrees apart, so that a block nearby does not stand for all."""
-
-
-def nearest_walls(
-    position: WorldPoints, obstacles: Walls, number: int, reach: float
-) -> Float[np.ndarray, "world wall 2"]:
-    """The nearest points of the nearest edges of obstacles in directions that differ, nearest first.
-
-    Args:
-        position: Points in metres.
-        obstacles: Polygons in metres, NaN after the last corner.
-        number: How many points of each world.
-        reach: The largest distance in metres.
-
-    Returns:
-        Points in metres, NaN where fewer are within reach.
-    """
-    walls = np.full((len(position), number, 2), np.nan)
-    _fill_walls(np.ascontiguousarray(position), np.ascontiguousarray(obstacles), reach, walls)
-    return walls
-
-
-@no_type_check
-@njit(error_model="numpy")
-def _fill_walls(position, obstacles, reach, walls):
-    """Fill `walls`, see `nearest_walls`."""
-    for w in range(len(position)):
-        x, y = position[w, 0], position[w, 1]
-        for slot in range(walls.shape[1]):
-            nearest = reach
-            for polygon in obstacles[w]:
-                corners = number_of_corners(polygon)
-                for k in range(corners if corners > 2 else corners - 1):
-                    a, b = polygon[k], polygon[(k + 1) % corners]
-                    point = nearest_on_segment(x, y, a[0], a[1], b[0], b[1])
-                    distance = math.hypot(point[0] - x, point[1] - y)
-                    if distance < nearest and _is_apart(point, distance, position[w], walls[w, :slot]):
-                        nearest = distance
-                        walls[w, slot, 0], walls[w, slot, 1] = point
-            if nearest == reach:
-                break
-
-
-@no_type_check
-@njit(error_model="numpy")
-def _is_apart(point, distance, position, walls):
-    """Return whether a point, at a distance in metres from a position, is in another direction than all walls."""
-    x, y = point[0] - position[0], point[1] - position[1]
-    for wall in walls:
-        wall_x, wall_y = wall[0] - position[0], wall[1] - position[1]
-        if x * wall_x + y * wall_y > APART * distance * math.hypot(wall_x, wall_y):
-            return False
-    return True

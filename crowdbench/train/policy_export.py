@@ -55,7 +55,7 @@ def export_policy(model: Any, file: str | Path, env: Any, state: Sequence[tuple[
     parts = {key: space[key] for key in KEYS if key in getattr(space, "spaces", ())} or {"observation": space}
     shapes = {key: part.shape or () for key, part in parts.items()}
     shapes |= {f"{STATE}_{number}": shape for number, shape in enumerate(state)}
-    metadata = {name: getattr(view, name) for name in ("observation", "action", "nearest")}
+    metadata = {name: getattr(view, name) for name in ("observation", "action", "nearest", "rays")}
     metadata |= {"scenario": scenario.name, "dynamics": scenario.rules.dynamics.name}
     metadata |= {"dt": scenario.rules.dt, "pedestrians": scenario.max_agents - 1}
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it warns that torchvision is missing

@@ -20,13 +20,15 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from crowdbench.catalog import load_scenario
-from crowdbench.core.types import Outcome
+from crowdbench.core.types import Observation, Outcome
 from crowdbench.envs.rewards import load_reward
 from crowdbench.envs.training_worlds import CASES, TrainingWorlds
 from crowdbench.envs.views import View
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.policy import ActorCritic, Memory, Policy, Seen
 from crowdbench.networks.threads import in_chunks, one_torch_thread
+from crowdbench.planners.base import Planner
+from crowdbench.planners.filtered import FilteredPlanner, KalmanFilter
 from crowdbench.planners.policy import NetworkPlanner, PolicyInterface
 from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function
@@ -41,8 +43,14 @@ from crowdbench.utils.resources import keep_freed_memory
 Numbers = Float[Tensor, "step world"]
 Flags = Bool[Tensor, "step world"]
 
-CHUNK = 16
+CHUNK = 64
 """Worlds of a minibatch that a thread differentiates at once: few enough for the cache of a core."""
+
+NEAREST = 8
+"""Pedestrians that a policy with a memory is shown, at most."""
+
+FEWEST = 256
+"""Training cases of a scenario between two validations, at least, where it shares `CASES` with others."""
 
 VALIDATIONS = 20
 """Validations of a training, after which it can be resumed."""
@@ -143,26 +151,29 @@ class PPOTraining(DrivingTraining[Policy]):
         self.parameters: Parameters = Option("--ppo", Parameters(), (Parameters,)).argument(dict(config.ppo or {}))
         self.also_train_in = [load_scenario(name) for name in split_names(config.also_train_in)]
         scenarios = [self.scenario, *self.also_train_in]
-        self.nearest = max(1, *(scenario.max_agents - 1 for scenario in scenarios))
+        most = max(1, *(scenario.max_agents - 1 for scenario in scenarios))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self.network = ActorCritic(make_policy(config.network, config.encoder)).to(device)
         self.current = self.network.policy
+        self.nearest = min(most, NEAREST) if self.current.remembered else most
         self.interface = PolicyInterface(self.nearest, ConstantVelocity() if self.current.remembered else None)
         # The first scenarios have a world more where worlds cannot be shared evenly.
         self.rows = np.array_split(np.arange(self.parameters.worlds), len(scenarios))
         action, reward = "native" if self.interface.predictor else "world", load_reward(config.reward)
         self.worlds = [
-            TrainingWorlds(len(rows), View(scenario, action=action), reward, CASES)
+            TrainingWorlds(len(rows), View(scenario, action=action), reward, max(CASES // len(scenarios), FEWEST))
             for rows, scenario in zip(self.rows, scenarios, strict=True)
         ]
+        self.filters = [KalmanFilter() for _ in scenarios]
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=self.parameters.learning_rate, eps=1e-5)
         self.generator = torch.Generator()
         self.returns: list[float] = []
 
-    def planner(self, network: Policy) -> NetworkPlanner:
+    def planner(self, network: Policy) -> Planner:
         """See `DrivingTraining`."""
-        return NetworkPlanner(network, self.interface, self.config.network)
+        planner = NetworkPlanner(network, self.interface, self.config.network)
+        return FilteredPlanner(planner) if network.remembered else planner
 
     def conditions(self) -> dict[str, Any]:
         """See `DrivingTraining`."""
@@ -198,16 +209,18 @@ class PPOTraining(DrivingTraining[Policy]):
             for worlds in self.worlds:
                 worlds.seed(seed)
                 worlds.start()
+            for tracker, rows in zip(self.filters, self.rows, strict=True):
+                tracker.reset(rows)
             self._observe()
             self.memory = self.network.policy.initial_memory(self.parameters.worlds)
             self.begins = torch.ones(1, self.parameters.worlds, dtype=torch.bool, device=self.device)
         while True:  # once in any case: where cases take long to draw, they alone may have taken until the goal
             with self.timed():
-                self._update()
+                self.update()
             if self.progress >= min(goal, 1.0):
                 return
 
-    def _update(self) -> None:
+    def update(self) -> None:
         """Drive, and learn from it."""
         with one_torch_thread():  # whose sums are the same with any number of threads
             experience = self._drive()
@@ -244,11 +257,16 @@ class PPOTraining(DrivingTraining[Policy]):
 
     def _observe(self) -> None:
         """Observe all worlds: what the policy sees, and what gives its actions their meaning in each scenario."""
-        observations = [observe(worlds.worlds) for worlds in self.worlds]
+        pairs = zip(self.worlds, self.filters, strict=True)
+        observations = [self._filtered(observe(worlds.worlds), tracker) for worlds, tracker in pairs]
         features = [self.interface(obs) for obs in observations]
-        self.frames = [(obs.vehicle, shown.axis) for obs, shown in zip(observations, features, strict=True)]
+        self.frames = [(obs, shown.axis) for obs, shown in zip(observations, features, strict=True)]
         seen = (Seen.of(shown, self.device) for shown in features)
         self.seen = Seen(*map(torch.cat, zip(*seen, strict=True)))
+
+    def _filtered(self, obs: Observation, tracker: KalmanFilter) -> Observation:
+        """Return what a filter makes of an observation, for a policy with a memory; see `FilteredPlanner`."""
+        return tracker.filter(obs) if self.current.remembered and not obs.sensor.sees_all else obs
 
     def _step(self, action: Float[np.ndarray, "world 2"]) -> tuple[Float[Tensor, "world"], Bool[Tensor, "world"]]:
         """Act in all worlds, and observe them. Return the rewards, and where an episode has ended.
@@ -257,14 +275,15 @@ class PPOTraining(DrivingTraining[Policy]):
         what would have followed (Pardo et al. 2018).
         """
         rewards, ends = [], []
-        for worlds, rows, frame in zip(self.worlds, self.rows, self.frames, strict=True):
+        for worlds, rows, frame, tracker in zip(self.worlds, self.rows, self.frames, self.filters, strict=True):
             step, reward, returned, _ = worlds.step(self.interface.commands(action[rows], *frame))
             timed_out = np.flatnonzero(step.outcome == Outcome.TIMEOUT)
             if len(timed_out):
-                seen = Seen.of(self.interface(observe(step.after.take(timed_out))), self.device)
+                last = self._filtered(observe(step.after.take(timed_out), timed_out), tracker)
                 memory, begins = self.memory[rows[timed_out]], self.begins.new_zeros(1, len(timed_out))
-                value = self.network(seen, memory, begins)[1]
+                value = self.network(Seen.of(self.interface(last), self.device), memory, begins)[1]
                 reward[timed_out] += self.parameters.gamma * value.double().cpu().numpy()
+            tracker.forget(np.flatnonzero(step.ended))
             self.returns += returned[step.ended].tolist()
             rewards.append(reward)
             ends.append(step.ended)

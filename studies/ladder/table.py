@@ -46,7 +46,7 @@ CANDIDATES = [
     PlannerSpec(planner="mppi", options={"filter": "kalman"}),
     PlannerSpec(planner="dwa", options={"filter": "kalman"}),
     PlannerSpec(planner="orca_margin"),
-    PlannerSpec(planner="ppo_attention", options={"weights": "ppo_worlds"}),
+    PlannerSpec(planner="ppo_attention", options={"filter": "kalman"}),
 ]
 """Planners among which the best one is, where nobody names others: the strongest of each kind."""
 

@@ -114,7 +114,7 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
     assert expected - calls == set()
 
 
-TABLES = ("suite", "learned", "policies", "crowds", "kce", "recorded", "specialists", "crowdnav_plus")
+TABLES = ("suite", "learned", "policies", "crowds", "kce", "recorded", "crowdnav_plus")
 PRINTED = {f"studies/{name}/README.md": f"python studies/run.py studies/{name}/study.toml" for name in TABLES}
 PRINTED["studies/recorded/README.md"] += " --data DIR"
 SCRIPTS = {

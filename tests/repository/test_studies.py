@@ -39,9 +39,7 @@ def test_a_script_starts_in_any_folder(script, tmp_path):
     assert "Usage" in done.stdout
 
 
-@pytest.mark.parametrize(
-    "name", ["suite", "learned", "policies", "crowds", "kce", "specialists", "recorded", "crowdnav_plus"]
-)
+@pytest.mark.parametrize("name", ["suite", "learned", "policies", "crowds", "kce", "recorded", "crowdnav_plus"])
 def test_the_tables_of_a_study_are_in_order(name):
     file = ROOT / "studies" / name / "study.toml"
     assert parse_table(PageSpec, tomllib.loads(file.read_text()), Location(name)).description

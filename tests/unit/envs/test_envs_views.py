@@ -384,3 +384,16 @@ def test_a_policy_drives_as_it_was_trained(speed):
     env.step_async(action)
     env.step_wait()
     np.testing.assert_allclose(env._running.worlds.velocity[:, 0], command, atol=1e-6)
+
+
+def test_rays_and_the_motion_are_named_parts_and_stand_at_the_end_of_a_vector():
+    made = {"id": ID, "scenario": "doorway_8", "action": "goal_frame", "rays": 24, "nearest": 3}
+    named, joined = (gymnasium.make(**made, observation=observation) for observation in ("dict", "goal_frame"))
+    parts, vector = (env.reset(options={"case": "val/0"})[0] for env in (named, joined))
+    assert set(parts) == set(named.observation_space)
+    assert named.observation_space.contains(parts)
+    assert joined.observation_space.contains(vector)
+    np.testing.assert_array_equal(vector[-34:], np.concatenate([parts["motion"], parts["rays"]]))
+    assert parts["rays"].min() < 5.0
+    with pytest.raises(InputError, match="rays is 24, but must be a whole number, 0 where the observation is flat"):
+        gymnasium.make(**made)

@@ -326,7 +326,7 @@ def test_the_file_and_the_code_that_reads_it_identify_a_policy(exported):
 
 def test_the_metadata_say_how_a_policy_was_trained(onnx, exported):
     (entry,) = onnx.load(exported).metadata_props
-    view = {"observation": "goal_frame", "action": "goal_frame", "nearest": NEAREST}
+    view = {"observation": "goal_frame", "action": "goal_frame", "nearest": NEAREST, "rays": 0}
     trained = {"scenario": "circle_crossing_5", "dynamics": "holonomic", "dt": 0.25, "pedestrians": 5}
     assert json.loads(entry.value) == view | trained
 

@@ -10,10 +10,11 @@ from lookahead_scenes import DT, crowded
 
 from crowdbench import load_scenario
 from crowdbench.core.dynamics import Bicycle, Holonomic, Unicycle
+from crowdbench.core.types import Outcome
 from crowdbench.networks.attention import AttentionEncoder
 from crowdbench.networks.encoders import POLICIES, make_policy
 from crowdbench.networks.features import VEHICLE_FEATURES, features
-from crowdbench.networks.features_ahead import REACH, STEPS, WALLS
+from crowdbench.networks.features_ahead import MOTION, RAYS, REACH, STEPS
 from crowdbench.networks.policy import Seen
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.policy import NetworkPlanner, PolicyInterface
@@ -58,25 +59,35 @@ def test_people_are_shown_where_they_are_predicted_and_how_uncertain_that_is():
     assert not shown.pedestrians[~shown.seen].any()
 
 
-def test_the_nearest_walls_in_directions_that_differ_are_shown_nearest_first():
+def test_rays_end_at_walls_and_the_next_two_waypoints_are_shown():
     obs = crowded(2, 1)
     square = np.array(
-        [[1.0, -0.5], [2.0, -0.5], [2.0, 1.2], [1.0, 1.2]]
-    )  # its lower corner is 27 degrees off, 50 the upper
-    others = np.array([[[-3.0, -4.0], [-3.0, 4.0]], [[0.0, 7.0], [1.0, 7.0]]])
-    others = np.concatenate([others, np.full((2, 2, 2), np.nan)], axis=1)
-    vehicle = dataclasses.replace(obs.vehicle, position=np.zeros((2, 2)), heading=np.array([0.0, 0.5]))
-    obs = dataclasses.replace(obs, vehicle=vehicle, obstacles=np.stack([np.stack([square, *others])] * 2))
+        [[[1.0, -0.5], [2.0, -0.5], [2.0, 1.2], [1.0, 1.2]], [[-3.0, -4.0], [-3.0, 4.0], *[[np.nan] * 2] * 2]]
+    )
+    route = np.array([[[4.0, 0.0], [4.0, 2.0], [np.nan] * 2]] * 2)
+    vehicle = dataclasses.replace(
+        obs.vehicle,
+        position=np.zeros((2, 2)),
+        heading=np.array([0.0, 0.5]),
+        goal=np.array([[6.0, 2.0]] * 2),
+        route=route,
+        waypoint=np.array([0, 1]),
+    )
+    obs = dataclasses.replace(obs, vehicle=vehicle, obstacles=np.stack([square] * 2))
     shown = shown_of(obs)
-    nearest = np.array([[1.0, 0.0], [1.0, 1.2], [-3.0, 0.0]])  # the square's lower corner is only 27 degrees off
+    way = [[[4.0, 0.0], [4.0, 2.0]], [[4.0, 2.0], [6.0, 2.0]]]
     for w in range(2):
-        walls = shown.vehicle[w, -3 * WALLS :].reshape(WALLS, 3)
-        np.testing.assert_array_equal(walls[:, 2], [1.0, 1.0, 1.0, 0.0])
-        np.testing.assert_allclose(walls[:3, :2], turned(nearest, shown.axis[w]), atol=1e-12)
+        facing, _, points, rays = np.split(shown.vehicle[w, VEHICLE_FEATURES:], [2, MOTION, MOTION + 4])
         cos, sin = turned(np.array([np.cos(vehicle.heading[w]), np.sin(vehicle.heading[w])]), shown.axis[w])
-        np.testing.assert_allclose(shown.vehicle[w, VEHICLE_FEATURES : VEHICLE_FEATURES + 2], [cos, sin])
+        np.testing.assert_allclose(facing, [cos, sin])
+        np.testing.assert_allclose(points.reshape(2, 2), turned(np.array(way[w]), shown.axis[w]), atol=1e-12)
+        angle = np.arctan2(*shown.axis[w][::-1]) + np.linspace(0.0, 2.0 * np.pi, RAYS, endpoint=False)
+        ends = rays[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        is_square, is_line = np.isclose(ends[:, 0], 1.0), np.isclose(ends[:, 0], -3.0)
+        assert is_square.sum() >= 4
+        assert is_line.sum() >= 5
     away = dataclasses.replace(vehicle, position=np.full((2, 2), 100.0))
-    assert not shown_of(dataclasses.replace(obs, vehicle=away)).vehicle[:, -3 * WALLS :].any()
+    assert (shown_of(dataclasses.replace(obs, vehicle=away)).vehicle[:, -RAYS:] == REACH).all()
 
 
 @pytest.mark.parametrize(("dynamics", "kind"), [(Holonomic(), [0, 0]), (Unicycle(), [1, 0]), (Bicycle(), [0, 1])])
@@ -136,11 +147,11 @@ def test_actions_are_velocities_towards_the_goal_or_commands_between_their_bound
     action = np.array([[1.0, 0.0], [0.0, 5.0]]) * obs.vehicle.preferred_speed[:, None]
     side = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
     np.testing.assert_allclose(
-        interface.commands(action, obs.vehicle, axis),
+        interface.commands(action, obs, axis),
         obs.vehicle.preferred_speed[:, None] * np.stack([axis[0], side[1]]),
     )
     wheels = dataclasses.replace(obs.vehicle, dynamics=Unicycle(max_angular_speed=1.5))
-    found = interface.commands(np.array([[-1.0, 1.0], [3.0, 0.0]]), wheels, axis)
+    found = interface.commands(np.array([[-1.0, 1.0], [3.0, 0.0]]), dataclasses.replace(obs, vehicle=wheels), axis)
     np.testing.assert_allclose(found, [[0.0, 1.5], [wheels.preferred_speed[1], 0.0]])
 
 
@@ -158,3 +169,15 @@ def test_it_is_trained_and_drives(tmp_path, monkeypatch):
         "crowdbench train ppo_attention --scenario doorway_10"
         in run.finish(trainings.ignore).with_suffix(".md").read_text()
     )
+
+
+@pytest.mark.parametrize("scenario", ["doorway_8", "blind_corner_3"])
+def test_a_policy_that_heads_for_walls_drives_into_none(scenario):
+    torch.manual_seed(1)
+    policy = make_policy("ppo_attention")
+    policy.action.bias.data = torch.tensor([2.0, 0.4])  # fast, and to the left of its goal
+    planner = NetworkPlanner(policy, PolicyInterface(3, ConstantVelocity()))
+    place = load_scenario(scenario, {"pedestrians.number": 1, "time_limit": 15.0})
+    trace = rollout(Driver(planner, "policy"), place, Cases("val", 0, 30))
+    assert not (trace.outcome == Outcome.WALL_COLLISION).any()
+    assert (np.nanmin(trace.wall_gap, axis=1) < 0.1).mean() > 0.2  # it would have
