@@ -37,7 +37,7 @@ class HybridPlanner(MPPIPlanner):
     """
 
     policy: Planner
-    patience: float = 2.0
+    patience: float = 1.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -74,7 +74,7 @@ class HybridPlanner(MPPIPlanner):
 
 def planner(
     weights: str = "ppo_attention",
-    patience: float = 2.0,
+    patience: float = 1.0,
     predictor: str = "constant_velocity",
     search: Search = FEWER,
     costs: Weights = WEIGHTS,
