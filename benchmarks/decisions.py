@@ -106,8 +106,8 @@ def measure_ppo_training(steps: int = 60_000) -> Iterator[Measurement]:
     Args:
         steps: Number of steps of each training.
     """
-    attention: dict[str, Any] = {"network": "ppo_attention", "reward": "safe_progress", "ppo": {"worlds": 512, "epochs": 2}}
-    options: dict[str, dict[str, Any]] = {"circle_crossing_mixed": {"network": "ppo"}, "streams": attention, "corner": attention}
+    lean: dict[str, Any] = {"network": "ppo_attention", "reward": "safe_progress", "ppo": {"worlds": 512, "epochs": 2}}
+    options: dict[str, dict[str, Any]] = {"circle_crossing_mixed": {"network": "ppo"}, "streams": lean, "corner": lean}
     for scenario, given in options.items():
         training = PPOTraining(PPOConfig(scenario=scenario, steps=10**9, **given), "cpu")
         training.train_until(0.0)  # draws the cases, and updates once
