@@ -42,10 +42,11 @@ from crowdbench.networks.features import (
     histories,
     to_world,
 )
-from crowdbench.networks.features_ahead import MOTION, REACH, motion, wall_distances
+from crowdbench.networks.features_ahead import MOTION, REACH, motion
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import EXTENT
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.lines_of_sight import wall_distances
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import InputError, is_number
 
@@ -165,8 +166,10 @@ def encode(obs: Observation, observation: str, nearest: int, rays: int = 0) -> O
         return flatten(obs)
     numbers = features(obs, nearest)
     mask = numbers.seen.astype(np.float64)
-    axis = numbers.axis
-    ahead = {"motion": motion(obs, axis), "rays": wall_distances(obs, axis, rays)} if rays else {}
+    ahead = {}
+    if rays:
+        distances = wall_distances(obs.vehicle.position, numbers.axis, obs.obstacles, rays, REACH)
+        ahead = {"motion": motion(obs, numbers.axis), "rays": distances}
     if observation == "goal_frame":
         pedestrians = np.concatenate([numbers.pedestrians, mask[..., None]], axis=2)
         return np.concatenate([numbers.vehicle, pedestrians.reshape(len(obs), -1), *ahead.values()], axis=1)

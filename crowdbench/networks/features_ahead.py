@@ -18,7 +18,6 @@ from jaxtyping import Float
 from crowdbench.core.dynamics import Bicycle, Unicycle, reach
 from crowdbench.core.types import Observation
 from crowdbench.networks.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES, Features, features, to_goal_frame
-from crowdbench.sim.lines_of_sight import measure_all_beams
 
 Positions = Float[np.ndarray, "world time pedestrian 2"]
 
@@ -39,16 +38,17 @@ PEDESTRIAN_AHEAD = PEDESTRIAN_FEATURES + 2 * STEPS + 2
 """Numbers about the vehicle, and about each pedestrian."""
 
 
-def features_ahead(obs: Observation, nearest: int, ahead: Positions) -> Features:
+def features_ahead(obs: Observation, nearest: int, ahead: Positions, walls: Float[np.ndarray, "world ray"]) -> Features:
     """Return the features of an observation with a prediction.
 
     Args:
         obs: What the vehicle sees.
         nearest: Largest number of pedestrians that are shown.
         ahead: Predicted positions after each of the next `STEPS` steps, in metres.
+        walls: Distances in metres along `RAYS` rays, the first towards the goal.
     """
     shown = features(obs, nearest)
-    vehicle = np.concatenate([shown.vehicle, motion(obs, shown.axis), wall_distances(obs, shown.axis, RAYS)], axis=1)
+    vehicle = np.concatenate([shown.vehicle, motion(obs, shown.axis), walls], axis=1)
     pedestrians = np.zeros((*shown.pedestrians.shape[:2], PEDESTRIAN_AHEAD))
     pedestrians[..., :PEDESTRIAN_FEATURES] = shown.pedestrians
     if obs.pedestrians.seen.shape[1] > 0:
@@ -67,15 +67,6 @@ def motion(obs: Observation, axis: Float[np.ndarray, "world 2"]) -> Float[np.nda
     near = np.take_along_axis(way, following[..., None], axis=1) - own.position[:, None]
     numbers = facing, own.angular_speed[:, None], np.tile(kind, (len(obs), 1)), to_goal_frame(near, axis)
     return np.concatenate([part.reshape(len(obs), -1) for part in numbers], axis=1)
-
-
-def wall_distances(obs: Observation, axis: Float[np.ndarray, "world 2"], rays: int) -> Float[np.ndarray, "world ray"]:
-    """Return the distances in metres from the vehicle to walls along rays, the first along `axis`; at most `REACH`."""
-    distance = np.empty((len(obs), rays))
-    nobody = np.zeros((len(obs), 1))
-    angle, position = np.arctan2(axis[:, 1], axis[:, 0]), np.ascontiguousarray(obs.vehicle.position[:, None])
-    measure_all_beams(angle, position, nobody, nobody.astype(bool), obs.obstacles, REACH, distance)
-    return distance
 
 
 def _ahead(obs: Observation, shown: Features, ahead: Positions) -> Float[np.ndarray, "world nearest numbers"]:

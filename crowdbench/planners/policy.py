@@ -15,8 +15,8 @@ from jaxtyping import Float
 from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.types import Observation
 from crowdbench.networks.encoders import POLICIES, make_policy
-from crowdbench.networks.features import Features, Vectors, features, in_disc, in_range, to_world
-from crowdbench.networks.features_ahead import STEPS, features_ahead
+from crowdbench.networks.features import Features, Vectors, direction, features, in_disc, in_range, to_world
+from crowdbench.networks.features_ahead import RAYS, REACH, STEPS, features_ahead
 from crowdbench.networks.policy import Policy, Seen
 from crowdbench.networks.threads import in_chunks
 from crowdbench.networks.weights import digest, load_into, read_card, training_dt, weights_file
@@ -27,6 +27,7 @@ from crowdbench.plugins.load import file_and_function
 from crowdbench.predict import Predictor
 from crowdbench.predict.base import predict
 from crowdbench.predict.load import load_predictor
+from crowdbench.sim.lines_of_sight import wall_distances
 from crowdbench.utils.errors import InputError, is_integer
 
 CHUNK = 4096
@@ -52,7 +53,9 @@ class PolicyInterface:
         """Return the input of the policy for an observation."""
         if self.predictor is None:
             return features(obs, self.nearest)
-        return features_ahead(obs, self.nearest, predict(self.predictor, obs, STEPS).position[:, 0])
+        position, ahead = obs.vehicle.position, predict(self.predictor, obs, STEPS).position[:, 0]
+        walls = wall_distances(position, direction(position, obs.vehicle.local_goal), obs.obstacles, RAYS, REACH)
+        return features_ahead(obs, self.nearest, ahead, walls)
 
     def commands(self, action: Vectors, obs: Observation, axis: Vectors) -> Vectors:
         """Return the commands that actions stand for, corrected along walls.

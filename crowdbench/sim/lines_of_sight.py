@@ -9,7 +9,9 @@ import math
 from typing import no_type_check
 
 import numpy as np
+from jaxtyping import Float
 
+from crowdbench.core.arrays import Walls, WorldPoints
 from crowdbench.sim.obstacles import number_of_corners
 from crowdbench.utils.compiled import njit
 
@@ -118,3 +120,13 @@ def measure_all_beams(heading, position, radius, present, obstacles, reach, dist
                 if root > 0.0 and along + math.sqrt(root) > 0.0:  # not behind
                     least = min(least, max(along - math.sqrt(root), 0.0))
             distance[w, k] = least
+
+
+def wall_distances(
+    position: WorldPoints, axis: WorldPoints, obstacles: Walls, rays: int, reach: float
+) -> Float[np.ndarray, "world ray"]:
+    """Return the distances in metres from points to walls along rays, the first along `axis`; at most `reach`."""
+    distance, nobody = np.empty((len(position), rays)), np.zeros((len(position), 1))
+    angle, point = np.arctan2(axis[:, 1], axis[:, 0]), np.ascontiguousarray(position[:, None])
+    measure_all_beams(angle, point, nobody, nobody.astype(bool), obstacles, reach, distance)
+    return distance
