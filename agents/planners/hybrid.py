@@ -32,7 +32,7 @@ class HybridPlanner(MPPIPlanner):
     A proposal holds the policy's command for some steps, and goes on straight to the goal or as the last plan.
 
     Attributes:
-        policy: Its commands must be those of the vehicle's dynamics.
+        policy: It must give commands of the vehicle's dynamics.
         patience: The best proposal is driven unless the best sequence costs so much less [s].
     """
 
@@ -85,9 +85,9 @@ def planner(
     Args:
         weights: The trained policy: a name (`crowdbench list weights`) or a file.
         patience: The policy drives unless the best sequence costs so much less [s].
-        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
+        predictor: The predictor of pedestrians: a name (`crowdbench list predictors`) or a file.
         search: How sequences are sampled.
-        costs: What they cost.
+        costs: The costs of sequences.
         horizon: Number of steps of a sequence [1].
 
     Returns:

@@ -4,7 +4,7 @@ Observations, of the vehicle:
 
 - `flat`: a vector along the axes of the world, see `crowdbench.envs.observations`.
 - `goal_frame`: a vector in the frame of the goal, see `crowdbench.networks.features`: the vehicle's numbers,
-  then those of each pedestrian and 1 where there is one. With `rays`, also the parts `motion` and `rays`.
+  then the numbers of each pedestrian and 1 where there is one. With `rays`, also the parts `motion` and `rays`.
 - `dict`: the same as a dictionary of `vehicle`, `pedestrians`, `mask` (1 where there is a pedestrian), and `history`,
   the last 8 positions of each pedestrian; `lidar` where the vehicle has one, as `Observation.lidar`; and with `rays`,
   `motion` and `rays`: how the vehicle moves and its next two waypoints, and the distances to walls along so many rays,

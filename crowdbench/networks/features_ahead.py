@@ -1,4 +1,4 @@
-"""What a recurrent policy is shown beyond `features`: where people are predicted to be, its way, walls, how it moves.
+"""Further input of a recurrent policy: predicted positions of people, its way, walls, and how it moves.
 
 In the same frame of the goal, after the numbers of `crowdbench.networks.features`:
 
@@ -42,7 +42,7 @@ def features_ahead(obs: Observation, nearest: int, ahead: Positions, walls: Floa
     """Return the features of an observation with a prediction.
 
     Args:
-        obs: What the vehicle sees.
+        obs: The observation.
         nearest: Largest number of pedestrians that are shown.
         ahead: Predicted positions after each of the next `STEPS` steps, in metres.
         walls: Distances in metres along `RAYS` rays, the first towards the goal.

@@ -186,7 +186,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         Args:
             scene: The vehicles and the pedestrians.
             inflation: The enlargement of each pedestrian's radius in each step.
-            hidden: The scene with whom walls may hide.
+            hidden: The scene with people that walls may hide.
             guesses: Sequences of commands with which the search begins.
             noise: Noise of standard deviation 1.
         """

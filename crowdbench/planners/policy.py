@@ -64,7 +64,7 @@ class PolicyInterface:
 
         Args:
             action: The actions of a policy.
-            obs: What the vehicle sees.
+            obs: The observation.
             axis: The direction of the goal, as `Features` has it.
         """
         vehicle = obs.vehicle

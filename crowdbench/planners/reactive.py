@@ -134,7 +134,7 @@ def brake_at_walls(obs: Observation, command: Float[np.ndarray, "world 2"]) -> F
     """Slow down commands of a vehicle on wheels after which it could not stop in front of a wall.
 
     Args:
-        obs: What the planner sees.
+        obs: The observation.
         command: Commands of the vehicle's dynamics.
 
     Returns:

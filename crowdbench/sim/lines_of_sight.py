@@ -1,4 +1,5 @@
-"""Straight lines from the vehicle: whom they show, and where the beams of a lidar end. Compiled.
+"""Straight lines from the vehicle: visible pedestrians, where the beams of a lidar end, distances to walls.
+Compiled.
 
 Obstacles are polygons `[polygon, corner, 2]` in metres, NaN after the last corner, of which only the edges count.
 """
@@ -19,7 +20,7 @@ from crowdbench.utils.compiled import njit
 @no_type_check
 @njit(error_model="numpy")
 def is_hidden(seen, position, radius, present, obstacles):
-    """Whether walls and other people hide an agent from the vehicle. Compiled.
+    """Return whether walls and other people hide an agent from the vehicle. Compiled.
 
     It is hidden if none of three points can be seen from the vehicle's position: its centre, and the two ends of its
     diameter across the line of sight.
@@ -32,7 +33,7 @@ def is_hidden(seen, position, radius, present, obstacles):
         obstacles (array): `[polygon, corner, 2]`, in metres.
 
     Returns:
-        hidden (bool): Whether it is hidden.
+        hidden (bool): True if it is hidden.
     """
     x, y = position[0, 0], position[0, 1]
     dx, dy = position[seen, 0] - x, position[seen, 1] - y
@@ -50,7 +51,8 @@ def is_hidden(seen, position, radius, present, obstacles):
 @no_type_check
 @njit(error_model="numpy")
 def _is_behind_people(dx, dy, seen, position, radius, present):
-    """Whether a line from the vehicle, which ends at (dx, dy) from it, meets the disc of another agent than `seen`."""
+    """Return whether a line from the vehicle, which ends at (dx, dy) from it, meets the disc of another agent than
+    `seen`."""
     squared = dx * dx + dy * dy
     for a in range(1, len(radius)):
         if a == seen or not present[a]:
