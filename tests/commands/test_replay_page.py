@@ -20,7 +20,12 @@ from crowdbench.runs.spec import RunSpec
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
 
-RUNS = [("orca", "doorway_10", 10), ("mppi", "doorway_10", 2), ("orca_margin", "restless_20", 1), ("orca", "office_8", 1)]
+RUNS = [
+    ("orca", "doorway_10", 10),
+    ("mppi", "doorway_10", 2),
+    ("orca_margin", "restless_20", 1),
+    ("orca", "office_8", 1),
+]
 """Planner, scenario and number of cases: with attention and predictions, with respawn, with walls that hide people."""
 
 EPISODES = """() => Object.fromEntries(Object.entries(replay.episodes).map(
