@@ -19,7 +19,7 @@ COLUMNS = {  # scenario: heading of its column
     "intersection_16_seen": "streams, seen",
     "corridor_8": "corridor",
     "doorway_10": "door",
-    "blind_corner_6": "corner",
+    "blind_corner_5": "corner",
     "circle_crossing_20": "circle",
     "intersection_16": "streams",
     "half_half_20": "mixed",

@@ -190,7 +190,6 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         all_metrics: True if all metrics are printed.
     """
     from crowdbench.cli.cases import describe_cases
-    from crowdbench.record.cases import read_verdict
     from crowdbench.runs.result_file import read_result
     from crowdbench.runs.results import EPISODES, RECORDING, Episodes, read_estimate
     from crowdbench.runs.table import metric_grid
@@ -218,5 +217,7 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         # A case that is not recorded is simulated again.
         for outcome, cases in Episodes.read(directory / EPISODES).failures.items():
             print(f"{describe_cases(outcome, cases)}: crowdbench view {directory} --case {cases[0]}")
-            for line in read_verdict(directory / RECORDING, cases[0]) if number else []:
-                print(f"  {line}")
+            if number:
+                from crowdbench.record.cases import read_verdict
+
+                print("\n".join(f"  {line}" for line in read_verdict(directory / RECORDING, cases[0])))

@@ -250,11 +250,13 @@ def load_module(path: Path) -> ModuleType:
         files.check_regular(path)
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(f"there is no file {path}: {getattr(error, 'strerror', None) or error}") from None
+    if path.suffix != ".py":
+        raise InputError(f"{path} is not a Python file")
     # Known to the interpreter under a name of its own: dataclasses and pickle look it up.
     name = f"crowdbench_plugin_{path.stem}_{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path, loader=_SourceLoader(name, str(path)))
-    if spec is None or spec.loader is None:
-        raise InputError(f"{path} is not a Python file")
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     _import_from_source(path.parent)

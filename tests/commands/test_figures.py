@@ -343,25 +343,25 @@ def test_a_picture_shows_what_is_around_the_vehicle(driven, tmp_path):
     np.testing.assert_allclose(episode.bounds(), [way.min(axis=0) - 2.0, way.max(axis=0) + 2.0])
     given = ["render", str(driven), "--case", "1", "--zoom", "4", "--strip", "2", "--out", str(tmp_path / "a.svg")]
     assert CliRunner().invoke(app, given).exit_code == 0
-    refused = CliRunner().invoke(app, ["render", "blind_corner_6", "--case", "3", "--zoom", "4"])
+    refused = CliRunner().invoke(app, ["render", "blind_corner_5", "--case", "3", "--zoom", "4"])
     assert "--zoom is for a case of a run" in str(refused.exception)
 
 
 def test_a_scenario_is_drawn_before_anything_is_run(tmp_path):
     out = tmp_path / "a.svg"
-    assert CliRunner().invoke(app, ["render", "blind_corner_6", "--case", "3", "--out", str(out)]).exit_code == 0
+    assert CliRunner().invoke(app, ["render", "blind_corner_5", "--case", "3", "--out", str(out)]).exit_code == 0
     assert words(out) == ["1 m"]
     first = out.read_bytes()
-    CliRunner().invoke(app, ["render", "blind_corner_6", "--case", "4", "--out", str(out)])
+    CliRunner().invoke(app, ["render", "blind_corner_5", "--case", "4", "--out", str(out)])
     assert out.read_bytes() != first
 
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["blind_corner_6", "--strip", "3"], "a scenario has its start alone"),
+        (["blind_corner_5", "--strip", "3"], "a scenario has its start alone"),
         (["eth_recorded"], "give the folder that holds them"),
-        (["blind_corner_6", "--data", "."], "which has no table"),
+        (["blind_corner_5", "--data", "."], "which has no table"),
         (["nowhere"], "no scenario is called 'nowhere'"),
     ],
 )

@@ -154,7 +154,7 @@ def test_a_link_shows_its_frame_and_stays(runs, visit):
         trace = runs[0][number].recording.trace
         label = page.get_by_role("img", name=re.compile(f"^{planner} at 3.25 s")).get_attribute("aria-label")
         assert f"gap {trace.gap[1, 12]:.2f} m" in label
-        assert "sees 8 of 8 pedestrians" in label
+        assert "sees 10 of 10 pedestrians" in label
     assert page.url.endswith("#doorway_10/val/1/mppi,orca@3.25")
     page.locator("#time").fill("2")
     assert page.url.endswith("#doorway_10/val/1/mppi,orca@2")
@@ -179,7 +179,7 @@ def test_it_plays_to_the_end_and_pauses(visit):
 
 def test_a_failure_has_a_verdict_and_a_button_that_leads_to_it(runs, visit):
     episodes = runs[0][0].episodes
-    failed = episodes.failures["collision"][0]
+    failed = next(case for case in episodes.failures["collision"] if case > 0)
     page = visit("#suite/doorway_10/val/0/orca@0")
     page.keyboard.press("f")
     page.wait_for_function(f"document.title.includes('val/{failed} ')")
@@ -236,7 +236,7 @@ def test_the_page_and_its_data_are_small(runs):
     assert sum(path.stat().st_size for path in folder.iterdir() if path.is_file()) < 60_000
     for path in folder.glob("data/doorway_10/*[0-9].js"):
         episodes = json.loads(path.read_text().partition(",")[2][:-2])
-        assert path.stat().st_size / len(episodes) < 3_000
+        assert path.stat().st_size / len(episodes) < 5_000
     assert not re.search(r"https?://", "".join(path.read_text() for path in folder.iterdir() if path.is_file()))
 
 

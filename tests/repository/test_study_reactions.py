@@ -10,7 +10,7 @@ from studies.reactions.run import reactions
 STUDY = """
 description = "Few."
 cases = "test:2"
-scenarios = ["blind_corner_6"]
+scenarios = ["groups_12"]
 planners = ["straight", "orca", "orca_margin"]
 """
 
@@ -30,4 +30,4 @@ def test_people_of_each_type_have_a_column_and_each_pair_of_types_a_tau(tmp_path
     # `straight` never slows down: it lives on people who avoid it.
     assert rates["straight"][0] > rates["straight"][1]
     assert sum(line.count(" to ") == 1 and " of " in line for line in lines if line.startswith("| ")) == 6
-    assert "Cases val:0:12 of `blind_corner_6`." in result.stdout
+    assert "Cases val:0:12 of `groups_12`." in result.stdout

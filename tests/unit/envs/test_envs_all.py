@@ -17,7 +17,7 @@ WORLDS = {
     "walls": ("doorway_10", {}),
     "a car": ("car_12", {}),
     "groups": ("groups_12", {}),
-    "limited sight": ("blind_corner_6", {}),
+    "limited sight": ("blind_corner_5", {}),
     "recorded": ("eth_recorded", {}),
 }
 

@@ -10,6 +10,7 @@ from pettingzoo.utils import parallel_to_aec
 from crowdbench.catalog import SCENARIOS as SCENARIOS_FOLDER
 from crowdbench.catalog import load_scenario, simulated_scenarios
 from crowdbench.core.types import Outcome, Rules
+from crowdbench.drawing import LIGHT
 from crowdbench.envs.observations import flatten, flatten_everybody
 from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.parallel import parallel_env
@@ -52,8 +53,8 @@ def test_the_picture_shows_vehicle_and_pedestrians_where_they_are():
     picture = env.render()
     # The vehicle starts 4 m below the middle of a picture that shows about 5 m in each direction.
     below = picture[300:, 250:350].reshape(-1, 3).tolist()
-    assert below.count([222, 122, 0]) > 500
-    assert picture.reshape(-1, 3).tolist().count([38, 104, 178]) > 2500
+    assert below.count(list(LIGHT.vehicle)) > 500
+    assert picture.reshape(-1, 3).tolist().count(list(LIGHT.pedestrian)) > 2500
 
 
 @pytest.mark.parametrize("mode", ["ansi", "HUMAN"])

@@ -118,7 +118,7 @@ SCENARIOS = {
     "zara1_recorded": "c0e0d53c162c",
     "zara2_reactive": "1d60a7fe8e2b",
     "zara2_recorded": "4070a43d2e04",
-    "blind_corner_6": "0b24d7ef3c4d",
+    "blind_corner_5": "07acc60b5e5b",
     "blocks_12": "0b8511f19aea",
     "blocks_12_perfect_sight": "c6af705bca6f",
     "car_12": "7826c8317b50",

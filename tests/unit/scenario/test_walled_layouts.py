@@ -138,7 +138,7 @@ def test_walls_enclose_everybody_far_behind_starts_and_goals(name):
     ("planner", "name", "cases"),
     [
         ("orca_margin", "corridor_8", "val:30"),
-        ("orca_margin", "blind_corner_6", "val:10"),
+        ("orca_margin", "blind_corner_5", "val:10"),
         ("orca_margin", "intersection_16", "val:1:2"),
         ("dwa", "corridor_8", "val:5:8"),
     ],

@@ -142,13 +142,13 @@ def test_a_training_in_several_scenarios_shares_its_worlds(tmp_path):
     )
     training = config.training("cpu")
     assert list(map(len, training.rows)) == [3, 3, 2]
-    assert training.nearest == 8
+    assert training.nearest == 10
     list(training.learn())
     assert training.curve[-1]["steps"] == 256
     assert "--also-train-in doorway_10,square_crossing_5" in config.command
     about = training.conditions()["beside"]
     assert [each["name"] for each in about] == ["doorway_10", "square_crossing_5"]
-    assert about[0]["pedestrians"]["number"] == [8, 8]
+    assert about[0]["pedestrians"]["number"] == [10, 10]
 
 
 @pytest.mark.slow
