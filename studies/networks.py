@@ -20,11 +20,11 @@ from crowdbench.runs.run import Run
 from crowdbench.runs.spec import LOOK_FIRST, Replanning, RunSpec
 from crowdbench.runs.table import PRIVILEGED
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.folder import read_episodes
-from crowdbench.study.schema import CasesText
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location, Name, Names, Text, TomlTable, Values, choice, integer, number, table
+from studies.folder import read_episodes
 from studies.pages import NOTES, SUCCESS, SUCCESS_RATE, values_of
+from studies.schema import CasesText
 
 SHOWN = (SUCCESS_RATE, "navigation_time", "max_velocity_change", "jerk")
 """Metrics that a table shows unless its file says otherwise."""

@@ -13,8 +13,8 @@ sys.path.append(str(Path(__file__).parents[1]))
 
 from crowdbench.cli import main
 from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
-from crowdbench.cli.study import ShardOption, make_runs
 from crowdbench.utils.tables import Format
+from studies.command import ShardOption, make_runs
 
 
 @help_from_docstring
@@ -33,15 +33,16 @@ def page(
         out: Folder that keeps its runs.
     """
     use_threads(threads)
-    from crowdbench.study.study import study_name
     from studies.pages import print_page
     from studies.tables import read_tables
 
     head, tables = read_tables(file, data.absolute() if data else None)
-    folder = out or Path("runs") / f"study-{study_name(file)}"
+    # A file that has a folder of its own is called study.toml.
+    name = file.absolute().parent.name if file.name == "study.toml" else file.stem
+    folder = out or Path("runs") / f"study-{name}"
     make = functools.partial(make_runs, out=folder, shard=shard)
     command = f"python studies/run.py {file}{' --data DIR' if data else ''}"
-    print_page(head, tables, command, folder, make, format, study_name(file))
+    print_page(head, tables, command, folder, make, format, name)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,19 +11,24 @@ from typing import Any
 
 import numpy as np
 
+from crowdbench import catalog
 from crowdbench.metrics import info_of
 from crowdbench.runs.compare import Comparison, compare_results
+from crowdbench.runs.folder import run_directory
 from crowdbench.runs.paired import LEAST_SHARED, MetricDifference
 from crowdbench.runs.results import planner_label
 from crowdbench.runs.run import Run
+from crowdbench.runs.spec import Replanning, RunSpec
 from crowdbench.runs.store import RunResult
 from crowdbench.runs.table import PRIVILEGED, RunTable, estimate_grid, estimates
-from crowdbench.study.folder import run_directory
-from crowdbench.study.study import StudyTable
+from crowdbench.scenario.cases import Cases
 from crowdbench.utils.tables import Grid, markdown
+from crowdbench.utils.toml import Location
 from studies.differences import difference_over_networks, gain_in_success
+from studies.folder import load_runs
 from studies.networks import estimate
 from studies.pages import NOTES, SUCCESS, SUCCESS_RATE, values_of
+from studies.schema import TableSpec
 
 OVER_SOLVED = ("navigation_time", "discomfort", "jerk", "minimum_gap")
 """Metrics over solved cases: each planner's own, or the ones that both of a pair solve."""
@@ -136,22 +142,51 @@ class FilledCrowdsTable:
 
 @dataclass(frozen=True)
 class SideBySide:
-    """The page of a table of a study, with the number of networks of each planner. See `pages.Table`."""
+    """Planners in scenarios, with the same cases for all. See `pages.Table`.
 
-    table: StudyTable
+    Attributes:
+        title: The title.
+        cases: The cases.
+        by_scenario: The runs of each scenario, one for each network of each planner.
+        networks: The number of networks of each planner.
+    """
+
+    title: str
+    cases: Cases
+    by_scenario: list[list[Run]]
     networks: list[int]
+
+    @classmethod
+    def load(cls, spec: TableSpec, location: Location, data: Path | None = None) -> SideBySide:
+        """Load the runs of a table.
+
+        Args:
+            spec: The table in the file.
+            location: Where in the file.
+            data: The folder with the recorded tracks that its scenarios need.
+
+        Raises:
+            InputError: A planner or a scenario does not exist, or two planners have the same name and options.
+        """
+        scenarios = catalog.simulated_scenarios() if spec.scenarios == "all" else spec.scenarios
+        replanning = Replanning(spec.replan_every, spec.look_first)
+        base = RunSpec("", "", spec.cases, {}, spec.overrides, replanning=replanning, record="none", data=data)
+        with location.named():
+            by_scenario = [load_runs(spec.planners, dataclasses.replace(base, scenario=name)) for name in scenarios]
+        labels = [run.label for run in by_scenario[0]]
+        if len(set(labels)) < len(labels):
+            raise location.at("planners").wrong(repr(labels), "planners that differ in their names or options")
+        return cls(spec.title, spec.cases, by_scenario, [len(planner.choices) for planner in spec.planners])
 
     @property
     def runs(self) -> list[Run]:
         """All runs that it needs."""
-        return self.table.runs
+        return [run for runs in self.by_scenario for run in runs]
 
     def fill(self, out: Path) -> FilledCrowdsTable:
         """Fill the table from the runs in the folder `out`. Raises InputError where one is not there."""
-        tables = [RunTable.read([run_directory(run, out) for run in runs]) for runs in self.table.by_scenario]
-        return FilledCrowdsTable(
-            self.table.title, str(self.table.cases), [FilledCrowd.of(each, self.networks) for each in tables]
-        )
+        tables = [RunTable.read([run_directory(run, out) for run in runs]) for runs in self.by_scenario]
+        return FilledCrowdsTable(self.title, str(self.cases), [FilledCrowd.of(each, self.networks) for each in tables])
 
 
 def _label(runs: list[RunResult]) -> tuple[str, list[RunResult]]:

@@ -1,4 +1,4 @@
-"""The tables of a study's TOML file: `[[tables]]` of the package, and `[[networks]]`."""
+"""The tables of a study's TOML file: `[[tables]]` and `[[networks]]`."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from pathlib import Path
 
 from pydantic import Field
 
-from crowdbench.study.schema import StudyHead, StudySpec
-from crowdbench.study.study import StudyTable, check_data_used
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.toml import Location
 from studies.networks import NetworksSpec, NetworksTable
 from studies.pages import Table, read_file
+from studies.schema import StudyHead, TableSpec
 from studies.side_by_side import SideBySide
 
 
-class PageSpec(StudySpec):
+class StudySpec(StudyHead):
     """The whole file."""
 
+    tables: list[TableSpec] = Field(default=[], description="a list of tables [[tables]]")
     networks: list[NetworksSpec] = Field(default=[], description="a list of tables [[networks]]")
 
 
@@ -30,19 +30,16 @@ def read_tables(file: Path, data: Path | None = None) -> tuple[StudyHead, Sequen
         data: The folder with the recorded tracks that its scenarios need.
 
     Raises:
-        InputError: It cannot be read, or something in it is wrong.
+        InputError: It cannot be read, or something in it is wrong; the file and the key are named. That includes
+            planners, weights and scenarios that do not exist, so that nobody learns of them hours later.
     """
-    spec, location = read_file(file, PageSpec), Location(file.name)
+    spec, location = read_file(file, StudySpec), Location(file.name)
     tables: list[Table] = [
         *(NetworksTable.of(table, location.at("networks", i)) for i, table in enumerate(spec.networks)),
-        *(
-            SideBySide(
-                StudyTable.load(table, location.at("tables", i), data), [len(row.choices) for row in table.planners]
-            )
-            for i, table in enumerate(spec.tables)
-        ),
+        *(SideBySide.load(table, location.at("tables", i), data) for i, table in enumerate(spec.tables)),
     ]
     if not tables:
         raise InputError(f"{file.name} has no table: a study needs [[tables]] or [[networks]]")
-    check_data_used([run for table in tables for run in table.runs], file, data)
+    if data is not None and not any(run.scenario.tracks for table in tables for run in table.runs):
+        raise InputError(f"--data does not go with {file.name}, none of whose scenarios has a table [tracks]")
     return spec, tables

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crowdbench.cli import app, build_script
+from crowdbench.cli import build_script
 from crowdbench.core.types import Outcome
+from crowdbench.runs.folder import run_directory
 from crowdbench.runs.results import Episodes
-from crowdbench.study.folder import run_directory
-from crowdbench.study.study import read_study
 from crowdbench.utils.errors import InputError
 from studies.pages import Page
 from studies.run import page
@@ -78,18 +77,13 @@ planner = "orca"
 """
 
 
-def read(text):
-    Path("tiny.toml").write_text(text)
-    return read_study(Path("tiny.toml"))
-
-
 def read_page(text):
     Path("tiny.toml").write_text(text)
     head, tables = read_tables(Path("tiny.toml"))
     return Page("tiny", head.description, tables, head.sources)
 
 
-def refused(text, parts, read=read):
+def refused(text, parts, read=read_page):
     """That the file is refused in one sentence, which has these parts and names the file once."""
     with pytest.raises(InputError) as error:
         read(text)
@@ -98,11 +92,6 @@ def refused(text, parts, read=read):
     assert message.count("tiny.toml") == 1
     for part in parts:
         assert part in message
-
-
-def study(text, *arguments):
-    Path("tiny.toml").write_text(text)
-    app(["study", "tiny.toml", *arguments], standalone_mode=False)
 
 
 def print_page(text, *arguments):

@@ -23,7 +23,6 @@ from crowdbench.utils import interrupts
 COMMANDS = {
     "run": ("Run", "run", "run"),
     "check": ("Run", "check", "check"),
-    "study": ("Run", "study", "study"),
     "train": ("Run", "train", "train"),
     "merge": ("Run", "run", "merge"),
     "list": ("Look", "listing", "list_"),

@@ -43,7 +43,7 @@ def run_board(
 ) -> None:
     """Drive a planner through all scenarios of a board by its rules, and print its figures.
 
-    Make only the runs that are missing, as in a study.
+    Make only the runs that are missing.
 
     Args:
         board: The name of a board.
@@ -58,13 +58,13 @@ def run_board(
     from crowdbench.boards.means import board_figures
     from crowdbench.metrics import MAIN, info_of
     from crowdbench.metrics.summary import Estimate
+    from crowdbench.runs.folder import run_directory
     from crowdbench.runs.load import load_run
     from crowdbench.runs.result_file import read_result
     from crowdbench.runs.results import read_estimate
     from crowdbench.runs.spec import RunSpec
     from crowdbench.runs.table import estimate_grid
     from crowdbench.scenario.cases import Cases
-    from crowdbench.study.folder import run_directory
 
     rules = find_board(board, ROOT).with_data(data)
     driven_cases = Cases.parse(cases) if cases else rules.public_cases
@@ -106,7 +106,7 @@ def _make(runs: Mapping[str, Run], out: Path) -> dict[str, str]:
     Raises:
         InputError: The planner can drive none.
     """
-    from crowdbench.study.folder import make_in_folder
+    from crowdbench.runs.folder import make_in_folder
 
     failures: dict[str, str] = {}
     for scenario, run in runs.items():

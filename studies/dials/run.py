@@ -13,10 +13,10 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
 from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
-from crowdbench.cli.study import ShardOption, make_runs, print_study
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, markdown
 from crowdbench.utils.toml import Location
+from studies.command import ShardOption, make_runs, print_study
 
 COMMAND = "python studies/dials/run.py"
 FILE = Path(__file__).with_name("study.toml")

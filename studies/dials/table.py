@@ -13,13 +13,13 @@ from pydantic import Field
 
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import directory_name
-from crowdbench.study.schema import Planners, StudyHead
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location, Name, Names, TomlTable
 from studies.dials.dial import FIRST, SECOND, Dial, load_dial
 from studies.dials.estimate import Crossing, First, Fit, difference, fit, levels_around
 from studies.ladder.rungs import RUNGS
 from studies.pages import SUCCESS, draw_bar, read_successes
+from studies.schema import Planners, StudyHead
 
 NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
 """The notes below the table."""

@@ -18,12 +18,12 @@ from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.study.schema import CasesText, Planners, PlannerSpec, StudyHead
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location, Name, Names, TomlTable
 from studies.ladder.futures import adds_nothing
 from studies.ladder.rungs import KNOWLEDGE, RUNGS, load_rung
 from studies.pages import SUCCESS, draw_bar, read_successes
+from studies.schema import CasesText, Planners, PlannerSpec, StudyHead
 
 CHOICE = Cases("val", 0, 50)
 """The cases that choose the best planner."""

@@ -49,13 +49,13 @@ def cross_play(
         out: Folder that keeps the runs.
     """
     use_threads(threads)
-    from crowdbench.cli.study import make_runs
+    from crowdbench.runs.folder import run_directory
     from crowdbench.runs.load import load_run
     from crowdbench.runs.spec import RunSpec
     from crowdbench.runs.table import RunTable
     from crowdbench.scenario.cases import Cases
-    from crowdbench.study.folder import run_directory
     from crowdbench.utils.tables import markdown, printed_by
+    from studies.command import make_runs
 
     if train is not None:
         train_both(train)

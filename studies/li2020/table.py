@@ -9,11 +9,11 @@ from pathlib import Path
 from pydantic import Field
 
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.schema import CasesText, StudyHead
 from crowdbench.utils.toml import Location
 from studies.li2020.claims import NOTES, Assessment, ClaimSpec, assess, check_claim, claims_table
 from studies.networks import FilledNetworksTable, NetworksSpec, NetworksTable
 from studies.pages import Page, read_file
+from studies.schema import CasesText, StudyHead
 
 FILE = Path(__file__).with_name("study.toml")
 """The tables of Li et al. (2020) and more."""

@@ -13,8 +13,8 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
 from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
-from crowdbench.cli.study import ShardOption, make_runs
 from crowdbench.utils.tables import Format
+from studies.command import ShardOption, make_runs
 
 
 @help_from_docstring

@@ -17,11 +17,11 @@ from crowdbench.runs.load import load_run
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.folder import read_episodes
-from crowdbench.study.schema import CasesText, StudyHead
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Name, Names, TomlTable
+from studies.folder import read_episodes
 from studies.pages import NOTES, SUCCESS, SUCCESS_RATE
+from studies.schema import CasesText, StudyHead
 
 KINDS = ("sarl", "cadrl", "lstm_rl")
 SCENES = {"circular_crossing": "circle", "parallel_traffic": "traffic", "hybrid_scenario": "both"}

@@ -14,14 +14,13 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import main
 from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
-from crowdbench.cli.study import ShardOption, make_runs, print_study
 from crowdbench.runs.spec import RunSpec
-from crowdbench.study.folder import read_episodes
-from crowdbench.study.schema import CasesText, Planners, StudyHead
-from crowdbench.study.study import load_runs
 from crowdbench.utils.tables import Format, Grid, markdown, printed_by
 from crowdbench.utils.toml import Names
+from studies.command import ShardOption, make_runs, print_study
+from studies.folder import load_runs, read_episodes
 from studies.pages import read_file
+from studies.schema import CasesText, Planners, StudyHead
 
 FILE = Path(__file__).with_suffix(".toml")
 LOWEST, HIGHEST = 85.0, 93.0

@@ -15,12 +15,11 @@ from crowdbench.metrics.summary import Estimate, interval
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases as CaseRange
-from crowdbench.study.folder import read_episodes
-from crowdbench.study.schema import CasesText, Planners, StudyHead
-from crowdbench.study.study import load_runs
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location, Name, Names, TomlTable, number
+from studies.folder import load_runs, read_episodes
 from studies.pages import SUCCESS, SUCCESS_RATE
+from studies.schema import CasesText, Planners, StudyHead
 from studies.transfer.kendall import Cases, agreement, draw_families, kendall, mean_rates
 from studies.transfer.power import TRUE_TAUS, power
 

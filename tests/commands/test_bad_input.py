@@ -70,11 +70,10 @@ def test_a_model_that_holds_code_and_a_file_of_no_network_are_refused(crowdbench
 )
 def test_toml_that_nobody_means_is_refused_in_files_and_options(crowdbench, value, right):
     Path("mine.toml").write_text(f"seed = {value}\n")
-    for command in (["run", "--planner", "orca", "--scenario", "./mine.toml"], ["study", "mine.toml"]):
-        status, _, errors = crowdbench(*command)
-        assert (status, len(errors)) == (1, 1)
-        assert "mine.toml cannot be used: " in errors[0]
-        assert right in errors[0]
+    status, _, errors = crowdbench("run", "--planner", "orca", "--scenario", "./mine.toml")
+    assert (status, len(errors)) == (1, 1)
+    assert "mine.toml cannot be used: " in errors[0]
+    assert right in errors[0]
     for flag in ("--set", "--option"):
         with pytest.raises(InputError, match=right):
             assignments([f"seed={value}"], flag)
@@ -115,7 +114,6 @@ def special(path, kind):
     [
         ("x.toml", ["run", "--planner", "orca", "--scenario", "x.toml"]),
         ("x.toml", ["list", "scenarios", "x.toml"]),
-        ("x.toml", ["study", "x.toml"]),
         ("x.py", ["run", "--planner", "x.py"]),
         ("x.py", ["list", "planners", "x.py"]),
         ("x.py", ["run", "--planner", "orca", "--pedestrians", "x.py"]),

@@ -127,7 +127,6 @@ def test_json_is_all_that_json_prints(call):
         (["run", "--planner", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
         (["check", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
         (["train", "sarl", "--data", "."], "--data does not go with circle_crossing_mixed"),
-        (["study", f"{ROOT}/studies/crowds/study.toml", "--data", "."], "--data does not go with study.toml"),
         (["run", "--planner", "orca", "--board", "five", "--set", "dt=0.1"], "--set does not go with --board"),
         (["run", "--planner", "orca", "--board", "five", "--scenario", "circle_crossing_5"], "--scenario does not go"),
         (["run", "--planner", "orca", "--board", "five", "--isolated"], "do are --planner, --option, --cases, --data"),

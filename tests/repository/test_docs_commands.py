@@ -85,7 +85,6 @@ def where_else(arguments):
         return RUN_ELSEWHERE[arguments[0]]
     text = " ".join(arguments)
     places = {
-        "study ": "tests/unit/study/test_study.py",
         "run --board ": "tests/commands/test_run_board.py",
         "--shard": "tests/commands/test_parts.py",
         "weights=runs": ".ci/train",
@@ -131,16 +130,12 @@ def test_the_study_of_the_docs_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     texts = re.findall(r"^```toml\n(.*?)^```", (ROOT / "docs" / "paper.md").read_text(), re.DOTALL | re.MULTILINE)
     study, networks = (text.replace("val:40", "val:12") for text in texts)
-    Path("mine.toml").write_text(study)
-    run("study", "mine.toml")
-    printed = capsys.readouterr().out
-    assert "## ORCA with and without a margin" in printed
-    assert "square_crossing_5, time_limit=20.0" in printed
-    assert "ISRR 2011" in printed
     Path("mine.toml").write_text(study + networks)
     build_script(page)(["mine.toml"], standalone_mode=False)
     printed = capsys.readouterr().out
+    assert "## ORCA with and without a margin" in printed
     assert "## A margin of ORCA" in printed
+    assert "ISRR 2011" in printed
     assert "### square_crossing_5, time_limit=20.0" in printed
 
 

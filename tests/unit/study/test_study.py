@@ -10,17 +10,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from study_folders import CROWDS, MINE, NETWORKS, made, print_page, read, read_page, refused, study
+from study_folders import CROWDS, MINE, NETWORKS, made, print_page, read_page, refused
 
 from crowdbench import catalog
-from crowdbench.cli import app
+from crowdbench.runs.folder import make_in_folder, run_directory
 from crowdbench.runs.result_file import read_result
 from crowdbench.runs.shards import make_run
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.folder import make_in_folder, missing_runs, read_episodes, run_directory
-from crowdbench.study.study import read_study
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import printed_by
+from studies.folder import missing_runs, read_episodes
 from studies.tables import read_tables
 
 pytestmark = pytest.mark.usefixtures("study_folder")
@@ -29,14 +27,14 @@ STUDIES = Path(__file__).parents[3] / "studies"
 
 
 def test_only_what_is_missing_is_run(capsys):
-    study(CROWDS)
+    print_page(CROWDS)
     first = capsys.readouterr()
     before = made()
     assert "run 4 of 4: orca_margin on square_crossing_5, cases test:0:8" in first.err
-    study(CROWDS.replace('["orca", "orca_margin"]', '["orca", "orca_margin", "social_force"]'))
+    print_page(CROWDS.replace('["orca", "orca_margin"]', '["orca", "orca_margin", "social_force"]'))
     second = capsys.readouterr()
     assert "run 1 of 2: social_force on circle_crossing_5" in second.err
-    study(CROWDS)
+    print_page(CROWDS)
     again = capsys.readouterr()
     assert "run " not in again.err
     assert again.out == first.out
@@ -83,7 +81,7 @@ def test_whatever_changes_a_number_makes_another_run(monkeypatch):
 
 
 def test_a_run_that_was_interrupted_is_not_taken_for_the_whole(tmp_path):
-    one = read(CROWDS).runs[0]
+    one = read_page(CROWDS).runs[0]
     directory = run_directory(one, tmp_path)
     make_run(replace(one, spec=replace(one.spec, cases=Cases.parse("5"))), directory)
     assert missing_runs([one, one], tmp_path) == [one]
@@ -94,7 +92,7 @@ def test_a_run_that_was_interrupted_is_not_taken_for_the_whole(tmp_path):
 
 
 def test_an_edited_run_is_named_and_one_that_cannot_be_checked_is_made_again(tmp_path):
-    one = read(CROWDS).runs[0]
+    one = read_page(CROWDS).runs[0]
     make_in_folder(one, tmp_path, lambda done: None)
     directory = run_directory(one, tmp_path)
     table = (directory / "episodes.csv").read_text()
@@ -134,7 +132,7 @@ def test_a_killed_study_goes_on_where_it_stopped(number, capsys):
     Path("tiny.toml").write_text(text)
     Path("wait").touch()
     process = subprocess.Popen(
-        [sys.executable, "-m", "crowdbench", "study", "tiny.toml"],
+        [sys.executable, STUDIES / "run.py", "tiny.toml"],
         stderr=subprocess.PIPE,
         text=True,
         # A process started in the background ignores SIGINT unless told otherwise.
@@ -155,45 +153,10 @@ def test_a_killed_study_goes_on_where_it_stopped(number, capsys):
     before = {name: when for name, when in made().items() if ".parts-" not in name}
     assert [name.partition("-")[0] for name in before] == ["orca"]
     Path("wait").unlink()
-    study(text)
+    print_page(text)
     assert "run 1 of 3: stops on circle_crossing_5" in capsys.readouterr().err
     assert before.items() <= made().items()
     assert len(made()) == 4
-
-
-@pytest.mark.slow
-def test_a_study_prints_one_table_of_its_runs(capsys):
-    text = 'description = "Two planners"\nsources = ["A source."]\n' + CROWDS
-    study(text)
-    printed = capsys.readouterr().out
-    head = printed.split("\n\n")[:4]
-    assert head == [printed_by("crowdbench study tiny.toml"), "Two planners", "## Crowds", "Cases test:0:8."]
-    assert printed.endswith("A source.\n")
-    runs = sorted(str(path) for path in Path("runs/study-tiny").iterdir())
-    app(["table", *runs, "--format", "json"], standalone_mode=False)
-    records = json.loads(capsys.readouterr().out)
-    study(text, "--format", "json")
-    found = json.loads(capsys.readouterr().out)
-    assert found["study"] == "tiny"
-    (table,) = found["tables"]
-    assert table["title"] == "Crowds"
-
-    def named(rows):
-        return {(row["scenario"], row["planner"]): row for row in rows}
-
-    shown = named(table["rows"])
-    assert shown.keys() == named(records).keys()
-    for place, row in named(records).items():
-        assert row.pop("cases") == "test:0:8"
-        assert {name: shown[place][name] for name in row} == row  # a study also prints thresholds of fault
-    success = table["rows"][0]["success_rate"]
-    assert "| {mean:.1f} ({low:.1f} to {high:.1f}) |".format_map({k: 100 * v for k, v in success.items()}) in printed
-    study(text, "--format", "csv")
-    records = list(csv.DictReader(capsys.readouterr().out.splitlines()))
-    assert [record["planner"] for record in records] == ["orca", "orca_margin"] * 2
-    assert float(records[0]["success_rate.mean"]) == success["mean"]
-    study(text, "--format", "latex")
-    assert capsys.readouterr().out.count("\\toprule") == 1
 
 
 @pytest.mark.slow
@@ -278,17 +241,17 @@ BROKEN = {
 @pytest.mark.parametrize("text", BROKEN)
 def test_a_broken_study_gets_one_sentence(text):
     Path("orca.py").write_text((catalog.PLANNERS.folder / "orca.py").read_text())
-    refused(text, BROKEN[text], read_page)
+    refused(text, BROKEN[text])
 
 
-def test_a_study_without_a_table_is_refused():
-    refused("", ["has no table", "[[tables]]"])
-    refused(NETWORKS, ["unknown key networks", "tables"])
+def test_a_folder_of_tracks_that_no_run_needs_is_refused():
+    with pytest.raises(InputError, match=r"--data does not go with study\.toml"):
+        read_tables(STUDIES / "kce" / "study.toml", Path())
 
 
 def test_a_study_that_is_not_there_is_told():
     with pytest.raises(InputError, match=r"study nowhere.toml cannot be read"):
-        read_study(Path("nowhere.toml"))
+        read_tables(Path("nowhere.toml"))
 
 
 @pytest.mark.slow
@@ -307,9 +270,9 @@ def test_the_shipped_studies_can_be_made():
 
 @pytest.mark.slow
 def test_shards_make_their_share_and_the_last_one_prints_the_tables(capsys):
-    study(CROWDS, "--out", "whole")
+    print_page(CROWDS, "--out", "whole")
     whole = capsys.readouterr().out
-    study(CROWDS, "--shard", "2/3")
+    print_page(CROWDS, "--shard", "2/3")
     told = capsys.readouterr()
     assert told.out == ""
     assert re.findall(r"run \d of \d: (\w+ on \w+)", told.err) == ["orca_margin on circle_crossing_5"]
@@ -317,9 +280,9 @@ def test_shards_make_their_share_and_the_last_one_prints_the_tables(capsys):
         "crowdbench: 1 of 4 runs are in runs/study-tiny; the last process to finish, or the same command "
         "without --shard, prints the tables"
     )
-    study(CROWDS, "--shard", "1/3")
+    print_page(CROWDS, "--shard", "1/3")
     assert "3 of 4 runs are in runs/study-tiny" in capsys.readouterr().err
-    study(CROWDS, "--shard", "3/3")
+    print_page(CROWDS, "--shard", "3/3")
     assert capsys.readouterr().out == whole
     for name in made():
         tables = [Path(folder, name, "episodes.csv").read_bytes() for folder in ("whole", "runs/study-tiny")]
@@ -347,7 +310,7 @@ def test_processes_that_are_given_the_same_study_share_its_runs(capsys):
     Path("slow.py").write_text(SLOW)
     text = CROWDS.replace('"orca", "orca_margin"', '"orca", "./slow.py"')
     Path("tiny.toml").write_text(text)
-    command = [sys.executable, "-m", "crowdbench", "study", "tiny.toml"]
+    command = [sys.executable, STUDIES / "run.py", "tiny.toml"]
     processes = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     ended = [process.communicate(timeout=100) for process in processes]
     assert [process.returncode for process in processes] == [0, 0], ended

@@ -4,17 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from study_folders import CROWDS, episodes, leave, read, read_page
+from study_folders import CROWDS, episodes, leave, read_page
 
 from crowdbench.catalog import load_scenario
 from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.metrics.summary import bootstrap
 from crowdbench.runs.compare import compare
+from crowdbench.runs.folder import make_in_folder, run_directory
 from crowdbench.runs.paired import LEAST_SHARED
 from crowdbench.runs.result_file import read_result
 from crowdbench.runs.store import RunResult
 from crowdbench.runs.table import RunTable
-from crowdbench.study.folder import make_in_folder, run_directory
 from crowdbench.utils.tables import printed_by
 from studies.side_by_side import OVER_SOLVED, FilledCrowd, comparisons, verdict_grid
 
@@ -78,7 +78,7 @@ def test_a_few_shared_successes_are_no_evidence_and_the_cell_says_so():
 
 def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
     study = read_page('description = "What is compared"\n' + CROWDS.replace('"8"', '"20"'))
-    for better, runs in zip((0, 4), study.tables[0].table.by_scenario, strict=True):
+    for better, runs in zip((0, 4), study.tables[0].by_scenario, strict=True):
         one, two = side_by_side(navigation_time=1.0)
         two = episodes([1] * (12 + better) + [0] * (8 - better), **{name: two.columns[name] for name in MEASURES})
         # What a failure has says nothing of those who arrive.
@@ -89,9 +89,9 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
         one.columns["vehicle_share"][12:] = [0.1, 0.2, 0.4, 0.9, 0.02, 0.07, 0.09, np.nan]
         leave(runs[0], tmp_path, one)
         leave(runs[1], tmp_path, two)
-    text = study.markdown(study.fill(tmp_path), "crowdbench study tiny.toml")
+    text = study.markdown(study.fill(tmp_path), "python studies/run.py tiny.toml")
     head = text.split("\n\n")[:3]
-    assert head == [printed_by("crowdbench study tiny.toml"), "What is compared", "## Crowds"]
+    assert head == [printed_by("python studies/run.py tiny.toml"), "What is compared", "## Crowds"]
     assert re.findall("^##+ .*", text, re.MULTILINE) == ["## Crowds", "### circle_crossing_5", "### square_crossing_5"]
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:2] == "| "]
     assert lines[0] == ["success, %", "orca", "orca_margin"]
@@ -124,7 +124,7 @@ def test_a_planner_with_several_networks_is_their_mean_over_networks_and_cases(t
     planners = '["orca", { planner = "./mine.py", weights = ["one", "two"] }]'
     study = read_page(CROWDS.replace('["orca", "orca_margin"]', planners).replace('"8"', '"20"'))
     solved = [np.arange(20) < n for n in (8, 12, 16)]
-    for runs in study.tables[0].table.by_scenario:
+    for runs in study.tables[0].by_scenario:
         assert [run.spec.options for run in runs] == [{}, {"weights": "one"}, {"weights": "two"}]
         for run, success, slower in zip(runs, solved, (0.0, 1.0, 2.0), strict=True):
             times = 10.0 + slower + 0.1 * np.arange(20)
@@ -156,7 +156,7 @@ def test_a_planner_with_several_networks_is_their_mean_over_networks_and_cases(t
 
 
 def test_a_planner_may_have_options():
-    runs = read(CROWDS.replace('"orca_margin"', '{ planner = "orca", options = { safety_space = 0.2 } }')).runs
+    runs = read_page(CROWDS.replace('"orca_margin"', '{ planner = "orca", options = { safety_space = 0.2 } }')).runs
     assert [run.label for run in runs[:2]] == ["orca", "orca (safety_space=0.2)"]
     assert runs[1].spec.options == {"safety_space": 0.2}
 

@@ -6,7 +6,7 @@ import pytest
 from study_folders import MINE, NETWORKS, episodes, leave, print_page, read_page
 
 from crowdbench.metrics.summary import wilson
-from crowdbench.study.folder import run_directory
+from crowdbench.runs.folder import run_directory
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 

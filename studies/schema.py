@@ -65,9 +65,3 @@ class StudyHead(TomlTable):
 
     description: Text = ""
     sources: list[Text] = Field(default=[], description="a list of texts in quotes")
-
-
-class StudySpec(StudyHead):
-    """The whole file."""
-
-    tables: list[TableSpec] = Field(default=[], description="a list of tables [[tables]]")

@@ -1,0 +1,69 @@
+"""What the commands of studies share.
+
+A function imports what takes long when it is called, after the number of threads is set.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
+from crowdbench.utils.tables import Format, Grid, format_tables, plain
+
+if TYPE_CHECKING:
+    from crowdbench.runs.run import Run
+
+ShardOption = Annotated[
+    str | None,
+    typer.Option(help="Make one share of the runs, such as 2/8; the last shard to finish prints the tables."),
+]
+
+
+def make_runs(runs: Sequence[Run], out: Path, shard: str | None) -> None:
+    """Make the runs that the folder `out` lacks; exits after an interrupt, and where runs of others are missing.
+
+    Args:
+        runs: The runs, some perhaps twice.
+        out: The folder.
+        shard: Which share of them is made, such as 2/8.
+    """
+    from crowdbench.runs.folder import make_in_folder, run_directory
+    from crowdbench.runs.shards import Shard
+    from studies.folder import missing_runs
+
+    announce_compilation()
+    lacking = missing_runs(runs, out, Shard.parse(shard))
+    with exit_on_interrupt(f"the same command goes on with the runs that are kept in {out}"):
+        for number, run in enumerate(lacking, 1):
+            changes = "".join(f", {key}={value}" for key, value in run.spec.overrides.items())
+            named = f"{run.label} on {run.scenario.name}{changes}, cases {run.spec.cases}"
+            say(f"run {number} of {len(lacking)}: {named}")
+            # The time left is that of this run: a case of another planner may take a hundred times as long.
+            cases = len(run.spec.cases)
+            with progress(cases, f"of {cases} cases of run {number}") as report:
+                make_in_folder(run, out, report)
+    if missing := missing_runs(runs, out):
+        number = len({run_directory(run, out) for run in runs})
+        finished = f"crowdbench: {number - len(missing)} of {number} runs are in {out}"
+        say(f"{finished}; the last process to finish, or the same command without --shard, prints the tables")
+        raise typer.Exit
+
+
+def print_study(contents: object, grids: Sequence[Grid], page: str, format: Format) -> None:
+    """Print the tables of a study.
+
+    Args:
+        contents: All of it, as JSON.
+        grids: Its tables, for LaTeX and CSV.
+        page: The page, in Markdown.
+        format: How it is printed.
+    """
+    if format is Format.JSON:
+        print(json.dumps(plain(contents), indent=2))
+    else:
+        print(page if format is Format.MARKDOWN else format_tables(grids, format))

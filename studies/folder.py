@@ -1,0 +1,48 @@
+"""The runs of a study: load them, find those that its folder lacks, and read them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from crowdbench import catalog
+from crowdbench.runs.folder import is_complete, run_directory
+from crowdbench.runs.load import load_run
+from crowdbench.runs.results import EPISODES, Episodes
+from crowdbench.runs.run import Run
+from crowdbench.runs.shards import WHOLE, Shard
+from crowdbench.runs.spec import RunSpec
+from studies.schema import PlannerSpec
+
+
+def load_runs(planners: Sequence[PlannerSpec], base: RunSpec) -> list[Run]:
+    """Load the runs of planners in one scenario, which is loaded once.
+
+    Args:
+        planners: The planners with their options.
+        base: The common part of all runs.
+
+    Raises:
+        InputError: A planner or the scenario does not exist.
+    """
+    scenario = catalog.load_scenario(base.scenario, base.overrides, data=base.data)
+    specs = [dataclasses.replace(base, planner=each.planner, options=its) for each in planners for its in each.choices]
+    return [load_run(spec, scenario=scenario) for spec in specs]
+
+
+def missing_runs(runs: Iterable[Run], out: Path, shard: Shard = WHOLE) -> list[Run]:
+    """Return the runs that are not in the folder, each once.
+
+    Args:
+        runs: The runs that are needed, some perhaps twice.
+        out: The folder.
+        shard: Which share of the runs is looked at. It is the same whichever of them are there.
+    """
+    distinct = list({run_directory(run, out): run for run in runs}.values())
+    return [run for run in shard.select(distinct) if not is_complete(run, out)]
+
+
+def read_episodes(run: Run, out: Path) -> Episodes:
+    """Read the episodes of a run in the folder. Raises InputError where it is not there."""
+    return Episodes.read(run_directory(run, out) / EPISODES)
