@@ -232,7 +232,7 @@ def gymnasium_step(worlds: int, steps: int) -> float:
 
 def stable_baselines_step(worlds: int, steps: int) -> float:
     """Seconds per vehicle and step of `CrowdVecEnv`."""
-    from crowdbench.envs.stable_baselines import CrowdVecEnv
+    from examples.stable_baselines import CrowdVecEnv
 
     envs = CrowdVecEnv(worlds, SCENARIO, **VEC_OPTIONS, cases=worlds)
     envs.reset()

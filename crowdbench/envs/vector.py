@@ -37,7 +37,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
 
     All worlds are simulated at once. `vectorization_mode="sync"` steps them one after the other: with 128 worlds this
     takes about twice as long where observations are `flat`, and eight times as long elsewhere. With stable-baselines3,
-    `CrowdVecEnv` is as fast as this environment.
+    `CrowdVecEnv` of examples/stable_baselines.py is as fast as this environment.
 
     Args:
         num_envs: Number of worlds.

@@ -22,7 +22,6 @@ from crowdbench.envs.rewards import (
     load_reward,
     progress,
 )
-from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.views import ACTIONS, OBSERVATIONS
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.features import features, in_disc, to_world
@@ -31,6 +30,7 @@ from crowdbench.planners.policy import NetworkPlanner, PolicyInterface
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
+from examples.stable_baselines import CrowdVecEnv
 
 ID = "crowdbench/Vehicle-v0"
 EXAMPLES = Path(__file__).parents[3] / "examples"
