@@ -1,4 +1,4 @@
-"""The networks of Social GAN (Gupta et al. 2018): a generator of futures, and a discriminator of real and fake tracks.
+"""The generator of futures of Social GAN (Gupta et al. 2018). The discriminator is in `studies/social_gan/training.py`.
 
 Differs from the paper, because it is trained faster so: the decoder's output is added to the last displacement instead
 of replacing it, and the network learns how pedestrians deviate from constant velocity. The sizes of the generator come
@@ -128,17 +128,3 @@ class Generator(nn.Module):
             move = move + self.move(state)
             moves.append(move)
         return torch.stack(moves, dim=1).reshape(modes, rows, steps, 2)
-
-
-class Discriminator(nn.Module):
-    """Tells real tracks from fake ones: an encoder and a perceptron as its head."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.encoder = Encoder(HIDDEN)
-        self.head = perceptron(HIDDEN, WIDE, 1)
-
-    def forward(self, displacement: Float[Tensor, "row time 2"]) -> Float[Tensor, "row"]:
-        """Return the logit that a track is real, from its displacements in metres, observed and predicted."""
-        logit: Tensor = self.head(self.encoder(displacement))[:, 0]
-        return logit

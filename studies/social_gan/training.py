@@ -21,7 +21,8 @@ from torch.nn.functional import softplus
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types import HISTORY
-from crowdbench.networks.social_gan import NOISE, Discriminator, Generator
+from crowdbench.networks.social_gan import HIDDEN, NOISE, WIDE, Encoder, Generator
+from crowdbench.networks.value import perceptron
 from crowdbench.predict import Prediction
 from crowdbench.predict.social_gan import scatter
 from crowdbench.scenario.tracks.eth_ucy import DT
@@ -54,6 +55,20 @@ EPOCHS_PER_SEED = 1_000_000
 
 VALIDATIONS = 24
 """Validations of a training, on validation windows."""
+
+
+class Discriminator(nn.Module):
+    """Tells real tracks from fake ones: an encoder and a perceptron as its head."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.encoder = Encoder(HIDDEN)
+        self.head = perceptron(HIDDEN, WIDE, 1)
+
+    def forward(self, displacement: Float[Tensor, "row time 2"]) -> Float[Tensor, "row"]:
+        """Return the logit that a track is real, from its displacements in metres, observed and predicted."""
+        logit: Tensor = self.head(self.encoder(displacement))[:, 0]
+        return logit
 
 
 class SocialGANTraining(Training):

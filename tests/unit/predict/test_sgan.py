@@ -7,8 +7,9 @@ from test_predict import bent, observation
 
 from crowdbench import InputError
 from crowdbench.core.types import HISTORY
-from crowdbench.networks.social_gan import HIDDEN, NOISE, Discriminator, Generator
+from crowdbench.networks.social_gan import HIDDEN, NOISE, Generator
 from crowdbench.predict.social_gan import SocialGAN, extrapolated_history
+from studies.social_gan.training import Discriminator
 
 BOTH = pytest.mark.parametrize("pooling", [False, True])
 
