@@ -111,13 +111,7 @@ def read_file(file: Path, spec: type[Head]) -> Head:
 
 
 def print_page(
-    head: StudyHead,
-    tables: Sequence[Table],
-    command: str,
-    out: Path,
-    make: MakeRuns,
-    format: Format,
-    name: str | None = None,
+    head: StudyHead, tables: Sequence[Table], command: str, out: Path, make: MakeRuns, format: Format, name: str = ""
 ) -> None:
     """Make the runs of a study that are not there yet, and print its page.
 

@@ -57,18 +57,12 @@ VALIDATIONS = 24
 """Validations of a training, on validation windows."""
 
 
-class Discriminator(nn.Module):
-    """Tells real tracks from fake ones: an encoder and a perceptron as its head."""
+def make_discriminator() -> nn.Module:
+    """Return a network that tells real tracks from fake ones: an encoder, and a perceptron as its head.
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.encoder = Encoder(HIDDEN)
-        self.head = perceptron(HIDDEN, WIDE, 1)
-
-    def forward(self, displacement: Float[Tensor, "row time 2"]) -> Float[Tensor, "row"]:
-        """Return the logit that a track is real, from its displacements in metres, observed and predicted."""
-        logit: Tensor = self.head(self.encoder(displacement))[:, 0]
-        return logit
+    It maps displacements in metres, observed and predicted, `[row, time, 2]`, to the logits `[row]` of real tracks.
+    """
+    return nn.Sequential(Encoder(HIDDEN), perceptron(HIDDEN, WIDE, 1), nn.Flatten(0))
 
 
 class SocialGANTraining(Training):
@@ -95,7 +89,7 @@ class SocialGANTraining(Training):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self.generator = Generator(config.pooling).to(device)
-            self.discriminator = Discriminator().to(device)
+            self.discriminator = make_discriminator().to(device)
         self.average = copy.deepcopy(self.generator)
         self.validated = copy.deepcopy(self.generator)
         self.generator_optimizer = torch.optim.Adam(self.generator.parameters(), lr=LEARNING_RATE)

@@ -9,7 +9,7 @@ from crowdbench import InputError
 from crowdbench.core.types import HISTORY
 from crowdbench.networks.social_gan import HIDDEN, NOISE, Generator
 from crowdbench.predict.social_gan import SocialGAN, extrapolated_history
-from studies.social_gan.training import Discriminator
+from studies.social_gan.training import make_discriminator
 
 BOTH = pytest.mark.parametrize("pooling", [False, True])
 
@@ -168,7 +168,7 @@ def test_impossible_numbers_of_modes_are_refused(modes):
 def test_a_discriminator_scores_each_track_by_itself():
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
-        discriminator = Discriminator()
+        discriminator = make_discriminator()
     tracks = torch.randn((5, 15, 2), generator=torch.Generator().manual_seed(0))
     together = discriminator(tracks)
     assert together.shape == (5,)
