@@ -1,4 +1,4 @@
-"""What the commands of studies share.
+"""The option `--shard` of studies, and the functions that make their runs and print their tables.
 
 A function imports what takes long when it is called, after the number of threads is set.
 """
