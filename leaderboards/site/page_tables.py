@@ -68,7 +68,7 @@ def near(table: Standings, one: Standing) -> tuple[list[str], list[str]]:
 
 
 def pair_table(table: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
-    """A row for each ranked entry with a cell for each ranked entry, None for itself."""
+    """Return a row for each ranked entry with a cell for each one, None for itself and where they are not compared."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
     for pair in table.pairs:
         cells[pair.higher, pair.lower] = _pair_cell(pair, "better", 1.0)

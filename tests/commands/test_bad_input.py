@@ -142,7 +142,7 @@ def test_pipes_devices_and_folders_are_not_read(crowdbench, tmp_path, name, comm
             ["plot", "success"],
             ["export", "--out", "x"],
         ),
-        *(["merge", "--out", "x"], ["compare", "loop"], ["render"], ["check"], ["study"], ["list", "scenarios"]),
+        *(["merge", "--out", "x"], ["compare", "loop"], ["render"], ["check"], ["list", "scenarios"]),
         *(["submit", "--board", "ten"], ["run", "--planner", "straight", "--cases", "1", "--out"]),
     ],
     ids=" ".join,
