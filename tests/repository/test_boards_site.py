@@ -80,7 +80,9 @@ def enter(root, board, planner, **card):
     path = root.parent / f"{planner}.toml"
     path.write_text(text)
     submit(
-        Submission(read_board(root / board), planner, planner, {}, [], path, "Some Body"), root, root.parent / "work"
+        Submission(read_board(root / board), planner, planner, {}, [], path, f"Some Body of {planner}"),
+        root,
+        root.parent / "work",
     )
 
 

@@ -151,8 +151,15 @@ def test_a_ladder_is_kept_and_drawn(tmp_path):
     assert "run 1" not in again.output  # all are kept
     (found,) = json.loads(again.stdout)
     assert list(found["success"]) == ["P0", "P1", "I", "G", "GP", "P2", "P3"]  # nobody looked for certificates
-    assert [step["knowledge"] for step in found["steps"]] == ["perception", "goals", "policies", "attention", "chance"]
-    assert [step["gain"] is None for step in found["steps"]] == [False, False, False, True, False]
+    assert [step["knowledge"] for step in found["steps"]] == [
+        "perception",
+        "inference",
+        "goals",
+        "policies",
+        "attention",
+        "chance",
+    ]
+    assert [step["gain"] is None for step in found["steps"]] == [False, False, False, False, True, False]
     file, figure = tmp_path / "runs" / "own.json", tmp_path / "ladder.svg"
     assert json.loads(file.read_text()) == found
     assert CliRunner().invoke(build_script(plot), [str(file), "--out", str(figure)]).exit_code == 0
