@@ -47,7 +47,7 @@ def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
         for path in files
     ]
     lowest = 100.0
-    with axes(out, height=0.9 + 0.22 * len(found)) as ax:
+    with axes(out, height=1.6 + 0.22 * len(found)) as ax:
         for place, each in enumerate(reversed(found)):
             rates, best = (
                 [100.0 * rung["mean"] for rung in each["success"].values()],
