@@ -220,4 +220,5 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
             if number:
                 from crowdbench.record.cases import read_verdict
 
-                print("\n".join(f"  {line}" for line in read_verdict(directory / RECORDING, cases[0])))
+                for line in read_verdict(directory / RECORDING, cases[0]):
+                    print(f"  {line}")
