@@ -167,7 +167,7 @@ def test_a_pair_differs_as_crowdbench_compare_says(tmp_path):
     for one in table.runs:
         make_in_folder(one, tmp_path, lambda done: None)
     found = table.fill(tmp_path)
-    for runs, crowd in zip(table.table.by_scenario, found.crowds, strict=True):
+    for runs, crowd in zip(table.by_scenario, found.crowds, strict=True):
         expected = compare(*(run_directory(one, tmp_path) for one in runs))
         (found,) = crowd.pairs
         assert found.both_solved == expected.both_solved > LEAST_SHARED
