@@ -243,8 +243,9 @@ def test_the_resampled_difference_is_paired(tmp_path):
     for row in rows:
         row[at] = repr(float(row[at]) + 2.0)
     (tmp_path / "b" / "episodes.csv").write_text("\n".join([table[0], *map(",".join, rows)]) + "\n")
-    mean = read_result(tmp_path / "b")["metrics"]["path_length"]["mean"] + 2.0
-    reseal(tmp_path / "b", lambda result: result["metrics"]["path_length"].update(mean=mean))
+    stated = read_result(tmp_path / "b")["metrics"]["path_length"]
+    longer = {name: stated[name] + 2.0 for name in ("mean", "low", "high", "max")}
+    reseal(tmp_path / "b", lambda result: result["metrics"]["path_length"].update(longer))
     difference = compare(tmp_path / "a", tmp_path / "b").rows["path_length"].difference
     assert (difference.low, difference.mean, difference.high) == pytest.approx((2.0, 2.0, 2.0))
 
