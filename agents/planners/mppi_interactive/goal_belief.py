@@ -22,6 +22,10 @@ SLOW = 0.2
 DEVIATION = 0.2
 """Standard deviation of the velocity of a person from the one that was foreseen, in m/s."""
 
+NOTICES = 0.6
+"""Time in s before which nobody has noticed a vehicle that has come into view, a visuomotor delay (Rio, Rhea and
+Warren, "Follow the leader: visual control of speed in pedestrian following", Journal of Vision 14(2), 2014)."""
+
 UNLIKELY = 2.0
 """By how much the logarithm of the weight of a candidate is smaller for each metre that it is too near [1/m]."""
 
@@ -102,6 +106,7 @@ class GoalBelief:
         kappa = np.where(measured, inference.concentration, 0.0)
         if crowd.deviation is not None:  # a heading is as uncertain as the velocity across it, over the speed
             kappa /= 1.0 + inference.concentration * (crowd.deviation[..., 1] / np.maximum(speed, SLOW)) ** 2
+        self.since[row] = np.where(is_new, obs.time[:, None], self.since[row])
         self.log[row] = log + obs.dt * kappa[:, None] * cosine
         aware, blind = ((crowd.velocity - each) ** 2 for each in self.foreseen[:, row])
         variance = DEVIATION**2 + (0.0 if crowd.deviation is None else crowd.deviation[..., 1] ** 2)
@@ -123,7 +128,7 @@ class GoalBelief:
         self.index[obs.row] = np.arange(worlds)
         self.log = np.zeros((worlds, geodesics.goal.shape[1], pedestrians))
         self.speed, self.last = np.zeros((worlds, pedestrians)), np.full((worlds, pedestrians, 2), np.nan)
-        self.blinder = np.zeros((worlds, pedestrians))
+        self.blinder, self.since = np.zeros((worlds, pedestrians)), np.full((worlds, pedestrians), np.inf)
         self.foreseen = np.full((2, worlds, pedestrians, 2), np.nan)
         self.time = obs.time - obs.dt
         # The same in a whole episode, so that goals that are sampled change with the posterior alone.
@@ -153,13 +158,15 @@ class GoalBelief:
 
         Each person does so in a share of the futures, rounded up: the posterior of two hypotheses, that it avoids the
         vehicle and that it ignores it. The evidence is how much better its velocities were foreseen by one of them.
+        Somebody who has just come into view ignores it with a prior probability of a half at least, unless nobody does.
 
         Args:
             obs: The observation.
             share: The prior probability that a person ignores the vehicle.
         """
         row = self.index[obs.row]
-        probability = expit(logit(share) + self.blinder[row])
+        unaware = (obs.time[:, None] - self.since[row] < NOTICES) & (share > 0.0)
+        probability = expit(logit(np.where(unaware, max(share, 0.5), share)) + self.blinder[row])
         return np.asarray(self.order[row] < np.ceil(probability * self.futures)[:, None])
 
     def foresee(self, obs: Observation, aware: Velocities, blind: Velocities) -> None:

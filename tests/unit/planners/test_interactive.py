@@ -114,12 +114,15 @@ def test_goals_of_futures_are_stratified_over_the_posterior(worlds):
         assert np.abs(share - posterior[:, goal]).max() <= 1.0 / 50 + 1e-9
 
 
-@pytest.mark.parametrize(("share", "number"), [(0.0, 0), (0.15, 1), (0.5, 3), (1.0, 6)])
-def test_each_person_ignores_the_vehicle_in_a_share_of_the_futures_of_its_own(worlds, share, number):
+@pytest.mark.parametrize(("share", "new", "number"), [(0.0, 0, 0), (0.15, 3, 1), (0.5, 3, 3), (1.0, 6, 6)])
+def test_each_person_ignores_the_vehicle_in_a_share_of_the_futures_of_its_own(worlds, share, new, number):
     belief = goal_belief.GoalBelief(goal_belief.INFERENCE, 6)
     belief.update(obs := observed(worlds[0]))
+    assert (belief.ignores(obs, share).sum(axis=1) == new).all()
+    for world in worlds[1:]:
+        belief.update(obs := observed(world))
     ignores = belief.ignores(obs, share)
-    assert (ignores.sum(axis=1) == number).all()
+    assert (ignores.sum(axis=1)[obs.pedestrians.seen] == number).all()
     if number == 1:
         assert ignores.any(axis=2).sum() > len(obs)  # not all in the same future
 
@@ -127,8 +130,9 @@ def test_each_person_ignores_the_vehicle_in_a_share_of_the_futures_of_its_own(wo
 @pytest.mark.parametrize(("walks", "number"), [("blind", 6), ("aware", 1)])
 def test_people_who_walk_as_if_they_ignored_the_vehicle_do_so_in_more_futures(worlds, walks, number):
     belief = goal_belief.GoalBelief(goal_belief.INFERENCE, 6)
-    before, now = observed(worlds[4]), observed(worlds[5])
-    belief.update(before)
+    *earlier, before, now = map(observed, worlds[:6])
+    for obs in (*earlier, before):
+        belief.update(obs)
     true, other = now.pedestrians.velocity, now.pedestrians.velocity + 0.5
     belief.foresee(before, *((true, other) if walks == "aware" else (other, true)))
     belief.update(now)
