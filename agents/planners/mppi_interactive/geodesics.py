@@ -169,19 +169,21 @@ def _grid(low: Points, high: Points, spacing: float) -> tuple[Points, Int[np.nda
 
 def _straight(start: Points, end: Points, edges: Float[np.ndarray, "edge 2 2"]) -> Float[np.ndarray, "start end"]:
     """Return the lengths of straight ways in metres, infinite where an edge crosses them."""
-    length = np.hypot(*np.moveaxis(end[None] - start[:, None], -1, 0))
-    for a, b in edges:
-        parted = _side(a, b, start)[:, None] * _side(a, b, end)[None] < 0.0
-        s, e = np.nonzero(parted)
-        crossed = _side(start[s], end[e], a) * _side(start[s], end[e], b) < 0.0
-        length[s[crossed], e[crossed]] = np.inf
+    corners, index = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
+    way = end - start[:, None]
+    sides = [_cross(way, (corner - start)[:, None]) for corner in corners]  # where each corner lies from each way
+    left, right = [side > 0.0 for side in sides], [side < 0.0 for side in sides]
+    length = np.hypot(way[..., 0], way[..., 1])
+    for (a, b), (i, j) in zip(edges, index.reshape(-1, 2), strict=True):
+        s, e = _cross(b - a, start - a)[:, None], _cross(b - a, end - a)
+        parted = ((s < 0.0) & (e > 0.0)) | ((s > 0.0) & (e < 0.0))
+        length[parted & ((left[i] & right[j]) | (right[i] & left[j]))] = np.inf
     return length
 
 
-def _side(start: Points, end: Points, point: Points) -> Float[np.ndarray, "..."]:
-    """Return a number whose sign says on which side of a line points are."""
-    line, offset = end - start, point - start
-    return line[..., 0] * offset[..., 1] - line[..., 1] * offset[..., 0]
+def _cross(one: Float[np.ndarray, "*#n 2"], other: Float[np.ndarray, "*#n 2"]) -> Float[np.ndarray, "*n"]:
+    """Return the cross products of vectors, positive where the second one is to the left of the first."""
+    return one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
 
 
 def _pad(arrays: Sequence[np.ndarray]) -> np.ndarray:
