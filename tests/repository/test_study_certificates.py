@@ -247,7 +247,7 @@ def test_a_margin_that_cannot_be_is_refused(made):
 
 
 STALE = {
-    "suite": "intersection_16 corridor_8 blocks_12 blocks_12_perfect_sight",
+    "suite": "intersection_16",
     "generalisation": "",
     "maps": "",
 }
