@@ -128,7 +128,7 @@ SCENARIOS = {
     "doorway_10": "881bcb2fd589",
     "groups_12": "285fc6313530",
     "half_half_20": "29ca6212e3ea",
-    "intersection_16": "2f025a6b11a5",
+    "intersection_16": "ecbafe71effc",
     "intersection_16_seen": "cb96ad8713c1",
     "noisy_10": "c081b945dfc7",
     "restless_20": "398067334dbc",
