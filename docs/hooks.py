@@ -1,4 +1,4 @@
-"""Hooks of MkDocs: pages of studies, tables as data, and the parts of the reference that are generated from the code.
+"""Hooks of MkDocs: pages of studies, tables as data, a replay, and the parts that are generated from the code.
 
 A page contains `<!-- generated: NAME -->` where the function NAME of `docs/reference.py` writes Markdown. On GitHub the
 comment is invisible.
@@ -15,6 +15,7 @@ from mkdocs.structure.files import File, Files
 sys.path.append(str(Path(__file__).parent))
 
 import reference
+import replays
 import tables
 
 STUDIES = Path(__file__).parent.parent / "studies"
@@ -27,20 +28,18 @@ WIDE = ("index", "results")
 
 
 def on_config(config: Any) -> Any:
-    """Link the header to the repository that publishes the site, and to the leaderboards beside it.
+    """Link the header to the repository that publishes the site.
 
     The theme's own `repo_url` would ask another host for the number of stars.
     """
     if name := os.environ.get("GITHUB_REPOSITORY"):
-        owner, _, project = name.partition("/")
         server = os.environ.get("GITHUB_SERVER_URL", "https://github.com")
-        config.nav.append({"Leaderboards": f"https://{owner}.github.io/{project}/boards/"})
         config.nav.append({"Repository": f"{server}/{name}"})
     return config
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the pages and figures of the studies, and their tables as data."""
+    """Add the pages and figures of the studies, their tables as data, and the replay of the suite."""
     for path in sorted(STUDIES.glob("*/*.png")):
         files.append(File.generated(config, path.relative_to(STUDIES.parent).as_posix(), abs_src_path=str(path)))
     for path in sorted(STUDIES.glob("*/*.md")):
@@ -48,11 +47,15 @@ def on_files(files: Files, config: Any) -> Files:
         files.append(File.generated(config, uri, abs_src_path=str(path)))
     for name, content in tables.scripts(STUDIES).items():
         files.append(File.generated(config, f"tables/{name}", content=content))
+    for uri, data in replays.files().items():
+        files.append(File.generated(config, uri, content=data))
     return files
 
 
 def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
     """Write the generated parts, and let links lead to where a page is on the site."""
+    if page.file.src_uri.startswith("leaderboards/"):
+        return markdown
     page.meta["search"] = {"boost": BOOST.get(Path(page.file.src_uri).stem, 1)}
     if page.file.src_uri in map("{}.md".format, WIDE):
         page.meta["hide"] = ["navigation", "toc"]
@@ -64,4 +67,8 @@ def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
             r"\]\((tables/[\w-]+\.csv)\)", "](../../results.md)", markdown.replace("](../../docs/", "](../../")
         )
     markdown = re.sub(r"<!-- generated: (\w+) -->", lambda found: getattr(reference, found[1])(), markdown)
-    return markdown.replace("](../studies/", "](studies/")
+    if Path(page.file.src_uri).stem in replays.LINKING:
+        markdown = replays.add_links(markdown)
+    return markdown.replace("](../studies/", "](studies/").replace(
+        "](../leaderboards/README.md", "](leaderboards/index.md"
+    )

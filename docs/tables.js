@@ -1,5 +1,6 @@
 "use strict";
-// The page of tables: choose a study and a table, sort, filter, choose columns, download. Tables are in tables/*.js.
+// Tables that can be sorted, filtered and downloaded: each table.sheet of a page, and the tables of studies, which are in
+// tables/*.js, on the page that has #data. A cell is its text, or its data-v where that is another one.
 
 const loaded = {};
 function addTables(study, tables) { loaded[study] = tables; }
@@ -16,79 +17,92 @@ function leading(cell) {
   return found ? Number(found[1].replaceAll(",", "")) : null;
 }
 
-function order(a, b) {
-  const [x, y] = [leading(a), leading(b)];
-  if (x !== null && y !== null) return x - y;
-  if (x !== null || y !== null) return x === null ? 1 : -1;
-  return a.localeCompare(b);
-}
-
 function csv(rows) {
   const quoted = (cell) => (/[",\n]/.test(cell) ? `"${cell.replaceAll('"', '""')}"` : cell);
   return rows.map((row) => row.map(quoted).join(",")).join("\n") + "\n";
 }
 
-// A success rate shades its cell, from 0 to 100 %.
-function shade(cell, heading, title) {
-  const rate = /^([\d.]+) ?%/.exec(cell);
-  if (!rate || !/success/.test(`${heading} ${title}`) || /collision|fault|time-out/.test(heading)) return "";
-  return `--rate: ${rate[1]}%`;
+const text = (cell) => cell.dataset.v ?? cell.textContent.replace(/\s+/g, " ").trim();
+
+// Sort by a column; what is no number comes last, in both directions.
+function sort(table, head) {
+  const body = table.tBodies[0], column = head.cellIndex, rows = [...body.rows].map((row) => [row, text(row.cells[column])]);
+  const before = head.ariaSort, hasNumbers = rows.some(([, cell]) => leading(cell) !== null);
+  const isFalling = before ? before === "ascending" : hasNumbers && !("up" in head.dataset);
+  for (const each of table.tHead.rows[0].cells) each.ariaSort = null;
+  head.ariaSort = isFalling ? "descending" : "ascending";
+  table.classList.add("sorted");
+  const compare = ([, a], [, b]) => {
+    const [x, y] = [leading(a), leading(b)], sign = isFalling ? -1 : 1;
+    if (x !== null && y !== null) return sign * (x - y);
+    return x !== null || y !== null ? (x === null) - (y === null) : sign * a.localeCompare(b);
+  };
+  body.append(...rows.sort(compare).map(([row]) => row));
 }
 
-function showTable(place, table, name) {
-  let sorted = null, falling = true;
-  const hidden = new Set();
+// Make a table answer. Where it has data-tags, as "learned planning;real-time", as its rows have, there is a box for each
+// tag that some rows have; a row is shown that has one of the chosen tags of each group.
+function equip(table, name) {
+  const heads = [...table.tHead.rows[0].cells], rows = [...table.tBodies[0].rows], hidden = new Set();
+  const tagsOf = (row) => (row.dataset.tags ?? "").split(";").map((group) => group.split(" ").filter(Boolean));
   const filter = element("input", { type: "search", placeholder: "Filter rows", ariaLabel: "Filter rows" });
   const count = element("span", { className: "count", ariaLive: "polite" });
   const download = element("a", { className: "md-button", download: `${name}.csv`, textContent: "Download CSV" });
   const chooser = element("details", { className: "columns" }, element("summary", { textContent: "Columns" }));
-  const body = element("tbody");
-  const heads = element("tr");
-  const grid = element("table", { className: "sheet" }, element("thead", {}, heads), body);
+  const groups = tagsOf(table).map((tags, group) => {
+    const share = (tag) => rows.filter((row) => tagsOf(row)[group].includes(tag)).length / rows.length;
+    return tags.filter((tag) => share(tag) % 1).map((value) => element("input", { type: "checkbox", value, onchange: draw }));
+  });
+  const labelled = (box, words) => element("label", {}, box, ` ${words}`);
 
-  const shown = () => table.header.map((_, i) => i).filter((i) => !hidden.has(i));
-  function rows() {
-    const words = filter.value.toLowerCase().split(/\s+/).filter(Boolean);
-    const kept = table.rows.filter((row) => words.every((word) => row.join(" ").toLowerCase().includes(word)));
-    if (sorted !== null) kept.sort((a, b) => {
-      const [x, y] = [a[sorted] ?? "", b[sorted] ?? ""];
-      const missing = (leading(x) === null) - (leading(y) === null);
-      return missing || order(x, y) * (falling ? -1 : 1);
-    });
-    return kept;
-  }
   function draw() {
-    const kept = rows(), columns = shown();
-    heads.replaceChildren(...columns.map((i) => {
-      const arrow = sorted === i ? (falling ? " ▾" : " ▴") : "";
-      const button = element("button", { type: "button", textContent: table.header[i] + arrow });
-      button.onclick = () => {
-        falling = sorted === i ? !falling : table.rows.some((row) => leading(row[i] ?? "") !== null);
-        sorted = i;
-        draw();
-        heads.querySelectorAll("button")[columns.indexOf(i)].focus();
-      };
-      return element("th", { scope: "col", ariaSort: sorted === i ? (falling ? "descending" : "ascending") : "none" }, button);
-    }));
-    body.replaceChildren(...kept.map((row) => element("tr", {}, ...columns.map((i) => {
-      const cell = element("td", { textContent: row[i] ?? "" });
-      const style = shade(cell.textContent, table.header[i], `${table.title} ${table.header[0]}`);
-      if (style) { cell.style.cssText = style; cell.className = "rate"; }
-      return cell;
-    }))));
-    count.textContent = `${kept.length} of ${table.rows.length} rows`;
-    const data = csv([columns.map((i) => table.header[i]), ...kept.map((row) => columns.map((i) => row[i] ?? ""))]);
-    download.href = `data:text/csv;charset=utf-8,${encodeURIComponent(data)}`;
+    const words = filter.value.toLowerCase().split(/\s+/);
+    const wanted = groups.map((boxes) => boxes.filter((box) => box.checked).map((box) => box.value));
+    for (const row of rows) {
+      const said = row.textContent.toLowerCase(), tags = tagsOf(row);
+      const isWanted = wanted.every((group, i) => !group.length || group.some((tag) => tags[i].includes(tag)));
+      row.hidden = !isWanted || !words.every((word) => said.includes(word));
+    }
+    for (const row of table.rows) for (const cell of row.cells) cell.hidden = hidden.has(cell.cellIndex);
+    count.textContent = `${rows.filter((row) => !row.hidden).length} of ${rows.length} rows`;
   }
-  table.header.forEach((heading, i) => {
+  heads.forEach((head, i) => {
+    const button = element("button", { type: "button", onclick: () => sort(table, head) }, ...head.childNodes);
     const box = element("input", { type: "checkbox", checked: true });
     box.onchange = () => { hidden[box.checked ? "delete" : "add"](i); draw(); };
-    chooser.append(element("label", {}, box, ` ${heading || "(first)"}`));
+    chooser.append(labelled(box, text(head) || "(first)"));
+    head.append(button);
   });
+  download.onclick = () => {
+    const shown = [...table.rows].filter((row) => !row.hidden).map((row) => [...row.cells].filter((cell) => !cell.hidden).map(text));
+    download.href = `data:text/csv;charset=utf-8,${encodeURIComponent(csv(shown))}`;
+  };
   filter.oninput = draw;
-  place.replaceChildren(element("div", { className: "bar" }, filter, count, download), chooser,
-    element("div", { className: "scroll", tabIndex: 0 }, grid));
+  download.href = "#";
+  const boxes = groups.flat().map((box) => labelled(box, box.value));
+  const place = table.parentNode.matches(".scroll") ? table.parentNode : table;
+  place.before(element("div", { className: "bar" }, filter, ...boxes, count, download, chooser));
   draw();
+}
+
+// A success rate shades its cell, from 0 to 100 %.
+function shade(cell, heading, title) {
+  const rate = /^([\d.]+) ?%/.exec(cell.textContent);
+  if (!rate || !/success/.test(`${heading} ${title}`) || /collision|fault|time-out/.test(heading)) return;
+  cell.style.setProperty("--rate", `${rate[1]}%`);
+  cell.className = "rate";
+}
+
+function showTable(place, { title, header, rows }, name) {
+  const body = rows.map((row) => element("tr", {}, ...header.map((heading, i) => {
+    const cell = element("td", { textContent: row[i] ?? "" });
+    shade(cell, heading, `${title} ${header[0]}`);
+    return cell;
+  })));
+  const heads = header.map((textContent) => element("th", { scope: "col", textContent }));
+  const table = element("table", { className: "sheet" }, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...body));
+  place.replaceChildren(element("div", { className: "scroll", tabIndex: 0 }, table));
+  equip(table, name);
 }
 
 function start(root) {
@@ -119,4 +133,5 @@ function start(root) {
   read();
 }
 
-start(document.getElementById("data"));
+for (const table of document.querySelectorAll("table.sheet")) equip(table, document.title);
+if (document.getElementById("data")) start(document.getElementById("data"));

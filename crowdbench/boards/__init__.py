@@ -1,1 +1,1 @@
-"""Leaderboards: boards, entries, submission, verification and seasons. Ranks are computed in `leaderboards/site/`."""
+"""Leaderboards: boards, entries, submission, verification and seasons. Ranks are computed in `leaderboards/pages/`."""

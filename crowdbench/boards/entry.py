@@ -74,7 +74,8 @@ class CardSpec(TomlTable):
 
     `method` is the same for all entries of one method. `crowd_model` is the model of pedestrians inside the planner,
     such as "ORCA", or "none". `validation_runs` is the number of variants that were compared on validation cases.
-    `account` is the GitHub account whose pull requests may change the entry.
+    `account` is the GitHub account whose pull requests may change the entry. `planning` is true if the planner compares
+    or optimises sequences of commands over several steps.
     """
 
     title: Name
@@ -93,6 +94,7 @@ class CardSpec(TomlTable):
     validation_runs: int = integer(least=0, most=10**9)
     training_seeds: int = integer(least=0, most=10**9)
     ablation: Flag = False
+    planning: Flag = False
 
 
 class Record(BaseModel):
@@ -241,10 +243,7 @@ def check_names(name: str, planner: str, card: CardSpec, submitter: str, folder:
         return
     if any(letter.isalpha() and not letter.isascii() for letter in card.title):
         raise InputError(f"the title {card.title!r} must have letters of ASCII: others can look like these")
-    ships = [
-        *(PLANNERS.sources().keys() - {planner}),
-        *(path.stem for path in (folder.parent / "cards").glob("*.toml")),
-    ]
+    ships = [*(PLANNERS.sources().keys() - {planner}), *(path.stem for path in folder.parent.glob("cards/*.toml"))]
     taken = dict.fromkeys(map(fold, ships), "a planner that ships")
     others = [path.parent.name for path in (folder / ENTRIES).glob(f"*/{ENTRY}") if path.parent.name != name]
     names = {**taken, **{fold(other): f"the entry {other}" for other in others}}

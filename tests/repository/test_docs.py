@@ -185,7 +185,7 @@ def test_the_page_of_tables_links_the_pages_of_every_study():
 
 
 def test_every_page_is_in_the_menu_once():
-    menu = re.findall(r"(\w+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
+    menu = re.findall(r" (\w+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
     assert sorted(menu) == sorted(page.name for page in DOCS.glob("*.md"))
 
 
@@ -197,6 +197,17 @@ def test_every_public_name_has_its_place_on_the_api_page():
 def test_the_page_of_planners_has_each_in_one_family():
     table = (DOCS / "planners.md").read_text().split("|---|---|---|\n")[1].split("\n\n")[0]
     assert sorted(re.findall(r"`(\w+)`", table)) == sorted(name for name, _ in PLANNERS.names())
+
+
+def test_the_cards_of_planners_that_ship_declare_planning_as_their_family_does():
+    families = dict(re.findall(r"^\| ([\w -]+) \| (`.+?`) \|", (DOCS / "planners.md").read_text(), re.MULTILINE))
+    shipped = tomllib.loads((ROOT / "leaderboards/shipped.toml").read_text())["shipped"]
+    for one in shipped:
+        card = tomllib.loads((ROOT / f"leaderboards/cards/{one['name']}.toml").read_text())
+        is_planning = card.get("planning", False)
+        assert is_planning == (f"`{one['planner']}`" in families["planning over seconds"]), one
+        is_trained = bool(card["training_scenarios"] or card["training_data"])
+        assert (not is_planning and not is_trained) == (f"`{one['planner']}`" in families["reactive"]), one
 
 
 def test_the_heat_table_is_drawn_from_its_script():

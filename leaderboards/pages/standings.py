@@ -52,6 +52,7 @@ class Standing:
         verification: The verification of the season; None if none counts.
         outcomes: The outcome of each case of the season, or else of each public case; `RUNNING` in scenarios that the
             planner cannot drive.
+        public: The outcome of each public case in the same way.
         blocks: The blocks of recorded time of these cases, by scenario; none if nobody was recorded.
         scenarios: The means with their intervals by scenario and metric; none for scenarios that the planner cannot
             drive.
@@ -68,6 +69,7 @@ class Standing:
     entry: Entry
     verification: Verification | None
     outcomes: Int[np.ndarray, "scenario case"]
+    public: Int[np.ndarray, "scenario public_case"]
     blocks: Mapping[str, Int[np.ndarray, "case"]]
     scenarios: Estimates
     figures: Mapping[str, Estimate]
@@ -138,6 +140,11 @@ class Standings:
     def has_methods(self) -> bool:
         """Check if the method of some entry was measured."""
         return any(entry.method for entry in self.entries)
+
+    @property
+    def is_saturated(self) -> bool:
+        """Check if more than half of the ranked entries may be the best one, so that the board tells little."""
+        return 2 * sum(one.rank is not None and one.rank.first == 1 for one in self.ranked) > len(self.ranked) > 2
 
     @property
     def tiers(self) -> Sequence[bool]:
@@ -245,28 +252,23 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
         except Unverified as error:
             doubt = str(error)
     reason, explanation = _why_unranked(board, entry, pending, verification or doubt)
-    measured: Estimates = {}
+    runs = {} if pending else _read_runs(board, entry.public, board.spec.public_cases, set(board.metrics))
+    public = outcomes = _outcomes(board, runs, board.spec.public_cases)
     if season and verification and verification.figures:
         runs = _read_runs(board, verification_folder(entry, season), board.spec.cases, set())
-        measured = {
+        outcomes = _outcomes(board, runs, board.spec.cases)
+        measured: Estimates = {
             scenario: {metric: figure.estimate for metric, figure in figures.items()}
             for scenario, figures in verification.figures.items()
         }
-    elif not pending:
-        runs = _read_runs(board, entry.public, board.spec.public_cases, set(board.metrics))
-        measured = {name: run.summary() for name, run in runs.items()}
     else:
-        runs = {}
-    cases = board.spec.cases if verification and verification.figures else board.spec.public_cases
-    outcomes = np.full((len(board.scenarios), cases), Outcome.RUNNING, np.int64)
-    for row, name in enumerate(board.scenarios):
-        if name in runs:
-            outcomes[row] = runs[name].outcome
+        measured = {name: run.summary() for name, run in runs.items()}
     scenarios = {name: measured.get(name, {}) for name in board.scenarios}
     return Standing(
         entry,
         verification,
         outcomes,
+        public,
         {name: run.block for name, run in runs.items() if run.block is not None},
         scenarios,
         dict.fromkeys(board.metrics, UNDEFINED) if pending else board_figures(board, scenarios),
@@ -275,6 +277,12 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
         reason,
         explanation,
     )
+
+
+def _outcomes(board: Board, runs: Mapping[str, Episodes], cases: int) -> Int[np.ndarray, "scenario case"]:
+    """Return the outcomes of the cases of each scenario, `RUNNING` where a scenario has no run."""
+    none = np.full(cases, Outcome.RUNNING, np.int64)
+    return np.array([runs[name].outcome if name in runs else none for name in board.scenarios])
 
 
 def _read_runs(board: Board, folder: Path, cases: int, metrics: set[str]) -> dict[str, Episodes]:

@@ -1,4 +1,4 @@
-"""Writes `leaderboards/README.md`, the standings of every board as Markdown: python leaderboards/site/readme.py."""
+"""Writes `leaderboards/README.md`, the standings of every board as Markdown: python leaderboards/pages/readme.py."""
 
 from __future__ import annotations
 
@@ -24,9 +24,8 @@ SUCCESS = info_of("success_rate")
 
 INTRODUCTION = """# Leaderboards
 
-Made by `python leaderboards/site/readme.py` from the entries in these folders; `python leaderboards/site/build.py --out
-DIR` makes pages with figures from them. [docs/boards.md](../docs/boards.md) says how to enter a planner and what a rank
-means.
+Made by `python leaderboards/pages/readme.py` from the entries in these folders. The documentation site has their pages
+with figures and replays. [docs/boards.md](../docs/boards.md) says how to enter a planner and what a rank means.
 
 Success is the primary endpoint of each board. The rank is an interval: with a confidence of 95 % it contains the true
 ranks of all entries of a board together. Entries of the same rank are listed by SCT, success weighted by completion

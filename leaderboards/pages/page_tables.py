@@ -45,18 +45,26 @@ def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
     return low, mean, max(high - low, 1.0)
 
 
+TAGS = "reactive learned planning;real-time;privileged"
+"""What a reader can choose entries by: a row that has one tag of each chosen group is shown."""
+
+
 def tags(one: Standing) -> str:
-    """Return what a reader can choose entries by, with commas between."""
-    card = one.entry.card
-    is_learned = bool(card.training_scenarios or card.training_data)
-    found = {
-        "learned": is_learned,
-        "not learned": not is_learned,
-        "predicts people": card.crowd_model != "none",
-        "real-time": one.decision_time is not None and one.decision_time.is_real_time,
-        "privileged": card.privileged_training or one.entry.spec.privileged,
-    }
-    return ",".join(name for name, holds in found.items() if holds)
+    """Return the tags of an entry, in the groups of `TAGS`.
+
+    A learned planner states the digest of weights, or its card names training. A planning one declares it. A reactive
+    one is neither.
+    """
+    card, spec = one.entry.card, one.entry.spec
+    has_weights = any(name.endswith("weights") for facts in spec.facts.values() for name in facts)
+    is_learned = has_weights or bool(card.training_scenarios or card.training_data)
+    kinds = {"reactive": not (is_learned or card.planning), "learned": is_learned, "planning": card.planning}
+    groups = [
+        [kind for kind, holds in kinds.items() if holds],
+        ["real-time"] if one.decision_time is not None and one.decision_time.is_real_time else [],
+        ["privileged"] if card.privileged_training or spec.privileged else [],
+    ]
+    return ";".join(" ".join(group) for group in groups)
 
 
 def near(table: Standings, one: Standing) -> tuple[list[str], list[str]]:
@@ -88,37 +96,38 @@ def _pair_cell(pair: Pair, verdict: str, sign: float) -> dict[str, str]:
     }
 
 
-def case_table(table: Standings) -> dict[str, Any] | None:
-    """The cases in which somebody failed; None without entries.
+def case_table(table: Standings, is_public: bool) -> dict[str, Any] | None:
+    """Return the cases in which some entry failed; None without entries that drove them.
 
-    Pending entries are left out. Where nobody was measured in the season, the cases are the public ones.
+    Pending entries are left out.
+
+    Args:
+        table: The standings.
+        is_public: True for the public cases of all entries, False for the cases of the season.
 
     Returns:
-        `groups` are the scenarios with how many of their cases are shown, `cases` the numbers of these, `links` what a
-        replay calls them, empty in the season; `rows` the entries with their outcomes in them. Of `total` cases
-        somebody failed in `failed`, and all in `by_all`.
-        `is_measured` says that the cases belong to the season.
+        `groups` are the scenarios with how many of their cases are shown, `cases` the numbers of these, `links` their
+        names in a replay; `rows` the entries with their outcomes in them. Of `total` cases some entry failed in
+        `failed`, and all in `by_all`.
     """
     board = table.board
-    everybody = [one for one in table.entries if not one.is_pending]
-    measured = [one for one in everybody if one.is_measured]
-    entries = measured or everybody
+    entries = [one for one in table.entries if (not one.is_pending if is_public else one.is_measured)]
     if not entries:
         return None
-    per_scenario = entries[0].outcomes.shape[1]
-    split, first = board.public_cases.split, board.public_cases.start
-    outcomes = np.array([one.outcomes.ravel() for one in entries])
+    drawn = board.public_cases if is_public else board.cases
+    per_scenario = len(drawn)
+    outcomes = np.array([(one.public if is_public else one.outcomes).ravel() for one in entries])
     failures = (outcomes != Outcome.SUCCESS).sum(axis=0)
     hardest = np.argsort(-failures, kind="stable")[: min(MOST_CASES, int((failures > 0).sum()))]
     cases = hardest[np.argsort(hardest // per_scenario, kind="stable")]
     groups = zip(*np.unique(cases // per_scenario, return_counts=True), strict=True)
     return {
-        "is_measured": bool(measured),
+        "is_public": is_public,
         "groups": [(board.scenarios[i], length) for i, length in groups],
         "cases": (cases % per_scenario).tolist(),
-        "links": []
-        if measured
-        else [f"{board.scenarios[i // per_scenario]}/{split}/{first + i % per_scenario}" for i in cases],
+        "links": [
+            f"{board.scenarios[i // per_scenario]}/{drawn.split}/{drawn.start + i % per_scenario}" for i in cases
+        ],
         "rows": [
             (one, [LETTERS[Outcome(each)] for each in own])
             for one, own in zip(entries, outcomes[:, cases].tolist(), strict=True)
