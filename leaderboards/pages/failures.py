@@ -1,9 +1,10 @@
-"""Failures of an entry in the public cases, simulated again from the recorded commands, and the replays."""
+"""The replay of the public cases of a board, simulated again from the recorded commands, and the failures in it."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,16 +16,20 @@ from crowdbench.boards.board import Board
 from crowdbench.boards.board_runs import read_episodes
 from crowdbench.boards.entry import Entry, is_pending
 from crowdbench.boards.verification import read_public_run
-from crowdbench.core.types import Outcome, Trace
-from crowdbench.record.verdict import describe_failure
+from crowdbench.core.types import Outcome
 from crowdbench.runs.pages import export_page
-from crowdbench.runs.replay import traces
 from crowdbench.runs.results import Episodes
 from crowdbench.runs.store import RunResult
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
 
 MOST = 10
 """The most failures of an entry that are listed."""
+
+RECORDED = "Recorded people are not shown here: the tracks are not ours to publish."
+
+WORDS = {Outcome.TIMEOUT: "time-out", Outcome.WALL_COLLISION: "collision with a wall"}
+"""The words for outcomes, where they are not their labels."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,7 @@ class Failures:
 
     Attributes:
         number: How many public cases it failed in.
-        examples: Some of them, see `_failure`.
+        examples: Some of them, see `_read_failures`.
         problem: Why nothing is shown; empty if something is, or there is no failure.
     """
 
@@ -42,37 +47,64 @@ class Failures:
     problem: str = ""
 
 
-def failures(board: Board, entry: Entry) -> Failures:
-    """Simulate some failures of an entry again."""
-    if is_pending(entry, board):
-        return Failures(problem=PENDING)
-    if board.spec.recorded:
-        return Failures(problem="Recorded people are not shown here: the tracks are not ours to publish.")
-    examples: list[dict[str, Any]] = []
-    try:
-        episodes = read_episodes(board, entry.public)
-        cases = _choose(episodes)
-        for scenario in (each for each in board.load(None) if each.name in cases):
-            name = scenario.name
-            parts = traces(read_public_run(entry, board, scenario), scenario, cases[name])
-            examples += [_failure(part, row, name, episodes[name]) for part in parts for row in range(len(part))]
-    except InputError as error:
-        return Failures(problem=f"They cannot be simulated again: {error}")
+def write_replay(board: Board, entries: Sequence[Entry], folder: Path) -> dict[str, Failures]:
+    """Write the page that plays the public cases of entries, and return their failures by the name of the entry.
+
+    Args:
+        board: The board.
+        entries: Its entries. Those that cannot be simulated again are left out of the page.
+        folder: The folder of the page, which is not made where no entry can be simulated again.
+    """
+    scenarios = {} if board.spec.recorded else {scenario.name: scenario for scenario in board.load(None)}
+    found, runs = {}, []
+    for entry in entries:
+        problem = PENDING if is_pending(entry, board) else RECORDED if board.spec.recorded else ""
+        try:
+            runs += [] if problem else _public_runs(board, entry, scenarios)
+        except InputError as error:
+            problem = f"They cannot be simulated again: {error}"
+        found[entry.name] = Failures(problem=problem)
+    if runs:
+        folder.mkdir()
+        export_page(runs, lambda run: scenarios[run.directory.name], folder)
+    played = [entry for entry in entries if not found[entry.name].problem]
+    return found | {entry.name: _read_failures(board, entry, scenarios, folder) for entry in played}
+
+
+def _public_runs(board: Board, entry: Entry, scenarios: Mapping[str, Scenario]) -> list[RunResult]:
+    """Return the runs of an entry, each with its name. Raises InputError where a case has no commands."""
+    runs = []
+    for scenario in scenarios.values():
+        if (entry.public / scenario.name).is_dir():
+            run = read_public_run(entry, board, scenario)
+            if missing := sorted({*board.public_cases.indices.tolist()} - {*run.commands.case.tolist()}):
+                raise InputError(f"{scenario.name} has no commands of case {missing[0]}")
+            runs.append(_named(entry, run))
+    return runs
+
+
+def _read_failures(board: Board, entry: Entry, scenarios: Mapping[str, Scenario], folder: Path) -> Failures:
+    """Return the failures of an entry, with what its replay found."""
+    episodes, examples = read_episodes(board, entry.public), []
+    for name, cases in _choose(episodes).items():
+        for case in cases:
+            data = (folder / f"data/{name}/{board.public_cases.split}-{case}.js").read_text()
+            played = json.loads(data.partition(",")[2].removesuffix(")\n"))[entry.name]
+            outcome = next(each for each in Outcome if each.label[0] == played["outcome"])
+            reported = Outcome(int(episodes[name].outcome[episodes[name].case == case][0]))
+            examples.append(
+                {
+                    "scenario": name,
+                    "case": case,
+                    "name": f"{board.public_cases.split}/{case}",
+                    "outcome": WORDS.get(outcome, outcome.label),
+                    "reported": WORDS.get(reported, reported.label),
+                    "seconds": played["steps"] * scenarios[name].rules.dt,
+                    "verdict": played["verdict"],
+                }
+            )
     number = sum(int((each.outcome != Outcome.SUCCESS).sum()) for each in episodes.values())
     return Failures(number, examples)
-
-
-def write_replay(board: Board, entries: Sequence[Entry], folder: Path) -> None:
-    """Write the page that plays the public cases of entries, which can be simulated again."""
-    scenarios = {scenario.name: scenario for scenario in board.load(None)}
-    runs = [
-        _named(entry, read_public_run(entry, board, scenario))
-        for entry in entries
-        for scenario in scenarios.values()
-        if (entry.public / scenario.name).is_dir()
-    ]
-    folder.mkdir()
-    export_page(runs, lambda run: scenarios[run.directory.name], folder)
 
 
 def _named(entry: Entry, run: RunResult) -> RunResult:
@@ -95,22 +127,3 @@ def _choose(episodes: dict[str, Episodes]) -> dict[str, list[int]]:
     for name, case in in_turn[:MOST]:
         cases.setdefault(name, []).append(case)
     return cases
-
-
-def _failure(trace: Trace, row: int, scenario: str, reported: Episodes) -> dict[str, Any]:
-    """A failure: how it ends when it is simulated again, and how it ended in the entry's own run."""
-    case, seconds = int(trace.case[row]), int(trace.steps[row]) * trace.rules.dt
-    return {
-        "scenario": scenario,
-        "case": case,
-        "name": f"{trace.split}/{case}",
-        "outcome": _word(trace.outcome[row]),
-        "reported": _word(reported.outcome[reported.case == case][0]),
-        "seconds": seconds,
-        "verdict": describe_failure(trace, row),
-    }
-
-
-def _word(number: int) -> str:
-    outcome = Outcome(int(number))
-    return {Outcome.TIMEOUT: "time-out", Outcome.WALL_COLLISION: "collision with a wall"}.get(outcome, outcome.label)

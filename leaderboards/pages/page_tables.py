@@ -46,7 +46,7 @@ def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
 
 
 TAGS = "reactive learned planning;real-time;privileged"
-"""What a reader can choose entries by: a row that has one tag of each chosen group is shown."""
+"""Tags by which entries are filtered, in groups: a row that has one tag of each chosen group is shown."""
 
 
 def tags(one: Standing) -> str:

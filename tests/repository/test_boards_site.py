@@ -4,11 +4,8 @@ import csv
 import functools
 import http.server
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 import threading
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,10 +13,8 @@ from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
-
-pytest.importorskip("material", reason="needs the extra docs")
-
 from boards import make_key
+from boards_site import build_site
 
 from crowdbench.boards.board import read_board, read_boards
 from crowdbench.boards.board_runs import read_episodes
@@ -41,7 +36,6 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 BOARDS = ROOT / "leaderboards"
-tables = load_module(ROOT / "docs" / "tables.py")
 texts = load_module(BOARDS / "pages" / "texts.py")
 HOSTILE = '"><script>alert(1)</script><img src=http://evil.example/x onerror=alert(2)>{{ 7 * 7 }} $x_{1}$ \u202e'
 STRANGE = {
@@ -113,49 +107,19 @@ def verified(entry, season, key):
     write_verification(verification_folder(entry, season), found, board, entry.public, key)
 
 
-CONFIGURATION = f"""
-INHERIT: {ROOT}/mkdocs.yml
-docs_dir: docs
-hooks: [{BOARDS}/pages/hook.py]
-plugins: [search]
-nav: [index.md, boards.md, trust.md, suite.md, results.md, Leaderboards: leaderboards/index.md]
-"""
-"""The site without its other hooks and pages."""
-
-
-def build_site(root, place):
-    """Build the pages of a folder of boards, and return the folder of the site."""
-    docs = place / "docs"
-    (docs / "tables").mkdir(parents=True, exist_ok=True)
-    (place / "mkdocs.yml").write_text(CONFIGURATION)
-    for name in ("style.css", "tables.js"):
-        shutil.copy(ROOT / "docs" / name, docs)
-    for name in ("index", "boards", "trust", "suite"):
-        (docs / f"{name}.md").write_text(f"# {name}\n\n## Ranking\n\n## Transfer of the ranking\n")
-    (docs / "results.md").write_text((ROOT / "docs/results.md").read_text().split("Each study has a page")[0])
-    for name, script in tables.scripts(ROOT / "studies").items():
-        (docs / "tables" / name).write_text(script)
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", place / "mkdocs.yml", "-d", place / "site"]
-    more = {"BOARDS": str(root), "NO_MKDOCS_2_WARNING": "1"}
-    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **more})
-    assert done.returncode == 0, done.stderr
-    assert "% of the leaderboards" in done.stderr
-    return place / "site"
-
-
 @pytest.fixture(scope="module")
 def site(root):
     return build_site(root, root.parent / "built")
 
 
 class Page(HTMLParser):
-    """The tags of a page, its text, and its source: all of it, or what the theme puts between header and footer."""
+    """The tags of a page, its text, and its source: all of it, or what the theme puts into its frame."""
 
     def __init__(self, path, is_whole=False):
         super().__init__()
         self.path, self.tags, self.text, self.source = path, [], [], path.read_text(encoding="utf-8")
         if not is_whole:
-            self.source = self.source.partition("md-content__inner")[2].partition("</main>")[0]
+            self.source = self.source.partition("md-content__inner")[2].rpartition("</article>")[0]
         self.feed(self.source)
 
     def handle_starttag(self, tag, attrs):
