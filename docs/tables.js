@@ -67,11 +67,10 @@ function equip(table, name) {
     count.textContent = `${rows.filter((row) => !row.hidden).length} of ${rows.length} rows`;
   }
   heads.forEach((head, i) => {
-    const button = element("button", { type: "button", onclick: () => sort(table, head) }, ...head.childNodes);
     const box = element("input", { type: "checkbox", checked: true });
     box.onchange = () => { hidden[box.checked ? "delete" : "add"](i); draw(); };
     chooser.append(labelled(box, text(head) || "(first)"));
-    head.append(button);
+    head.append(element("button", { type: "button", onclick: () => sort(table, head) }, ...head.childNodes));
   });
   download.onclick = () => {
     const shown = [...table.rows].filter((row) => !row.hidden).map((row) => [...row.cells].filter((cell) => !cell.hidden).map(text));

@@ -40,5 +40,4 @@ def build_site(root, place):
     more = {"BOARDS": str(root), "NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **more})
     assert done.returncode == 0, done.stderr
-    assert "% of the leaderboards" in done.stderr
     return place / "site"
