@@ -96,7 +96,7 @@ class Result:
         from crowdbench.record.cases import find_case
 
         recording = self._stored_directory() / RECORDING
-        viewer.view([recording], find_case(recording, str(case)), web=web)
+        viewer.view(recording, find_case(recording, str(case)), web=web)
 
     def render(self, case: int | str) -> Image:
         """Draw a recorded case from above, as a picture that a notebook shows and `save("case.png")` writes.

@@ -6,11 +6,9 @@ import contextlib
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from crowdbench.cli.console import announce_compilation, say
+from crowdbench.cli.console import announce_compilation
 from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,42 +20,22 @@ NAMED = 10
 
 
 def view(
-    runs: list[Path],
-    case: str | None = None,
-    worst: str | None = None,
-    time: Annotated[float | None, typer.Option(min=0.0)] = None,
-    screenshot: Path | None = None,
-    web: bool = False,
-    data: Path | None = None,
+    run: Path, case: str | None = None, worst: str | None = None, web: bool = False, data: Path | None = None
 ) -> None:
     """Play a case of a run in the Rerun viewer: its first failure, or else its first case.
 
     A case that was not recorded is simulated again from its commands.
 
     Args:
-        runs: Directory of a run, or an .rrd file, all of whose cases are shown; several show one case of each, side by
-            side.
+        run: Directory of a run, or an .rrd file, all of whose cases are shown.
         case: Show this case: val/37, or its number.
-        worst: Show the case in which this metric, such as jerk, is worst in the (first) run.
-        time: Show this moment of the case, in seconds, instead of playing it.
-        screenshot: Write a picture of the case to this .png file; no window opens. Where the viewer cannot draw, it is
-            one of `crowdbench render`.
+        worst: Show the case in which this metric, such as jerk, is worst.
         web: Open it in a browser.
     """
     from crowdbench.record import viewer
 
-    with open_case(runs, case, worst, data) as (paths, number):
-        try:
-            viewer.view(paths, number, screenshot, seconds=time, web=web)
-        except viewer.NoViewer as error:
-            if screenshot is None or number is None or len(paths) > 1:
-                raise
-            from crowdbench.figures.episode import draw_case
-
-            say(f"crowdbench: {error}. This picture is one of `crowdbench render`")
-            draw_case(paths, number, screenshot)
-    if screenshot is not None:
-        say(f"wrote {screenshot}")
+    with open_case([run], case, worst, data) as ([path], number):
+        viewer.view(path, number, web=web)
 
 
 @contextlib.contextmanager

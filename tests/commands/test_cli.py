@@ -120,7 +120,6 @@ def test_json_is_all_that_json_prints(call):
         (["compare", "a", "b"], "not the directory of a run"),
         (["score", "nothing.rrd"], "nothing.rrd"),
         (["view", "nothing.rrd"], "nothing.rrd"),
-        (["view", "nothing.rrd", "--screenshot", "picture.png"], "one case"),
         (["run", "--planner", "orca", "--decision-limit", "-1"], "decision limit of -1 s"),
         (["run", "--planner", "orca", "--replan-every", "0"], "--replan-every"),
         (["run", "--planner", "orca", "--board", "twenty"], "no board is called 'twenty'; there are five, ten"),

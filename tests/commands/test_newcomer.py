@@ -176,13 +176,13 @@ def test_the_worst_case_is_drawn(done, driven):
 
 def test_the_first_failure_is_played_on_this_machine_alone(done, driven, monkeypatch):
     played = []
-    monkeypatch.setattr(viewer, "show", lambda file, seconds, *, web: played.append((read(file).trace, seconds)))
+    monkeypatch.setattr(viewer, "show", lambda file, *, web: played.append(read(file).trace))
     outcomes = done("view", "run").splitlines()
-    ((trace, seconds),) = played
-    assert (trace.case[0], seconds) == (driven.case[driven.outcome == Outcome.COLLISION][0], None)
+    (trace,) = played
+    assert trace.case[0] == driven.case[driven.outcome == Outcome.COLLISION][0]
     assert [line.split(" (")[0].split(" ")[1] for line in outcomes[:-1]] == ["collisions", "timeout", "successes"]
     assert outcomes[-1] == f"case val/{trace.case[0]}"
-    command = viewer._command("auto", [], Path("run.rrd"))
+    command = viewer._command(Path("run.rrd"), [])
     assert command[command.index("--bind") + 1] == "127.0.0.1"
 
 

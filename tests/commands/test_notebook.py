@@ -102,9 +102,7 @@ def test_a_kept_run_shows_its_failures_and_what_differs(tmp_path, monkeypatch):
     assert (tmp_path / "case.png").read_bytes().startswith(b"\x89PNG")
     assert picture._repr_png_().startswith(b"\x89PNG")
     opened = []
-    monkeypatch.setattr(
-        "crowdbench.record.viewer.show", lambda file, seconds, *, web: opened.append((file.suffix, web))
-    )
+    monkeypatch.setattr("crowdbench.record.viewer.show", lambda file, *, web: opened.append((file.suffix, web)))
     orca.view("test/3", web=True)
     assert opened == [(".rrd", True)]
     with pytest.raises(InputError, match="case test/40 is not recorded"):

@@ -110,10 +110,7 @@ def test_the_commands_of_a_page_run_one_after_the_other(page, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])  # planners add their folders, which other tests must not find
     shown = []
-    monkeypatch.setattr(viewer, "show", lambda file, seconds, *, web: shown.append(file))
-    monkeypatch.setattr(viewer, "picture", lambda file, screenshot, seconds: shown.append(file))
-    if page.name == "recordings.md":  # which views a second run
-        run(*shlex.split("run --planner orca --scenario noisy_10 --cases val:3 --record all --out runs/other"))
+    monkeypatch.setattr(viewer, "show", lambda file, *, web: shown.append(file))
     if page.name == "planner.md":  # whose first block is the planner
         Path("mine.py").write_text(re.search(r"^```python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)[1])
     for arguments in RUN_HERE[page]:
