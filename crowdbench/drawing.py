@@ -243,20 +243,15 @@ def paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"])
     return [part[np.isfinite(part[:, 0])] for part in parts if np.isfinite(part[:, 0]).sum() > 1]
 
 
-def draw_moment(moment: Moment, palette: Palette = LIGHT) -> Iterator[Shape]:
-    """Return the shapes of a moment, from the ground up. An arrow is the path of the next second.
-
-    Args:
-        moment: The moment.
-        palette: Its colours.
-    """
+def draw_moment(moment: Moment) -> Iterator[Shape]:
+    """Return the shapes of a moment, from the ground up. An arrow is the path of the next second."""
     for corners in polygons(moment.obstacles):
-        yield Polygon(corners, palette.faint, palette.wall, 1.0)
+        yield Polygon(corners, LIGHT.faint, LIGHT.wall, 1.0)
     tolerance = moment.rules.goal_tolerance or float(moment.radius[0])
-    yield Polygon(moment.goal[0] + star(0.2, 0.08, 5), palette.vehicle, palette.vehicle, 0.3)
-    yield Disc(moment.goal[0], tolerance, None, palette.vehicle, 1.0)
-    colors = [palette.vehicle] + [palette.pedestrian] * len(moment.seen)
-    trails = [palette.vehicle] + [palette.walked] * len(moment.seen)
+    yield Polygon(moment.goal[0] + star(0.2, 0.08, 5), LIGHT.vehicle, LIGHT.vehicle, 0.3)
+    yield Disc(moment.goal[0], tolerance, None, LIGHT.vehicle, 1.0)
+    colors = [LIGHT.vehicle] + [LIGHT.pedestrian] * len(moment.seen)
+    trails = [LIGHT.vehicle] + [LIGHT.walked] * len(moment.seen)
     same = same_agents(moment.person)
     # The vehicle is drawn last, so that nothing hides it.
     for agent in reversed(range(len(colors))) if len(colors) <= CROWD else ():
@@ -268,20 +263,20 @@ def draw_moment(moment: Moment, palette: Palette = LIGHT) -> Iterator[Shape]:
     for agent in np.flatnonzero(np.isfinite(moment.position[-1, :, 0]))[::-1].tolist():
         here, radius = moment.position[-1, agent], float(moment.radius[agent])
         if agent == 0 or moment.seen[agent - 1]:
-            yield Disc(here, radius, colors[agent], palette.background)
+            yield Disc(here, radius, colors[agent], LIGHT.background)
         else:
-            yield Disc(here, radius, palette.background)
-            yield from (Line(here + radius * dash, palette.pedestrian, 1.2) for dash in DASHES)
+            yield Disc(here, radius, LIGHT.background)
+            yield from (Line(here + radius * dash, LIGHT.pedestrian, 1.2) for dash in DASHES)
         if agent in contacts:
-            yield Disc(here, radius, None, palette.contact, 1.8)
-        arrows += _arrow(here, moment.velocity[-1, agent], palette.text)
+            yield Disc(here, radius, None, LIGHT.contact, 1.8)
+        arrows += _arrow(here, moment.velocity[-1, agent], LIGHT.text)
     if not isinstance(moment.rules.dynamics, Holonomic):
         body = moment.rules.body, moment.position[-1, 0], moment.heading[-1, ...], float(moment.radius[0])
-        yield Polygon(outline(*body), palette.vehicle, palette.text, 1.0)
-        yield Line(nose(*body), palette.text, 1.0)
+        yield Polygon(outline(*body), LIGHT.vehicle, LIGHT.text, 1.0)
+        yield Line(nose(*body), LIGHT.text, 1.0)
     yield from arrows
     if contacts:
-        yield Polygon(burst(moment.position[-1, contacts], moment.radius[contacts]), None, palette.contact, 1.6)
+        yield Polygon(burst(moment.position[-1, contacts], moment.radius[contacts]), None, LIGHT.contact, 1.6)
 
 
 def star(outer: float, inner: float, points: int) -> Float[np.ndarray, "corner 2"]:
@@ -317,11 +312,7 @@ def bounds_with_bands(
 
 
 def draw_bands(
-    bounds: Float[np.ndarray, "2 2"],
-    inch: float,
-    note: tuple[str, Color] | None = None,
-    title: str = "",
-    palette: Palette = LIGHT,
+    bounds: Float[np.ndarray, "2 2"], inch: float, note: tuple[str, Color] | None = None, title: str = ""
 ) -> Iterator[Shape]:
     """Return the shapes of the bands: the scale at the left, a note at the right, and the title above.
 
@@ -330,22 +321,21 @@ def draw_bands(
         inch: How many metres are an inch.
         note: A text, such as the time or the outcome, and its colour.
         title: The title.
-        palette: The colours.
     """
     (left, bottom), (right, top) = bounds
     band = BAND * inch
     for y in (bottom, *[top - band] * bool(title)):
         corners = np.array([(left, y), (right, y), (right, y + band), (left, y + band)])
-        yield Polygon(corners, palette.background, palette.background, 0.0)
+        yield Polygon(corners, LIGHT.background, LIGHT.background, 0.0)
     middle, pad = bottom + band / 2.0, 0.06 * inch
     length = next((each for each in (1.0, 2.0, 5.0, 10.0, 20.0) if each > 0.15 * inch), 50.0)
     end = np.array([left + pad + length, middle])
-    yield Line(np.stack([end - [length, 0.0], end]), palette.text, 1.6)
-    yield Text(end + np.array([pad, 0.0]), f"{length:g} m", palette.text, "l")
+    yield Line(np.stack([end - [length, 0.0], end]), LIGHT.text, 1.6)
+    yield Text(end + np.array([pad, 0.0]), f"{length:g} m", LIGHT.text, "l")
     if note is not None:
         yield Text(np.array([right - pad, middle]), *note, "r")
     if title:
-        yield Text(np.array([left + pad, top - band / 2.0]), title, palette.text, "l")
+        yield Text(np.array([left + pad, top - band / 2.0]), title, LIGHT.text, "l")
 
 
 def _arrow(start: Float[np.ndarray, "2"], vector: Float[np.ndarray, "2"], color: Color) -> list[Shape]:

@@ -26,7 +26,6 @@ class Kind(StrEnum):
 
     SUCCESS = "success"
     METRIC = "metric"
-    DENSITY = "density"
     TRAINING = "training"
 
 
@@ -83,9 +82,8 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
     """Draw a figure of runs, or of trainings, as wide as a column of a paper.
 
     Args:
-        kind: success: cases solved over time. metric: the distribution of --metric. density: success over the number
-            of pedestrians. training: --metric, a column of their curve.csv such as reward, or else success, while they
-            trained.
+        kind: success: cases solved over time. metric: the distribution of --metric. training: --metric, a column of
+            their curve.csv such as reward, or else success, while they trained.
         directories: Directories of runs; for training, of trainings.
         metric: The metric of a figure of kind metric.
         out: The figure: a .pdf, .svg or .png file.
@@ -94,12 +92,11 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
 
     if kind is Kind.METRIC and metric is None:
         raise InputError("a figure of kind metric needs --metric NAME")
-    if kind in (Kind.SUCCESS, Kind.DENSITY) and metric is not None:
+    if kind is Kind.SUCCESS and metric is not None:
         raise InputError(f"a figure of kind {kind} takes no --metric: only metric and training do")
     draw: dict[Kind, Callable[..., None]] = {
         Kind.SUCCESS: plots.success_over_time,
         Kind.METRIC: functools.partial(plots.distribution, metric=str(metric)),
-        Kind.DENSITY: plots.success_over_density,
         Kind.TRAINING: functools.partial(plots.learning_curves, quantity=metric or "success"),
     }
     draw[kind](directories, out=out)

@@ -1,4 +1,4 @@
-"""Figures of runs and trainings: success over time and over density, distributions of a metric, learning curves."""
+"""Figures of runs and trainings: success over time, distributions of a metric, learning curves."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from jaxtyping import Float
 
 from crowdbench.core.types import Outcome
 from crowdbench.drawing import FONT_SIZE
-from crowdbench.figures.style import COLOURS, DASHES, HEIGHT, MARKERS, axes
+from crowdbench.figures.style import COLOURS, DASHES, HEIGHT, axes
 from crowdbench.metrics.summary import bootstrap, rate
-from crowdbench.runs.store import RunResult
 from crowdbench.runs.table import RunTable
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
@@ -103,41 +102,6 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
         ax.set_yticks(rows, list(map(str.__add__, runs, fewer)))
         ax.set(xlabel=info.heading.translate(_POWERS))
         ax.grid(visible=False, axis="y")
-
-
-def success_over_density(directories: Sequence[Path], out: Path) -> None:
-    """The success of planners over the number of pedestrians, with 95 % intervals.
-
-    Args:
-        directories: Directories of the runs.
-        out: The figure's file.
-
-    Raises:
-        InputError: One of them is not a run or has recorded people, or the file cannot be written.
-    """
-    groups: dict[str, list[RunResult]] = {}
-    table = RunTable.read(directories)
-    for run in table.runs:
-        groups.setdefault(run.label, []).append(run)
-    with axes(out, caption=table.cases) as ax:
-        from matplotlib.ticker import MaxNLocator
-
-        for number, (label, runs) in enumerate(groups.items()):
-            counts = [np.mean(run.result["scenario"]["pedestrians"].get("number", np.nan)) for run in runs]
-            if np.isnan(counts).any():
-                raise InputError("runs among recorded people have no number of pedestrians: leave them out")
-            if len(set(counts)) < len(counts):
-                raise InputError(f"two runs of {label} have as many pedestrians: give runs that differ in their number")
-            order = np.argsort(counts, kind="stable")
-            ordered = [runs[index].episodes for index in order]
-            rates = [rate(episodes.outcome == Outcome.SUCCESS, episodes.block) for episodes in ordered]
-            low, mean, high = np.array([(estimate.low, estimate.mean, estimate.high) for estimate in rates]).T
-            look = {**_line(number), "ms": 3.5, "capsize": 2, "marker": MARKERS[number]}
-            ends = 100 * np.stack([mean - low, high - mean])
-            ax.errorbar(np.array(counts)[order], 100 * mean, yerr=ends, label=label, **look)
-        ax.set(xlabel="pedestrians", ylabel="success, %", ylim=(0, 102))
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        ax.legend()
 
 
 def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "success") -> None:

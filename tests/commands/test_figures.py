@@ -66,13 +66,6 @@ def test_a_metric_has_its_unit_and_a_row_for_each_run(made, tmp_path):
     assert {"orca", "straight", "jerk, m/s³"} <= set(words(tmp_path / "a.svg"))
 
 
-def test_runs_of_a_planner_are_joined_over_density(made, tmp_path):
-    plots.success_over_density(sorted(made.iterdir()), tmp_path / "a.svg")
-    said = words(tmp_path / "a.svg")
-    assert said.count("orca") == said.count("straight") == 1
-    assert "pedestrians" in said
-
-
 def test_learning_curves_are_joined_over_seeds(tmp_path):
     for seed, success in ((0, 0.5), (1, 0.7)):
         folder = tmp_path / f"s{seed}"
@@ -104,7 +97,6 @@ def test_the_same_figure_has_the_same_bytes(suffix, made, tmp_path):
         (["metric", "orca-5"], "needs --metric NAME"),
         (["success", "orca-5", "--metric", "jerk"], "success takes no --metric: only metric and training do"),
         (["metric", "orca-5", "--metric", "jerkk"], "has no metric jerkk .did you mean jerk..; it has success_rate"),
-        (["density", "orca-5", "orca-5"], "are both of orca and circle_crossing_5, pedestrians.number=5"),
         (["training", "orca-5"], "orca-5 is no directory of a training: it has no curve.csv"),
         (
             ["success", *[f"orca-{n}" for n in (3, 5)] * 5],
