@@ -3,7 +3,25 @@
 Liu et al., "Intention Aware Robot Crowd Navigation with Attention-Based Interaction Graph", ICRA 2023, and their code.
 """
 
-from crowdbench.sim.pedestrians import ORCAPlus
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from crowdbench.core.types import World
+from crowdbench.sim.pedestrians import ORCA
+from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
+from crowdbench.sim.pedestrians.orca_crowd import orca_pedestrians
+
+
+class ORCAPlus(PedestrianPolicy):
+    """ORCA as the pedestrians of CrowdNav++ follow it (Liu et al. 2023): with a margin, towards the goal at 1 m/s."""
+
+    parameters: ClassVar[Mapping[str, float]] = {**ORCA.parameters, "max_neighbors": 1000, "safety_space": 0.15}
+
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
+        """See `PedestrianPolicy`. The velocity towards the goal is 1 m/s fast, whatever the preferred speed is."""
+        return orca_pedestrians(world, parameters, np.ones_like(world.preferred_speed))
 
 
 def policy() -> ORCAPlus:

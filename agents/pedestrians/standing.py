@@ -1,6 +1,21 @@
 """Stands somewhere on the way; groups stand in a circle, as people do who talk."""
 
-from crowdbench.sim.pedestrians import Standing
+from typing import ClassVar
+
+import numpy as np
+
+from crowdbench.core.types import World
+from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
+
+
+class Standing(PedestrianPolicy):
+    """Stands; groups stand in a circle."""
+
+    stands: ClassVar[bool] = True
+
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
+        """See `PedestrianPolicy`."""
+        return np.zeros((len(world), world.person.shape[1], 2))
 
 
 def policy() -> Standing:

@@ -1,6 +1,34 @@
 """ORCA with pauses: people who stop and go, such as those who look at their phones."""
 
-from crowdbench.sim.pedestrians import ORCA, StopAndGo
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from crowdbench.core import rng
+from crowdbench.core.types import World
+from crowdbench.sim.pedestrians import ORCA
+from crowdbench.sim.pedestrians.base import Parameters, Velocities
+
+HABITS: Mapping[str, float] = {"period": 8.0, "pause": 0.25}
+"""Parameters beside those of ORCA: a period in seconds, and the share of it that is a pause."""
+
+
+class StopAndGo(ORCA):
+    """Moves pedestrians as ORCA does, but for pauses, in which they stand where they are.
+
+    Everybody pauses at other times, once in each period.
+    """
+
+    parameters: ClassVar[Mapping[str, float]] = {**ORCA.parameters, **HABITS}
+
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
+        """See `PedestrianPolicy`. The parameters are those of ORCA, `period` in seconds, and `pause`."""
+        start = rng.uniforms(world.key, "stop_and_go", np.zeros_like(world.step), world.person)
+        time = (world.step * world.rules.dt)[:, None]
+        phase = (time / np.maximum(parameters["period"][:, 1:], world.rules.dt) + start) % 1.0
+        pauses = phase < parameters["pause"][:, 1:]
+        return np.where(pauses[..., None], 0.0, super().velocities(world, parameters))
 
 
 def policy() -> StopAndGo:
@@ -19,4 +47,4 @@ def policy() -> StopAndGo:
     Returns:
         The policy.
     """
-    return StopAndGo(ORCA())
+    return StopAndGo()

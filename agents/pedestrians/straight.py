@@ -1,6 +1,17 @@
 """Walks straight to the goal and gives way to nobody."""
 
-from crowdbench.sim.pedestrians import Straight
+from crowdbench.core.geometry import toward_goal
+from crowdbench.core.types import World
+from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
+from crowdbench.sim.routes import goals_on_way
+
+
+class Straight(PedestrianPolicy):
+    """Walks to the goal at the preferred speed and gives way to nobody."""
+
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
+        """See `PedestrianPolicy`."""
+        return toward_goal(world.position, goals_on_way(world), world.preferred_speed)[:, 1:]
 
 
 def policy() -> Straight:

@@ -6,14 +6,19 @@ posts of a door of 1 m would stop a vehicle in front of it.
 Helbing and Molnár, "Social force model for pedestrian dynamics", Physical Review E 51, 1995.
 """
 
-from collections.abc import Mapping
+from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.types import Observation
-from crowdbench.planners.reactive import SocialForcePlanner
-from crowdbench.sim.pedestrians.social_force import PARAMETERS
+from crowdbench.planners.base import Planner
+from crowdbench.planners.reactive import along_walls
+from crowdbench.sim.kernels import writable
+from crowdbench.sim.pedestrians.forces import TINY, Walkers
+from crowdbench.sim.pedestrians.social_force import PARAMETERS, social_force_velocities
 
 WIDTH = 1.28
 """Free width in metres below which the force of walls shrinks: twice the distance at which a wall ahead stops a vehicle
@@ -23,13 +28,34 @@ SAME_SIDE = 0.5
 """Cosine of the angle below which two walls are seen to be on the same side, such as the walls of a corner."""
 
 
-class SocialForceInPassages(SocialForcePlanner):
-    """Strength and range of the force of walls shrink with the free width: a narrow passage is like a wide one."""
+@dataclass(eq=False)
+class SocialForcePlanner(Planner):
+    """The social force model with the parameters of Helbing and Molnár (1995).
 
-    def parameters(self, obs: Observation) -> Mapping[str, Float[np.ndarray, "world 1"]]:
-        """See `SocialForcePlanner`."""
-        share = np.minimum(free_width(obs.vehicle.position, obs.obstacles) / WIDTH, 1.0)[:, None]
-        return {name: share * PARAMETERS[name] for name in ("wall_strength", "wall_range")}
+    It assumes that the other agents keep their velocities. Differs from the pedestrians' model because it adds no
+    fluctuation: a planner's command is not noisy. Where a wall stands in the way it goes along it, as pedestrians do.
+    Strength and range of the force of walls shrink with the free width: a narrow passage is like a wide one.
+
+    Attributes:
+        safety_space: Margin that is added to every radius [m].
+    """
+
+    safety_space: float = 0.0
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        vehicle = obs.vehicle
+        position, velocity, radius, present = obs.everybody()
+        goal = position.copy()
+        goal[:, 0] = vehicle.local_goal
+        speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
+        agents = position, velocity, goal, radius + self.safety_space, np.maximum(speed, TINY), present
+        moves = np.broadcast_to(np.arange(present.shape[1]) == 0, present.shape)  # the model moves nobody else
+        walkers = Walkers(*map(writable, (*agents, moves, obs.obstacles)))
+        share = np.minimum(free_width(vehicle.position, obs.obstacles) / WIDTH, 1.0)[:, None]
+        traits = {name: share * PARAMETERS[name] for name in ("wall_strength", "wall_range")}
+        noise = np.zeros_like(position)
+        return along_walls(obs, social_force_velocities(walkers, noise, time_step=obs.dt, parameters=traits)[:, 0])
 
 
 def free_width(
@@ -68,4 +94,4 @@ def planner(safety_space: float = 0.0) -> SocialForcePlanner:
     Returns:
         The planner.
     """
-    return SocialForceInPassages(float(safety_space))
+    return SocialForcePlanner(float(safety_space))

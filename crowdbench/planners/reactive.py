@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation
 from crowdbench.planners.base import Planner
 from crowdbench.sim.episode import stopping_gap
-from crowdbench.sim.kernels import writable
 from crowdbench.sim.obstacles import slide
-from crowdbench.sim.pedestrians.forces import TINY, Walkers
 from crowdbench.sim.pedestrians.orca import orca_velocities
 from crowdbench.sim.pedestrians.orca_crowd import ORCA_MARGIN, TIME_HORIZON_OBST
-from crowdbench.sim.pedestrians.social_force import social_force_velocities
 from crowdbench.utils.compiled import njit
 
 
@@ -56,47 +52,13 @@ class ORCAPlanner(Planner):
             radius[:, 0] -= self.safety_space
             radius[:, 1:] += self.safety_space
         speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
-        agents, walls, moves = (position, velocity, preferred, radius, speed), obs.obstacles, _vehicle_alone(present)
+        agents, walls = (position, velocity, preferred, radius, speed), obs.obstacles
+        moves = np.broadcast_to(np.arange(present.shape[1]) == 0, present.shape)  # the model moves nobody else
         velocities = orca_velocities(
             *agents, time_step=obs.dt, obstacles=walls, time_horizon_obst=TIME_HORIZON_OBST, seen=present, moves=moves
         )
         # Nothing else keeps a vehicle off walls that cannot take these velocities at once.
         return along_walls(obs, velocities[:, 0])
-
-
-@dataclass(eq=False)
-class SocialForcePlanner(Planner):
-    """The social force model with the parameters of Helbing and Molnár (1995).
-
-    It assumes that the other agents keep their velocities. Differs from the pedestrians' model because it adds no
-    fluctuation: a planner's command is not noisy. Where a wall stands in the way it goes along it, as pedestrians do.
-
-    Attributes:
-        safety_space: Margin that is added to every radius [m].
-    """
-
-    safety_space: float = 0.0
-
-    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """See `Planner`."""
-        vehicle = obs.vehicle
-        position, velocity, radius, present = obs.everybody()
-        goal = position.copy()
-        goal[:, 0] = vehicle.local_goal
-        speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
-        agents = position, velocity, goal, radius + self.safety_space, np.maximum(speed, TINY), present
-        walkers = Walkers(*map(writable, (*agents, _vehicle_alone(present), obs.obstacles)))
-        noise, traits = np.zeros_like(position), self.parameters(obs)
-        return along_walls(obs, social_force_velocities(walkers, noise, time_step=obs.dt, parameters=traits)[:, 0])
-
-    def parameters(self, obs: Observation) -> Mapping[str, Float[np.ndarray, "world 1"]]:
-        """Return the parameters of `social_force_velocities` that differ from the paper's here and now: none."""
-        return {}
-
-
-def _vehicle_alone(agents: Bool[np.ndarray, "world agent"]) -> Bool[np.ndarray, "world agent"]:
-    """Return an array of the same shape that is True for the vehicle only: the model moves nobody else."""
-    return np.broadcast_to(np.arange(agents.shape[1]) == 0, agents.shape)
 
 
 GAP = 0.01

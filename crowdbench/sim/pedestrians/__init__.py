@@ -3,10 +3,6 @@
 from crowdbench.sim.pedestrians.base import Memory as Memory
 from crowdbench.sim.pedestrians.base import PedestrianPolicy as PedestrianPolicy
 from crowdbench.sim.pedestrians.base import PolicyWithMemory as PolicyWithMemory
-from crowdbench.sim.pedestrians.habits import Recorded as Recorded
-from crowdbench.sim.pedestrians.habits import Standing as Standing
-from crowdbench.sim.pedestrians.habits import StopAndGo as StopAndGo
-from crowdbench.sim.pedestrians.habits import Straight as Straight
 from crowdbench.sim.pedestrians.orca_crowd import ORCA as ORCA
-from crowdbench.sim.pedestrians.orca_crowd import ORCAPlus as ORCAPlus
+from crowdbench.sim.pedestrians.recorded import Recorded as Recorded
 from crowdbench.sim.pedestrians.social_force import SocialForce as SocialForce

@@ -56,16 +56,6 @@ class ORCA(PedestrianPolicy):
         return orca_pedestrians(world, parameters, world.preferred_speed)
 
 
-class ORCAPlus(PedestrianPolicy):
-    """ORCA as the pedestrians of CrowdNav++ follow it (Liu et al. 2023): with a margin, towards the goal at 1 m/s."""
-
-    parameters: ClassVar[Mapping[str, float]] = {**ORCA.parameters, "max_neighbors": 1000, "safety_space": 0.15}
-
-    def velocities(self, world: World, parameters: Parameters) -> Velocities:
-        """See `PedestrianPolicy`. The velocity towards the goal is 1 m/s fast, whatever the preferred speed is."""
-        return orca_pedestrians(world, parameters, np.ones_like(world.preferred_speed))
-
-
 def orca_pedestrians(world: World, parameters: Parameters, pace: Float[np.ndarray, "world agent"]) -> Velocities:
     """Return the velocities in m/s that pedestrians take next; their preferred ones lead to their goals.
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from helpers import drive, world
 
+from agents.planners.social_force import SocialForcePlanner
 from crowdbench.catalog import load_planner
 from crowdbench.core.types import Outcome
-from crowdbench.planners.reactive import ORCAPlanner, SocialForcePlanner
+from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.sim.sensor import observe
 
 

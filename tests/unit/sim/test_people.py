@@ -15,7 +15,6 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.groups import draw_groups, group_reach, spread
 from crowdbench.sim.pedestrians import ORCA, SocialForce
 from crowdbench.sim.pedestrians.group_force import ATTRACTION, GAZE, REPULSION, group_force
-from crowdbench.sim.pedestrians.habits import HABITS
 from crowdbench.sim.pedestrians.social_force import social_force_velocities
 from crowdbench.utils.errors import InputError
 
@@ -197,7 +196,7 @@ def test_who_stops_and_goes_pauses_for_its_share_of_each_period():
 
 def test_the_other_parameters_of_who_stops_and_goes_are_those_of_its_walk():
     policy = PEDESTRIANS.load("stop_and_go")[1]
-    assert policy.parameters == {**ORCA.parameters, **HABITS}
+    assert policy.parameters == {**ORCA.parameters, "period": 8.0, "pause": 0.25}
 
 
 def test_who_gives_way_to_nobody_walks_straight():

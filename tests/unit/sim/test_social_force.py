@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from helpers import advance, drive, same, with_walkers
 
+from agents.planners.social_force import SocialForcePlanner
 from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.core import rng
-from crowdbench.planners.reactive import SocialForcePlanner
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.pedestrians import forces, social_force
 from crowdbench.sim.pedestrians.social_force import SOFTNESS
