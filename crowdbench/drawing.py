@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
@@ -52,10 +52,7 @@ class Palette(NamedTuple):
 
 def _colors(digits: str) -> list[Color]:
     """Return colours from their hexadecimal digits."""
-    return [
-        (red, green, blue)
-        for red, green, blue in np.frombuffer(bytes.fromhex(digits), np.uint8).reshape(-1, 3).tolist()
-    ]
+    return [cast(Color, tuple(bytes.fromhex(color))) for color in digits.split()]
 
 
 LIGHT = Palette(*_colors("e87000 0050b9 7a0028 007668 88908c 985818 c364d7 7098ce 80807a e4e4de 3c3c3c ffffff"))

@@ -52,10 +52,14 @@ class SocialForcePlanner(Planner):
         agents = position, velocity, goal, radius + self.safety_space, np.maximum(speed, TINY), present
         moves = np.broadcast_to(np.arange(present.shape[1]) == 0, present.shape)  # the model moves nobody else
         walkers = Walkers(*map(writable, (*agents, moves, obs.obstacles)))
-        share = np.minimum(free_width(vehicle.position, obs.obstacles) / WIDTH, 1.0)[:, None]
-        traits = {name: share * PARAMETERS[name] for name in ("wall_strength", "wall_range")}
-        noise = np.zeros_like(position)
+        noise, traits = np.zeros_like(position), wall_traits(obs)
         return along_walls(obs, social_force_velocities(walkers, noise, time_step=obs.dt, parameters=traits)[:, 0])
+
+
+def wall_traits(obs: Observation) -> dict[str, Float[np.ndarray, "world 1"]]:
+    """Return strength and range of the force of walls, as parameters of `social_force_velocities`."""
+    share = np.minimum(free_width(obs.vehicle.position, obs.obstacles) / WIDTH, 1.0)[:, None]
+    return {name: share * PARAMETERS[name] for name in ("wall_strength", "wall_range")}
 
 
 def free_width(

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from crowdbench.catalog import load_scenario, scenario_path
 from crowdbench.core.types.rules import COLLISION_RULES
-from crowdbench.metrics import METRICS, Metric
+from crowdbench.metrics import MAIN, METRICS, Metric
 from crowdbench.plugins.load import ROOT as PACKAGE_ROOT
 from crowdbench.runs.identity import code, digest, source_of
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
@@ -36,20 +36,7 @@ from crowdbench.utils.toml import (
 
 FILE = "board.toml"
 
-MEASURED = (
-    "success_rate",
-    "collision_rate",
-    "at_fault_rate",
-    "timeout_rate",
-    "navigation_time",
-    "sct",
-    "minimum_gap",
-    "intimate_zone",
-    "max_velocity_change",
-    "jerk",
-    "imposed_delay",
-    "imposed_delay_positive",
-)
+MEASURED = (*MAIN, "intimate_zone", "max_velocity_change", "imposed_delay", "imposed_delay_positive")
 """The metrics that boards show."""
 
 _NO_RULES = {"title", "description", "position", "recorded", "ranked"}

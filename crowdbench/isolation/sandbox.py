@@ -34,12 +34,6 @@ TEMPORARY = ("/tmp", "/dev/shm")
 
 LARGEST_TEMPORARY = 10**9
 
-MISSING = {
-    BUBBLEWRAP: "",
-    PROCESS: "in a process of the same user, which could read and write files and use the network",
-}
-"""Promises of a sandbox that each level breaks; none for the best."""
-
 _FILTER = 9
 """The descriptor of the filter of system calls, which `launch` makes."""
 

@@ -9,12 +9,15 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, TypeVar, cast, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.core.types import Outcome, Trace
+
+if TYPE_CHECKING:
+    from crowdbench.metrics.summary import Estimate
 
 Metric = Callable[[Trace], Bool[np.ndarray, "world"] | Float[np.ndarray, "world"]]
 M = TypeVar("M", bound=Callable[..., Any])
@@ -24,23 +27,6 @@ UNDISTURBED = "undisturbed"
 
 UNDEFINED = "-"
 """Shown where a value is undefined."""
-
-
-@runtime_checkable
-class Interval(Protocol):
-    """A mean with its 95 % interval."""
-
-    @property
-    def mean(self) -> float:
-        """The mean."""
-
-    @property
-    def low(self) -> float:
-        """The lower bound."""
-
-    @property
-    def high(self) -> float:
-        """The upper bound."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +94,7 @@ class MetricInfo:
         """The bounds of an interval, such as `99.3 to 99.9`."""
         return f"{self.number(low)} to {self.number(high)}"
 
-    def estimate(self, estimate: Interval, with_unit: bool = False) -> str:
+    def estimate(self, estimate: Estimate, with_unit: bool = False) -> str:
         """A mean with its interval, if it has one, such as `99.7 (99.3 to 99.9)` or `99.7 % (99.3 to 99.9)`."""
         mean = (self.amount if with_unit else self.number)(estimate.mean)
         has_interval = mean != UNDEFINED and math.isfinite(estimate.high - estimate.low)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import os
 import platform
-import re
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from safetensors import SafetensorError
 
 from crowdbench.networks import card as cards
 from crowdbench.networks.weights import save_network
+from crowdbench.runs.run import read_versions
 from crowdbench.train import checkpoint
 from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.config import METHODS, Config
@@ -130,7 +130,7 @@ class Runner:
                 "command": training.config.command,
                 **training.card(progress),
                 "commit": _commit(),
-                "machine": f"{_processor()}, threads: {torch.get_num_threads()}, {training.device}",
+                "machine": f"{read_versions()['machine']}, threads: {torch.get_num_threads()}, {training.device}",
                 "versions": {"python": platform.python_version(), "torch": torch.__version__},
                 "licence": "MIT",
             }
@@ -180,10 +180,3 @@ def _commit() -> str | None:
     except (OSError, subprocess.CalledProcessError):
         return None
     return described.stdout.strip()
-
-
-def _processor() -> str:
-    """Return the name of the processor."""
-    cpuinfo = Path("/proc/cpuinfo")
-    name = re.search(r"^model name.*?:(.*)", cpuinfo.read_text() if cpuinfo.exists() else "", re.MULTILINE)
-    return name[1].strip() if name else platform.processor() or platform.machine()

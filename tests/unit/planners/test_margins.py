@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from helpers import drive, world
 
-from agents.planners.social_force import SocialForcePlanner
-from crowdbench.catalog import load_planner
+from agents.planners.social_force import SocialForcePlanner, wall_traits
 from crowdbench.core.types import Outcome
 from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.sim.sensor import observe
@@ -53,5 +52,5 @@ def test_the_force_of_walls_follows_the_free_width(obstacles, width):
     padded = np.concatenate([walls, np.full((1, 2, 5, 2), np.nan)], axis=1)
     for polygons in (walls, padded):
         seen = observe(world([[0.0, 0.0], [5.0, 5.0]]).replace(obstacles=polygons))
-        share = load_planner("social_force")[1].parameters(seen)["wall_range"][0, 0] / 0.2
+        share = wall_traits(seen)["wall_range"][0, 0] / 0.2
         assert share == pytest.approx(1.0 if width is None else width / 1.28)
