@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -113,16 +113,36 @@ def drive(planner: EntryPlanner, case_set: CaseSet, out: Path, progress: Progres
         MachineFault: `out` cannot be written, or crowdbench has changed meanwhile.
         KeyboardInterrupt: The user interrupted it. Finished batches are kept.
     """
+    scenarios = {scenario.name: scenario for scenario in case_set.scenarios}
+    failures = make_each(scenarios, lambda name: _drive(planner, case_set, scenarios[name], out / name, progress))
+    for name in failures:
+        shutil.rmtree(out / name, ignore_errors=True)  # a run of an earlier version of the planner
+    return failures
+
+
+def make_each(scenarios: Collection[str], make: Callable[[str], None]) -> dict[str, str]:
+    """Make the run of each scenario of a board.
+
+    Args:
+        scenarios: Their names.
+        make: Makes the run of a scenario.
+
+    Returns:
+        The errors by scenario, where the planner breaks its contract or a limit.
+
+    Raises:
+        InputError: The planner fails in all scenarios.
+        MachineFault: The machine fails.
+    """
     failures: dict[str, InputError] = {}
-    for scenario in case_set.scenarios:
+    for name in scenarios:
         try:
-            _drive(planner, case_set, scenario, out / scenario.name, progress)
+            make(name)
         except MachineFault:
             raise
         except InputError as error:
-            failures[scenario.name] = error
-            shutil.rmtree(out / scenario.name, ignore_errors=True)  # a run of an earlier version of the planner
-    if len(failures) == len(case_set.board.scenarios):
+            failures[name] = error
+    if len(failures) == len(scenarios):
         raise next(iter(failures.values()))
     return {name: str(error) for name, error in failures.items()}
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -16,11 +14,6 @@ from crowdbench.cli.console import announce_compilation, exit_on_interrupt, prin
 from crowdbench.cli.options import assignments
 from crowdbench.utils.errors import InputError, MachineFault
 from crowdbench.utils.tables import plain
-
-if TYPE_CHECKING:
-    from crowdbench.metrics.summary import Estimate
-    from crowdbench.runs.run import Run
-
 
 OPTIONS = ("--board", "--planner", "--option", "--cases", "--data", "--out", "--threads", "--json")
 """The options of `crowdbench run` that a run of a board has."""
@@ -55,10 +48,11 @@ def run_board(
         as_json: True to print JSON.
     """
     from crowdbench.boards.board import find_board
+    from crowdbench.boards.board_runs import make_each
     from crowdbench.boards.means import board_figures
     from crowdbench.metrics import MAIN, info_of
     from crowdbench.metrics.summary import Estimate
-    from crowdbench.runs.folder import run_directory
+    from crowdbench.runs.folder import make_in_folder, run_directory
     from crowdbench.runs.load import load_run
     from crowdbench.runs.result_file import read_result
     from crowdbench.runs.results import read_estimate
@@ -73,8 +67,17 @@ def run_board(
     runs = {name: load_run(replace(base, scenario=name)) for name in rules.scenarios}
     announce_compilation()
     directory = out or Path("runs") / f"board-{rules.name}"
+
+    def make(name: str) -> None:
+        say(f"{name}, cases {driven_cases}")
+        with progress(len(driven_cases)) as update:
+            if not make_in_folder(runs[name], directory, update):
+                raise MachineFault(f"another process is making the run of {name}: try again when it has ended")
+
     with exit_on_interrupt():
-        failures = _make(runs, directory)
+        failures = make_each(runs, make)
+    for name, reason in failures.items():
+        say(f"{name} counts 0, because it cannot be driven: {reason}")
     figures: dict[str, dict[str, Estimate]] = {}
     for scenario, run in runs.items():
         measured = {} if scenario in failures else read_result(run_directory(run, directory))["metrics"]
@@ -91,35 +94,3 @@ def run_board(
     title = f"{driver} on board {rules.name}, cases {driven_cases} of each scenario"
     print_table(estimate_grid(title, rows, infos, brief=[*infos][1:]))
     print(f"\nKept in {directory}")
-
-
-def _make(runs: Mapping[str, Run], out: Path) -> dict[str, str]:
-    """Make runs that are not there yet.
-
-    Args:
-        runs: The runs by scenario.
-        out: Their folder.
-
-    Returns:
-        The errors of scenarios that the planner cannot drive.
-
-    Raises:
-        InputError: The planner can drive none.
-    """
-    from crowdbench.runs.folder import make_in_folder
-
-    failures: dict[str, str] = {}
-    for scenario, run in runs.items():
-        say(f"{scenario}, cases {run.spec.cases}")
-        try:
-            with progress(len(run.spec.cases)) as update:
-                if not make_in_folder(run, out, update):
-                    raise MachineFault(f"another process is making the run of {scenario}: try again when it has ended")
-        except MachineFault:
-            raise
-        except InputError as error:
-            if len(failures) == len(runs) - 1:
-                raise
-            failures[scenario] = str(error)
-            say(f"{scenario} counts 0, because it cannot be driven: {error}")
-    return failures
