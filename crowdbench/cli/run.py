@@ -158,7 +158,7 @@ def merge(
     """Make one run of several, whose cases follow each other.
 
     Args:
-        runs: Directories of runs, or of their parts (runs/NAME.parts-...).
+        runs: Directories of runs, or of parts of one (runs/NAME.parts-.../*).
         out: Directory for the merged run.
         all_metrics: Print all metrics, and not only the main ones.
     """
@@ -166,15 +166,9 @@ def merge(
     from crowdbench.runs.merge import merge as merge_runs
     from crowdbench.runs.result_file import STATED
     from crowdbench.runs.results import result_label
-    from crowdbench.runs.shards import REQUEST, find_finished
 
     metrics = load_metrics(metric or [])
-    is_whole = True
-    if all((run / REQUEST).exists() for run in runs):
-        runs, is_whole = find_finished(runs)
-        if not is_whole:
-            say("crowdbench: parts are missing: what is merged ends before the first of them")
-    result = merge_runs(runs, out, overwrite, interrupted=not is_whole)
+    result = merge_runs(runs, out, overwrite)
     say(f"crowdbench: {STATED}")
     print_result(f"{result_label(result)} on {result['scenario']['name']}", out, metrics, as_json, all_metrics)
 

@@ -15,16 +15,12 @@ from jaxtyping import Bool, Float
 
 from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
-from crowdbench.envs.render import Renderer
 from crowdbench.envs.rewards import Reward, Step, load_reward
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
 
 LABELS = np.array(stepping.LABELS, object)
-
-MODES = ["rgb_array"]
-"""The render modes: there is no window for many worlds."""
 
 _Flags = Bool[np.ndarray, "world"]
 
@@ -36,14 +32,13 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
     with the same seed.
 
     All worlds are simulated at once. `vectorization_mode="sync"` steps them one after the other: with 128 worlds this
-    takes about twice as long where observations are `flat`, and eight times as long elsewhere. With stable-baselines3,
-    `CrowdVecEnv` of examples/stable_baselines.py is as fast as this environment.
+    takes about twice as long where observations are `flat`, and eight times as long elsewhere; only that mode renders.
+    With stable-baselines3, `CrowdVecEnv` of examples/stable_baselines.py is as fast as this environment.
 
     Args:
         num_envs: Number of worlds.
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         autoreset_mode: When worlds whose episode is over are reset, as in Gymnasium's `SyncVectorEnv`.
-        render_mode: `rgb_array` or None.
         reward: As for `VehicleEnv`, and so are the next three.
         observation: `flat`, `goal_frame` or `dict`.
         action: `world`, `goal_frame` or `native`.
@@ -51,7 +46,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         rays: How many rays to walls are seen in the frame of the goal.
 
     Raises:
-        InputError: Scenario, render mode, reward, observation or action do not exist.
+        InputError: Scenario, reward, observation or action do not exist.
     """
 
     def __init__(
@@ -59,7 +54,6 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         num_envs: int = 1,
         scenario: str | Path | Scenario = "circle_crossing_5",
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-        render_mode: str | None = None,
         reward: str | Reward = "crowdnav",
         observation: str = "flat",
         action: str = "world",
@@ -70,11 +64,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         self.scenario = stepping.as_scenario(scenario)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         fps = round(1 / self.scenario.rules.dt)
-        self.metadata = {"render_modes": MODES, "render_fps": fps, "autoreset_mode": self.autoreset_mode}
-        if render_mode is not None and render_mode not in MODES:
-            raise InputError(f"render_mode is {render_mode!r}, but many worlds have {', '.join(MODES)} alone, or None")
-        self.render_mode = render_mode
-        self._renderers = [Renderer(render_mode) for _ in range(num_envs)]
+        self.metadata = {"render_modes": [], "render_fps": fps, "autoreset_mode": self.autoreset_mode}
         self.view = View(self.scenario, observation, action, nearest, rays)
         self.reward = load_reward(reward)
         self.single_observation_space = self.view.observation_space
@@ -155,15 +145,6 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         self._worlds = worlds
         return self.view.observe(worlds), rewards, terminated, truncated, infos
 
-    def render(self) -> tuple[np.ndarray, ...] | None:
-        """The picture `[height, width, 3]` of each world in mode `rgb_array`; None without a mode."""
-        if self._worlds is None:
-            raise error.ResetNeeded("call reset() first")
-        if self.render_mode is None:
-            return None
-        rows = (self._worlds.take(np.array([row])) for row in range(self.num_envs))
-        return tuple(map(Renderer.picture, self._renderers, rows, self._cases))
-
     def _rewards(self, step: Step) -> Float[np.ndarray, "world"]:
         """The rewards of a step, 0 in worlds whose episode was over before it."""
         if not self._over.any():
@@ -182,9 +163,6 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             names.append(stepping.choose_case(cases[row] if cases else None, generator))
         fresh = stepping.start(self.scenario, names)
         self._cases[rows] = names
-        if self.render_mode is not None:
-            for index, row in enumerate(rows.tolist()):  # the start of an episode sets the scale of its pictures
-                self._renderers[row].show(fresh.take(np.array([index])), names[index])
         return fresh if worlds is None or mask.all() else worlds.put(rows, fresh)
 
     def _final(self, step: Step, ended: _Flags) -> dict[str, Any]:

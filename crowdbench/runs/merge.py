@@ -22,7 +22,7 @@ TOGETHER = ("timing", "versions", "isolation")
 """Sections that may differ between the parts of a run."""
 
 
-def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, interrupted: bool = False) -> dict[str, Any]:
+def merge(directories: Sequence[Path], out: Path, overwrite: bool = False) -> dict[str, Any]:
     """Make one run of several.
 
     Its episodes and commands equal a run that drives all cases, to the last byte.
@@ -31,7 +31,6 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
         directories: The runs, in any order.
         out: The directory to write.
         overwrite: True if an earlier run in `out` is replaced.
-        interrupted: True if cases are missing that were asked for.
 
     Returns:
         The contents of its `result.json`.
@@ -56,7 +55,6 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
             scenario=parts[0].result["scenario"],
             recorded=_join_recordings(parts, cases, directory / RECORDING),
             stated={**stated[0], "timing": _timing(parts), **joined},
-            interrupted=interrupted or parts[-1].result["interrupted"],
         )
 
 

@@ -32,7 +32,7 @@ FORMAT = 1
 
 STATED = (
     "Means and intervals are recomputed from episodes.csv, and `crowdbench score RUN --replay` recomputes that file. "
-    "Stated by the runs alone: planners with their options, `privileged`, names, interruptions, times and versions."
+    "Stated by the runs alone: planners with their options, `privileged`, names, times and versions."
 )
 """The facts that a table of runs does not prove; a re-run, such as a signed verification on a board, does."""
 
@@ -56,7 +56,7 @@ _Stated = create_model("_Stated", __base__=_Machine, privileged=bool, overrides=
 _Metrics: Any = dict[str, _Estimate]  # type: ignore[valid-type]
 _Found = create_model("_Found", outcomes=dict[str, int], metrics=_Metrics, blocks=(_Count, 0), **_ALONE)
 _Head = create_model("_Head", __base__=_Found, format=int, id=str, run=_Run, scenario=_Scenario, rates=list[str])
-_Result = create_model("_Result", __base__=_Head, interrupted=bool, recorded=_Count, stated=_Stated, files=_Texts)
+_Result = create_model("_Result", __base__=_Head, recorded=_Count, stated=_Stated, files=_Texts)
 """The contents of results, see `identity.RunId`; nobody can recompute `stated` from the other files."""
 
 

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import json
 import re
 import secrets
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from filelock import Timeout
 
@@ -29,9 +28,6 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, NotWritten
 from crowdbench.utils.files import check_free, new_directory, parent_of
-
-REQUEST = "request.json"
-"""The file with the identity of the run whose parts lie in a folder."""
 
 Drive = Callable[[Cases, Path], None]
 """Makes the run of some cases in a directory, or raises and leaves a directory that is not complete."""
@@ -77,7 +73,6 @@ class Parts:
         spec: The run, as another process loads it.
         out: The directory of the run.
         folder: The folder that has a directory for each of them until all are there.
-        request: The identity of the run, as the folder's `request.json` holds it.
         is_resumable: True if another call can go on with them.
         cases: Their cases, in order.
         selected: The cases of those that this process makes.
@@ -86,7 +81,6 @@ class Parts:
     spec: RunSpec
     out: Path
     folder: Path
-    request: dict[str, Any]
     is_resumable: bool
     cases: Sequence[Cases]
     selected: Sequence[Cases]
@@ -95,10 +89,9 @@ class Parts:
     def of(cls, run: Run, out: Path, shard: Shard = WHOLE) -> Parts:
         """Plan the parts of a run that is made in the directory `out`, of which this process makes a shard."""
         spec, id_ = run.spec, run.id
-        request = {"id": id_.digest, "run": id_.parts, "record": spec.record, "batch": spec.batch}
         folder = out.with_name(f"{out.name}.parts-{id_.digest[:8]}-{spec.record}")
         cases = tuple(spec.cases.batches(spec.batch))
-        return cls(spec, out, folder, request, id_.planner.is_resumable, cases, shard.select(cases))
+        return cls(spec, out, folder, id_.planner.is_resumable, cases, shard.select(cases))
 
     def directory(self, part: Cases) -> Path:
         """Return where a part lies."""
@@ -142,7 +135,7 @@ class Parts:
         if number := self.count_finished():
             finished = f"{number} of {len(self.spec.cases)} cases are kept in {self.folder}"
             resumes = "the same command goes on with them, and " if self.is_resumable else ""
-            error.add_note(f"{finished}; {resumes}`crowdbench merge {self.folder} --out DIR` makes a run of them")
+            error.add_note(f"{finished}; {resumes}`crowdbench merge {self.folder}/* --out DIR` makes a run of them")
             if not self.is_resumable:
                 error.add_note("a planner object with a key, `run(..., key=...)`, goes on with what is kept")
 
@@ -155,15 +148,8 @@ class Parts:
                     drive(part, self.directory(part))
                     return True
             finally:
-                self.write_request()
                 lock.unlink(missing_ok=True)
         return False
-
-    def write_request(self) -> None:
-        """Write which run the parts in the folder are of, if there are any."""
-        if any(self.folder.glob(f"[!.]*/{RESULT}")):
-            with files.whole(self.folder / REQUEST) as partial:
-                partial.write_text(json.dumps(self.request, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
     def merge(self, overwrite: bool) -> bool:
         """Make the run of its parts, unless another process has done it, and remove them.
@@ -245,38 +231,4 @@ def _name(part: Cases) -> str:
 
 def is_finished(directory: Path) -> bool:
     """Return whether a run is there, to its last case. Raises InputError where it is damaged."""
-    return (directory / RESULT).exists() and not check_result(directory)["interrupted"]
-
-
-def find_finished(folders: Sequence[Path]) -> tuple[list[Path], bool]:
-    """Find the parts of a run that are there to their last case, up to the first one that is missing.
-
-    Args:
-        folders: Folders with parts of the same run, perhaps from several machines.
-
-    Returns:
-        Their directories in order, and whether they are all.
-
-    Raises:
-        InputError: A folder holds no parts, or they are of different runs.
-    """
-    requests = [_read_request(folder) for folder in folders]
-    for folder, request in zip(folders, requests, strict=True):
-        if request != requests[0]:
-            raise InputError(f"{folders[0]} and {folder} hold parts of different runs: their {REQUEST} differ")
-    finished: list[Path] = []
-    for part in requests[0][1]:
-        directory = next(filter(is_finished, (folder / _name(part) for folder in folders)), None)
-        if directory is None:
-            return finished, False
-        finished.append(directory)
-    return finished, True
-
-
-def _read_request(folder: Path) -> tuple[dict[str, Any], list[Cases]]:
-    """Read which run the parts in a folder are of, and the cases of all its parts in order."""
-    try:
-        request = dict(files.read_json(folder / REQUEST))
-        return request, list(Cases.parse(request["run"]["cases"]).batches(request["batch"]))
-    except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(f"{folder} is no folder with the parts of a run") from None
+    return (directory / RESULT).exists() and bool(check_result(directory))

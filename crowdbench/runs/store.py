@@ -41,7 +41,6 @@ def write_run(
     scenario: Mapping[str, Any],
     recorded: int,
     stated: Mapping[str, Any],
-    interrupted: bool = False,
 ) -> dict[str, Any]:
     """Write the files of a run beside its commands and its recording.
 
@@ -52,7 +51,6 @@ def write_run(
         scenario: The contents of the scenario.
         recorded: The number of recorded episodes.
         stated: Facts that cannot be recomputed from the other files.
-        interrupted: True if cases are missing that were asked for.
 
     Returns:
         The contents of `result.json`.
@@ -62,7 +60,6 @@ def write_run(
         "id": digest(run),
         "run": run,
         "scenario": scenario,
-        "interrupted": interrupted,
         "recorded": recorded,
         **summary_of(episodes),
         "stated": stated,
@@ -187,11 +184,9 @@ class RunResult:
     @property
     def warnings(self) -> list[str]:
         """Reasons against comparing it with others, a sentence each."""
-        reasons = {
-            "was interrupted: only the cases that it finished are compared": self.result["interrupted"],
-            "was made by other code of crowdbench than this": self.result["run"]["code"] != code(),
-        }
-        return [f"{self.directory} {reason}" for reason, holds in reasons.items() if holds]
+        if self.result["run"]["code"] == code():
+            return []
+        return [f"{self.directory} was made by other code of crowdbench than this"]
 
     @property
     def header(self) -> dict[str, Any]:

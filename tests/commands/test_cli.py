@@ -250,7 +250,7 @@ def test_an_interrupted_run_keeps_its_finished_batches(call, tmp_path, number):
     assert "crowdbench: interrupted: 10 of 30 cases are kept in kept.parts-" in errors
     assert not (tmp_path / "kept").exists()
     [folder] = tmp_path.glob("kept.parts-*")
-    merged = call("merge", folder.name, "--out", "some")
+    merged = call("merge", *map(str, folder.glob("*")), "--out", "some")
     assert merged.returncode == 0, merged.stderr
     assert json.loads((tmp_path / "some" / "result.json").read_text())["run"]["cases"] == "test:0:10"
 

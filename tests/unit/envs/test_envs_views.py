@@ -117,7 +117,7 @@ def test_many_worlds_show_what_one_world_shows(observation):
 
 
 def test_many_worlds_are_rendered():
-    env = gymnasium.make_vec(ID, num_envs=2, render_mode="rgb_array")
+    env = gymnasium.make_vec(ID, num_envs=2, vectorization_mode="sync", render_mode="rgb_array")
     env.reset(seed=1)
     env.step(np.zeros((2, 2)))
     frames = env.render()

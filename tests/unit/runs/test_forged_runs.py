@@ -51,7 +51,7 @@ def run(honest, tmp_path):
 
 
 STATED_FIELDS = re.compile(
-    r"run\.planner\.(code|facts|files|key).*|run\.(batch|decision_limit|code|metrics\..*)|scenario\.description|interrupted"
+    r"run\.planner\.(code|facts|files|key).*|run\.(batch|decision_limit|code|metrics\..*)|scenario\.description"
     r"|stated\.(privileged|timing|versions|isolation).*"
 )
 """What no other file of a run tells."""
@@ -273,13 +273,11 @@ def test_a_score_of_states_is_that_of_the_episodes(run, call):
         assert "4 of 4 cases have other figures in episodes.csv: test/0 (jerk" in done.stdout + done.stderr
 
 
-def test_a_merged_run_of_an_interrupted_one_is_interrupted(tmp_path):
+def test_what_parts_state_of_their_isolation_is_joined(tmp_path):
     a, b = go(tmp_path / "a", "commands", "2"), go(tmp_path / "b", "commands", "2:4")
-    reseal(b, lambda table: table.update(interrupted=True))
     reseal(a, lambda table: table["stated"].update(isolation={"level": "a", "peak": 1}))
     reseal(b, lambda table: table["stated"].update(isolation={"level": "b", "peak": "much"}))
     result = merge([a, b], tmp_path / "c")
-    assert result["interrupted"]
     assert result["stated"]["isolation"] == {"level": "a, b", "peak": "1, much"}
 
 

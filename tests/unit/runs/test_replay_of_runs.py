@@ -24,7 +24,6 @@ from crowdbench.runs import rollout as rollouts
 from crowdbench.runs.merge import merge
 from crowdbench.runs.replay import replay
 from crowdbench.runs.results import Episodes
-from crowdbench.runs.shards import find_finished
 from crowdbench.runs.spec import Replanning
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.scenario import Scenario
@@ -134,7 +133,7 @@ def test_what_an_interrupted_run_kept_agrees(tmp_path, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             go(tmp_path / "run", batch=5)
     [folder] = tmp_path.glob("run.parts-*")
-    merge(find_finished([folder])[0], tmp_path / "run")
+    merge(sorted(folder.iterdir()), tmp_path / "run")
     found = again(tmp_path / "run")
     assert (found.cases, found.differences) == (5, [])
 

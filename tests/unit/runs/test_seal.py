@@ -52,7 +52,7 @@ def test_a_result_says_what_the_run_is_and_what_every_file_is(runs):
     assert (run["planner"]["name"], run["planner"]["options"], run["cases"]) == ("mine", {"pace": 1.0}, "test:0:12")
     assert (run["replanning"], run["decision_limit"], run["code"]) == ({}, 60.0, code())
     assert list(run["metrics"]) == list(METRICS)
-    assert (stated["record"], stated["privileged"], result["interrupted"]) == ("all", False, False)
+    assert (stated["record"], stated["privileged"]) == ("all", False)
     assert {"python", "crowdbench", "numpy", "numba", "scipy"} <= set(stated["versions"])
 
 
@@ -66,7 +66,7 @@ def test_a_run_that_nobody_touched_is_read(runs):
 def test_an_edited_file_is_named_and_so_is_a_missing_one(a, runs, name):
     content = (a / name).read_bytes()
     edited = (
-        content.replace(b'"interrupted": false', b'"interrupted": true') if name == "result.json" else content + b"\n"
+        content.replace(b'"privileged": false', b'"privileged": true') if name == "result.json" else content + b"\n"
     )
     (a / name).write_bytes(edited)
     with pytest.raises(InputError, match=rf"{name} is not the file that the run wrote: its sha256 differs"):
@@ -270,8 +270,3 @@ def test_a_run_by_other_code_is_told(a, runs, capsys):
         assert "other code of crowdbench" in capsys.readouterr().err
     app(["score", str(a / "run.rrd")], standalone_mode=False)
     assert capsys.readouterr().err == ""
-
-
-def test_a_run_that_was_interrupted_is_told(a, runs):
-    reseal(a, lambda table: table.update(interrupted=True))
-    assert compare(runs / "b", a).warnings == [f"{a} was interrupted: only the cases that it finished are compared"]

@@ -29,7 +29,7 @@ def result(name, table):
     planner = {"name": name, "options": {}}
     run = {"planner": planner, "replanning": {}, "scenario": "", "cases": f"test:{len(table)}", "code": ""}
     stated = {"overrides": {}, "privileged": False}
-    return RunResult(Path(name), {"run": run, "scenario": scenario, "interrupted": False, "stated": stated}, table)
+    return RunResult(Path(name), {"run": run, "scenario": scenario, "stated": stated}, table)
 
 
 def pair(one, two):
