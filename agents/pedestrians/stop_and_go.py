@@ -11,7 +11,7 @@ from crowdbench.sim.pedestrians import ORCA
 from crowdbench.sim.pedestrians.base import Parameters, Velocities
 
 HABITS: Mapping[str, float] = {"period": 8.0, "pause": 0.25}
-"""Parameters beside those of ORCA: a period in seconds, and the share of it that is a pause."""
+"""Parameters beside the ones that ORCA has: a period in seconds, and the share of it that is a pause."""
 
 
 class StopAndGo(ORCA):
@@ -23,7 +23,7 @@ class StopAndGo(ORCA):
     parameters: ClassVar[Mapping[str, float]] = {**ORCA.parameters, **HABITS}
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
-        """See `PedestrianPolicy`. The parameters are those of ORCA, `period` in seconds, and `pause`."""
+        """See `PedestrianPolicy`. The parameters are the ones that ORCA has, `period` in seconds, and `pause`."""
         start = rng.uniforms(world.key, "stop_and_go", np.zeros_like(world.step), world.person)
         time = (world.step * world.rules.dt)[:, None]
         phase = (time / np.maximum(parameters["period"][:, 1:], world.rules.dt) + start) % 1.0

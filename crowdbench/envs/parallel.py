@@ -95,7 +95,6 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
     metadata: ClassVar[dict[str, Any]] = {
         "name": "crowdbench_v0",
         "render_modes": RENDER_MODES,
-        "render_fps": 4,
         "is_parallelizable": True,
     }
 

@@ -63,8 +63,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         self.num_envs = num_envs
         self.scenario = stepping.as_scenario(scenario)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        fps = round(1 / self.scenario.rules.dt)
-        self.metadata = {"render_modes": [], "render_fps": fps, "autoreset_mode": self.autoreset_mode}
+        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self.view = View(self.scenario, observation, action, nearest, rays)
         self.reward = load_reward(reward)
         self.single_observation_space = self.view.observation_space

@@ -43,7 +43,7 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         InputError: Scenario, render mode, reward, observation or action do not exist.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": RENDER_MODES, "render_fps": 4}  # type: ignore[misc]
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": RENDER_MODES}  # type: ignore[misc]
 
     def __init__(
         self,

@@ -218,24 +218,19 @@ def flat_space(scenario: Scenario) -> Box:
 def layout_bound(scenario: Scenario) -> float:
     """A bound in metres on the coordinates of starts and goals, loose enough to hold for every layout.
 
-    Of a built-in layout it is twice the sum of the numbers in its options, of points the largest one, plus the way of
-    one second at the highest speed, because layouts shift starts by up to half of it. Of another layout it is what any
-    layout must keep, and of recorded people the largest coordinate of anybody.
+    Of a built-in layout it is twice the sum of the numbers in its options, plus the way of one second at the highest
+    speed, because layouts shift starts by up to half of it. Of a layout of points, and of one that is not built in, it
+    is what any layout must keep, and of recorded people the largest coordinate of anybody.
     """
     if scenario.tracks:
         return scenario.tracks.extent
-    if scenario.layout is None or scenario.layout.function not in LAYOUTS.values():
+    layout = scenario.layout
+    if layout is None or layout.function not in LAYOUTS.values():
         return EXTENT
-    return 2 * sum(map(_largest_number, scenario.layout.options.values())) + _max_speed(scenario)
-
-
-def _largest_number(option: Any) -> float:
-    """The largest number of an option by its size, whatever it is nested in; 0 where there is none."""
-    if isinstance(option, Mapping):
-        option = list(option.values())
-    if isinstance(option, list):
-        return max(map(_largest_number, option), default=0.0)
-    return abs(option) if is_number(option) else 0.0
+    options = layout.options.values()
+    if any(isinstance(option, list | Mapping) for option in options):
+        return EXTENT
+    return 2 * sum(abs(option) for option in options if is_number(option)) + _max_speed(scenario)
 
 
 def position_bound(scenario: Scenario) -> float:

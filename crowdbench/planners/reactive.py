@@ -9,7 +9,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.geometry import norm, toward_goal
+from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation
 from crowdbench.planners.base import Planner
 from crowdbench.sim.episode import stopping_gap
@@ -17,16 +17,6 @@ from crowdbench.sim.obstacles import slide
 from crowdbench.sim.pedestrians.orca import orca_velocities
 from crowdbench.sim.pedestrians.orca_crowd import ORCA_MARGIN, TIME_HORIZON_OBST
 from crowdbench.utils.compiled import njit
-
-
-class Straight(Planner):
-    """Drives straight to the next waypoint at the preferred speed, whatever is in the way, and never slows down."""
-
-    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """See `Planner`."""
-        vehicle = obs.vehicle
-        offset = vehicle.local_goal - vehicle.position
-        return offset * (vehicle.preferred_speed / np.maximum(norm(offset), 1e-9))[:, None]
 
 
 @dataclass(eq=False)
