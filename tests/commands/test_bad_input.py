@@ -361,7 +361,7 @@ def test_a_folder_whose_name_is_not_utf_8_works_or_is_named(crowdbench, tmp_path
     folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
     folder.mkdir()
     monkeypatch.chdir(folder)
-    Path("mine.py").write_text("from crowdbench.planners.reactive import Straight as planner\n")
+    Path("mine.py").write_text("from crowdbench.planners.reactive import ORCAPlanner as planner\n")
     arguments = ["run", "--cases", "2", "--planner", "./mine.py"]
     assert not crowdbench(*arguments, "--record", "none", "--out", "a")[0]
     status, _, sentences = crowdbench(*arguments, "--out", "b")
