@@ -52,7 +52,8 @@ def measure_start_up() -> Iterator[Measurement]:
 
 
 def measure_orca_runs() -> Iterator[Measurement]:
-    """Runs of ORCA as the vehicle. It has no network, and nothing is recorded, so that the simulator takes the time."""
+    """Measure runs of ORCA as the vehicle. It has no network, and nothing is recorded, so that the simulator takes the
+    time."""
     with tempfile.TemporaryDirectory() as folder:
         run = [*_run("orca", folder), "--record", "none"]
         whole = median(command(*run).seconds for _ in range(REPETITIONS))
@@ -61,7 +62,7 @@ def measure_orca_runs() -> Iterator[Measurement]:
 
 
 def measure_sarl_runs() -> Iterator[Measurement]:
-    """Runs of SARL-CVM with the recording that runs make by default."""
+    """Measure runs of SARL-CVM with the recording that runs make by default."""
     return _measure_planner("sarl_cvm", "SARL-CVM", REPETITIONS)
 
 

@@ -69,7 +69,7 @@ def make_world(start: np.ndarray, goal: np.ndarray) -> sim.World:
 def one_world(
     start: np.ndarray, goal: np.ndarray, steps: int = STEPS, clock: Callable[[], float] = time.perf_counter
 ) -> float:
-    """Seconds per step of one world of navground, called step by step.
+    """Return seconds per step of one world of navground, called step by step.
 
     Args:
         start: Starts in metres, `[agent, 2]`.
@@ -85,12 +85,13 @@ def one_world(
 
 
 def large_world(start: np.ndarray, goal: np.ndarray) -> float:
-    """Seconds of processor time per agent and step of a large world of navground; arguments as of `one_world`."""
+    """Return seconds of processor time per agent and step of a large world of navground; arguments as of
+    `one_world`."""
     return one_world(start, goal, FEW_STEPS, time.process_time) / len(start)
 
 
 def many_worlds(start: np.ndarray) -> float:
-    """Seconds per step and world of many worlds of navground on all cores.
+    """Return seconds per step and world of many worlds of navground on all cores.
 
     Each core has a process, whose worlds run all their steps in C++: navground holds Python's lock while it runs, so
     that threads would not help. Making the worlds is not measured. `start` is `[world, agent, 2]` in metres.
@@ -117,7 +118,7 @@ def many_worlds(start: np.ndarray) -> float:
 
 
 def run_worlds(pipe: Connection, start: np.ndarray) -> None:
-    """One process of `many_worlds`: make worlds, wait for the signal, run all steps.
+    """Run one process of `many_worlds`: make worlds, wait for the signal, run all steps.
 
     Args:
         pipe: The connection to the process that measures.
@@ -132,7 +133,7 @@ def run_worlds(pipe: Connection, start: np.ndarray) -> None:
 
 
 def environment() -> float:
-    """Seconds per step of navground's PettingZoo environment, in which all six agents are given actions."""
+    """Return seconds per step of navground's PettingZoo environment, in which all six agents are given actions."""
     env = shared_parallel_env(
         scenario=SCENARIO,
         max_number_of_agents=6,

@@ -51,7 +51,7 @@ QUICK_PLANNER = "orca"
 
 
 def measure_isolation(worlds: int = 500, rounds: int = 7) -> Iterator[Measurement]:
-    """Rollouts of one batch, the planner here and in its own process by turns.
+    """Measure rollouts of one batch, with the planner here and in its own process by turns.
 
     Args:
         worlds: Number of worlds.
@@ -69,7 +69,7 @@ def measure_isolation(worlds: int = 500, rounds: int = 7) -> Iterator[Measuremen
 
 
 def measure_sarl(worlds: int = 500, rounds: int = 5, decisions: int = 300) -> Iterator[Measurement]:
-    """Decisions of SARL-CVM, for many worlds at once and for one world at a time.
+    """Measure decisions of SARL-CVM, for many worlds at once and for one world at a time.
 
     Args:
         worlds: Number of worlds at once.
@@ -84,7 +84,7 @@ def measure_sarl(worlds: int = 500, rounds: int = 5, decisions: int = 300) -> It
 
 
 def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
-    """The length of a training: its imitation, and as many rounds as it has of the mean length of a few.
+    """Measure the length of a training: its imitation, and as many rounds as it has of the mean length of a few.
 
     Args:
         episodes: Number of episodes of the training. Its validations are not counted.
@@ -101,7 +101,8 @@ def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
 
 
 def measure_ppo_training(steps: int = 60_000) -> Iterator[Measurement]:
-    """Steps per second of a processor in trainings of policies, without validations and without the cases' draw.
+    """Measure steps per second of a processor in trainings of policies, without validations and without the cases'
+    draw.
 
     Args:
         steps: Number of steps of each training.
@@ -119,7 +120,7 @@ def measure_ppo_training(steps: int = 60_000) -> Iterator[Measurement]:
 
 
 def measure_large_crowds(cases: int = 40) -> Iterator[Measurement]:
-    """Cases with 20 pedestrians, of the paper's planners.
+    """Measure cases with 20 pedestrians, of the paper's planners.
 
     Args:
         cases: Number of cases that each planner drives at once.
@@ -133,7 +134,7 @@ def measure_large_crowds(cases: int = 40) -> Iterator[Measurement]:
 
 
 def measure_sarl_sgan_kce(worlds: int = 500, rounds: int = 5, decisions: int = 100) -> Iterator[Measurement]:
-    """Decisions of SARL-SGAN-KCE, for many worlds at once and for one world at a time.
+    """Measure decisions of SARL-SGAN-KCE, for many worlds at once and for one world at a time.
 
     Args:
         worlds: See `measure_sarl`, and so for the next two.
@@ -146,20 +147,20 @@ def measure_sarl_sgan_kce(worlds: int = 500, rounds: int = 5, decisions: int = 1
 
 
 def measure_sarl_sgan_seq(worlds: int = 500, rounds: int = 3) -> Iterator[Measurement]:
-    """Decisions of SARL-SGAN-SEQ, of eight commands each, for many worlds at once; arguments as those above."""
+    """Measure decisions of SARL-SGAN-SEQ, of eight commands each, for many worlds at once; arguments as those above."""
     decide = functools.partial(load_planner("sarl_sgan_seq")[1].plan_ahead, steps=SEQUENCE)
     duration = at_once(decide, SGAN_PEDESTRIANS, worlds, rounds)
     yield _sarl_sgan(f"SARL-SGAN-SEQ decision of {SEQUENCE} commands", AT_ONCE.format(worlds), duration)
 
 
 def at_once(decide: Callable[[Observation], object], pedestrians: int, worlds: int, rounds: int) -> float:
-    """The time in seconds, per world, of a decision for many worlds; the median of several rounds."""
+    """Return the time in seconds, per world, of a decision for many worlds; the median of several rounds."""
     work = functools.partial(decide, observation(pedestrians, worlds))
     return in_turns(rounds, functools.partial(seconds, work))[0] / worlds
 
 
 def one_by_one(decide: Callable[[Observation], object], pedestrians: int, worlds: int) -> float:
-    """The median time in seconds of a decision for one world."""
+    """Return the median time in seconds of a decision for one world."""
     obs = observation(pedestrians, worlds)
     works = [functools.partial(decide, obs.take(slice(row, row + 1))) for row in range(worlds)]
     return median(map(seconds, works))

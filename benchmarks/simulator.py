@@ -70,7 +70,7 @@ VEC_OPTIONS: dict[str, Any] = {"reward": "progress", "observation": "goal_frame"
 
 
 def measure_steps() -> Iterator[Measurement]:
-    """ORCA and motion alone, in one world and in many, and a step as in a rollout: with its collision check."""
+    """Measure ORCA and motion alone, in one world and in many, and a step as in a rollout: with its collision check."""
     for agents in (6, 51):
         work = f"ORCA and motion, one world, {agents} agents, per step"
         yield _measure_time(work, ROUNDS * 10, functools.partial(many_worlds, circle(agents, 1), STEPS))
@@ -105,7 +105,7 @@ def measure_environments() -> Iterator[Measurement]:
 
 
 def measure_vec_env(worlds: int = 512, steps: int = 60) -> Iterator[Measurement]:
-    """Steps of the vehicle in many worlds: stable-baselines3's VecEnv and Gymnasium's, by turns.
+    """Measure steps of the vehicle in many worlds: stable-baselines3's VecEnv and Gymnasium's, by turns.
 
     Nothing is measured where stable-baselines3 is not installed.
 
@@ -128,7 +128,7 @@ def _measure_time(work: str, rounds: int, seconds: Callable[[], float]) -> Measu
 
 
 def circle(agents: int, worlds: int) -> Float[np.ndarray, "world agent 2"]:
-    """Starts, in metres, on a circle of 4 m radius, or of a larger radius where the agents would touch.
+    """Return starts, in metres, on a circle of 4 m radius, or of a larger radius where the agents would touch.
 
     Each start is moved by up to 0.1 m, because agents in perfect symmetry block each other for ever.
 
@@ -162,13 +162,13 @@ def many_worlds(start: Float[np.ndarray, "world agent 2"], steps: int) -> float:
 
 
 def whole_step() -> float:
-    """Seconds per step of one world as in a rollout, in which the vehicle stands still."""
+    """Return seconds per step of one world as in a rollout, in which the vehicle stands still."""
     scenario = load_scenario(SCENARIO)
     return _drive(scenario, scenario.worlds(Cases("test", 0, 1)), STEPS)
 
 
 def observed_steps(scenario: Scenario, worlds: int) -> float:
-    """Seconds of processor time per step and world, in which the vehicle drives on and observes."""
+    """Return seconds of processor time per step and world, in which the vehicle drives on and observes."""
     start = scenario.worlds(Cases("test", 0, worlds))
     return _drive(scenario, start, STEPS, time.process_time, speed=0.5, observes=True) / worlds
 
@@ -181,7 +181,7 @@ def start_of_thousands(agents: int) -> tuple[Scenario, World]:
 
 
 def thousands(start: tuple[Scenario, World]) -> float:
-    """Seconds of processor time, of all cores together, per agent and step of one world as in a rollout.
+    """Return seconds of processor time, of all cores together, per agent and step of one world as in a rollout.
 
     Args:
         start: The return value of `start_of_thousands`.
@@ -197,7 +197,7 @@ def _drive(
     speed: float = 0.0,
     observes: bool = False,
 ) -> float:
-    """Seconds per step, by a clock, of worlds in which the vehicle drives along y at a speed in m/s."""
+    """Return seconds per step, by a clock, of worlds in which the vehicle drives along y at a speed in m/s."""
     command = np.tile([0.0, speed], (len(world), 1))
     begin = clock()
     for _ in range(steps):
@@ -209,7 +209,7 @@ def _drive(
 
 
 def environment(steps: int) -> float:
-    """Seconds per step of the PettingZoo environment, in which all six agents are given actions."""
+    """Return seconds per step of the PettingZoo environment, in which all six agents are given actions."""
     env = parallel_env(SCENARIO)
     env.reset(seed=0)
     actions = {agent: np.array([0.1, 0.0]) for agent in env.agents}
@@ -217,21 +217,21 @@ def environment(steps: int) -> float:
 
 
 def vehicle_environment(steps: int) -> float:
-    """Seconds per step of the Gymnasium environment, in which the vehicle alone is given actions."""
+    """Return seconds per step of the Gymnasium environment, in which the vehicle alone is given actions."""
     env = gymnasium.make(VEHICLE, scenario=SCENARIO, disable_env_checker=True).unwrapped
     env.reset(seed=0)
     return _repeat(functools.partial(env.step, np.array([0.1, 0.0])), steps)
 
 
 def gymnasium_step(worlds: int, steps: int) -> float:
-    """Seconds per vehicle and step of `gymnasium.make_vec`."""
+    """Return seconds per vehicle and step of `gymnasium.make_vec`."""
     envs = gymnasium.make_vec(VEHICLE, num_envs=worlds, scenario=SCENARIO, **VEC_OPTIONS)
     envs.reset(seed=0)
     return _repeat(functools.partial(envs.step, np.tile([0.5, 0.1], (worlds, 1))), steps) / worlds
 
 
 def stable_baselines_step(worlds: int, steps: int) -> float:
-    """Seconds per vehicle and step of `CrowdVecEnv`."""
+    """Return seconds per vehicle and step of `CrowdVecEnv`."""
     from examples.stable_baselines import CrowdVecEnv
 
     envs = CrowdVecEnv(worlds, SCENARIO, **VEC_OPTIONS, cases=worlds)
@@ -240,7 +240,7 @@ def stable_baselines_step(worlds: int, steps: int) -> float:
 
 
 def _repeat(work: Callable[[], object], times: int) -> float:
-    """Seconds that a call takes, on average of several."""
+    """Return seconds that a call takes, on average of several."""
     begin = time.perf_counter()
     for _ in range(times):
         work()

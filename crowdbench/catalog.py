@@ -84,7 +84,7 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
 
 
 def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """The sha256 of every file that a planner depends on beside crowdbench.
+    """Return the sha256 of every file that a planner depends on beside crowdbench.
 
     Args:
         spec: As `load_planner` takes it, which has found the planner.
@@ -179,7 +179,8 @@ def _read_map(layout: Any, folder: Path) -> None:
 
 
 def scenario_path(spec: str) -> Path:
-    """The file of a scenario that is given by its name, or is `file.toml`. Raises InputError for an unknown name."""
+    """Return the file of a scenario that is given by its name or is `file.toml`. Raises InputError for an unknown
+    name."""
     if spec.endswith(".toml"):
         return Path(spec)
     files = {path.stem: path for path in _scenario_files()}
@@ -288,7 +289,7 @@ def _make_loader(
 
 
 def simulated_scenarios() -> list[str]:
-    """The names of the built-in scenarios that need no recorded tracks."""
+    """Return the names of the built-in scenarios that need no recorded tracks."""
     return [path.stem for path in _scenario_files() if "tracks" not in read_toml(path, "scenario")]
 
 
@@ -298,12 +299,12 @@ def scenarios() -> list[tuple[str, str]]:
 
 
 def _scenario_files() -> list[Path]:
-    """The files of all built-in scenarios, sorted by folder. Dials and certificates lie beside them."""
+    """Return the files of all built-in scenarios, sorted by folder. Dials and certificates lie beside them."""
     return sorted(path for path in SCENARIOS.rglob("*.toml") if path.parent.name not in ("dials", FOLDER))
 
 
 def _resolve_files(policy: Any) -> Any:
-    """A policy, or a table of several with their shares; files are relative to the current directory."""
+    """Return a policy, or a table of several with their shares; files are relative to the current directory."""
     if isinstance(policy, dict):
         return {_resolve_files(name): share for name, share in policy.items()}
     is_file = isinstance(policy, str) and file_and_function(policy)[0] is not None

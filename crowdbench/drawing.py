@@ -215,7 +215,7 @@ class Moment:
 
 
 def extent(position: Points, goal: Points, obstacles: Polygons, margin: float) -> Float[np.ndarray, "2 2"]:
-    """The smallest and the largest x and y that an episode needs, in metres.
+    """Return the smallest and the largest x and y that an episode needs, in metres.
 
     Args:
         position: Where agents are, NaN of those who are not there.
@@ -235,7 +235,8 @@ def same_agents(person: Int[np.ndarray, "time pedestrian"]) -> Bool[np.ndarray, 
 
 
 def paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"]) -> list[Float[np.ndarray, "_ 2"]]:
-    """The paths in metres of all who had the place of one agent, each in a line; `same` tells who stayed in a step."""
+    """Return the paths in metres of all who had the place of one agent, each in a line; `same` tells who stayed in a
+    step."""
     parts = np.split(position, np.flatnonzero(~same) + 1)
     return [part[np.isfinite(part[:, 0])] for part in parts if np.isfinite(part[:, 0]).sum() > 1]
 

@@ -26,14 +26,15 @@ HIDDEN, EPOCHS, BATCH = 256, 20, 512
 
 
 def make_network() -> nn.Sequential:
-    """From what it is shown to a velocity along the direction to the goal and across it, in m/s."""
+    """Make a network from an observation to a velocity along the direction to the goal and across it, in m/s."""
     sizes = [AGENT_FEATURES * (1 + NEAREST), HIDDEN, HIDDEN, HIDDEN, 2]
     layers = [layer for pair in itertools.pairwise(sizes) for layer in (nn.Linear(*pair), nn.ReLU())]
     return nn.Sequential(*layers[:-1])
 
 
 def turn(points: np.ndarray, towards: np.ndarray, back: bool = False) -> np.ndarray:
-    """Points `[row, n, 2]` in axes along the direction to the goal `[row, 2]` and across it, or back in the world's."""
+    """Turn points `[row, n, 2]` into axes along the direction to the goal `[row, 2]` and across it, or back into the
+    world's."""
     x, y = (towards / np.maximum(np.linalg.norm(towards, axis=1), 1e-9)[:, None]).T
     axes = np.array([[x, -y], [y, x]] if back else [[x, y], [-y, x]])
     return np.einsum("ijr,rnj->rni", axes, points)
@@ -86,7 +87,7 @@ class ClonePlanner(Planner):
         self.network.load_state_dict(load_file(weights))
 
     def plan(self, obs):
-        """The velocity of the network, slowed down to the preferred speed."""
+        """Return the velocity of the network, slowed down to the preferred speed."""
         observation = flatten(obs)
         with torch.no_grad():
             velocity = self.network(show(observation)).numpy().astype(float)

@@ -105,10 +105,10 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         return self.view.observe(self._running.worlds), reward, step.ended, infos
 
     def close(self) -> None:
-        """Nothing is left open."""
+        """Do nothing: nothing is left open."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of the environment, which all worlds share, once for each.
+        """Return an attribute of the environment, which all worlds share, once for each.
 
         Args:
             attr_name: Its name.
@@ -117,7 +117,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refused: worlds have no attributes of their own.
+        """Refuse: worlds have no attributes of their own.
 
         Args:
             attr_name: The attribute's name.
@@ -130,7 +130,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         raise InputError(f"{attr_name} cannot be set for single worlds: make another environment")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Refused: worlds have no methods of their own.
+        """Refuse: worlds have no methods of their own.
 
         Args:
             method_name: The method's name.
@@ -144,7 +144,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         raise InputError(f"worlds have no method {method_name} of their own")
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Worlds are never wrapped.
+        """Return False for each world: none is wrapped.
 
         Args:
             wrapper_class: A class of wrappers.

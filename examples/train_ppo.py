@@ -36,7 +36,7 @@ class CrowdExtractor(BaseFeaturesExtractor):
         self.encoder = encoder
 
     def forward(self, observed):
-        """The code of what each world shows."""
+        """Return the code of each world's observation."""
         return self.encoder(Seen(observed["vehicle"], observed["pedestrians"], observed["mask"] > 0.5))
 
 

@@ -26,7 +26,7 @@ def gain_in_success(ours: Values, theirs: Float[np.ndarray, "their_network case"
 
 
 def difference_over_networks(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
-    """By how much one mean over networks is larger than another.
+    """Return the difference of two means over networks.
 
     Args:
         ours: A metric of each network in each case, NaN where it is not defined.

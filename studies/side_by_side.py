@@ -79,7 +79,7 @@ class FilledCrowd:
         return cls(scenario, records, faults, pairs, table.runs[0].episodes.blocks.get("blocks"))
 
     def markdown(self) -> str:
-        """Its two tables under its heading: what was measured, and in what each pair differs."""
+        """Return its two tables under its heading: the measurements, and the differences of each pair."""
         of_time = "" if self.blocks is None else f", {self.blocks} blocks of time"
         grids = [self.grid(), *([verdict_grid(self.pairs)] if self.pairs else [])]
         return "\n\n".join([f"### {self.scenario}{of_time}", *(markdown(each.header, each.rows) for each in grids)])
@@ -240,7 +240,7 @@ def verdict_grid(found: Sequence[Comparison]) -> Grid:
 
 
 def _verdict(found: Comparison) -> str:
-    """In which metrics the second of two planners is better or worse."""
+    """Return the metrics in which the second of two planners is better or worse."""
     titles: dict[int, list[str]] = {1: [], -1: []}
     for name, row in found.rows.items():
         info = info_of(name)

@@ -157,7 +157,7 @@ class CrowdNavPlanner(OneWorldPlanner):
         self._headings = {}
 
     def _command(self, obs: Observation) -> Float[np.ndarray, "2"]:
-        """The policy's velocity in m/s for one world."""
+        """Return the policy's velocity in m/s for one world."""
         row = int(obs.row)
         policy = self._policies[row]
         if hasattr(policy, "time_step"):
@@ -214,7 +214,7 @@ def _examine(policy: Any, name: str) -> None:
 
 
 def _prepare(policy: Any, name: str) -> Any:
-    """A copy of a policy, ready to drive. Raises InputError where it cannot be copied."""
+    """Return a copy of a policy, ready to drive. Raises InputError where it cannot be copied."""
     with plugin_errors(f"the policy {name} cannot be copied or prepared, which every episode needs:"):
         own = copy.copy(policy)
         # Neither can be copied: a whole simulator, and ORCA's simulator of RVO2, which the next `predict` makes again.
@@ -230,7 +230,8 @@ def _prepare(policy: Any, name: str) -> Any:
 
 
 def _state_classes(policy: Any) -> tuple[Any, Any, Any]:
-    """The classes of full, observable and joint states that the policy knows; the ones above where it knows none.
+    """Return the classes of full, observable and joint states that the policy knows; the ones above where it knows
+    none.
 
     CrowdNav's value networks ask `isinstance(state, FullState)`. Their modules are loaded where there is such a policy,
     so that nothing is imported here.
@@ -244,13 +245,13 @@ def _state_classes(policy: Any) -> tuple[Any, Any, Any]:
 
 
 def _network(policy: Any) -> Any:
-    """The policy's network of torch; None where it has none."""
+    """Return the policy's network of torch; None where it has none."""
     network = getattr(policy, "model", None)
     return network if hasattr(network, "state_dict") and hasattr(network, "parameters") else None
 
 
 def _action(action: Any, name: str) -> tuple[float, float, bool]:
-    """The two numbers of an action, and whether it is an `ActionRot`, with a speed in m/s and a turn in radians.
+    """Return the two numbers of an action, and whether it is an `ActionRot`, with a speed in m/s and a turn in radians.
 
     Else they are a velocity in m/s. Raises InputError where it is neither, or has something other than numbers.
     """

@@ -159,7 +159,8 @@ class CrowdNavPlusPlanner(Planner):
     def _edges(
         self, obs: Observation, row: Int[Tensor, "world"]
     ) -> tuple[Float[Tensor, "world human numbers"], Bool[Tensor, "world human"]]:
-        """Where people are now and will be, relative to the robot and the nearest first, and the visible ones."""
+        """Return the present and predicted positions of people relative to the robot, the nearest first, and the
+        visible ones."""
         crowd, number = obs.pedestrians, obs.pedestrians.seen.shape[1]
         if number > self.people:
             raise InputError(f"the network was made for {self.people} people, but here are {number}")

@@ -26,7 +26,8 @@ def layout(
     *,
     around_vehicle: float = 0.0,
 ) -> Placement:
-    """People walk from a point near a circle to the opposite side, the vehicle from one point in its square to another.
+    """Let people walk from a point near a circle to the opposite side, and the vehicle from one point in its square to
+    another.
 
     Args:
         around_vehicle: For a vehicle that starts on the circle, smallest distance from people's starts to its start and

@@ -84,7 +84,7 @@ def power_law_velocities(
 @no_type_check
 @njit(forceinline=True)
 def _power_law(i, position, velocity, desired, radius, seen, traits, obstacles, w, noise, group):
-    """All forces on agent i, see `compile_model`; the bound makes their share smaller."""
+    """Return all forces on agent i, see `compile_model`; the bound makes their share smaller."""
     k, tau0, bound = traits[i, 1], max(traits[i, 2], TINY), traits[i, 3]
     fx, fy, x, y, vx, vy = 0.0, 0.0, position[i, 0], position[i, 1], velocity[i, 0], velocity[i, 1]
     for j in range(len(position)):
@@ -106,7 +106,7 @@ _MODEL = compile_model(_power_law)
 @no_type_check
 @njit
 def _from_wall(x, y, vx, vy, radius, polygon, k, tau0):
-    """The force of an obstacle, at the corner or side that the agent would touch first.
+    """Return the force of an obstacle, at the corner or side that the agent would touch first.
 
     Args:
         x, y: The agent's centre in metres.
@@ -138,7 +138,7 @@ def _from_wall(x, y, vx, vy, radius, polygon, k, tau0):
 @no_type_check
 @njit
 def _force(tau, k, tau0):
-    """Minus the derivative of the energy by tau.
+    """Return minus the derivative of the energy by tau.
 
     Args:
         tau: Time to collision in seconds; infinite where there is none.
@@ -157,7 +157,7 @@ def _force(tau, k, tau0):
 @no_type_check
 @njit
 def _until_discs_touch(wx, wy, vx, vy, reach):
-    """When an agent touches another disc if both keep their velocities, and how this depends on where it is.
+    """Return when an agent touches another disc if both keep their velocities, and how this depends on its position.
 
     Args:
         wx, wy: From the agent's centre to the other's, in metres.
@@ -180,7 +180,7 @@ def _until_discs_touch(wx, wy, vx, vy, reach):
 @no_type_check
 @njit
 def _until_side_touched(x, y, vx, vy, radius, sx, sy):
-    """As `_until_discs_touch`, for the side of an obstacle without its ends.
+    """Return the touch as `_until_discs_touch` does, for the side of an obstacle without its ends.
 
     Args:
         x, y: The agent's centre in metres, from the beginning of the side.

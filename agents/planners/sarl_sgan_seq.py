@@ -121,7 +121,8 @@ class SequencePlanner(AheadPlanner):
         return best[:, :steps]
 
     def _noise(self, obs: Observation, horizon: int) -> Noise:
-        """Noise of standard deviation 1, smooth in time: each sequence has a part that is the same at all its steps."""
+        """Return noise of standard deviation 1, smooth in time: each sequence has a part that is the same at all its
+        steps."""
         noise = obs.noise("sequences", (self.search.rounds, self.search.samples, horizon + 1, 2))
         return np.sqrt(SMOOTH) * noise[:, :, :, :1] + np.sqrt(1.0 - SMOOTH) * noise[:, :, :, 1:]
 

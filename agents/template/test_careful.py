@@ -19,7 +19,7 @@ def test_it_keeps_its_contract():
 
 
 def test_it_reaches_its_goal_without_pedestrians(tmp_path):
-    """All cases without pedestrians succeed."""
+    """Drive cases without pedestrians: all succeed."""
     empty = ("--set", "pedestrians.number=0", "--cases", "val:10", "--out", tmp_path / "run", "--json")
     done = crowdbench("run", "--planner", PLANNER, *empty)
     assert done.returncode == 0, done.stderr

@@ -49,7 +49,7 @@ def _print_version(is_wanted: bool | None) -> None:
 def crowdbench(
     version: Annotated[bool | None, typer.Option("--version", callback=_print_version, is_eager=True)] = None,
 ) -> None:
-    """A benchmark for navigation in crowds.
+    """Benchmark planners that navigate in crowds.
 
     Args:
         version: Print the version and stop.
@@ -81,7 +81,7 @@ def _new_app(epilog: str | None = None) -> typer.Typer:
 
 @functools.cache
 def __getattr__(name: str) -> object:
-    """`app` is the command line with all commands."""
+    """Return `app`, the command line with all commands, when it is first used."""
     if name == "app":
         return build_app()
     raise AttributeError(f"module 'crowdbench.cli' has no attribute {name!r}")

@@ -70,7 +70,7 @@ def failure(error: BaseException) -> Failure | None:
 
 
 def with_notes(sentence: str, error: BaseException) -> str:
-    """The sentence on an error with its notes, which say what it leaves behind."""
+    """Return the sentence on an error with its notes, which say what it leaves behind."""
     return ": ".join([sentence, *getattr(error, "__notes__", [])])
 
 

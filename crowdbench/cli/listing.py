@@ -78,7 +78,7 @@ FILTER = OptionRow("filter", "false", "text or false", "", "kalman: estimates in
 
 
 def _names(kind: str) -> list[tuple[str, str]]:
-    """The names of all things of a kind, with a description of each."""
+    """Return the names of all things of a kind, with a description of each."""
     if kind == "weights":
         from crowdbench.networks.card import headline
         from crowdbench.networks.weights import built_in, read_card
@@ -98,7 +98,7 @@ def _names(kind: str) -> list[tuple[str, str]]:
 
 
 def _describe_board(board: Board) -> str:
-    """How much there is to drive for an entry of a board, and what it is about."""
+    """Return the extent of an entry of a board, and the subject of the board."""
     number, cases = len(board.scenarios), board.spec.public_cases
     size = f"{cases} public cases" if number == 1 else f"{cases} public cases of each of {number} scenarios"
     return f"{size}. {board.spec.description}"

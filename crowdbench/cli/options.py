@@ -59,7 +59,7 @@ def help_from_docstring(command: Command) -> Command:
 
 
 def parse_docstring(docstring: object) -> tuple[str, dict[str, str]]:
-    """A docstring without its sections, and what its `Args:` or `Attributes:` say by name.
+    """Return a docstring without its sections, and the texts of its `Args:` or `Attributes:` by name.
 
     Whatever else a plug-in has put in the place of a docstring says nothing.
     """
@@ -101,7 +101,7 @@ def use_threads(threads: int | None) -> None:
 
 
 def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
-    """The keys and values of options such as `--set key=value`.
+    """Return the keys and values of options such as `--set key=value`.
 
     Args:
         texts: The given texts. A value is TOML; what is not valid TOML is a text.
@@ -126,7 +126,7 @@ def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
 
 
 def _parse_value(text: str) -> Any:
-    """A value as it is written in TOML; a text where it is none."""
+    """Return a value as it is written in TOML; a text where it is none."""
     from crowdbench.utils.toml import toml
 
     try:

@@ -115,7 +115,7 @@ def score(
 
 
 def _episodes_table(cases: int, episodes: Episodes) -> Grid:
-    """The episodes of a recording that lacks some of `cases`: no means, which would be biased."""
+    """Return the episodes of a recording that lacks some of `cases`: no means, which would be biased."""
     from crowdbench.core.types import Outcome
     from crowdbench.metrics import METRICS
 

@@ -32,7 +32,7 @@ class Discs(NamedTuple):
 @no_type_check
 @njit
 def nearest_in_step(i, discs):
-    """The smallest distance between an agent's rim and any other agent's during a step. Compiled.
+    """Return the smallest distance between an agent's rim and any other agent's during a step. Compiled.
 
     This is the only test of moving discs.
 
@@ -73,7 +73,7 @@ def dot(a: Float[np.ndarray, "*#batch 2"], b: Float[np.ndarray, "*#batch 2"]) ->
 @no_type_check
 @njit
 def turn(before, after):
-    """The change from one heading to another. Compiled.
+    """Return the change from one heading to another. Compiled.
 
     Args:
         before (float): A heading in radians.
@@ -86,7 +86,7 @@ def turn(before, after):
 
 
 def wrap_angle(angle: Numbers) -> Numbers:
-    """Angles in radians, reduced to [-pi, pi)."""
+    """Return angles in radians, reduced to [-pi, pi)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
@@ -135,7 +135,7 @@ def polygons(obstacles: Float[np.ndarray, "polygon corner 2"]) -> list[Float[np.
 
 
 def pad_points(points: Sequence[Any]) -> Float[np.ndarray, "row point 2"]:
-    """Rows of different numbers of points in one array, NaN beyond the last point of each."""
+    """Return rows of different numbers of points in one array, NaN beyond the last point of each."""
     padded = np.full((len(points), max(map(len, points), default=0), 2), np.nan)
     for row, each in zip(padded, points, strict=True):
         row[: len(each)] = each

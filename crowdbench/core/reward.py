@@ -37,7 +37,7 @@ _FINAL[[Outcome.SUCCESS, Outcome.COLLISION, Outcome.WALL_COLLISION]] = SUCCESS, 
 
 
 def reward(outcome: Int[np.ndarray, "*batch"], gap: Numbers, dt: float) -> Numbers:
-    """The reward of a step (Chen et al. 2019, equation 3). A time-out has reward 0.
+    """Return the reward of a step (Chen et al. 2019, equation 3). A time-out has reward 0.
 
     Args:
         outcome: How the step ended, an `Outcome`.

@@ -96,7 +96,7 @@ def other_chance(keys: UInt[np.ndarray, "world"], step: int, number: int) -> UIn
 def normal(
     key: UInt[np.ndarray, "world"], purpose: str, step: Int[np.ndarray, "world"], shape: tuple[int, ...]
 ) -> Float[np.ndarray, "world *shape"]:
-    """Standard normal numbers. Each depends only on key, purpose, step and its own indices, not on the shape.
+    """Return standard normal numbers. Each depends only on key, purpose, step and its own indices, not on the shape.
 
     Args:
         key: The key of every world.
@@ -128,7 +128,7 @@ def normal(
 def uniforms(
     key: UInt[np.ndarray, "world"], purpose: str, step: Int[np.ndarray, "world"], person: Int[np.ndarray, "world n"]
 ) -> Float[np.ndarray, "world n"]:
-    """Numbers from 0 to below 1. Each depends only on key, purpose, step and person.
+    """Return numbers from 0 to below 1. Each depends only on key, purpose, step and person.
 
     Args:
         key: The key of every world.
@@ -158,7 +158,7 @@ _WEYL = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B))
 @no_type_check
 @njit
 def _high_product(a, b):
-    """The upper 64 bits of a * b."""
+    """Return the upper 64 bits of a * b."""
     a0, a1, b0, b1 = a & _LOW, a >> _HALF, b & _LOW, b >> _HALF
     middle = a1 * b0 + ((a0 * b0) >> _HALF)
     return a1 * b1 + (middle >> _HALF) + ((a0 * b1 + (middle & _LOW)) >> _HALF)
@@ -167,7 +167,7 @@ def _high_product(a, b):
 @no_type_check
 @njit
 def philox(c0, c1, c2, c3, k0, k1):
-    """Philox 4x64-10 (Salmon et al. 2011): random bits from ten rounds of mixing.
+    """Return random bits from ten rounds of mixing: Philox 4x64-10 (Salmon et al. 2011).
 
     Args:
         c0 (uint64): The counter's first 64 bits.
@@ -199,7 +199,7 @@ def _fill_keys(seed, split, cases, out):
 @no_type_check
 @njit
 def _pair(a, b):
-    """Two normal numbers from two random uint64 (Box and Muller 1958)."""
+    """Return two normal numbers from two random uint64 (Box and Muller 1958)."""
     radius = math.sqrt(-2.0 * math.log(1.0 - (a >> np.uint64(11)) * 2.0**-53))
     angle = 2.0 * math.pi * ((b >> np.uint64(11)) * 2.0**-53)
     return radius * math.cos(angle), radius * math.sin(angle)
@@ -208,7 +208,7 @@ def _pair(a, b):
 @no_type_check
 @njit
 def four_normal(index, row, step, block, key, purpose):
-    """Four of the numbers that `normal` draws. Compiled.
+    """Return four of the numbers that `normal` draws. Compiled.
 
     Args:
         index (int): Index of the first of them along the last axis, a multiple of 4.
@@ -228,7 +228,7 @@ def four_normal(index, row, step, block, key, purpose):
 @no_type_check
 @njit
 def uniform(row, step, key, purpose):
-    """A number that is uniform in [0, 1). Compiled.
+    """Return a number that is uniform in [0, 1). Compiled.
 
     Args:
         row (int): For what it is drawn, in a step.

@@ -128,7 +128,7 @@ class CompiledStep:
 
 
 def _copies(world: World) -> dict[str, np.ndarray]:
-    """Copies of the arrays that a step replaces."""
+    """Return copies of the arrays that a step replaces."""
     return {name: np.array(getattr(world, name), order="C") for name in After._fields}
 
 

@@ -43,7 +43,7 @@ def flatten(obs: Observation) -> Float[np.ndarray, "world features"]:
 
 
 def flatten_vehicle(world: World) -> Float[np.ndarray, "world features"]:
-    """`flatten(observe(world))`, without the copies that an observation has where the vehicle sees everybody."""
+    """Return `flatten(observe(world))`, without the copies that an observation has where the vehicle sees everybody."""
     worlds, agents = world.radius.shape
     sensor = world.rules.sensor
     if sensor.nearest or not sensor.sees_all:
@@ -132,7 +132,8 @@ def flatten_agents(position, velocity, radius, goal, preferred_speed, present, s
 @no_type_check
 @njit
 def _flatten_nearest(position, velocity, radius, goal, preferred_speed, present, seen, cells, number, out):
-    """As `flatten_agents`, for the nearest of so many others; `cells` are `Cells` of those seen, or None."""
+    """Flatten as `flatten_agents` does, for the nearest of some other agents; `cells` are `Cells` of those seen, or
+    None."""
     neighbor, distance = np.empty(number, np.int64), np.empty(number)
     for w in range(out.shape[0]):
         for i in range(out.shape[1]):

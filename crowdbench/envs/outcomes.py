@@ -55,7 +55,7 @@ def outcomes_of_agents(before: World, after: World, check: StepCheck) -> tuple[I
 @no_type_check
 @njit
 def _chosen(i, others, agents):
-    """Agent i and then the other ones of some indices, as `Discs` of which all count."""
+    """Return agent i and then the other ones of some indices, as `Discs` of which all count."""
     index = np.empty(len(others) + 1, np.int64)
     index[0], index[1:] = i, others
     return Discs(agents.position[index], agents.motion[index], agents.radius[index], np.ones(len(index), np.bool_))
@@ -64,7 +64,7 @@ def _chosen(i, others, agents):
 @no_type_check
 @njit
 def _gap_in_cells(i, position, agents, cells, widest, fastest):
-    """`nearest_in_step` by cells: the same gap, to the last bit.
+    """Return the gap of `nearest_in_step`, to the last bit, by cells.
 
     The gap to the others cannot be less than their distance before the step, less both radii and both motions. So only
     those count for which this is less than the gap to the nearest before the step.

@@ -215,7 +215,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         return outcomes, gaps, rewards.tolist(), self._observe()
 
     def _ego_views(self, world: World) -> World:
-        """As `ego_views`, made once for each world."""
+        """Return `ego_views`, made once for each world."""
         if self._ego is None or self._ego[0] is not world:
             self._ego = world, ego_views(world)
         return self._ego[1]

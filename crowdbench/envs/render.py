@@ -68,7 +68,7 @@ class Renderer:
         self._states: list[World] = []
 
     def show(self, world: World, case: str) -> None:
-        """In mode `human`, draw the world in a window and wait for the time of a step.
+        """Draw the world in a window and wait for the time of a step, in mode `human`.
 
         Args:
             world: One world. The first state of an episode sets the scale of the picture.
@@ -90,7 +90,7 @@ class Renderer:
         self._clock.tick(1 / world.rules.dt)
 
     def frame(self, world: World, case: str) -> UInt8[np.ndarray, "height width 3"] | None:
-        """The picture of a world in mode `rgb_array`, None in other modes.
+        """Return the picture of a world in mode `rgb_array`, None in other modes.
 
         Args:
             world: One world.
@@ -101,7 +101,7 @@ class Renderer:
         return self.picture(world, case) if self.mode == "rgb_array" else None
 
     def picture(self, world: World, case: str) -> UInt8[np.ndarray, "height width 3"]:
-        """The picture of a world, see `frame`."""
+        """Return the picture of a world, see `frame`."""
         self._remember(world)
         return np.asarray(self._draw(case))
 

@@ -48,7 +48,7 @@ class Step:
         return len(self.gap)
 
     def take(self, rows: Int[np.ndarray, "row"]) -> Step:
-        """The step of the worlds in the given rows."""
+        """Return the step of the worlds in the given rows."""
         return Step(self.before.take(rows), self.after.take(rows), self.outcome[rows], self.gap[rows])
 
     @property
@@ -73,7 +73,7 @@ class Step:
 
 
 def _distance_left(world: World) -> Float[np.ndarray, "world"]:
-    """Length in metres of the vehicle's way to its goal."""
+    """Return the length in metres of the vehicle's way to its goal."""
     return norm(goals_on_way(world)[:, 0] - world.position[:, 0])
 
 
@@ -81,12 +81,12 @@ Reward = Callable[[Step], Float[np.ndarray, "world"]]
 
 
 def crowdnav(step: Step) -> Float[np.ndarray, "world"]:
-    """The reward of CrowdNav (Chen et al. 2019, equation 3), which also measures planners."""
+    """Return the reward of CrowdNav (Chen et al. 2019, equation 3), which also measures planners."""
     return reward(step.outcome, step.gap, step.dt)
 
 
 def progress(step: Step) -> Float[np.ndarray, "world"]:
-    """CrowdNav's reward with 0.2 for every metre closer to the goal, and -0.5 for a collision.
+    """Return CrowdNav's reward with 0.2 for every metre closer to the goal, and -0.5 for a collision.
 
     CrowdNav's reward says nothing until the goal is reached, which a policy that begins at random never does.
     """
@@ -94,7 +94,7 @@ def progress(step: Step) -> Float[np.ndarray, "world"]:
 
 
 def safe_progress(step: Step) -> Float[np.ndarray, "world"]:
-    """As `progress`, with -3 for a collision, and for a jerky drive.
+    """Return the reward `progress` with -3 for a collision, and less for a jerky drive.
 
     A collision costs three times what the goal gives (twice in CrowdNav++, Liu et al. 2023). A change of velocity
     costs 0.02 times its square in m/s.
@@ -104,7 +104,7 @@ def safe_progress(step: Step) -> Float[np.ndarray, "world"]:
 
 
 def crowdnav_plus(step: Step) -> Float[np.ndarray, "world"]:
-    """The reward of CrowdNav++ (Liu et al. 2023, equations 3 to 5), with its code's numbers.
+    """Return the reward of CrowdNav++ (Liu et al. 2023, equations 3 to 5), with its code's numbers.
 
     10 for the goal, -20 for a collision; else 2 for every metre closer to the goal or, within 0.25 m of somebody, 10
     times what is missing to that distance, per second. Where somebody who goes on at constant velocity would touch the
@@ -116,7 +116,8 @@ def crowdnav_plus(step: Step) -> Float[np.ndarray, "world"]:
 
 
 def _predicted_contact(world: World) -> Float[np.ndarray, "world"]:
-    """The penalty of `crowdnav_plus` for the first of the next five steps in which somebody would touch the vehicle."""
+    """Return the penalty of `crowdnav_plus` for the first of the next five steps in which somebody would touch the
+    vehicle."""
     ahead = np.arange(1, 6)
     position = world.position[:, None, 1:] + world.rules.dt * ahead[:, None, None] * world.velocity[:, None, 1:]
     apart = norm(position - world.position[:, None, :1]) - world.radius[:, None, 1:] - world.radius[:, None, :1]
@@ -144,7 +145,8 @@ class CheckedReward:
     reward: Reward
 
     def __call__(self, step: Step) -> Float[np.ndarray, "world"]:
-        """The reward of a step. Raises InputError where it raises, or does not give one finite number per world."""
+        """Return the reward of a step. Raises InputError where it raises, or does not give one finite number per
+        world."""
         with plugin_errors(f"reward {self.name} raised"):
             values = np.asarray(self.reward(step))
         if values.shape != step.gap.shape or values.dtype.kind not in "bfiu":

@@ -125,7 +125,7 @@ class OneWorld:
 
 
 def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*shape"]:
-    """Actions as float64. Raises InputError where they are not finite numbers in that shape."""
+    """Return actions as float64. Raises InputError where they are not finite numbers in that shape."""
     checked = np.asarray(actions, np.float64)
     # A sum is finite only if all its terms are, and takes half the time of a test of each.
     if checked.shape != shape or not (math.isfinite(checked.sum()) or np.isfinite(checked).all()):
@@ -134,7 +134,7 @@ def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, 
 
 
 def drive(view: View, before: World, actions: Float[np.ndarray, "world 2"]) -> Step:
-    """One step of worlds in which the vehicle acts and the pedestrians follow the scenario's policies.
+    """Drive worlds for one step, in which the vehicle acts and the pedestrians follow the scenario's policies.
 
     Args:
         view: Interpretation of actions, and the scenario.

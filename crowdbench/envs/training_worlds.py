@@ -79,6 +79,6 @@ class TrainingWorlds:
         return driven
 
     def _draw(self, number: int) -> World:
-        """Starts that are drawn by chance."""
+        """Return starts that are drawn by chance."""
         assert self._starts is not None  # drawn by `start`
         return self._starts.take(self._order.integers(len(self._starts), size=number))

@@ -145,7 +145,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         return self.view.observe(worlds), rewards, terminated, truncated, infos
 
     def _rewards(self, step: Step) -> Float[np.ndarray, "world"]:
-        """The rewards of a step, 0 in worlds whose episode was over before it."""
+        """Return the rewards of a step, 0 in worlds whose episode was over before it."""
         if not self._over.any():
             return self.reward(step)
         rewards, rows = np.zeros(self.num_envs), np.flatnonzero(~self._over)
@@ -154,7 +154,8 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         return rewards
 
     def _restart(self, worlds: World | None, mask: _Flags, cases: Sequence[str | None] | None = None) -> World:
-        """All worlds, with new episodes where the mask says so: of the cases that are given, or else of drawn ones."""
+        """Return all worlds, with new episodes where the mask says so: of the cases that are given, or else of drawn
+        ones."""
         rows = np.flatnonzero(mask)
         names = []
         for row in rows.tolist():
@@ -165,7 +166,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         return fresh if worlds is None or mask.all() else worlds.put(rows, fresh)
 
     def _final(self, step: Step, ended: _Flags) -> dict[str, Any]:
-        """The infos about episodes that ended in this step, before their worlds are reset."""
+        """Return the infos about episodes that ended in this step, before their worlds are reset."""
         final_obs = np.full(self.num_envs, None, object)
         seen = self.view.observe(step.after.take(ended))
         for index, row in enumerate(np.flatnonzero(ended)):

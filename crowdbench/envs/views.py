@@ -125,7 +125,7 @@ class View:
         return encode(observe(worlds), self.observation, self.nearest, self.rays)
 
     def commands(self, position: Vectors, goal: Vectors, action: Vectors) -> Vectors:
-        """The velocities in m/s, along the axes of the world, that actions ask for; native actions as they are.
+        """Return the velocities in m/s, along the axes of the world, of actions; native actions as they are.
 
         Args:
             position: Where the vehicles are, in metres.
@@ -135,7 +135,7 @@ class View:
         return to_world(action, direction(position, goal)) if self.action == "goal_frame" else action
 
     def to_command(self, worlds: World, velocity: Vectors) -> Vectors:
-        """The commands that drive the vehicles of worlds at velocities in m/s; native commands as they are."""
+        """Return the commands that drive the vehicles of worlds at velocities in m/s; native commands as they are."""
         if self.action == "native":
             return velocity
         state = State(worlds.position[:, 0], worlds.velocity[:, 0], worlds.heading, worlds.angular_speed)
@@ -189,13 +189,14 @@ def _box(*shape: int) -> Box:
 
 
 def pedestrian_action_space(scenario: Scenario) -> Box:
-    """Velocities of a pedestrian in m/s, each axis within the largest preferred speed that the scenario draws."""
+    """Return velocities of a pedestrian in m/s, each axis within the largest preferred speed that the scenario
+    draws."""
     speed = scenario.crowd.preferred_speed.high
     return Box(-speed, speed, (2,), np.float64)
 
 
 def flat_space(scenario: Scenario) -> Box:
-    """The space of the flat observations of any agent, see `crowdbench.envs.observations`."""
+    """Return the space of the flat observations of any agent, see `crowdbench.envs.observations`."""
     speed = _max_speed(scenario)
     body = scenario.rules.body
     radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, scenario.crowd.radius.high)
@@ -216,7 +217,7 @@ def flat_space(scenario: Scenario) -> Box:
 
 
 def layout_bound(scenario: Scenario) -> float:
-    """A bound in metres on the coordinates of starts and goals, loose enough to hold for every layout.
+    """Return a bound in metres on the coordinates of starts and goals, loose enough to hold for every layout.
 
     Of a built-in layout it is twice the sum of the numbers in its options, plus the way of one second at the highest
     speed, because layouts shift starts by up to half of it. Of a layout of points, and of one that is not built in, it
@@ -234,7 +235,7 @@ def layout_bound(scenario: Scenario) -> float:
 
 
 def position_bound(scenario: Scenario) -> float:
-    """A bound in metres on the coordinates of all positions: of a start, plus the way until the time limit."""
+    """Return a bound in metres on all coordinates of positions: of a start, plus the way until the time limit."""
     return layout_bound(scenario) + _max_speed(scenario) * scenario.rules.max_steps * scenario.rules.dt
 
 

@@ -72,7 +72,7 @@ def _label_ends(ax: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
 
 
 def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
-    """A metric over the cases of runs: quartiles, 5th and 95th percentile, and the mean with its 95 % interval.
+    """Draw a metric over the cases of runs: quartiles, 5th and 95th percentile, and the mean with its 95 % interval.
 
     Args:
         directories: Directories of the runs.
@@ -105,7 +105,7 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
 
 
 def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "success") -> None:
-    """The curves of trainings: a thin line for each, a thick one for the mean over seeds.
+    """Draw the curves of trainings: a thin line for each, a thick one for the mean over seeds.
 
     Args:
         directories: Directories of the trainings. Trainings of one network in one scenario belong together.

@@ -50,7 +50,7 @@ STYLE = {
 
 @contextlib.contextmanager
 def axes(out: Path, height: float = HEIGHT, caption: str = "") -> Iterator[Axes]:
-    """Axes to draw on. The figure is written when the `with` statement ends without an error.
+    """Yield axes to draw on. The figure is written when the `with` statement ends without an error.
 
     Args:
         out: The file, whose ending says its format.
@@ -67,7 +67,7 @@ def axes(out: Path, height: float = HEIGHT, caption: str = "") -> Iterator[Axes]
 
 @contextlib.contextmanager
 def canvas(out: Path, width: float, height: float) -> Iterator[Figure]:
-    """A figure, written when the `with` statement ends without an error.
+    """Yield a figure, which is written when the `with` statement ends without an error.
 
     Args:
         out: The file, whose ending says its format.
@@ -155,5 +155,5 @@ def draw(axes: Axes, shapes: Iterable[Shape]) -> None:
 
 
 def _rgb(color: Color | None) -> tuple[float, ...] | str:
-    """A colour as Matplotlib takes it."""
+    """Return a colour as Matplotlib takes it."""
     return "none" if color is None else tuple(channel / 255.0 for channel in color)

@@ -45,7 +45,7 @@ def main() -> None:
 
 @contextlib.contextmanager
 def _own_streams() -> Iterator[tuple[FileIO, FileIO]]:
-    """The standard input and output for messages alone: what the planner prints goes to the standard error."""
+    """Keep the standard input and output for messages: what the planner prints goes to the standard error."""
     with FileIO(os.dup(0)) as source, FileIO(os.dup(1), "w") as sink, open(os.devnull) as nothing:
         os.dup2(nothing.fileno(), 0)
         os.dup2(2, 1)
@@ -68,7 +68,7 @@ class PlannerServer:
     planner: Planner
 
     def answer(self, kind: Kind, content: bytearray) -> tuple[Kind, bytes]:
-        """The answer to a message: its kind and its content."""
+        """Return the answer to a message: its kind and its content."""
         answer = {Kind.START: self._start, Kind.RESET: self._reset, Kind.OBSERVATION: self._decide}[kind]
         try:
             return answer(content)

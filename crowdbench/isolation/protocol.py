@@ -132,7 +132,7 @@ def _read(readinto: ReadInto, size: int) -> bytearray:
 
 
 def to_json(content: Mapping[str, Any]) -> bytes:
-    """The content of a message that is JSON."""
+    """Return the content of a message that is JSON."""
     return json.dumps(content).encode()
 
 

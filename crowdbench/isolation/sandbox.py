@@ -55,7 +55,7 @@ _ENVIRONMENT_OF = ("OMP_", "OPENBLAS_", "MKL_", "NUMBA_")
 def command(
     program: Path | None, readable: Iterable[Path] = (), folder: Path | None = None, hidden: Iterable[Path] = ()
 ) -> tuple[str, ...]:
-    """The command that starts a planner's process.
+    """Return the command that starts a planner's process.
 
     Args:
         program: A planner that is a program of its own, or None for one that crowdbench can load.
@@ -78,7 +78,7 @@ def settings() -> dict[str, Any]:
 
 
 def temporary() -> tuple[str, ...]:
-    """The folders in memory that only a planner's process sees; none without bubblewrap."""
+    """Return the folders in memory that only a planner's process sees; none without bubblewrap."""
     return () if level() == PROCESS else TEMPORARY
 
 
@@ -126,7 +126,7 @@ def _binds(paths: Iterable[Path]) -> list[str]:
 
 
 def _python() -> Iterator[Path]:
-    """Where Python lies with its packages, and crowdbench."""
+    """Return the folders of Python, of its packages and of crowdbench."""
     prefixes = dict.fromkeys((Path(sys.base_prefix), Path(sys.prefix)))
     python = [prefix / name for prefix in prefixes for name in (*_LIBRARIES, "pyvenv.cfg")]
     packages = [Path(path) for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
@@ -134,7 +134,7 @@ def _python() -> Iterator[Path]:
 
 
 def crowdbench_places() -> list[Path]:
-    """The package, the planners and scenarios that ship, and the compiled functions."""
+    """Return the package, the planners and scenarios that ship, and the compiled functions."""
     return [_PACKAGE, ROOT / "agents", ROOT / "scenarios", *store.folders()]
 
 

@@ -83,15 +83,15 @@ class MetricInfo:
         return f"{self.title}, {self.shown_unit}" if self.shown_unit else self.title
 
     def number(self, value: float) -> str:
-        """A value without its unit, such as `99.7`."""
+        """Return a value without its unit, such as `99.7`."""
         return f"{self.factor * value:z.{self.places}f}" if math.isfinite(value) else UNDEFINED
 
     def amount(self, value: float) -> str:
-        """A value with its unit, such as `99.7 %`."""
+        """Return a value with its unit, such as `99.7 %`."""
         return f"{self.number(value)} {self.shown_unit}".strip() if math.isfinite(value) else UNDEFINED
 
     def interval(self, low: float, high: float) -> str:
-        """The bounds of an interval, such as `99.3 to 99.9`."""
+        """Return the bounds of an interval, such as `99.3 to 99.9`."""
         return f"{self.number(low)} to {self.number(high)}"
 
     def estimate(self, estimate: Estimate, with_unit: bool = False) -> str:
@@ -129,7 +129,8 @@ def _over_successes(metric: M) -> M:
 
 
 def read_unit(metric: object) -> str:
-    """The unit in brackets at the end of the first line of a docstring; empty for `[1]` and where there is none."""
+    """Return the unit in brackets at the end of the first line of a docstring; empty for `[1]` and where there is
+    none."""
     first = str(metric.__doc__ or "").partition("\n")[0]
     unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
     return "" if unit == "1" else unit

@@ -19,7 +19,7 @@ RESERVED = ("case", "outcome", "steps", "block")
 
 
 def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
-    """The built-in metrics and a user's own, by name.
+    """Return the built-in metrics and a user's own, by name.
 
     Args:
         specs: For each metric of the user's own `file.py`, whose function is `metric`, or `file.py:function`.
@@ -46,7 +46,7 @@ LARGEST = 1e150
 
 
 def measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case"]:
-    """A metric's values, one per episode.
+    """Return a metric's values, one per episode.
 
     Args:
         name: Name of the metric in errors.

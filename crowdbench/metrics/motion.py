@@ -174,7 +174,7 @@ def frozen_time(trace: Trace) -> Float[np.ndarray, "world"]:
 
 
 def _shortest_way(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Length in metres of the vehicle's route from its start to where it has arrived."""
+    """Return the length in metres of the vehicle's route from its start to where it has arrived."""
     near = trace.radius[:, 0, 0] if trace.rules.goal_tolerance is None else trace.rules.goal_tolerance
     start, none = trace.position[:, 0, 0], np.zeros(len(trace), np.int64)
     ahead = local_goals(start, trace.goal[:, 0, 0], trace.route, none)

@@ -68,7 +68,7 @@ def mean_of_means(values: Values) -> float:
 
 
 def _half_width(groups: Sequence[Float[np.ndarray, "_ _"]]) -> float:
-    """Half the width of the interval around the sum of the groups' `mean_of_means`; NaN with fewer than two cases."""
+    """Return half the width of the interval around the sum of the groups' `mean_of_means`; NaN below two cases."""
     squares = 0.0
     contributed = np.zeros(groups[0].shape[1])
     counted = np.zeros(groups[0].shape[1], bool)

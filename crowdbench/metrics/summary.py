@@ -47,7 +47,7 @@ UNDEFINED = Estimate(np.nan, np.nan, np.nan, 0, np.nan)
 
 
 def summarize(columns: Mapping[str, Column], steps: Column, block: Column | None = None) -> dict[str, Estimate]:
-    """An estimate for each metric: Wilson's interval for rates, a bootstrap's for means.
+    """Return an estimate for each metric: Wilson's interval for rates, a bootstrap's for means.
 
     Args:
         columns: The values of each metric, by its name; booleans are rates.
@@ -61,12 +61,12 @@ def summarize(columns: Mapping[str, Column], steps: Column, block: Column | None
 
 
 def weigh(metric: str, steps: Column) -> Values:
-    """The weight of each episode in the mean of a metric, from the number of steps of each."""
+    """Return the weight of each episode in the mean of a metric, from the number of steps of each."""
     return steps.astype(float) if info_of(metric).pooled else np.ones(len(steps))
 
 
 def rate(values: Bool[np.ndarray, "case"], block: Column | None) -> Estimate:
-    """A rate with its interval.
+    """Return a rate with its interval.
 
     Args:
         values: One per episode.
@@ -82,7 +82,7 @@ def rate(values: Bool[np.ndarray, "case"], block: Column | None) -> Estimate:
 
 
 def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
-    """A rate with the score interval of Wilson (1927)."""
+    """Return a rate with the score interval of Wilson (1927)."""
     from scipy.special import ndtri  # scipy.stats takes half a second to import
 
     n, mean, z = len(values), float(values.mean()), float(ndtri(0.5 + CONFIDENCE / 2))
@@ -93,7 +93,8 @@ def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
 
 
 def bootstrap(values: Values, weights: Values, block: Column | None = None) -> Estimate:
-    """A weighted mean with its percentile interval over resampled episodes (Efron 1979), or resampled blocks of them.
+    """Return a weighted mean with its percentile interval over resampled episodes (Efron 1979), or resampled blocks of
+    them.
 
     Args:
         values: One per episode; those that are NaN are left out.
@@ -114,7 +115,7 @@ def bootstrap(values: Values, weights: Values, block: Column | None = None) -> E
 
 
 def by_block(values: Values, weights: Values, block: Column | None) -> tuple[BlockValues, BlockValues]:
-    """The weighted mean of each block, and its weight: their weighted mean is that of the cases.
+    """Return the weighted mean of each block, and its weight: their weighted mean is that of the cases.
 
     Args:
         values: One per case.
@@ -132,7 +133,7 @@ def by_block(values: Values, weights: Values, block: Column | None) -> tuple[Blo
 
 
 def weighted_mean(values: Resampled, weights: Resampled, axis: int = -1) -> Float[np.ndarray, "*resample"]:
-    """The weighted mean over cases.
+    """Return the weighted mean over cases.
 
     Args:
         values: The values.
@@ -148,7 +149,7 @@ def weighted_mean(values: Resampled, weights: Resampled, axis: int = -1) -> Floa
 def bootstrap_distribution(
     statistic: Callable[..., Float[np.ndarray, "*resample"]], *columns: Values
 ) -> Float[np.ndarray, "resample"]:
-    """A statistic of `RESAMPLES` samples of the episodes, drawn with replacement.
+    """Return a statistic of `RESAMPLES` samples of the episodes, drawn with replacement.
 
     The same number of episodes is always resampled alike.
 
@@ -163,7 +164,7 @@ def bootstrap_distribution(
 
 @functools.lru_cache(maxsize=4)  # metrics of the same episodes are resampled alike
 def _draw(n: int) -> Int[np.ndarray, "resample case"]:
-    """The rows of all resamples of `n` episodes."""
+    """Return the rows of all resamples of `n` episodes."""
     return np.concatenate(list(_draw_in_batches(n)))
 
 
@@ -174,7 +175,7 @@ def _draw_in_batches(n: int) -> Iterator[Int[np.ndarray, "resample case"]]:
 
 
 def around(mean: float, low: float, high: float) -> tuple[float, float]:
-    """The bounds of an interval that contains the mean: rounding may put a bound on its other side.
+    """Return the bounds of an interval that contains the mean: rounding may put a bound on its other side.
 
     Args:
         mean: The mean.
@@ -185,6 +186,6 @@ def around(mean: float, low: float, high: float) -> tuple[float, float]:
 
 
 def interval(values: Float[np.ndarray, "resample"]) -> tuple[float, float]:
-    """The bounds between which 95 % of the resampled values lie."""
+    """Return the bounds between which 95 % of the resampled values lie."""
     low, high = np.quantile(values, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2])
     return float(low), float(high)

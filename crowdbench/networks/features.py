@@ -124,7 +124,7 @@ def to_world(action: Vectors, axis: Vectors) -> Vectors:
 
 
 def in_disc(action: Vectors, radius: Float[np.ndarray, "world"]) -> Vectors:
-    """Actions of a largest length: longer ones are shortened.
+    """Return actions of a largest length: longer ones are shortened.
 
     Args:
         action: Vectors.
@@ -135,7 +135,7 @@ def in_disc(action: Vectors, radius: Float[np.ndarray, "world"]) -> Vectors:
 
 
 def in_range(action: Vectors, low: Vectors, high: Vectors) -> Vectors:
-    """Commands between bounds: -1 stands for the lowest, 1 for the highest, and beyond there is nothing."""
+    """Return commands between bounds: -1 stands for the lowest, 1 for the highest, and values beyond are cut."""
     return low + 0.5 * (np.clip(action, -1.0, 1.0) + 1.0) * (high - low)
 
 

@@ -39,7 +39,7 @@ class Seen(NamedTuple):
 
     @classmethod
     def of(cls, shown: Features, device: str | torch.device = "cpu") -> Seen:
-        """Features, in the numbers of the network, on a device."""
+        """Return features, in the numbers of the network, on a device."""
         numbers = shown.vehicle.astype(np.float32), shown.pedestrians.astype(np.float32), shown.seen
         return cls(*(torch.from_numpy(array).to(device) for array in numbers))
 

@@ -64,7 +64,7 @@ class Perceptron(nn.Sequential):
 
 
 def perceptron(*sizes: int, last: bool = False) -> Perceptron:
-    """Linear layers with ReLU between them.
+    """Return linear layers with ReLU between them.
 
     Args:
         sizes: The size of the input and of every layer.

@@ -132,7 +132,7 @@ def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> N
 
 
 def digest(network: nn.Module) -> str:
-    """Twelve hexadecimal digits that change with the weights."""
+    """Return twelve hexadecimal digits that change with the weights."""
     sha = hashlib.sha256()
     for tensor in network.state_dict().values():
         sha.update(tensor.detach().cpu().contiguous().numpy().tobytes())

@@ -83,7 +83,7 @@ class Planner(abc.ABC):
         return self
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:  # noqa: B027 (a hook, empty unless wanted)
-        """Called once before a batch of episodes starts, for planners with a memory of each episode.
+        """Forget earlier episodes: called before each batch of episodes, for planners with a memory of each episode.
 
         Args:
             rows: The rows that `Observation.row` will have: 0, 1, 2, ...
@@ -129,7 +129,7 @@ class OneWorldPlanner(Planner):
         self.decide = decide
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """One world after the other."""
+        """Plan for one world after the other."""
         logs: dict[str, np.ndarray] = {}
         command = np.array([self._decide(obs, w, logs) for w in range(len(obs))], np.float64)
         for name, values in logs.items():

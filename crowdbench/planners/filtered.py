@@ -98,7 +98,7 @@ class KalmanFilter:
 
 
 def _move_on(mean: Means, covariance: Covariances, time: Float[np.ndarray, "world #pedestrian"]) -> Estimates:
-    """Estimates after some seconds at constant velocity, with white acceleration."""
+    """Return estimates after some seconds at constant velocity, with white acceleration."""
     p, c, v = np.moveaxis(covariance, -1, 0)
     q = ACCELERATION * time
     later = [p + time * (2.0 * c + time * v) + q * time**2 / 3.0, c + time * v + q * time / 2.0, v + q]
@@ -107,7 +107,7 @@ def _move_on(mean: Means, covariance: Covariances, time: Float[np.ndarray, "worl
 
 
 def _measure(mean: Means, covariance: Covariances, values: Means, variance: Float[np.ndarray, "2"]) -> Estimates:
-    """Estimates after a measurement of position and velocity, whose errors have these variances."""
+    """Return estimates after a measurement of position and velocity, whose errors have these variances."""
     p, c, v = np.moveaxis(covariance, -1, 0)
     a, b = p + variance[0], v + variance[1]
     determinant = a * b - c * c
@@ -124,7 +124,7 @@ def _measure(mean: Means, covariance: Covariances, values: Means, variance: Floa
 def _estimated(
     obs: Observation, mean: np.ndarray, covariance: np.ndarray, age: np.ndarray, radius: np.ndarray
 ) -> Pedestrians:
-    """The people as estimated, each with a history on the line on which it walks."""
+    """Return the pedestrians as estimated, each with a history on the line on which it walks."""
     known = age <= MEMORY
     position, velocity = (np.where(known[..., None], part, 0.0) for part in (mean[..., :2], mean[..., 2:]))
     back = obs.dt * np.arange(1 - HISTORY, 1)[:, None, None]

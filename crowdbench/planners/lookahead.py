@@ -218,7 +218,7 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
 
 
 def _chunk(scene: Scene) -> int:
-    """Number of commands that are valued at once, so that memory does not grow with worlds or modes."""
+    """Return the number of commands that are valued at once, so that memory does not grow with worlds or modes."""
     modes, pedestrians = scene.crowd.velocity.shape[1:3]
     return max(1, CHUNK // (modes * max(pedestrians, 1)))
 

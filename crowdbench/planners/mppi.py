@@ -171,7 +171,8 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         return np.insert(self.last.guesses(obs, straight), 1, straight, axis=1)
 
     def _noise(self, obs: Observation) -> Noise:
-        """Noise of standard deviation 1, correlated over the steps of a sequence; the second half mirrors the first."""
+        """Return noise of standard deviation 1, correlated over the steps of a sequence; the second half mirrors the
+        first."""
         noise = obs.noise("mppi", (self.search.rounds, (self.search.samples + 1) // 2, self.horizon, 2))
         correlation, innovation = self.search.correlation, np.sqrt(1.0 - self.search.correlation**2)
         for t in range(1, self.horizon):
@@ -237,7 +238,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         return np.asarray(near + hit * weights.contact * weights.fading ** (result.steps - 1))
 
     def _over_futures(self, cost: Float[np.ndarray, "world sequence mode"]) -> Costs:
-        """The mean over the worst futures of each sequence."""
+        """Return the mean over the worst futures of each sequence."""
         number = int(np.ceil(self.worst * cost.shape[2]))
         if number < cost.shape[2]:
             cost = np.sort(cost, axis=2)[:, :, -number:]
@@ -257,5 +258,5 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
 
 
 def _range(scene: Scene) -> Velocities:
-    """The largest value of each number of a command."""
+    """Return the largest value of each number of a command."""
     return scene.vehicle.dynamics.space(scene.vehicle.preferred_speed)[1]

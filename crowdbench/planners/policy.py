@@ -134,7 +134,7 @@ class NetworkPlanner(Planner):
 def load_policy(
     weights: str, device: str = "cpu", predictor: str = "constant_velocity", encoder: str | None = None
 ) -> NetworkPlanner:
-    """A planner with a trained policy.
+    """Return a planner with a trained policy.
 
     Args:
         weights: The name of built-in weights, or a file.
@@ -172,7 +172,7 @@ def _check_encoder(weights: Path, trained: object, encoder: str | None) -> None:
 
 
 def _most_pedestrians(training: Mapping[str, Any]) -> int | None:
-    """The largest number of pedestrians that a card says of the training; None where it does not say one."""
+    """Return the largest number of pedestrians that a card says of the training; None where it does not say one."""
     try:
         numbers = [each["pedestrians"]["number"] for each in (training["scenario"], *training.get("beside", []))]
     except (KeyError, TypeError):

@@ -59,7 +59,7 @@ CREEP = 0.01
 
 
 def along_walls(obs: Observation, command: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
-    """Commands with which the vehicle goes along walls instead of into them, as pedestrians do in the simulator.
+    """Return commands with which the vehicle goes along walls instead of into them, as pedestrians do in the simulator.
 
     A vehicle with limits on its acceleration needs time to stop and to turn. It looks that much farther ahead. Where it
     could not stop in front of a wall after the step, it brakes and turns.

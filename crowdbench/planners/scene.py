@@ -131,7 +131,7 @@ def mean_future(scene: Scene) -> Scene:
 @no_type_check
 @njit(nogil=True)
 def motion_of(numbers, row):
-    """The `Motion` in one row `[row, 6]`. Compiled."""
+    """Return the `Motion` in one row `[row, 6]`. Compiled."""
     x, y, vx, vy = numbers[row, 0], numbers[row, 1], numbers[row, 2], numbers[row, 3]
     return Motion(x, y, vx, vy, numbers[row, 4], numbers[row, 5])
 

@@ -201,7 +201,7 @@ def limit_commands(commands: Sequences, vehicle: Vehicle) -> Sequences:
 
 
 def time_left(scene: Scene, result: SequenceResult) -> Float[np.ndarray, "world sequence"]:
-    """Seconds from the end of each sequence to the goal, along the route at the preferred speed."""
+    """Return the seconds from the end of each sequence to the goal, along the route at the preferred speed."""
     position = np.ascontiguousarray(result.motion[:, :, -1, :2])
     ahead = local_goals(position, *route_from(scene.vehicle, position, scene.obstacles))
     return norm(ahead - position) / scene.vehicle.preferred_speed[:, None]
@@ -256,7 +256,7 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, people_radius, resul
 @no_type_check
 @njit(nogil=True, inline="always")
 def _fill_chords(code, body, before, after, dt, chord):
-    """Where each disc of a body starts in a step, and how far it moves: x, y, dx and dy in metres.
+    """Fill in where each disc of a body starts in a step, and its motion: x, y, dx and dy in metres.
 
     An arc is taken as its chord, which in 0.25 s is off by 1 cm at most at 1 m/s and 1.5 rad/s. Walls must be farther
     away than that, which no prediction makes less certain.
@@ -275,7 +275,7 @@ def _fill_chords(code, body, before, after, dt, chord):
 @no_type_check
 @njit(nogil=True, inline="always")
 def _chord_error(code, body, after, dt):
-    """By how much a chord is off from the arc of a disc at most, in metres: see `core.dynamics.motion.chords`."""
+    """Return the largest distance in metres between a chord and its arc: see `core.dynamics.motion.chords`."""
     if code == HOLONOMIC:
         return 0.0
     speed, along = math.hypot(after.vx, after.vy), max(abs(body[0]), abs(body[-1])) * after.turn_rate

@@ -76,7 +76,7 @@ class Kind:
         return sources
 
     def sources(self) -> dict[str, Source]:
-        """Where each plug-in comes from that is built in or installed, by name. Takes 10 ms, unlike `built_in`."""
+        """Return the source of each plug-in that is built in or installed, by name. Takes 10 ms, unlike `built_in`."""
         sources = self.built_in()
         installed = sorted(importlib.metadata.entry_points(group=self.entry_points)) if self.entry_points else []
         for entry in installed:
@@ -88,7 +88,7 @@ class Kind:
         return [(name, _docstring(source).partition("\n")[0]) for name, source in self.sources().items()]
 
     def find(self, spec: str) -> tuple[str, Callable[..., Any]]:
-        """A plug-in's name and function.
+        """Return a plug-in's name and function.
 
         Args:
             spec: A name, `file.py` or `file.py:function`, or a file that the `reader` reads.
@@ -199,7 +199,7 @@ def _find_module(name: str) -> ModuleSpec | None:
 
 
 def file_and_function(spec: str) -> tuple[Path | None, str]:
-    """The file and the function, perhaps empty, of `file.py:function`; no file where the spec is a name."""
+    """Return the file and the function, perhaps empty, of `file.py:function`; no file where the spec is a name."""
     if Path(spec).suffix in FORMATS:
         return Path(spec), ""
     match = re.fullmatch(r"(.+\.py)(?::(\w+))?", spec)
@@ -207,14 +207,15 @@ def file_and_function(spec: str) -> tuple[Path | None, str]:
 
 
 def program(spec: str) -> Path | None:
-    """The program that a planner is, given by a path such as `./mine`; None where `spec` is something else."""
+    """Return the program that a planner is, given by a path such as `./mine`; None where `spec` is something else."""
     path = Path(spec)
     is_program = "/" in spec and file_and_function(spec)[0] is None and path.is_file() and os.access(path, os.X_OK)
     return path if is_program else None
 
 
 def plugin_name(spec: str) -> str:
-    """The name of a plug-in: that of its function or else its file, of a program its file's; without loading it."""
+    """Return the name of a plug-in: that of its function or else its file, of a program its file's; without loading
+    it."""
     file, function = file_and_function(spec)
     if file is not None:
         return function or file.stem

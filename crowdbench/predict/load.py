@@ -27,7 +27,7 @@ def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple
 
 
 def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device: str = "cpu") -> Predictor:
-    """Social GAN (Gupta et al. 2018): several futures of the crowd, from a generator trained on real pedestrians.
+    """Predict several futures of the crowd by Social GAN (Gupta et al. 2018), trained on real pedestrians.
 
     Args:
         weights: The trained generator: a name (`crowdbench list weights`) or a file.
@@ -48,7 +48,7 @@ def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device
 
 
 def _sgan_simulated(modes: int = 20, device: str = "cpu") -> Predictor:
-    """Social GAN, from a generator trained on simulated instead of real pedestrians.
+    """Predict by Social GAN, trained on simulated instead of real pedestrians.
 
     Args:
         modes: Number of futures [1].

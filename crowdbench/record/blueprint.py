@@ -72,7 +72,7 @@ def _plots(fastest: float) -> list[rrb.TimeSeriesView]:
 
 
 def _plot_of_planner(name: str, count: int) -> rrb.TimeSeriesView:
-    """A view with what the planner logged by a name. A value holds until the next one is logged."""
+    """Return a view with what the planner logged by a name. A value holds until the next one is logged."""
     lines = rr.SeriesLines(
         names=[f"{name} {n}" if count > 1 else name for n in range(count)],
         colors=list(itertools.islice(itertools.cycle(CURVES), count)),
@@ -130,12 +130,12 @@ def draw_logs(trace: Trace, row: int) -> Iterator[Chunk]:
 
 
 def _draw_curves(entity: str, timeline: Sequence[rr.TimeColumn], values: Float[np.ndarray, "time curve"]) -> Chunk:
-    """Curves of one entity over time."""
+    """Return curves of one entity over time."""
     return moving(entity, timeline, [values.shape[1]] * len(values), rr.Scalars.columns(scalars=values.ravel()))
 
 
 def logged_curves(chunks: Iterable[Chunk]) -> dict[str, int]:
-    """The curves of `draw_logs` in the chunks of a recording: how many there are by each name, in order."""
+    """Return the number of curves of `draw_logs` in the chunks of a recording by each name, in order."""
     curves = {}
     for chunk in chunks:
         name = chunk.entity_path.removeprefix(f"/{PLANNER_PLOTS}/")

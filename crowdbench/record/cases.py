@@ -31,7 +31,8 @@ def read_verdict(path: Path, case: int) -> list[str]:
 
 
 def recorded_cases(path: Path) -> list[int]:
-    """The numbers of the cases in a recording. Raises InputError where it cannot be read, or is none of crowdbench."""
+    """Return the numbers of the cases in a recording. Raises InputError where it cannot be read, or is none of
+    crowdbench."""
     return sorted(_entries(path)[2])
 
 
@@ -81,7 +82,7 @@ def _read_entries(path: Path, changed: int) -> tuple[RrdReader, str, dict[int, S
 
 
 def read_case(path: Path, case: int) -> contents.RecordedEpisode:
-    """One case of a recording. Raises InputError where it cannot be read, or has no such case."""
+    """Return one case of a recording. Raises InputError where it cannot be read, or has no such case."""
     reader, split, entries = _entries(path)
     if case not in entries:
         near = sorted(sorted(entries, key=lambda other: abs(other - case))[:10])
@@ -107,7 +108,7 @@ def read_same_case(paths: Sequence[Path], case: int) -> list[contents.RecordedEp
 
 
 def _ranges(numbers: Iterable[int]) -> str:
-    """Numbers as ranges, such as 0-9, 12, 17-18."""
+    """Return numbers as ranges, such as 0-9, 12, 17-18."""
     known = set(numbers)
     starts = sorted(n for n in known if n - 1 not in known)
     ends = sorted(n for n in known if n + 1 not in known)

@@ -155,12 +155,13 @@ def _agent_name(agent: int) -> str:
 
 
 def _pad_start(array: Shaped[np.ndarray, "time *values"], states: int) -> Shaped[np.ndarray, "states *values"]:
-    """An array with a row per state; before steps stands NaN, so that each is in the row of the state after it."""
+    """Return an array with a row per state: NaN before the first step, so that each step is in the row of the state
+    after it."""
     return array if len(array) == states else np.concatenate([np.full_like(array[:1], np.nan), array])
 
 
 def _to_lists(array: Shaped[np.ndarray, "row *values"]) -> pa.ListArray:
-    """An Arrow column with the values of each row as a list."""
+    """Return an Arrow column with the values of each row as a list."""
     flat = array.reshape(len(array), -1)
     offsets = np.arange(len(flat) + 1, dtype=np.int32) * flat.shape[1]
     return pa.ListArray.from_arrays(offsets, pa.array(flat.ravel()))
@@ -194,7 +195,7 @@ def read_facts(path: Path, reader: RrdReader, entry: StoreEntry) -> dict[str, st
 
 
 def _to_episode(chunks: Sequence[Chunk]) -> Episode:
-    """The arrays of an episode from the chunks of its recording; empty if it has no chunks under `/exact`.
+    """Return the arrays of an episode from the chunks of its recording; empty if it has no chunks under `/exact`.
 
     Raises InputError where a part of it is there twice, as where recordings of one name were merged.
     """
@@ -224,7 +225,8 @@ def _to_episode(chunks: Sequence[Chunk]) -> Episode:
 
 
 def _to_trace(path: Path, episodes: Sequence[Episode]) -> tuple[Trace, dict[str, Any]]:
-    """One trace of the episodes of a file, by case, padded to `max_steps` and to the largest number of pedestrians.
+    """Return one trace of the episodes of a file, by case, padded to `max_steps` and to the largest number of
+    pedestrians.
 
     Raises InputError where they are not of crowdbench, of several runs, or of another format.
 
@@ -261,7 +263,7 @@ def _to_trace(path: Path, episodes: Sequence[Episode]) -> tuple[Trace, dict[str,
 
 
 def _in_time(episode: Episode, name: str, times: int) -> Shaped[np.ndarray, "time agent *values"]:
-    """An array of an episode in its shape, which was stored once, or once per state; held for so many times."""
+    """Return an array of an episode in its shape, which was stored once, or once per state; held for so many times."""
     quantity, flat = QUANTITIES[name], episode[name]
     agents, steps = len(episode["preferred_speed"]), int(episode["case_outcome_steps"][2])
     shape = len(range(agents)[quantity.of]), *quantity.shape

@@ -105,7 +105,7 @@ def _of_the_known(
 
 
 def steps_logged(trace: Trace, row: int, name: str) -> Int[np.ndarray, "decision"]:
-    """The steps of an episode in which the planner logged something by a name."""
+    """Return the steps of an episode in which the planner logged something by a name."""
     end = int(trace.steps[row])
     return np.flatnonzero(~np.isnan(trace.logs[name][row, :end].reshape(end, -1)).all(axis=1))
 
@@ -171,7 +171,7 @@ def _color(role: str, palette: Palette) -> Color:
 
 
 def _draw_attention(log: _Log) -> Iterator[Chunk]:
-    """Lines from the vehicle to the pedestrians, the wider the more, from 0 to 1, it attends to them."""
+    """Draw lines from the vehicle to the pedestrians, which are wider for larger attention weights, from 0 to 1."""
     seen = np.isfinite(log.position[:, 1:, 0]) & (log.values > 0.02)
     if not seen.any():
         return

@@ -66,12 +66,12 @@ class _Agents:
         return moving(entity, self.timeline, [number or agents] * states, *columns)
 
     def colors(self, vehicle: Color, pedestrian: Color) -> list[Color]:
-        """A colour per agent, the vehicle first."""
+        """Return a colour per agent, the vehicle first."""
         return [vehicle] + [pedestrian] * (len(self.number) - 1)
 
 
 def draw_episode(trace: Trace, row: int, title: str, values: Mapping[str, float | bool]) -> Iterator[Chunk]:
-    """All that is shown of one episode.
+    """Draw all of one episode.
 
     Args:
         trace: The trace with the episode.
@@ -102,7 +102,7 @@ def draw_episode(trace: Trace, row: int, title: str, values: Mapping[str, float 
 
 
 def extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
-    """The smallest and the largest x and y that an episode needs with a margin, in whole metres."""
+    """Return the smallest and the largest x and y that an episode needs with a margin, in whole metres."""
     states = slice(trace.steps[row] + 1)
     present = trace.present[row, states]
     agents = trace.position[row, states][present], trace.goal[row, states][present]
@@ -128,14 +128,14 @@ def _draw_ground(agents: _Agents) -> Chunk:
 
 
 def _back_and_forth(low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> Float[np.ndarray, "corner 2"]:
-    """A line up and down through a rectangle, at every metre of its width."""
+    """Return a line up and down through a rectangle, at every metre of its width."""
     x = np.arange(low[0], high[0] + 1).repeat(2)
     y = np.resize([low[1], high[1], high[1], low[1]], len(x))
     return np.stack([x, y], axis=1)
 
 
 def _draw_walls(walls: Sequence[Float[np.ndarray, "_ 2"]]) -> Chunk:
-    """The outlines of obstacles; outlines of solid ones are closed and hatched, because the viewer fills none."""
+    """Draw the outlines of obstacles; outlines of solid ones are closed and hatched, because the viewer fills none."""
     outlines = [np.concatenate([wall, wall[:1]]) if len(wall) > 2 else wall for wall in walls]
     lines = [*outlines, *(line for wall in walls if len(wall) > 2 for line in _hatch(wall))]
     hatches = len(lines) - len(outlines)
@@ -164,7 +164,7 @@ def _draw_goals(agents: _Agents) -> Iterator[Chunk]:
 
 
 def _draw_trails(agents: _Agents) -> Iterator[Chunk]:
-    """One stroke per agent and step. The blueprint shows all strokes up to the current time, which makes a trail.
+    """Draw one stroke per agent and step. The blueprint shows all strokes up to the current time, which makes a trail.
 
     The stroke is a dot where the agent is not the same one after the step.
     """
@@ -209,7 +209,7 @@ def _draw_discs(agents: _Agents) -> Iterator[Chunk]:
 
 
 def _draw_body(agents: _Agents) -> Iterator[Chunk]:
-    """The rim of a vehicle on wheels, with a line that shows where it faces."""
+    """Draw the rim of a vehicle on wheels, with a line that shows its heading."""
     heading = agents.trace.heading[agents.row, : len(agents.radius)]
     body = agents.trace.rules.body, agents.position[:, 0], heading, float(agents.radius[0, 0])
     strips = [line for pair in zip(outline(*body), nose(*body), strict=True) for line in pair]
@@ -218,7 +218,7 @@ def _draw_body(agents: _Agents) -> Iterator[Chunk]:
 
 
 def _draw_names(agents: _Agents) -> Iterator[Chunk]:
-    """A name under each disc, and one over the vehicle's goal. At its centre Rerun would write across the disc."""
+    """Draw a name under each disc, and one over the vehicle's goal. At its centre Rerun would write across the disc."""
     states, number = agents.radius.shape
     anchors = np.empty((states, number + 1, 2))
     anchors[:, :-1] = agents.position

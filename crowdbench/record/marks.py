@@ -27,7 +27,7 @@ NEAR = 0.5
 
 
 def draw_sensor(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
-    """All that is shown of the sensor in one episode; nothing of a perfect one.
+    """Draw all of the sensor in one episode; nothing of a perfect one.
 
     Args:
         trace: The trace with the episode.
@@ -44,7 +44,7 @@ def draw_sensor(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> It
 
 
 def _draw_perceived(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
-    """A ring around each pedestrian where the vehicle sees it, or thinks it to be."""
+    """Draw a ring around each pedestrian at the position that the vehicle measures or remembers."""
     assert trace.perceived is not None
     assert trace.age is not None
     states = int(trace.steps[row]) + 1
@@ -57,7 +57,8 @@ def _draw_perceived(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -
 
 
 def _draw_view(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
-    """The outline of what is in range and in the field of view: whose rim is inside and centre in the view is seen."""
+    """Draw the outline of the range and the field of view: a pedestrian with its rim in range and its centre in the
+    field is seen."""
     sensor, states = trace.rules.sensor, int(trace.steps[row]) + 1
     position, heading = trace.position[row, :states, 0], trace.heading[row, :states]
     # Without a range the outline goes beyond all that is shown.
@@ -73,7 +74,7 @@ def _draw_view(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Ite
 
 
 def _draw_beams(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
-    """The beams of the lidar, measured again in each state, from the vehicle to where they end."""
+    """Draw the beams of the lidar, measured again in each state, from the vehicle to their ends."""
     lidar, states = trace.rules.sensor.lidar, int(trace.steps[row]) + 1
     assert lidar is not None
     distance = np.empty((states, lidar.beams))
@@ -90,7 +91,7 @@ def _draw_beams(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> It
 
 
 def time_to_closest(position: Vectors, velocity: Vectors) -> Numbers:
-    """When two points with constant velocities are nearest to each other, in seconds from now, up to `AHEAD`.
+    """Return when two points with constant velocities are nearest to each other, in seconds from now, up to `AHEAD`.
 
     Args:
         position: One relative to the other, in metres.
@@ -102,7 +103,8 @@ def time_to_closest(position: Vectors, velocity: Vectors) -> Numbers:
 
 
 def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
-    """The closest approach ahead of each state, if soon: a line between both centres then, with the gap and the time.
+    """Draw the closest approach ahead of each state, if soon: a line between both centres then, with the gap and the
+    time.
 
     Args:
         trace: The trace with the episode.

@@ -44,7 +44,7 @@ def errors_as(sentence: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def writing(what: str, advice: str = "") -> Iterator[None]:
-    """A context for writing a recording. Raises InputError, which says why, where that fails.
+    """Open a context for writing a recording. Raises InputError with the reason where that fails.
 
     Args:
         what: The written object.
@@ -60,24 +60,25 @@ def writing(what: str, advice: str = "") -> Iterator[None]:
 
 
 def opening(path: Path) -> contextlib.AbstractContextManager[None]:
-    """A context for reading a file. Raises InputError where it is missing, damaged or not a Rerun file."""
+    """Return a context for reading a file. Raises InputError where it is missing, damaged or not a Rerun file."""
     if not path.is_file():
         raise InputError(f"there is no recording at {path}: give the run.rrd of a run with --record all or failures")
     return errors_as(f"{path} is cut short, damaged or no Rerun file at all: give the run.rrd of a finished run")
 
 
 def foreign(path: Path) -> InputError:
-    """The error for a Rerun file that crowdbench did not write."""
+    """Return the error for a Rerun file that crowdbench did not write."""
     return InputError(f"{path} is a Rerun file but holds no episodes of crowdbench: give the run.rrd of a run")
 
 
 def chunks_of(reader: RrdReader, entry: StoreEntry, content: str) -> list[Chunk]:
-    """The chunks of one recording in a file whose entity paths are as `content`, such as `/exact/**`."""
+    """Return the chunks of one recording in a file whose entity paths are as `content`, such as `/exact/**`."""
     return reader.store(store=entry).stream().filter(content=content).to_chunks()
 
 
 def moments(steps: Int[np.ndarray, "time"], dt: float) -> list[rr.TimeColumn]:
-    """The timeline of states: seconds since the start. A second one, with their numbers, would make files larger.
+    """Return the timeline of states: seconds since the start. A second one, with their numbers, would make files
+    larger.
 
     Args:
         steps: Numbers of the states.
@@ -91,7 +92,7 @@ width = rr.Radius.ui_points
 
 
 def still(entity: str, *archetypes: rr.AsComponents) -> Chunk:
-    """A chunk of what an entity shows at all times."""
+    """Return a chunk of what an entity shows at all times."""
     batches = [batch for archetype in archetypes for batch in archetype.as_component_batches()]
     return Chunk.from_columns(entity, [], [batch.partition([len(batch.as_arrow_array())]) for batch in batches])
 
@@ -99,7 +100,7 @@ def still(entity: str, *archetypes: rr.AsComponents) -> Chunk:
 def moving(
     entity: str, timeline: Sequence[rr.TimeColumn], counts: Sequence[int] | np.ndarray, *columns: rr.ComponentColumnList
 ) -> Chunk:
-    """A chunk of what an entity shows at each time.
+    """Return a chunk of what an entity shows at each time.
 
     Args:
         entity: Its path.
@@ -151,7 +152,7 @@ def _holds(path: Path, recordings: int) -> bool:
 
 @contextlib.contextmanager
 def _switched_on() -> Iterator[None]:
-    """The variable RERUN=off is for programs that show what they do; a recording was asked for."""
+    """Ignore the variable RERUN=off, which is for programs that show their work: a recording was asked for."""
     before = os.environ.get("RERUN")
     os.environ["RERUN"] = "on"
     try:

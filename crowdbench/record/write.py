@@ -116,7 +116,7 @@ class Recorder:
         yield Chunk.from_property(PROPERTIES, rr.AnyValues(**about))
 
     def _with_units(self, measured: Mapping[str, float | bool]) -> dict[str, float | bool]:
-        """Metrics by the names that people read, with units."""
+        """Return metrics by the names that people read, with units."""
         named = {}
         for name, value in measured.items():
             unit = self.units.get(name)

@@ -64,7 +64,7 @@ class Comparison:
         return repr(self)
 
     def __repr__(self) -> str:
-        """The metrics of both, and how they differ."""
+        """Return the metrics of both, and their differences."""
         grid = comparison_grid([self])
         return f"{grid.title}\n\n{markdown(grid.header, grid.rows)}"
 
@@ -153,7 +153,7 @@ def _scenario(run: RunResult) -> str:
 
 
 def _group(runs: Sequence[RunResult]) -> list[list[RunResult]]:
-    """The runs of each scenario, that of the first planner first. Raises InputError, see `compare_to`."""
+    """Return the runs of each scenario, that of the first planner first. Raises InputError, see `compare_to`."""
     labels = list(dict.fromkeys(run.label for run in runs))
     groups: dict[str, dict[str, RunResult]] = {}
     for run in runs:

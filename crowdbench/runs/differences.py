@@ -79,7 +79,7 @@ class Differences(list[Difference]):
         self.note(what, (f"{name} ({recorded}, replayed: {replayed})" for name, recorded, replayed in differ), of)
 
     def name(self, case: int) -> str:
-        """A case as sentences name it."""
+        """Return a case as sentences name it."""
         return f"{self.cases.split}/{case}"
 
     def note_rows(self, file: str, rows: Int[np.ndarray, "row"], *, some_missing: bool = False) -> None:
@@ -122,7 +122,8 @@ class Differences(list[Difference]):
         self.note("cases have other figures in episodes.csv", (figures[row] for row in sorted(figures)), len(names))
 
     def compare_states(self, recorded: Trace, replayed: Trace) -> list[str]:
-        """A text for each episode of both traces that differs: its case, the first array that does, and the step."""
+        """Return a text for each episode of both traces that differs: its case, the first array that does, and the
+        step."""
         _, *rows = np.intersect1d(recorded.case, replayed.case, return_indices=True)
         texts: dict[int, str] = {}
         for name in (field.name for field in dataclasses.fields(Trace) if field.name not in _NOT_COMPARED):
@@ -136,7 +137,7 @@ class Differences(list[Difference]):
         return [texts[row] for row in sorted(texts)]
 
     def agree(self, a: Shaped[np.ndarray, "*shape"], b: Shaped[np.ndarray, "*shape"]) -> Bool[np.ndarray, "*shape"]:
-        """Where two arrays agree. NaN agrees with NaN."""
+        """Return where two arrays agree. NaN agrees with NaN."""
         if self.exact or a.dtype.kind != "f" or b.dtype.kind != "f":
             return np.asarray((a == b) | ((a != a) & (b != b)))
         return np.asarray(np.isclose(a, b, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True))

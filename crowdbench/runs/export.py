@@ -89,7 +89,7 @@ def export(
 
 
 def _write_tracks(trace: Trace, row: int, path: Path) -> None:
-    """The positions of everybody in a case, one frame after the other."""
+    """Write the positions of everybody in a case, one frame after the other."""
     position = trace.position[row, : trace.steps[row] + 1]
     person = np.concatenate([np.full((len(position), 1), VEHICLE), trace.person[row, : len(position)] + 1], axis=1)
     frame, agent = np.nonzero(np.isfinite(position).all(axis=2))
@@ -98,7 +98,7 @@ def _write_tracks(trace: Trace, row: int, path: Path) -> None:
 
 
 def _tabulate(trace: Trace, seen: Mapping[tuple[int, int], Float[np.ndarray, "features"]]) -> pa.Table:
-    """The steps of cases, a row for each."""
+    """Return a table with a row for each step of cases."""
     cases = list(zip(trace.case.tolist(), trace.steps.tolist(), strict=True))
     is_last = np.concatenate([np.arange(steps) == steps - 1 for _, steps in cases])
     outcome = np.repeat(trace.outcome, trace.steps)

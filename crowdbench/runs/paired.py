@@ -109,7 +109,7 @@ def compare_metric(name: str, strata: Sequence[Paired]) -> MetricDifference:
 def _test(
     strata: Sequence[Paired], columns: Sequence[tuple[Bool[np.ndarray, "case"], Bool[np.ndarray, "case"]]]
 ) -> float:
-    """The p-value of a rate: runs are exchanged case by case, or block by block."""
+    """Return the p-value of a rate: runs are exchanged case by case, or block by block."""
     x, y = map(np.concatenate, zip(*columns, strict=True))
     if all(pair.a.block is None for pair in strata):
         return mcnemar(x, y)
@@ -138,20 +138,20 @@ def _compare_part(
 
 
 def _mean_of(resampled: Sequence[Float[np.ndarray, "resample"]]) -> Float[np.ndarray, "resample"]:
-    """The distribution of the mean over scenarios, whose cases are independent of each other's."""
+    """Return the distribution of the mean over scenarios, whose cases are independent of each other's."""
     random = np.random.default_rng(0)
     first, *others = resampled  # as many cases are resampled alike in all of them, hence the new order
     return np.asarray(np.mean([first, *map(random.permutation, others)], axis=0))
 
 
 def _mean_difference(*columns: Float[np.ndarray, "*resample case"], axis: int = -1) -> Float[np.ndarray, "*resample"]:
-    """The weighted mean of run B minus that of run A; the columns are values and weights of A, then of B."""
+    """Return the weighted mean of run B minus that of run A; the columns are values and weights of A, then of B."""
     x, x_weights, y, y_weights = columns
     return np.asarray(weighted_mean(y, y_weights, axis) - weighted_mean(x, x_weights, axis))
 
 
 def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
-    """The exact two-sided p-value of the test of McNemar (1947); 1 if no case differs.
+    """Return the exact two-sided p-value of the test of McNemar (1947); 1 if no case differs.
 
     Args:
         a: True if each case was solved in run A.
@@ -164,7 +164,7 @@ def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
 
 
 def holm(p: Float[np.ndarray, "test"]) -> Float[np.ndarray, "test"]:
-    """The p-values corrected by Holm (1979) for the number of tests.
+    """Return the p-values corrected by Holm (1979) for the number of tests.
 
     Those below 0.05 are significant: with a probability of 0.95 or more, none of them is where there is no difference.
     """
@@ -176,7 +176,7 @@ def holm(p: Float[np.ndarray, "test"]) -> Float[np.ndarray, "test"]:
 
 
 def sign_test(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"], block: Int[np.ndarray, "case"]) -> float:
-    """The two-sided p-value of a permutation test (Fisher 1935) that exchanges the runs block by block.
+    """Return the two-sided p-value of a permutation test (Fisher 1935) that exchanges the runs block by block.
 
     It is exact for up to `EXACT` blocks, and from `RESAMPLES` random exchanges for more.
 

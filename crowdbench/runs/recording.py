@@ -94,12 +94,13 @@ def open_recorder(
 
 
 def units_of(metrics: Mapping[str, Metric]) -> dict[str, str]:
-    """The unit of each metric that has one."""
+    """Return the unit of each metric that has one."""
     return {name: unit for name, metric in metrics.items() if (unit := info_of(name, metric=metric).unit)}
 
 
 def most_failures(pedestrians: int) -> int:
-    """How many failures are recorded: fewer in crowds so large that recording would take longer than driving."""
+    """Return the largest number of failures that are recorded: fewer in crowds so large that recording would take
+    longer than driving."""
     return max(1, MOST_FAILURES * RECORDED_CROWD // max(pedestrians, RECORDED_CROWD))
 
 
@@ -118,7 +119,7 @@ class Commands:
     command: Float[np.ndarray, "step 2"]
 
     def of(self, case: int) -> Float[np.ndarray, "step 2"]:
-        """The commands of one case in m/s. Raises InputError where there are none."""
+        """Return the commands of one case in m/s. Raises InputError where there are none."""
         (rows,) = np.nonzero(self.case == case)
         if not len(rows):
             raise InputError(f"{COMMANDS} has no commands of case {case}")
@@ -126,7 +127,7 @@ class Commands:
         return self.command[end - int(self.steps[rows[0]]) : end]
 
     def pad(self, rows: Int[np.ndarray, "row"], steps: int) -> Float[np.ndarray, "row {steps} 2"]:
-        """The commands in m/s of the cases with these indices for so many steps, zero after the last command."""
+        """Return the commands in m/s of the cases with these indices for so many steps, zero after the last command."""
         ends = np.cumsum(self.steps)
         padded = np.zeros((len(rows), steps, 2))
         for commands, end, length in zip(padded, ends[rows], self.steps[rows], strict=True):

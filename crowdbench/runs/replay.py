@@ -49,7 +49,7 @@ class Playback(Planner):
         self.privileged = privileged
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """The commands of this step."""
+        """Return the commands of this step."""
         return self._command[obs.row, obs.step]
 
 
@@ -75,7 +75,7 @@ class Replay:
     differences: list[Difference]
 
     def to_json(self) -> dict[str, Any]:
-        """Everything as JSON has it, and whether the run agrees with its replay."""
+        """Return everything as JSON has it, and whether the run agrees with its replay."""
         return {"agrees": not self.differences, **dataclasses.asdict(self)}
 
     def __str__(self) -> str:

@@ -72,7 +72,7 @@ class Episodes:
 
     @classmethod
     def join(cls, parts: list[Episodes]) -> Episodes:
-        """The rows of all parts, in order."""
+        """Return the rows of all parts, in order."""
         names = ("case", "outcome", "steps")
         case, outcome, steps = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
         columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns}
@@ -95,29 +95,30 @@ class Episodes:
         return {} if self.block is None else {"blocks": len(np.unique(self.block))}
 
     def take(self, rows: Shaped[np.ndarray, "row"]) -> Episodes:
-        """The given rows."""
+        """Return the given rows."""
         columns = {name: values[rows] for name, values in self.columns.items()}
         block = None if self.block is None else self.block[rows]
         return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns, block)
 
     def summary(self, names: Iterable[str] | None = None) -> dict[str, Estimate]:
-        """Each metric's mean and interval; of all metrics where none are named."""
+        """Return each metric's mean and interval; of all metrics where none are named."""
         columns = self.columns if names is None else {name: self.columns[name] for name in names}
         return summarize(columns, self.steps, self.block)
 
     def counts(self) -> dict[str, int]:
-        """How many episodes ended in each outcome, by its label."""
+        """Return the number of episodes of each outcome, by its label."""
         return {outcome.label: int((self.outcome == outcome).sum()) for outcome in list(Outcome)[1:]}
 
     def to_arrow(self) -> pa.Table:
-        """A table of Arrow with a row per episode: case, outcome, steps, and all metrics; undefined values are null."""
+        """Return a table of Arrow with a row per episode: case, outcome, steps, and all metrics; undefined values are
+        null."""
         import pyarrow as pa
 
         columns = {name: pa.array(values, from_pandas=True) for name, values in self.columns.items()}
         return pa.table({**self._first_columns(), **columns})
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        """How pandas, polars and others take the table, see Arrow's PyCapsule interface."""
+        """Return the table as pandas, polars and others take it, see Arrow's PyCapsule interface."""
         return self.to_arrow().__arrow_c_stream__(requested_schema)
 
     def write(self, path: Path) -> None:
@@ -129,7 +130,7 @@ class Episodes:
             writer.writerows(zip(*columns.values(), strict=True))
 
     def _first_columns(self) -> dict[str, list[Any]]:
-        """The columns of every table of episodes before the metrics."""
+        """Return the columns of every table of episodes before the metrics."""
         labels = [Outcome(outcome).label for outcome in self.outcome]
         blocks = {} if self.block is None else {BLOCK: self.block.tolist()}
         return {"case": self.case.tolist(), "outcome": labels, "steps": self.steps.tolist(), **blocks}
@@ -153,7 +154,7 @@ class Episodes:
 
 
 def planner_label(planner: str, settings: Mapping[str, Any]) -> str:
-    """A planner's name with its options, and when it observes, in brackets: as shown to people and written in TOML.
+    """Return a planner's name with its options and replanning in brackets, as shown to people and written in TOML.
 
     Such as `sarl (modes=5, limits={max_velocity_change=1.0}, explore=false)`.
     """
@@ -161,7 +162,7 @@ def planner_label(planner: str, settings: Mapping[str, Any]) -> str:
 
 
 def result_label(result: Mapping[str, Any]) -> str:
-    """`planner_label` of a run, from the contents of its `result.json`."""
+    """Return `planner_label` of a run, from the contents of its `result.json`."""
     run = result["run"]
     return planner_label(run["planner"]["name"], {**run["planner"]["options"], **run["replanning"]})
 

@@ -261,7 +261,7 @@ class _TraceBuilder:
                 self.logs[name][rows, t] = values
 
     def trace(self, split: str, block: Int[np.ndarray, "world"] | None) -> Trace:
-        """The trace of all episodes, from the split of the cases and their blocks of recorded time."""
+        """Return the trace of all episodes, from the split of the cases and their blocks of recorded time."""
         arrays = self.arrays
         if self.changing:
             arrays |= {name: arrays[name][self._last_states()] for name in (*_OF_PEOPLE, "group") if name in arrays}
@@ -293,10 +293,11 @@ class _TraceBuilder:
         return np.asarray(self.arrays["age"][self._last_states()] < late)
 
     def _last_states(self) -> tuple[Int[np.ndarray, "world 1"], Int[np.ndarray, "world time"]]:
-        """The indices by which the last state of each world is repeated beyond the end of its episode."""
+        """Return the indices by which the last state of each world is repeated beyond the end of its episode."""
         time = np.arange(self.start.rules.max_steps + 1)
         return np.arange(len(self.steps))[:, None], np.minimum(time, self.steps[:, None])
 
     def _always(self, array: np.ndarray) -> np.ndarray:
-        """An array `[world, ...]` that does not change in an episode, as `[world, time, ...]`; it takes no memory."""
+        """Return an array `[world, ...]` that does not change in an episode, as `[world, time, ...]`; it takes no
+        memory."""
         return np.broadcast_to(array[:, None], (len(array), self.start.rules.max_steps + 1, *array.shape[1:]))

@@ -88,7 +88,8 @@ class Run:
             raise Interrupted
 
     def _traces(self, cases: Cases, interrupts: Interrupts, progress: Progress | None) -> Iterator[Trace]:
-        """The traces of all cases, batch by batch, in smaller ones where the planner's logs would take too much."""
+        """Return the traces of all cases, batch by batch, in smaller ones where the planner's logs would take too
+        much."""
         with_episodes = self.spec.record in WITH_EPISODES
         start, batch = cases.start, fit_batch(self.spec.batch, self.scenario)
         while start < cases.stop:
@@ -172,7 +173,8 @@ def read_versions() -> dict[str, str]:
 
 
 def fit_batch(batch: int, scenario: Scenario) -> int:
-    """How many cases run in lock-step: fewer than asked where their traces would take too much memory."""
+    """Return the number of cases that run in lock-step: fewer than asked where their traces would take too much
+    memory."""
     # Positions and velocities of every state, and as much again for what metrics make of them.
     size_of_case = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents
     return max(1, min(batch, int(MEMORY / size_of_case)))

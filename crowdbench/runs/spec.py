@@ -50,11 +50,11 @@ class Replanning:
             )
 
     def steps_executed(self, step: int) -> int:
-        """How many of the commands of the last observation are executed before a step; the step is counted from 0."""
+        """Return how many commands of the last observation are executed before a step; the step is counted from 0."""
         return max(0, step - self.look_first + 1) % self.every
 
     def steps_to_plan(self, step: int) -> int:
-        """For how many steps the planner gives commands when it observes before a step."""
+        """Return the number of steps for which the planner gives commands when it observes before a step."""
         return self.every if step >= self.look_first - 1 else 1
 
     @property
@@ -115,7 +115,8 @@ class RunSpec:
 
 
 def directory_name(planner: str, scenario: str, spec: RunSpec) -> str:
-    """The name of a run's directory, such as `orca-circle_crossing_5-500`, from the names of what it has loaded."""
+    """Return the name of a run's directory, such as `orca-circle_crossing_5-500`, from the names of what it has
+    loaded."""
     cases = spec.cases
     count = f"{cases.stop}" if cases.start == 0 else f"{cases.start}-{cases.stop}"
     parts = [planner, scenario, count if cases.split == "test" else f"{cases.split}-{count}"]

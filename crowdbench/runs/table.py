@@ -237,7 +237,7 @@ def _starred(planner: str, run: RunResult) -> str:
 
 
 def _row_and_column(run: RunResult, columns: str) -> tuple[str, str]:
-    """The row and the column of a run. Raises InputError where it has no such option or key."""
+    """Return the row and the column of a run. Raises InputError where it has no such option or key."""
     planner, overrides = run.result["run"]["planner"], run.result["stated"]["overrides"]
     if columns == SCENARIO:
         return run.label, ", ".join([run.result["scenario"]["name"], *(f"{k}={v}" for k, v in overrides.items())])
@@ -251,7 +251,8 @@ def _row_and_column(run: RunResult, columns: str) -> tuple[str, str]:
 def _mark(
     runs: Mapping[str, RunResult], means: Mapping[str, Estimate], metric: str, info: MetricInfo
 ) -> dict[str, str]:
-    """`BEST` for the best runs of a column, which show the same mean, and † for those that cannot be told from it."""
+    """Return `BEST` for the best runs of a column, which show the same mean, and † for those that cannot be told from
+    it."""
     known = {planner: info.sign * mean.mean for planner, mean in means.items() if not math.isnan(mean.mean)}
     if len(known) < 2 or not info.sign:
         return {}

@@ -43,7 +43,7 @@ def group_numbers(leader: Int[np.ndarray, "pedestrian"]) -> Int[np.ndarray, "ped
 
 
 def group_reach(radius: Float[np.ndarray, "member"]) -> float:
-    """Radius in metres of a disc that holds a group, whether it walks or stands."""
+    """Return the radius in metres of a disc that holds a group, whether it walks or stands."""
     return float(radius.max()) + _spacing(radius) * (len(radius) - 1) / 2
 
 
@@ -114,5 +114,5 @@ def place_groups(
 
 
 def _spacing(radius: Float[np.ndarray, "member"]) -> float:
-    """Distance in metres between the centres of neighbours."""
+    """Return the distance in metres between the centres of neighbours."""
     return 2 * float(radius.max()) + GAP

@@ -200,7 +200,8 @@ def _check_combinations(top: ScenarioSpec, file: Location) -> None:
 
 
 def _layout_starts(layout: LayoutCall, crowdnav_cases: int) -> LayoutStarts:
-    """How cases start by a layout: the first test cases as in CrowdNav, or as in CrowdNav++ with the layout of it."""
+    """Return the starts of cases by a layout: the first test cases as in CrowdNav, or as in CrowdNav++ with its
+    layout."""
     if not crowdnav_cases or layout.function is not crowdnav_plus:
         return LayoutStarts(layout, crowdnav_cases)
     from crowdbench.scenario.crowdnav_plus import CrowdNavPlusStarts
@@ -219,7 +220,7 @@ def _count_steps(seconds: float, dt: float, location: Location) -> int:
 def _tracks(
     top: ScenarioSpec, table: Mapping[str, Any], rules: Rules, data: Path | None, file: Location, read_tracks: bool
 ) -> TrackedCrowd | None:
-    """The recorded people of a scenario, if any.
+    """Return the recorded people of a scenario, if any.
 
     Raises InputError where a key says what the tracks say too, the policy of recorded people has none, or the scene
     cannot be read.
@@ -298,7 +299,7 @@ def _rules(top: ScenarioSpec, recorded: int, file: Location) -> Rules:
 
 
 def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:
-    """The body of a vehicle, whose rear axle is as far behind the middle as the front axle is ahead of it."""
+    """Return the body of a vehicle, whose rear axle is as far behind the middle as the front axle is ahead of it."""
     if vehicle.length is None:
         return DISC
     length, wheelbase = location.at("length"), dynamics.wheelbase if isinstance(dynamics, Bicycle) else 0.0

@@ -173,7 +173,7 @@ def _count_turns(occupied: Bool[np.ndarray, "row column"]) -> int:
 
 
 def _boxes(occupied: Bool[np.ndarray, "row column"]) -> list[shapely.Polygon]:
-    """A box around each run of occupied pixels in a row, in pixels."""
+    """Return a box around each run of occupied pixels in a row, in pixels."""
     padded = np.pad(occupied, ((0, 0), (1, 1))).astype(np.int8)
     row, start = np.nonzero(np.diff(padded, axis=1) == 1)
     _, stop = np.nonzero(np.diff(padded, axis=1) == -1)

@@ -211,7 +211,7 @@ def _shape(i: int, corners: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:
 
 
 def _apart(shapes: Mapping[int, shapely.Geometry]) -> None:
-    """Raises InputError where two obstacles cross or overlap. They may touch."""
+    """Raise InputError where two obstacles cross or overlap. They may touch."""
     number, geometries = list(shapes), list(shapes.values())
     pairs = shapely.STRtree(geometries).query(np.array(geometries, object), predicate="intersects")
     for first, second in pairs.T.tolist():
@@ -220,7 +220,7 @@ def _apart(shapes: Mapping[int, shapely.Geometry]) -> None:
 
 
 def _outside(placement: Placement, radius: PerAgent, shapes: Mapping[int, shapely.Geometry]) -> None:
-    """Raises InputError where a start or a goal is in a wall, or nearer to it than the agent's radius."""
+    """Raise InputError where a start or a goal is in a wall, or nearer to it than the agent's radius."""
     for part, points in (("start", placement.start), ("goal", placement.goal)):
         for i, shape in shapes.items():
             distance = shapely.distance(shapely.points(points), shape)

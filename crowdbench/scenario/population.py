@@ -171,7 +171,7 @@ class Crowd:
         return np.array([name in self.standing for name in self.parameters])
 
     def walking(self) -> Crowd:
-        """Those who walk: who replace others that have arrived."""
+        """Return the pedestrians who walk: who replace others that have arrived."""
         shares = {name: 0.0 if name in self.standing else share for name, share in self.shares.items()}
         if not any(shares.values()):  # then nobody arrives
             return self

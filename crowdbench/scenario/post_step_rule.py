@@ -72,7 +72,7 @@ class LayoutPostStepRule:
         return after
 
     def _replace(self, world: World, row: int, members: Int[np.ndarray, "member"], is_new: bool) -> World:
-        """One pedestrian, or a group, with another goal, or others in their place, in the arrays of the worlds.
+        """Replace one pedestrian or a group by another goal, or by other people, in the arrays of the worlds.
 
         A pedestrian without room walks on, to be drawn again in the next step. The worlds are new ones where the arrays
         of routes are too short.

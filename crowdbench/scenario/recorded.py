@@ -211,11 +211,11 @@ class TrackedCrowd:
         return Start(traits, placement, np.full(len(window.radius), -1))
 
     def post_step_rule(self, crowd: Crowd) -> PostStepRule:
-        """People come and go as they were recorded."""
+        """Let people come and go as they were recorded."""
         return come_and_go
 
     def _place(self, window: Excerpt, stream: np.random.Generator, radius: PerAgent, rules: Rules) -> Placement:
-        """Starts and goals, and the recorded ways. Raises InputError where there is no room for the vehicle."""
+        """Place starts and goals, and the recorded paths. Raises InputError where there is no room for the vehicle."""
         if window.driven is None:
             start, goal = self.free_space[window.recording].draw(stream, self.distance, radius, window.track, rules.dt)
         else:
@@ -249,7 +249,7 @@ class TrackedCrowd:
 
 
 def _take_recorded(window: Excerpt, traits: Traits, policies: Sequence[str]) -> Traits:
-    """Pedestrians with what a window tells of them: their speeds, and which of them are parts of cars.
+    """Return pedestrians with their recorded speeds, and whether they are parts of cars.
 
     The speeds are those that tracks need, and the mean ones of those who react. `policies` has the names of what
     `traits.policy` counts.

@@ -217,7 +217,7 @@ def scenario_spec(layout: Layout, dynamics: str, parameters: Mapping[str, Mappin
 
 
 def layout_spec(layout: Layout) -> type[LayoutSpec]:
-    """`[layout]` with the options of one layout: its keyword-only parameters, of the types of their defaults.
+    """Return `[layout]` with the options of one layout: its keyword-only parameters, of the types of their defaults.
 
     Args:
         layout: The layout. Numbers with a fraction, which of a built-in layout are lengths, must not be negative there.

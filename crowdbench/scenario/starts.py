@@ -123,7 +123,7 @@ class LayoutStarts:
             raise InputError(f"somebody is in the clear_space in all {TRIES} placements: make it smaller, or the crowd")
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
-        """Worlds at their start, with what only these cases have."""
+        """Return worlds at their start, with what only these cases have."""
         return world
 
     def post_step_rule(self, crowd: Crowd) -> simulator.PostStepRule | None:

@@ -20,7 +20,7 @@ def unseen_layout(options: Mapping[str, Any]) -> Callable[..., Any]:
     """
 
     def layout() -> None:
-        """Its options are read from its signature."""
+        """Lay out starts; its options are read from its signature."""
 
     kind = inspect.Parameter.KEYWORD_ONLY
     try:

@@ -108,7 +108,7 @@ def _fill_outcomes(rules, step, goal, radius, last, check):
 @no_type_check
 @njit
 def fill_motion(before, after, velocity_before, rule, dt, motion):
-    """The motion of all agents of one world in a step, as the collision check takes it.
+    """Fill in the motion of all agents of one world in a step, as the collision check takes it.
 
     Args:
         before (array): `[agent, 2]`, positions before the step in metres.
@@ -131,7 +131,7 @@ def fill_motion(before, after, velocity_before, rule, dt, motion):
 @no_type_check
 @njit(nogil=True)
 def step_outcome(gap, wall_gap, dx, dy, tolerance, is_last):
-    """The outcome of a step for one agent.
+    """Return the outcome of a step for one agent.
 
     Args:
         gap (float): Smallest distance in metres between its rim and another agent's during the step.
@@ -158,7 +158,8 @@ def step_outcome(gap, wall_gap, dx, dy, tolerance, is_last):
 @no_type_check
 @njit(nogil=True)
 def gaps_on_arc(body, heading, speed, turn_rate, dt, discs, obstacles):
-    """The smallest distances between the vehicle's rim and the rims of pedestrians, and obstacles, during a step.
+    """Return the smallest distances between the vehicle's rim and the rims of pedestrians, and obstacles, during a
+    step.
 
     Compiled, for one world.
 
@@ -205,7 +206,7 @@ def gaps_on_arc(body, heading, speed, turn_rate, dt, discs, obstacles):
 @no_type_check
 @njit(nogil=True)
 def stopping_gap(body, deceleration, x, y, vx, vy, heading, radius, obstacles):
-    """The smallest distance to obstacles while the vehicle brakes to a standstill, straight ahead. Compiled.
+    """Return the smallest distance to obstacles while the vehicle brakes to a standstill, straight ahead. Compiled.
 
     A vehicle that cannot stop in front of a wall is in an inevitable collision state (Fraichard and Asama 2004).
 

@@ -71,7 +71,7 @@ def _is_behind_people(dx, dy, seen, position, radius, present):
 @no_type_check
 @njit(error_model="numpy")
 def share_to_walls(x, y, dx, dy, obstacles):
-    """The share of a line after which it first meets an edge; 1 if it meets none."""
+    """Return the share of a line after which it first meets an edge; 1 if it meets none."""
     least = 1.0
     for polygon in obstacles:
         corners = number_of_corners(polygon)
@@ -91,7 +91,7 @@ def share_to_walls(x, y, dx, dy, obstacles):
 @no_type_check
 @njit(error_model="numpy")
 def measure_all_beams(heading, position, radius, present, obstacles, reach, distance):
-    """How far the beams of lidars go that stand at the vehicles' positions. Compiled.
+    """Measure the lengths of the beams of lidars at the vehicles' positions. Compiled.
 
     Args:
         heading (array): `[world]`, direction of the first beam in radians; the others follow counter-clockwise.

@@ -21,7 +21,7 @@ _SLIDES = 4
 @no_type_check
 @njit(error_model="numpy", nogil=True)
 def wall_gap_in_step(x, y, dx, dy, radius, obstacles):
-    """The smallest distance between a disc's rim and the obstacles while the disc moves straight. Compiled.
+    """Return the smallest distance between a disc's rim and the obstacles while the disc moves straight. Compiled.
 
     This is, with `touches_in_step`, the only test of discs and obstacles.
 
@@ -60,7 +60,7 @@ def touches_in_step(x, y, dx, dy, radius, obstacles):
 @no_type_check
 @njit(error_model="numpy", nogil=True)
 def _least_distance(x, y, dx, dy, obstacles, enough):
-    """The smallest distance in metres between a motion and obstacles, or one that is no larger than `enough`."""
+    """Return the smallest distance in metres between a motion and obstacles, or one that is no larger than `enough`."""
     least = math.inf
     for polygon in obstacles:
         corners = number_of_corners(polygon)
@@ -91,7 +91,7 @@ def _are_apart(x, y, dx, dy, ax, ay, bx, by, distance):
 @no_type_check
 @njit
 def number_of_corners(polygon):
-    """How many corners a polygon has. Compiled.
+    """Return the number of corners of a polygon. Compiled.
 
     Args:
         polygon (array): `[corner, 2]`, in metres, NaN after the last corner.
@@ -108,7 +108,7 @@ def number_of_corners(polygon):
 @no_type_check
 @njit(error_model="numpy")
 def nearest_on_segment(x, y, ax, ay, bx, by):
-    """The point of a segment that is nearest to another point. Compiled.
+    """Return the point of a segment that is nearest to another point. Compiled.
 
     Args:
         x (float): x of the other point in metres.
@@ -131,7 +131,7 @@ def nearest_on_segment(x, y, ax, ay, bx, by):
 @no_type_check
 @njit(error_model="numpy")
 def _between_segments(x, y, dx, dy, ax, ay, bx, by):
-    """The distance in metres between the segment of a motion and the segment from a to b."""
+    """Return the distance in metres between the segment of a motion and the segment from a to b."""
     ex, ey = bx - ax, by - ay
     before, after = ex * (y - ay) - ey * (x - ax), ex * (y + dy - ay) - ey * (x + dx - ax)
     first, second = dx * (ay - y) - dy * (ax - x), dx * (by - y) - dy * (bx - x)
@@ -146,7 +146,7 @@ def _between_segments(x, y, dx, dy, ax, ay, bx, by):
 @no_type_check
 @njit(error_model="numpy")
 def _squared_to_segment(x, y, ax, ay, bx, by):
-    """The squared distance in square metres between a point and the segment from a to b."""
+    """Return the squared distance in square metres between a point and the segment from a to b."""
     nx, ny = nearest_on_segment(x, y, ax, ay, bx, by)
     return (x - nx) * (x - nx) + (y - ny) * (y - ny)
 
@@ -154,7 +154,7 @@ def _squared_to_segment(x, y, ax, ay, bx, by):
 @no_type_check
 @njit(error_model="numpy")
 def slide(x, y, dx, dy, radius, obstacles):
-    """Where a disc arrives that cannot pass walls. Compiled.
+    """Return the position at which a disc arrives that cannot pass walls. Compiled.
 
     Where its rim touches a wall, it loses the part of the motion that leads into the wall and goes on along it. A disc
     that overlaps a wall can move along the wall and away from it.
@@ -188,7 +188,7 @@ def slide(x, y, dx, dy, radius, obstacles):
 @no_type_check
 @njit(error_model="numpy")
 def _first_touch(x, y, dx, dy, radius, obstacles):
-    """The share of a motion after which a disc touches a wall, 1 if it never does, and the wall's normal there.
+    """Return the share of a motion after which a disc touches a wall, 1 if it never does, and the wall's normal there.
 
     The normal points from the wall to the disc's centre.
     """
@@ -210,7 +210,7 @@ def _first_touch(x, y, dx, dy, radius, obstacles):
 @no_type_check
 @njit(error_model="numpy")
 def _touch_of_edge(x, y, dx, dy, radius, ax, ay, bx, by):
-    """As `_first_touch`, for the edge from a to b."""
+    """Return the touch as `_first_touch` does, for the edge from a to b."""
     px, py = nearest_on_segment(x, y, ax, ay, bx, by)
     nx, ny = x - px, y - py
     distance = math.sqrt(nx * nx + ny * ny)
@@ -242,7 +242,7 @@ def _touch_of_edge(x, y, dx, dy, radius, ax, ay, bx, by):
 @no_type_check
 @njit(error_model="numpy")
 def _touch_of_corner(x, y, dx, dy, radius):
-    """The share of a motion after which a disc touches the origin; 1 if it never does."""
+    """Return the share of a motion after which a disc touches the origin; 1 if it never does."""
     squared, half = dx * dx + dy * dy, x * dx + y * dy
     root = half * half - squared * (x * x + y * y - radius * radius)
     if half >= 0.0 or root < 0.0:

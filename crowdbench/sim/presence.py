@@ -27,7 +27,7 @@ def track_at(world: World, step: Int[np.ndarray, "world"]) -> Float[np.ndarray, 
 
 
 def come_and_go(world: World, running: Bool[np.ndarray, "world"]) -> World:
-    """Worlds in which those are present who were recorded at this step.
+    """Return worlds in which those are present who were recorded at this step.
 
     A new pedestrian stands at its recorded position, without a history. Nobody comes in where the vehicle is: they
     come as soon as they were recorded elsewhere. A pedestrian that leaves is not present any more.

@@ -156,7 +156,8 @@ def _next_waypoints(position, goal, route, radius, obstacles, waypoint, lost):
 @no_type_check
 @njit
 def _last_in_sight(x, y, radius, goal, route, last, obstacles):
-    """The index of the last waypoint to which a disc can go straight, `last` for the goal; -1 if there is none."""
+    """Return the index of the last waypoint to which a disc can go straight, `last` for the goal; -1 if there is
+    none."""
     for k in range(last, -1, -1):
         target = goal if k == last else route[k]
         if not touches_in_step(x, y, target[0] - x, target[1] - y, radius, obstacles):

@@ -118,7 +118,7 @@ def _find_nearest(position, others, seen, index):
 
 
 def _everybody(world: World) -> Pedestrians:
-    """Every pedestrian that is present, without error or delay."""
+    """Return every pedestrian that is present, without error or delay."""
     seen = world.present[:, 1:].copy()
     observed, age = np.empty(seen.shape, np.int64), np.empty(seen.shape)
     _see(seen, world.step, world.since, observed, age)
@@ -135,7 +135,7 @@ def _tracked(world: World) -> Pedestrians:
 
 
 def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:
-    """Seconds since each pedestrian was where it was last measured, infinite where it is not seen.
+    """Return the seconds since each pedestrian was where it was last measured, infinite where it is not seen.
 
     Args:
         world: Worlds with limited sight.
@@ -155,7 +155,7 @@ def beams(world: World, lidar: Lidar) -> Float[np.ndarray, "world beam"]:
 @no_type_check
 @njit
 def _see(seen, step, since, observed, age):
-    """How many positions of each pedestrian were observed, and how long ago it was seen.
+    """Return how many positions of each pedestrian were observed, and how long ago it was seen.
 
     Compiled, because in one world NumPy would take half as long for this as for the rest of an observation.
 

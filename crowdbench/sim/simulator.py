@@ -71,7 +71,7 @@ def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> t
 
 
 def init_memories(world: World, policies: Mapping[str, PedestrianPolicy]) -> World:
-    """Worlds at their start, with what the policies remember there.
+    """Return worlds at their start with the initial memory of the policies.
 
     Args:
         world: The worlds, in which the memory of each policy is empty.
@@ -93,7 +93,7 @@ def init_memories(world: World, policies: Mapping[str, PedestrianPolicy]) -> Wor
 
 
 def with_bounding_disc(world: World) -> World:
-    """Worlds in which the vehicle is the smallest disc around its body, as pedestrians see it."""
+    """Return worlds in which the vehicle is the smallest disc around its body, as pedestrians see it."""
     if world.rules.body == DISC:
         return world
     position, radius = world.position.copy(), world.radius.copy()
@@ -118,7 +118,7 @@ def _query_policies(view: World, policies: Mapping[str, PedestrianPolicy]) -> tu
 
 
 def _policy_view(world: World) -> World:
-    """Worlds as policies are shown them."""
+    """Return worlds as policies see them."""
     return with_bounding_disc(world) if world.rules.visible else _without_vehicle(world)
 
 
@@ -164,7 +164,7 @@ state_before = operator.attrgetter(*Before._fields)
 def step(
     world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities, post_step_rule: PostStepRule | None = None
 ) -> tuple[World, StepCheck]:
-    """One step of the simulation, for rollouts and for environments.
+    """Simulate one step, for rollouts and for environments.
 
     Motion and the check of how it ended, then what becomes of people, and the vehicle's look around.
 
@@ -208,7 +208,7 @@ def finish_step(after: World, check: StepCheck, post_step_rule: PostStepRule | N
 
 
 def walk(world: World, crowd: Velocities, post_step_rule: PostStepRule | None) -> World:
-    """One step in which the vehicle stands and nothing is checked.
+    """Simulate one step in which the vehicle stands and nothing is checked.
 
     Args:
         world: The worlds before the step.

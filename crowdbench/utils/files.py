@@ -35,7 +35,7 @@ PATIENCE = 1.0
 
 @contextlib.contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A path to write to: the file is renamed to `path` if all goes well, and removed otherwise."""
+    """Yield a path to write to: the file is renamed to `path` if all goes well, and removed otherwise."""
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
         yield partial
@@ -71,7 +71,7 @@ def half_written(directory: Path) -> list[Path]:
 
 @contextlib.contextmanager
 def new_directory(path: Path, overwrite: bool, mark: str = RUN) -> Iterator[Path]:
-    """A directory to write into, which is renamed to `path` if all goes well, and removed otherwise.
+    """Yield a directory to write into, which is renamed to `path` if all goes well, and removed otherwise.
 
     Args:
         path: The name that it gets.
@@ -128,7 +128,7 @@ def parent_of(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _partial(path: Path) -> Iterator[Path]:
-    """A directory beside `path`, locked as long as it is written to, and removed unless it is renamed.
+    """Yield a directory beside `path`, locked as long as it is written to, and removed unless it is renamed.
 
     Files that killed processes left in the same folder are removed first.
     """

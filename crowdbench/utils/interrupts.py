@@ -46,7 +46,7 @@ class Interrupts:
 
     @contextlib.contextmanager
     def let_through(self) -> Iterator[None]:
-        """Where an interrupt raises `Interrupted`, at once if it arrived before."""
+        """Let an interrupt raise `Interrupted`, at once if it arrived before."""
         self._open = True
         try:
             if self.pending:

@@ -71,7 +71,7 @@ _SHORTENED = (
 
 @contextlib.contextmanager
 def _axes(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
-    """A figure with axes, in the style of the pages; width and height in inches, of 72 units of the SVG."""
+    """Yield a figure with axes, in the style of the pages; width and height in inches, of 72 units of the SVG."""
     with matplotlib.style.context(["default", _STYLE]):
         # Fixed margins: to fit them, Matplotlib would draw every figure several times.
         left, bottom, rest = 0.72, 0.55, 0.1
@@ -81,7 +81,8 @@ def _axes(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
 
 
 def _to_svg(figure: Figure, label: str) -> Markup:
-    """A figure as an element of a page, with a label for those who cannot see it. Call it inside `with _axes(...)`."""
+    """Return a figure as an element of a page, with a label for those who cannot see it. Call it inside `with
+    _axes(...)`."""
     file = io.StringIO()
     figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
     text = file.getvalue()
@@ -98,7 +99,8 @@ def _to_svg(figure: Figure, label: str) -> Markup:
 
 
 def success_against_time(table: Standings) -> list[Markup]:
-    """Success against time of all entries that were measured on the same cases, and a close-up of the best of them.
+    """Draw success against time of all entries that were measured on the same cases, and a close-up of the best of
+    them.
 
     Nothing where nobody was measured, and no close-up where it would show nothing more.
     """
@@ -113,7 +115,7 @@ def success_against_time(table: Standings) -> list[Markup]:
 
 
 def _scatter(entries: Sequence[Standing], with_names: Sequence[Standing], which: str) -> Markup:
-    """A figure of entries with their intervals, and with the step line of the Pareto set; some have their names."""
+    """Draw entries with their intervals, and with the step line of the Pareto set; some have their names."""
     with _axes(9.6, 5.2) as (figure, axes):
         front = np.array(sorted(_point(one) for one in entries if one.is_pareto)).reshape(-1, 2)
         axes.step(*front.T, where="post", color=COLOURS["muted"], lw=1, linestyle=(0, (2, 3)))
@@ -140,12 +142,12 @@ def _scatter(entries: Sequence[Standing], with_names: Sequence[Standing], which:
 
 
 def _point(one: Standing) -> tuple[float, float]:
-    """The mean time in seconds and the mean success in per cent."""
+    """Return the mean time in seconds and the mean success in per cent."""
     return _ends(one)[1]
 
 
 def _ends(one: Standing) -> list[tuple[float, float]]:
-    """Time and success at the lower ends of their intervals, in the mean, and at the upper ends."""
+    """Return time and success at the lower ends of their intervals, in the mean, and at the upper ends."""
     time, success = one.figures["navigation_time"], one.figures["success_rate"]
     return [(getattr(time, end), 100.0 * getattr(success, end)) for end in ("low", "mean", "high")]
 

@@ -22,7 +22,7 @@ _DOI = re.compile(r"(?:doi:)?(10\.\d{4,9}/[^\s<>\"]+)", re.IGNORECASE)
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """A number with a fixed number of decimal places; a dash where it is undefined.
+    """Return a number with a fixed number of decimal places; a dash where it is undefined.
 
     Args:
         value: The number; None and NaN are undefined.
@@ -35,7 +35,7 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def metric(value: float | None, name: str) -> str:
-    """A value of a metric as tables show it, in per cent where the metric is a share.
+    """Return a value of a metric as tables show it, in per cent where the metric is a share.
 
     Args:
         value: The value; None and NaN are undefined.
@@ -46,17 +46,17 @@ def metric(value: float | None, name: str) -> str:
 
 
 def milliseconds(value: float) -> str:
-    """A time with two or three digits that count."""
+    """Return a time with two or three digits that count."""
     return number(value, 0 if value >= 99.5 else 1 if value >= 9.95 else 2)
 
 
 def sortable(value: float | None) -> str:
-    """A number for the script that sorts; empty where it is undefined."""
+    """Return a number for the script that sorts; empty where it is undefined."""
     return "" if value is None or not math.isfinite(value) else f"{value:.9g}"
 
 
 def shorten(text: str, longest: int = LONGEST) -> str:
-    """A stranger's text without control characters, cut where it is too long for a page.
+    """Return a stranger's text without control characters, cut where it is too long for a page.
 
     Args:
         text: The text.
@@ -67,7 +67,7 @@ def shorten(text: str, longest: int = LONGEST) -> str:
 
 
 def web_address(text: str) -> str:
-    """The address of a paper or of code, if it is one of the web, an arXiv number or a DOI; otherwise empty."""
+    """Return the address of a paper or of code, if it is one of the web, an arXiv number or a DOI; otherwise empty."""
     text = text.strip()
     if len(text) > LONGEST or not text.isprintable():
         return ""
@@ -83,7 +83,7 @@ def web_address(text: str) -> str:
 
 
 def options_text(options: Mapping[str, Any]) -> str:
-    """The options of a planner as JSON."""
+    """Return the options of a planner as JSON."""
     return json.dumps(options, sort_keys=True, ensure_ascii=False)
 
 

@@ -178,7 +178,7 @@ def _search_cases(
 
 
 def play_back(commands: Sequence[Float[np.ndarray, "step 2"]], scenario: Scenario) -> Driver:
-    """Drives each of some cases by its commands, as long as there are any."""
+    """Drive each of some cases by its commands, as long as there are any."""
     padded = np.zeros((len(commands), scenario.rules.max_steps, 2))
     for row, of_case in zip(padded, commands, strict=True):
         row[: len(of_case)] = of_case

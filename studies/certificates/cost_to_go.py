@@ -78,7 +78,7 @@ def find_cost_to_go(start: Point, goal: Point, radius: float, obstacles: Polygon
 @no_type_check
 @njit(nogil=True, error_model="numpy")
 def cost_left(x, y, cost):
-    """The length of the way from a point (x, y) to the goal of a `CostToGo`, in metres. Compiled."""
+    """Return the length of the way from a point (x, y) to the goal of a `CostToGo`, in metres. Compiled."""
     goal, low, _, length = cost
     if length.shape[0] == 0:
         return math.hypot(goal[0] - x, goal[1] - y)

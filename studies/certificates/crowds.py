@@ -79,7 +79,7 @@ class Reacting:
         return CrowdStep.of(self.world, move(self.world, standing, self.velocities)[0])
 
     def after(self, parent: Int[np.ndarray, "state"], command: Float[np.ndarray, "state 2"]) -> Reacting:
-        """As `Known.after`."""
+        """Return the crowd after a step, see `Known.after`."""
         world, _ = step(self.world.take(parent), command, self.velocities[parent], self.scenario.post_step_rule)
         return Reacting(self.scenario, world)
 

@@ -170,7 +170,7 @@ def expand(vehicle, cost, margin, farthest, states, commands, crowds, grid, laye
 @no_type_check
 @njit(nogil=True)
 def _cell_of(x, y, speed, heading, low, grid):
-    """The index of the cell of a state, -1 outside the grid.
+    """Return the index of the cell of a state, -1 outside the grid.
 
     Args:
         x (float): x of its position in metres.

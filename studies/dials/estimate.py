@@ -121,7 +121,7 @@ def fit(first: First, second: Second) -> Fit:
 
 
 def difference(one: Crossing, other: Crossing) -> tuple[float, float, float]:
-    """By how many levels one planner holds more than another, and the 95 % interval of the paired bootstrap.
+    """Return how many levels more one planner holds than another, with the 95 % interval of the paired bootstrap.
 
     NaN where one of them has no level, or none in some resample.
     """
@@ -158,7 +158,7 @@ def _not_rising(success: Rates, cases: Counts) -> Rates:
 
 
 def _rise(success: Rates, cases: Counts) -> Float[np.ndarray, "*resample"]:
-    """By how much rates rise: their squared distance from those that do not."""
+    """Return the rise of rates: their squared distance from those that do not rise."""
     return np.asarray((cases * (success - _not_rising(success, cases)) ** 2).sum(axis=-1))
 
 

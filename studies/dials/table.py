@@ -250,7 +250,7 @@ class FilledDialsTable:
         return "\n\n".join(parts)
 
     def grids(self) -> list[Grid]:
-        """One for each dial."""
+        """Return one grid for each dial."""
         return [each.grid() for each in self.dials]
 
     def notes(self) -> list[str]:

@@ -140,6 +140,6 @@ def adds_nothing(scenario: Scenario, knows: Knowledge) -> bool:
 def _away(
     position: Float[np.ndarray, "world pedestrian 2"], vehicle: Float[np.ndarray, "world 1 2"]
 ) -> Float[np.ndarray, "world pedestrian 2"]:
-    """Positions in metres far away from a vehicle, in the same direction from it."""
+    """Return positions in metres far away from a vehicle, in the same direction from it."""
     direction = position - vehicle
     return vehicle + AWAY * direction / np.maximum(norm(direction), 1e-9)[..., None]

@@ -105,7 +105,8 @@ class Ladder:
         return [*self.rungs.values(), *self.choices]
 
     def best(self, out: Path) -> Run:
-        """The run of the planner that is best on `CHOICE`; raises InputError where a run is not in the folder `out`."""
+        """Return the run of the planner that is best on `CHOICE`; raises InputError where a run is not in the folder
+        `out`."""
         successes = [read_successes(run, out).mean() for run in self.choices]
         spec = self.choices[int(np.argmax(successes))].spec
         return load_run(dataclasses.replace(spec, cases=self.rungs["P0"].spec.cases))
@@ -154,7 +155,7 @@ class FilledLadder:
         return cls(ladder.scenario.name, str(cases), success, steps, best.label, wilson(read_successes(best, out)))
 
     def bars(self) -> Grid:
-        """A row for each rung, with a bar, and one for the best planner."""
+        """Return a row for each rung, with a bar, and one for the best planner."""
         gains = ["", *(f"{_say_points(step.gain)}, {step.knowledge}" for step in self.steps)]
         rows = [
             [rung, SUCCESS.estimate(each, with_unit=True), draw_bar(each.mean), RUNGS[rung], gain]
@@ -166,7 +167,7 @@ class FilledLadder:
         return Grid(title, ["rung", "success", "", "knows", "points gained by this search, with"], rows, align="lrlll")
 
     def cells(self) -> list[str]:
-        """Its row in a table."""
+        """Return its row in a table."""
         cells = [self.scenario]
         for rung, step in itertools.zip_longest(RUNGS, self.steps):
             cells.append(SUCCESS.amount(self.success[rung].mean) if rung in self.success else "")
@@ -207,11 +208,12 @@ class LaddersTable:
         return [run for ladder in self.ladders for run in ladder.runs]
 
     def second(self, out: Path) -> list[Run]:
-        """The runs of the best planners; raises InputError where a run that chooses is not in the folder `out`."""
+        """Return the runs of the best planners; raises InputError where a run that chooses is not in the folder
+        `out`."""
         return [ladder.best(out) for ladder in self.ladders]
 
     def fill(self, out: Path) -> FilledLaddersTable:
-        """The table with the figures of the runs in the folder `out`."""
+        """Return the table with the figures of the runs in the folder `out`."""
         return FilledLaddersTable(self.title, [FilledLadder.of(ladder, out) for ladder in self.ladders])
 
 
@@ -223,12 +225,12 @@ class FilledLaddersTable:
     ladders: list[FilledLadder]
 
     def markdown(self) -> str:
-        """The table as GitHub shows it, under its heading."""
+        """Return the table as GitHub shows it, under its heading."""
         (grid,) = self.grids()
         return "\n\n".join([f"## {self.title}", f"Cases {self.ladders[0].cases}.", markdown(grid.header, grid.rows)])
 
     def grids(self) -> list[Grid]:
-        """A row for each scenario."""
+        """Return a row for each scenario."""
         between = [STEPS.get(rung, "") for rung in list(RUNGS)[1:]]
         header = [cell for pair in zip(RUNGS, [*between, ""], strict=True) for cell in pair if cell]
         rows = [each.cells() for each in self.ladders]

@@ -33,7 +33,7 @@ def traffic(rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgen
 def come_in(
     rng: np.random.Generator, room: Room, radius: float, preferred_speed: float, position: Position | None
 ) -> Way:
-    """Somebody who has passed the area comes in again at its right end, behind everybody else."""
+    """Let people who have passed the area come in again at its right end, behind everybody else."""
     x, y = max(HALF, float((room.position[:, 0] + room.radius).max()) + radius), rng.uniform(-SIDE, SIDE)
     return np.array([x, y]), np.array([GOAL, y])
 

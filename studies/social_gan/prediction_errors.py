@@ -173,7 +173,7 @@ def on_tracks(
 
 
 def displacement(prediction: Prediction, truth: Positions, counted: Counted) -> Displacements:
-    """ADE and FDE of each pedestrian at each horizon.
+    """Return ADE and FDE of each pedestrian at each horizon.
 
     Args:
         prediction: The prediction.

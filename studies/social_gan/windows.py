@@ -120,7 +120,7 @@ def windows(tracks: Tracks, length: int) -> Windows:
 
 
 def _padded(tracks: Tracks, first: Int[np.ndarray, "stretch"], length: int) -> Windows:
-    """Windows, padded to the largest number of pedestrians.
+    """Return windows, padded to the largest number of pedestrians.
 
     `first` has the row of each pedestrian's first frame in a window; rows of the same window follow each other.
     """

@@ -72,7 +72,7 @@ def draw_families(family: Int[np.ndarray, "planner"]) -> Float[np.ndarray, "resa
 
 
 def kendall(a: Rates, b: Rates, times: Float[np.ndarray, "*resample pair"]) -> Float[np.ndarray, "*resample"]:
-    """Kendall's tau of two rankings.
+    """Return Kendall's tau of two rankings.
 
     Args:
         a: The rates of one.
@@ -96,7 +96,7 @@ def decided(rates: Rates) -> Bool[np.ndarray, "pair"]:
 
 
 def agreement(a: Rates, b: Rates) -> tuple[int, int]:
-    """Of the pairs that are decided in two rankings, how many stand in the same order in both, and how many there are.
+    """Return the number of pairs with the same order in two rankings, and the number of pairs that are decided in both.
 
     Args:
         a: The rates of one, as `mean_rates` gives them.

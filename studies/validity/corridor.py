@@ -60,7 +60,7 @@ def corridor(length: float, width: float, backward: float) -> Callable[..., Plac
 def spread(
     rng: np.random.Generator, number: int, radius: float, length: float, width: float
 ) -> Float[np.ndarray, "{number} 2"]:
-    """Places on a rectangle at which discs do not overlap.
+    """Return places on a rectangle at which discs do not overlap.
 
     The rectangle is divided into cells, as square as can be, at least one per disc. Each disc lies in a cell of its
     own, drawn by chance, somewhere within it.
@@ -127,7 +127,7 @@ def forward_speed(world: World) -> OfPeople:
 
 
 def direction(world: World) -> OfPeople:
-    """1 for each person who walks towards larger x, -1 for those who walk the other way."""
+    """Return 1 for each person who walks towards larger x, -1 for those who walk the other way."""
     who = people_of(world)
     return np.sign(world.goal[:, who, 0] - world.position[:, who, 0])
 

@@ -89,7 +89,8 @@ class Passages:
         return (self.share < 1.0) & (self.step.max(axis=1) < self.steps - STILL / self.dt)
 
     def flow(self) -> Float[np.ndarray, "world"]:
-        """People per second from the first passage to the last one, or to the end where somebody has not passed.
+        """Return the people per second from the first passage to the last one, or to the end where somebody has not
+        passed.
 
         NaN where nobody has passed, or all in the same step.
         """

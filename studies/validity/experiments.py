@@ -177,7 +177,7 @@ def run_experiment(setting: Setting, worlds: int = WORLDS, time: float = TIME) -
 
 
 def _walk(setting: Setting, cases: Cases, time: float) -> Walk:
-    """People who walk in a corridor."""
+    """Simulate people who walk in a corridor."""
     people = setting.people
     single_file, both_ways = setting.experiment == "single file", setting.experiment == "two ways"
     width = FILE_WIDTH * people.radius if single_file else WIDTH

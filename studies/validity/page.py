@@ -84,7 +84,7 @@ def _speeds(results: Results, policies: list[str], experiment: str, people: Peop
 
 
 def _lanes(results: Results, policy: str) -> str:
-    """Lanes under one policy, by kinds of people and density."""
+    """Return lanes under one policy, by kinds of people and density."""
     rows = []
     for setting, walk in _of(results, "two ways", policy):
         free = float(results[replace(setting, experiment="one way")].speed.mean())
@@ -107,7 +107,7 @@ def _doors(results: Results, policy: str) -> str:
 
 
 def weidmann_speed(density: float, free_speed: float = 1.34) -> float:
-    """Mean walking speed on level ground by density, a fit to 25 data sets (Weidmann 1993).
+    """Return mean walking speed on level ground by density, a fit to 25 data sets (Weidmann 1993).
 
     Args:
         density: In 1/m^2.
@@ -120,7 +120,8 @@ def weidmann_speed(density: float, free_speed: float = 1.34) -> float:
 
 
 def single_file_speed(per_metre: float) -> float:
-    """Mean walking speed in single file by density, from the required length 0.36 m + 1.06 s v (Seyfried et al. 2005).
+    """Return mean walking speed in single file by density, from the required length 0.36 m + 1.06 s v (Seyfried et al.
+    2005).
 
     Args:
         per_metre: People per metre, in 1/m.

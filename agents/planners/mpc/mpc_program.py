@@ -152,7 +152,7 @@ def _driven(ca: Any, dynamics: Dynamics, now: Any) -> Any:
 
 
 def _move(ca: Any, dynamics: Dynamics, pose: Any, command: Any, dt: float) -> Any:
-    """Position and heading after a step; an arc is taken as its chord."""
+    """Return the position and heading after a step; an arc is taken as its chord."""
     if isinstance(dynamics, Holonomic):
         return ca.vertcat(pose[:2] + dt * command, pose[2])
     rate = command[1] if isinstance(dynamics, Unicycle) else command[0] * ca.tan(command[1]) / dynamics.limits[2]

@@ -141,7 +141,7 @@ class Dynamics(abc.ABC):
         return self.step(each, commands, np.repeat(max_speed[:, None], actions, axis=1), dt).velocity
 
     def step(self, state: State, command: Vectors, max_speed: Numbers, dt: float) -> State:
-        """Vehicles after a step; the limits are enforced.
+        """Return the vehicles after a step, within their limits.
 
         Args:
             state: The vehicles before it.
@@ -180,7 +180,7 @@ TURNS = 13
 
 
 def speeds_and_headings(preferred_speed: Float[np.ndarray, "world"]) -> Choices:
-    """CrowdNav's 81 commands (Chen et al. 2019): standing still, and 5 speeds in each of 16 headings.
+    """Return CrowdNav's 81 commands (Chen et al. 2019): standing still, and 5 speeds in each of 16 headings.
 
     The speeds are preferred_speed (exp(k / 5) - 1) / (e - 1), k = 1 to 5. The headings start along the x axis.
 
@@ -198,7 +198,7 @@ def speeds_and_headings(preferred_speed: Float[np.ndarray, "world"]) -> Choices:
 
 
 def speeds_and_turns(slowest: Numbers, fastest: Numbers, right: Numbers, left: Numbers) -> Choices:
-    """78 commands: 6 speeds and 13 turns, evenly between what a vehicle can reach in the step.
+    """Return 78 commands: 6 speeds and 13 turns, evenly between what a vehicle can reach in the step.
 
     Args:
         slowest: The lowest speed in m/s.

@@ -78,7 +78,7 @@ def drive(code, limits, before, command, max_speed, dt):
 @no_type_check
 @njit(nogil=True)
 def drive_without_heading(code, limits, before, command, max_speed, dt):
-    """As `drive`, but the heading of a holonomic vehicle stays, and its turn rate is 0. Compiled.
+    """Drive as `drive` does, but keep the heading of a holonomic vehicle, with a turn rate of 0. Compiled.
 
     To compute the heading of a holonomic vehicle takes most of the time, and no planner needs it.
     """
@@ -160,7 +160,7 @@ def limit_change(vx, vy, before_x, before_y, limits, dt):
 @no_type_check
 @njit(nogil=True)
 def along_arc(x, y, heading, speed, turn_rate, time):
-    """Where a vehicle with wheels is after some time at constant speed and turn rate. Compiled.
+    """Return where a vehicle with wheels is after some time at constant speed and turn rate. Compiled.
 
     Args:
         x (float): x of its position in metres.
@@ -183,7 +183,7 @@ def along_arc(x, y, heading, speed, turn_rate, time):
 @no_type_check
 @njit(nogil=True)
 def chords(speed, turn_rate, reach, time):
-    """The number of equal chords that stand for an arc, with an error of at most `CHORD_ERROR` at every moment.
+    """Return the number of equal chords that stand for an arc with an error of at most `CHORD_ERROR` at every moment.
 
     A point at a distance of `reach` ahead of or behind the centre has the acceleration |w| sqrt(v^2 + (reach w)^2). A
     straight line over a time t is off by at most an eighth of that times t^2. Compiled.

@@ -182,7 +182,7 @@ class Observation:
         )
 
     def noise(self, purpose: str, shape: tuple[int, ...]) -> Float[np.ndarray, "*world *shape"]:
-        """Standard normal noise that depends only on seed, split, case, step, purpose and its own indices.
+        """Return standard normal noise that depends only on seed, split, case, step, purpose and its own indices.
 
         Repeated calls return the same noise, in any batch. A longer axis only adds numbers, so that noise for
         `(pedestrians, 3)` is the same with any padding.

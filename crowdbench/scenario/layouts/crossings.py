@@ -42,7 +42,7 @@ def circle_crossing(
     perturbation: float = 0.0,
     goal_angle: float = 0.0,
 ) -> Placement:
-    """All agents walk from a point near a circle to the opposite side, the vehicle from bottom to top.
+    """Let all agents walk from a point near a circle to the opposite side, the vehicle from bottom to top.
 
     Args:
         circle_radius: Radius of the circle [m].
@@ -97,7 +97,7 @@ def square_crossing(
     square_width: float = 10.0,
     circle_radius: float = 4.0,
 ) -> Placement:
-    """Pedestrians walk from one half of a square to the other, the vehicle upwards through its middle.
+    """Let pedestrians walk from one half of a square to the other, and the vehicle upwards through its middle.
 
     Args:
         square_width: Width of the square [m].
@@ -142,7 +142,8 @@ def crowdnav_plus(
     circle_radius: float = CIRCLE_RADIUS,
     half_width: float = 6.0,
 ) -> Placement:
-    """Pedestrians walk from a point beside a circle to the opposite point, the vehicle at least 8 m through a square.
+    """Let pedestrians walk from a point beside a circle to the opposite point, and the vehicle at least 8 m through a
+    square.
 
     Args:
         circle_radius: Radius of the circle [m].

@@ -23,7 +23,7 @@ def floor_plan(
     vehicle: Sequence[Any] = [],
     ways: Sequence[Any] = [],
 ) -> Placement:
-    """Obstacles from a map, and regions between which people and the vehicle go.
+    """Take obstacles from a map, with regions between which people and the vehicle go.
 
     Args:
         obstacles: Polygons, each a list of corners [m]. In a scenario, `map = "./map.yaml"` stands for an occupancy
@@ -55,7 +55,7 @@ def floor_plan(
 
 
 def _way(key: str, names: object, areas: Mapping[str, Area]) -> tuple[Area, Area]:
-    """Two regions by their names."""
+    """Return two regions by their names."""
     if not isinstance(names, list) or len(names) != 2 or not all(name in areas for name in names):
         known = ", ".join(areas) or "none: layout.regions is empty"
         raise InputError(f"{key} is {names!r}, but must be a pair of regions; there are {known}")

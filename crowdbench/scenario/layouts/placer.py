@@ -84,7 +84,8 @@ class Points:
         return True
 
     def may_be_clear(self, points: Float[np.ndarray, "point 2"]) -> Bool[np.ndarray, "point"]:
-        """Which of many points may be clear: all that `is_clear` accepts, and perhaps some that are 1e-9 m too near."""
+        """Return which of some points may be clear: all that `is_clear` accepts, and perhaps some that are 1e-9 m too
+        near."""
         if not self.all:
             return np.ones(len(points), bool)
         least = np.array(self.radius[: len(self.all)]) + self.radius[len(self.all)] + CLEARANCE - 1e-9

@@ -34,7 +34,7 @@ WAY = 0.4
 def corridor(
     rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent, *, width: float = 3.0, distance: float = 4.0
 ) -> Placement:
-    """A corridor with pedestrians in both directions, who start ahead of the vehicle or behind it.
+    """Make a corridor with pedestrians in both directions, who start ahead of the vehicle or behind it.
 
     Args:
         width: Width of the corridor [m].
@@ -60,7 +60,7 @@ def traffic(
     distance: float = 4.0,
     against: float = 0.5,
 ) -> Placement:
-    """A long street between two walls, with pedestrians who walk along with the vehicle or against it.
+    """Make a long street between two walls, with pedestrians who walk along with the vehicle or against it.
 
     Args:
         width: Width of the street [m].
@@ -92,7 +92,7 @@ def doorway(
     width: float = 10.0,
     distance: float = 4.0,
 ) -> Placement:
-    """Two rooms with a door between them: the vehicle goes through it, and pedestrians from both sides.
+    """Make two rooms with a door between them, for the vehicle and for pedestrians from both sides.
 
     Args:
         door_width: Width of the door [m].
@@ -120,7 +120,7 @@ def doorway(
 def blind_corner(
     rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent, *, width: float = 3.0, distance: float = 5.0
 ) -> Placement:
-    """A corridor with a corner: the vehicle turns right, and pedestrians come around the corner both ways.
+    """Make a corridor with a corner: the vehicle turns right, and pedestrians come around the corner both ways.
 
     Args:
         width: Width of the corridor [m].
@@ -142,7 +142,7 @@ def blind_corner(
 def intersection(
     rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent, *, width: float = 4.0, distance: float = 4.0
 ) -> Placement:
-    """Two streets cross between four blocks: the vehicle goes along one, pedestrians along both, both ways.
+    """Make two streets that cross between four blocks: the vehicle goes along one, pedestrians along both, both ways.
 
     Args:
         width: Width of the streets [m].
@@ -168,7 +168,8 @@ def intersection(
 def room(
     rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent, *, width: float = 10.0, blocks: int = 5
 ) -> Placement:
-    """A square room with blocks somewhere: the vehicle goes from bottom to top, pedestrians from anywhere to anywhere.
+    """Make a square room with random blocks: the vehicle goes from bottom to top, pedestrians from anywhere to
+    anywhere.
 
     Args:
         width: Width of the room [m].
@@ -198,7 +199,8 @@ def room(
 
 
 def _draw_blocks(rng: np.random.Generator, side: float, number: int, free: shapely.MultiPoint) -> list[list[Point]]:
-    """Rectangles apart from each other, the walls of a room, and points in it; `side` is half its width in metres."""
+    """Draw rectangles apart from each other, the walls of a room, and points in it; `side` is half its width in
+    metres."""
     placed: list[shapely.Polygon] = []
     for _ in range(TRIES):
         if len(placed) == number:

@@ -80,7 +80,7 @@ def _metres(table: dict[str, np.ndarray], x: str, y: str, ratio: float) -> Float
 
 
 def _ratio(path: Path) -> float:
-    """Pixels per metre."""
+    """Return the pixels per metre."""
     ratio = math.nan
     with contextlib.suppress(OSError, ValueError):  # where it cannot be read, or holds no number or no text
         ratio = float(files.read_text(path))
@@ -90,7 +90,7 @@ def _ratio(path: Path) -> float:
 
 
 def _columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Columns of a table with a header, as numbers; its rows ordered by `id`, then by `frame`."""
+    """Return columns of a table with a header, as numbers; its rows ordered by `id`, then by `frame`."""
     options = pa.csv.ConvertOptions(include_columns=names, column_types=dict.fromkeys(names, pa.float64()))
     try:
         files.check_regular(path)

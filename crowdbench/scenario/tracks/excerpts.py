@@ -186,7 +186,8 @@ def car_discs(car: Car) -> Iterator[MovingDisc]:
 
 
 def _windows(recording: Recording, steps: int, dt: float) -> list[tuple[float, Car | None, CarMotion | None]]:
-    """When windows of so many steps start, in the order of time, and the car that drives in each, if any."""
+    """Yield the first step of each window of some steps, in the order of time, and the car that drives in it, if
+    any."""
     time, length = times_of(recording.tracks), steps * dt
     start, end = float(time.min()), float(time.max())
     if not recording.cars:
@@ -252,7 +253,8 @@ def cut_excerpt(
 
 
 def _path(disc: MovingDisc, track: Track, times: Times) -> tuple[Float[np.ndarray, "waypoint 2"], float]:
-    """Waypoints from the first step in which somebody is there to the end of the track, and the mean speed, in m/s.
+    """Return waypoints from the first step in which somebody is there to the end of the track, and the mean speed, in
+    m/s.
 
     `track` has where they were in metres at the `times` of the steps in seconds.
     """
@@ -266,5 +268,5 @@ def _path(disc: MovingDisc, track: Track, times: Times) -> tuple[Float[np.ndarra
 
 
 def interpolate(at: Times, known: Float[np.ndarray, "row"], position: Float[np.ndarray, "row 2"]) -> Track:
-    """Positions in metres at other times, or lengths of way, than those at which they are known."""
+    """Return positions in metres at other times, or lengths of way, than those at which they are known."""
     return np.stack([np.interp(at, known, position[:, axis]) for axis in (0, 1)], axis=1)

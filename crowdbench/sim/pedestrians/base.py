@@ -236,7 +236,7 @@ def validate_finite(velocity: Velocities, name: str, world: World) -> Velocities
 @no_type_check
 @njit
 def _sum(array):
-    """The sum of all numbers. Compiled, because NumPy would take as long as a kernel for one world."""
+    """Return the sum of all numbers. Compiled, because NumPy would take as long as a kernel for one world."""
     total = 0.0
     for number in array.flat:
         total += number

@@ -35,7 +35,7 @@ gap."""
 @no_type_check
 @njit
 def group_force(i, position, velocity, radius, present, group, gaze, attraction, repulsion):
-    """The forces of its group on an agent: the paper's f_vis, f_att and f_rep.
+    """Return the forces of its group on an agent: the paper's f_vis, f_att and f_rep.
 
     The group's centre is drawn to from beyond (N - 1) / 2 metres, in a group of N.
 

@@ -23,7 +23,7 @@ _PARALLEL = 1e-5
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
 def unit(x, y):
-    """The unit vector along (x, y), and its length.
+    """Return the unit vector along (x, y), and its length.
 
     Args:
         x (float): First coordinate.
@@ -43,7 +43,7 @@ def unit(x, y):
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
 def _nearest_on_line(lines, k, speed, x, y, as_direction):
-    """The best velocity on line k that the lines before it and the speed limit permit.
+    """Return the best velocity on line k that the lines before it and the speed limit permit.
 
     Args:
         lines: `[line, 4]`.
@@ -86,7 +86,7 @@ def _nearest_on_line(lines, k, speed, x, y, as_direction):
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
 def nearest_permitted(lines, n, speed, x, y, as_direction):
-    """The permitted velocity nearest to (x, y), or farthest in its direction (section 5.1).
+    """Return the permitted velocity nearest to (x, y), or farthest in its direction (section 5.1).
 
     Args:
         lines (array): `[line, 4]`.
@@ -119,7 +119,7 @@ def nearest_permitted(lines, n, speed, x, y, as_direction):
 @no_type_check
 @njit(error_model="numpy")
 def least_violation(lines, n, hard, failed, speed, x, y, scratch):
-    """The velocity whose largest distance beyond a line is smallest (section 5.3).
+    """Return the velocity whose largest distance beyond a line is smallest (section 5.3).
 
     Args:
         lines (array): `[line, 4]`.

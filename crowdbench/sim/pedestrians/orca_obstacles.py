@@ -99,7 +99,7 @@ def _fill_edges(polygons, edges):
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
 def _left_of(a, b, c):
-    """How far c lies to the left of the line from a to b, times the distance of these."""
+    """Return the distance of c to the left of the line from a to b, times the distance of these."""
     return (a[0] - c[0]) * (b[1] - a[1]) - (a[1] - c[1]) * (b[0] - a[0])
 
 
@@ -193,7 +193,7 @@ def _legs(px, py, squared, radius):
 @no_type_check
 @njit(error_model="numpy")
 def _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate):
-    """The line of one edge.
+    """Return the line of one edge.
 
     Args:
         edge: `[EDGE]`.

@@ -144,7 +144,7 @@ def _acceleration(relaxation: float | np.ndarray, time_step: float) -> float | n
 @no_type_check
 @njit(forceinline=True)
 def _social_force(i, position, velocity, desired, radius, seen, traits, obstacles, w, noise, group):
-    """All forces on agent i of world w, see `compile_model`."""
+    """Return all forces on agent i of world w, see `compile_model`."""
     gx, gy, eagerness = desired
     fx, fy = _repulsion(i, position, velocity, gx, gy, radius, seen, traits)
     if obstacles.shape[0] > 0:
@@ -163,7 +163,7 @@ _MODEL = compile_model(_social_force)
 @no_type_check
 @njit(forceinline=True)
 def _repulsion(i, position, velocity, gx, gy, radius, seen, traits):
-    """The sum of the repulsion of all others on agent i, weighted by whether it sees them (equations 7 and 8).
+    """Return the sum of the repulsion of all others on agent i, weighted by whether it sees them (equations 7 and 8).
 
     Args:
         i: Index of the agent.
@@ -195,7 +195,7 @@ def _repulsion(i, position, velocity, gx, gy, radius, seen, traits):
 @no_type_check
 @njit(forceinline=True)
 def _rim_vector(x, y, radii):
-    """The vector between two centres, shortened by the radii: the paper's r for pedestrians that are discs.
+    """Return the vector between two centres, shortened by the radii: the paper's r for pedestrians that are discs.
 
     Its length is almost the gap between the rims where there is one, `SOFTNESS` where they touch, and goes smoothly
     to 0 the more they overlap.
@@ -218,7 +218,7 @@ def _rim_vector(x, y, radii):
 @no_type_check
 @njit(forceinline=True)
 def _force(x, y, sx, sy, strength, reach):
-    """The repulsion at (x, y) by a pedestrian at the origin.
+    """Return the repulsion at (x, y) by a pedestrian at the origin.
 
     It is minus the gradient of strength * exp(-b / reach) (equation 3), where b is the semi-minor axis of the ellipse
     through (x, y) with the foci (0, 0) and (sx, sy) (equation 4).
@@ -246,7 +246,7 @@ def _force(x, y, sx, sy, strength, reach):
 @no_type_check
 @njit(forceinline=True)
 def _border_repulsion(x, y, polygons, strength, reach):
-    """The sum of the repulsion of all borders (equation 5), each from its point nearest to the centre.
+    """Return the sum of the repulsion of all borders (equation 5), each from its point nearest to the centre.
 
     It is minus the gradient of strength * exp(-distance / reach).
 

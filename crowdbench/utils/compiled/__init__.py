@@ -79,14 +79,14 @@ class _WithoutCollections(event.Listener):  # type: ignore[misc]
     """True if garbage was collected before."""
 
     def on_start(self, event: event.Event) -> None:
-        """Before a kernel is compiled."""
+        """Report a kernel before it is compiled."""
         if self.depth == 0:
             self.is_on = gc.isenabled()
             gc.disable()
         self.depth += 1
 
     def on_end(self, event: event.Event) -> None:
-        """After it, or after an error in it."""
+        """Report a kernel after it, or after an error in it."""
         self.depth -= 1
         if self.depth == 0 and self.is_on:
             gc.enable()

@@ -18,7 +18,7 @@ def layout(
     near: float = 3.5,
     far: float = 7.0,
 ) -> Placement:
-    """The vehicle crosses a square with a fountain from bottom to top; people cross it from side to side.
+    """Let the vehicle cross a square with a fountain from bottom to top, and people from side to side.
 
     Args:
         fountain: Radius of the fountain [m].

@@ -12,7 +12,7 @@ HALF = 9.0
 def layout(
     rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent, *, width: float = 5.0, in_share: float = 0.5
 ) -> Placement:
-    """The vehicle goes along a platform from the wall to the train; people get in and out of it.
+    """Let the vehicle go along a platform between the wall and the train, and people get in and out of it.
 
     Args:
         width: Width of the platform [m].
