@@ -50,7 +50,7 @@ class _FrozenFile(BaseModel):
 
 
 class TooEarly(InputError):
-    """Entries are not frozen yet, or the round of the beacon is not published yet."""
+    """Raised if entries are not frozen yet, or the round of the beacon is not published yet."""
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ class WithPadding(Scenario):
 
 @dataclass
 class Record:
-    """Calls a plug-in, and records its answers.
+    """Record of the answers of a plug-in that it calls.
 
     Attributes:
         limit: Seconds that a call may take.
@@ -144,7 +144,7 @@ class Record:
 
 
 class Procedure(NamedTuple):
-    """How plug-ins of a kind are driven.
+    """Procedure by which plug-ins of a kind are driven.
 
     Attributes:
         drive: Drives a plug-in through cases of a scenario, and records all answers. Raises Broken where the contract

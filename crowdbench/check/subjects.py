@@ -70,7 +70,7 @@ def _drive_planner(subject: Subject, plugin: Planner, scenario: Scenario, cases:
 
 
 class _RecordingDriver(Driver):
-    """Records the commands of a planner."""
+    """Driver that records the commands of a planner."""
 
     def __init__(self, planner: Planner, name: str, limit: float, record: Record) -> None:
         super().__init__(planner, name, limit)
@@ -100,7 +100,7 @@ def _drive_policy(subject: Subject, plugin: PedestrianPolicy, scenario: Scenario
 
 
 class _RecordingPolicy(PolicyWithMemory):
-    """Records the velocities of a policy."""
+    """Pedestrian policy that records the velocities of another one."""
 
     def __init__(self, policy: PedestrianPolicy, name: str, record: Record) -> None:
         self.policy, self.name, self.record = policy, name, record
@@ -223,7 +223,7 @@ def _drive_orca(scenario: Scenario, cases: Cases) -> Trace:
 
 
 class _TestVehicle(Planner):
-    """Avoids pedestrians in every third case, drives straight in another third, and stands in the rest.
+    """Planner that avoids pedestrians in every third case, drives straight in another third, and stands in the rest.
 
     So that all outcomes occur.
 

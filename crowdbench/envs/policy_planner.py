@@ -20,7 +20,7 @@ from crowdbench.utils.errors import InputError
 
 @dataclass(eq=False)
 class PolicyPlanner(Planner):
-    """Drives with the actions of a function, such as the mean action of a trained policy.
+    """Planner that drives with the actions of a function, such as the mean action of a trained policy.
 
     An action is clipped to the action space of the vehicle, and its velocity limited to the preferred speed, as in the
     environments. Nothing is corrected along walls.

@@ -49,7 +49,7 @@ SMOOTHING = 2
 
 
 class Renderer:
-    """Draws one world in a render mode; without a mode it does nothing. It imports pygame when it first draws.
+    """Renderer of one world in a mode; without a mode it does nothing. It imports pygame when it first draws.
 
     Args:
         mode: `human`, `rgb_array` or None.

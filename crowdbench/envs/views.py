@@ -65,7 +65,7 @@ Observed = Any
 
 @dataclass(frozen=True)
 class View:
-    """How a policy sees the worlds of a scenario and acts in them.
+    """Observations and actions of a policy in the worlds of a scenario.
 
     Attributes:
         scenario: The scenario.

@@ -62,7 +62,7 @@ def _die_with_parent() -> None:
 
 
 class PlannerServer:
-    """Makes the planner that the first message names, and has it answer the others."""
+    """Server of the planner that the first message names; the planner answers the other messages."""
 
     name: str
     planner: Planner

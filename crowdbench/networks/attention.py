@@ -22,7 +22,7 @@ PEDESTRIAN_SCALE = [SCALE, SCALE, *[1.0] * 4, SCALE, 1.0, *[SCALE] * (2 * STEPS)
 
 
 class AttentionEncoder(Encoder):
-    """Encodes the vehicle, walls and any number of pedestrians, whose order does not matter.
+    """Encoder of the vehicle, walls and any number of pedestrians, whose order does not matter.
 
     The vehicle alone attends, in several heads (Vaswani et al. 2017). Its queries are compared with the codes of the
     pedestrians themselves: a matrix of keys would only be multiplied with that of the queries.

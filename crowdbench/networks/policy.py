@@ -45,7 +45,7 @@ class Seen(NamedTuple):
 
 
 class Encoder(nn.Module, abc.ABC):
-    """Encodes what is seen.
+    """Encoder of observations.
 
     Attributes:
         encoded: Numbers that come out.
@@ -59,7 +59,7 @@ class Encoder(nn.Module, abc.ABC):
 
 
 class SetEncoder(Encoder):
-    """Encodes the vehicle and any number of pedestrians, whose order does not matter.
+    """Encoder of the vehicle and any number of pedestrians, whose order does not matter.
 
     Each pedestrian is encoded together with the vehicle. The output is a sum over pedestrians, weighted by attention,
     and the largest value of each number: the sum describes the crowd, the maximum the most urgent pedestrian.

@@ -77,7 +77,7 @@ class Pooling(nn.Module):
 
 
 class Generator(nn.Module):
-    """Generates futures of all pedestrians in a batch of scenes: encoder, pooling, and an LSTM decoder with noise.
+    """Generator of futures of all pedestrians in a batch of scenes: encoder, pooling, an LSTM decoder with noise.
 
     Without `pooling` every pedestrian is predicted as if it were alone.
     """

@@ -21,7 +21,7 @@ class OneStepOnly(NotImplementedError):
 
 
 class Planner(abc.ABC):
-    """Decides the vehicle's velocity in every world of a batch. Complete once it is constructed."""
+    """Base class of planners, which decide the vehicle's velocity in every world. Complete once it is constructed."""
 
     privileged: bool = False
     """True if it calls `Observation.true_next`, which no vehicle could see. Such planners are never ranked."""
@@ -91,7 +91,7 @@ class Planner(abc.ABC):
 
 
 class AheadPlanner(Planner):
-    """Plans several steps in the same way as one, whose command is the first of a plan."""
+    """Planner of several steps, whose command for one step is the first of a plan."""
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
@@ -103,7 +103,7 @@ Predicting = TypeVar("Predicting", bound="PredictingPlanner")
 
 @dataclass(eq=False)
 class PredictingPlanner(Planner):
-    """Plans with predicted pedestrians, and gives commands of the vehicle's dynamics.
+    """Planner with predicted pedestrians, which gives commands of the vehicle's dynamics.
 
     Attributes:
         predictor: Predicts the pedestrians.
@@ -119,7 +119,7 @@ class PredictingPlanner(Planner):
 
 
 class OneWorldPlanner(Planner):
-    """Makes a planner of a function that is written for one world at a time.
+    """Planner made of a function that is written for one world at a time.
 
     Args:
         decide: Returns the command (vx, vy), in m/s, for an `Observation` whose arrays have no world axis.

@@ -53,7 +53,7 @@ class Decision:
 
 @dataclass(frozen=True)
 class Fault:
-    """How an answer breaks a point of the contract.
+    """Breach of a point of the contract by an answer.
 
     Attributes:
         what: The fault.

@@ -48,7 +48,7 @@ class TimeLimit(BaseException):
 
 
 class Driver:
-    """Asks a planner for commands.
+    """Driver that asks a planner for commands.
 
     Attributes:
         planner: The planner.

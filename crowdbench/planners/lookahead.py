@@ -57,7 +57,7 @@ class ScoredActions(NamedTuple):
 
 @dataclass(eq=False)
 class ValuePlanner(PredictingPlanner, AheadPlanner):
-    """Takes the command with the largest reward of the next step plus discounted value of the state after it.
+    """Planner of the command with the largest reward of the next step plus discounted value of the next state.
 
     Its methods stand in the order in which a decision calls them.
 

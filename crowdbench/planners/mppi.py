@@ -32,7 +32,7 @@ SHOWN = 12
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """How sequences are sampled. Commands are in parts of their range: from 0 to the preferred speed, or to a limit.
+    """Settings of sampling. Commands are in parts of their range: from 0 to the preferred speed, or to a limit.
 
     Attributes:
         samples: Number of sequences that are sampled in a round [1].
@@ -103,7 +103,7 @@ SEARCH, WEIGHTS = Search(), Weights()
 
 @dataclasses.dataclass(eq=False)
 class MPPIPlanner(PredictingPlanner, AheadPlanner):
-    """Drives the cost-weighted mean of sampled command sequences, or the best of them where that costs less.
+    """Planner of the cost-weighted mean of sampled command sequences, or the best of them where that costs less.
 
     Each decision starts from the rest of the last plan, the way straight to the goal, and constant commands.
 

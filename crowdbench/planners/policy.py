@@ -75,7 +75,7 @@ class PolicyInterface:
 
 @dataclass(eq=False)
 class NetworkPlanner(Planner):
-    """Drives with the mean action of a policy: no lookahead, no randomness.
+    """Planner that drives with the mean action of a policy: no lookahead, no randomness.
 
     Attributes:
         policy: The trained network.

@@ -48,7 +48,7 @@ _NOT_LAST = np.bool_(False)
 
 
 class StepResult(NamedTuple):
-    """How a step would go under some commands. A row is one command in one world.
+    """Results of a step under some commands. A row is one command in one world.
 
     Attributes:
         outcome: An `Outcome`, never a time-out.
@@ -151,7 +151,7 @@ def _fill_gaps(vehicle, crowd, obstacles, dt, commands, world, wall_gap, gap):
 
 
 class SequenceResult(NamedTuple):
-    """How sequences would go in each future.
+    """Results of sequences in each future.
 
     Attributes:
         outcome: How it has ended after the last step, an `Outcome`; never a time-out.

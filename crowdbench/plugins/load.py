@@ -223,7 +223,7 @@ def plugin_name(spec: str) -> str:
 
 
 class _SourceLoader(SourceFileLoader):
-    """Compiles a file whenever it is loaded: what `__pycache__` beside it holds may be of something else."""
+    """Loader that compiles a file whenever it is loaded: `__pycache__` beside it may be of another file."""
 
     def get_code(self, fullname: str) -> CodeType:
         path = self.get_filename(fullname)

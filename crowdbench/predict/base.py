@@ -33,7 +33,7 @@ class Prediction:
 
 
 class Predictor(abc.ABC):
-    """Predicts the pedestrians in every world of a batch. The base class of predictors."""
+    """Base class of predictors, which predict the pedestrians in every world of a batch."""
 
     privileged: ClassVar[bool] = False
     """True if it calls `Observation.true_next`. A planner that uses it must be privileged too."""

@@ -28,7 +28,7 @@ LONGEST_STEP = 60.0
 
 @dataclass(eq=False, repr=False)
 class SocialGAN(Predictor):
-    """Samples futures of the whole crowd from the generator of a Social GAN (Gupta et al. 2018).
+    """Predictor that samples futures of the whole crowd from the generator of a Social GAN (Gupta et al. 2018).
 
     The generator was trained with steps of `about["dt"]` seconds. If the observation has another time step, the
     generator gets the displacements per step unchanged, as in Li et al. (2020), or, where `rescaled`, scaled to the

@@ -34,7 +34,7 @@ from crowdbench.record.verdict import describe_failure
 
 @dataclass
 class Recorder:
-    """Writes episodes into one file, in a `with` statement.
+    """Recorder of episodes into one file, in a `with` statement.
 
     The file appears when the statement ends. After an exception there is no file.
 

@@ -43,7 +43,7 @@ class Decisions(NamedTuple):
 
 
 class _Timed(AheadPlanner):
-    """Asks a planner, and keeps how long each decision took and whether it is as recorded.
+    """Driver that keeps the time of each decision, and whether the decision is as recorded.
 
     Args:
         driver: Asks the planner.

@@ -33,7 +33,7 @@ def code() -> str:
 
 @dataclass(frozen=True)
 class PlannerId:
-    """Determines the commands of a planner, beside the simulator.
+    """Facts that determine the commands of a planner, beside the simulator.
 
     Attributes:
         name: The planner's name.

@@ -35,7 +35,7 @@ _SCHEMA = pa.schema([("case", pa.int64()), ("command", pa.list_(pa.float64()))])
 
 @dataclass
 class RunRecorder:
-    """Records the commands of all traces that are added, and the episodes of failures and of the first cases.
+    """Recorder of the commands of all traces that are added, and of the episodes of failures and of the first cases.
 
     Attributes:
         cases: The cases of the whole run.

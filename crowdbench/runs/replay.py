@@ -35,7 +35,7 @@ from crowdbench.utils.errors import InputError
 
 
 class Playback(Planner):
-    """Gives commands of one batch of cases that are known beforehand.
+    """Planner of commands that are known beforehand, in one batch of cases.
 
     Args:
         command: The commands as the vehicle's dynamics takes them, by world and step.

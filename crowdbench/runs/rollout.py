@@ -144,7 +144,7 @@ def _walk_alone(scenario: Scenario, world: World, trace: Trace) -> Float[np.ndar
 
 
 class _Shares:
-    """Tells how much of the episodes is done, which grows with time even while none has ended.
+    """Progress of the episodes, which grows with time even while none has ended.
 
     A running episode is expected to end when the vehicle has gone straight to its goal, or at the time limit.
     """
@@ -173,7 +173,7 @@ _OF_PEOPLE = ("goal", "radius", "present", "person")
 
 
 class _TraceBuilder:
-    """Fills the arrays of a trace while worlds leave the batch.
+    """Builder of a trace, whose arrays it fills while worlds leave the batch.
 
     Args:
         start: The worlds at their start.

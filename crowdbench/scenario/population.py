@@ -35,7 +35,7 @@ GOES_ON = ("new_goal", "respawn", "back_and_forth")
 
 
 class Distribution(TomlTable):
-    """How a quantity differs between pedestrians; a number in a scenario's file stands for a constant.
+    """Distribution of a quantity over pedestrians; a number in a scenario's file stands for a constant.
 
     Attributes:
         mean: The constant, or the mean of a normal distribution before it is truncated, or the middle of a uniform one.

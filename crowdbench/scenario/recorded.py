@@ -50,7 +50,7 @@ DRAWS = 20_000
 
 
 class FreeSpace:
-    """Where the vehicle can start and go in a recorded scene, of which no map is known: where somebody has walked.
+    """Free space of a recorded scene without a map, for starts and goals of the vehicle: where somebody has walked.
 
     Args:
         tracks: The recording of the scene.

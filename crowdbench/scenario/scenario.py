@@ -32,7 +32,7 @@ if TYPE_CHECKING:  # most scenarios have nobody recorded
 
 @dataclass(frozen=True)
 class Scenario:
-    """Makes worlds from case numbers. `crowdbench.scenario.load` reads it from a file.
+    """Scenario, which makes worlds from case numbers. `crowdbench.scenario.load` reads it from a file.
 
     Attributes:
         name: Name of the scenario.

@@ -70,7 +70,7 @@ class Start(NamedTuple):
 
 @dataclass(frozen=True)
 class LayoutStarts:
-    """How cases start in which a layout places the agents.
+    """Starts of cases in which a layout places the agents.
 
     Attributes:
         layout: The layout with its options.

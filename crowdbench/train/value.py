@@ -193,7 +193,7 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
 
 
 class EpsilonGreedy(Planner):
-    """Takes a command within another planner's limits at random with probability epsilon, and else the best one.
+    """Planner of a random command within another planner's limits with probability epsilon, else of the best one.
 
     The random choice depends only on seed, case and step.
 

@@ -21,7 +21,7 @@ def handle() -> None:
 
 
 class Interrupts:
-    """Delays interrupts: in a `with` statement they are noted, and `Interrupted` is raised in `let_through` only.
+    """Delay of interrupts: in a `with` statement they are noted, and `Interrupted` is raised in `let_through` only.
 
     Outside the main thread, where no signal arrives, it does nothing.
 

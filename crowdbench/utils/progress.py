@@ -50,7 +50,7 @@ def progress(total: float, what: str = "") -> Iterator[Callable[[float], None]]:
 
 
 class _Work:
-    """How much of some work is done, and how long the rest takes.
+    """Progress of some work, and the time that the rest takes.
 
     The time left is estimated as if each piece of work took as long as those after the first report: what comes before
     is compilation and the loading of files.

@@ -15,7 +15,7 @@ from typing import Any
 
 
 class Format(StrEnum):
-    """How a table is written."""
+    """Format of a table."""
 
     MARKDOWN = "markdown"
     LATEX = "latex"

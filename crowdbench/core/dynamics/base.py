@@ -21,7 +21,7 @@ Choices = Float[np.ndarray, "world action 2"]
 
 
 class State(NamedTuple):
-    """How vehicles move.
+    """Motion state of vehicles.
 
     Attributes:
         position: In metres. Of a bicycle, the middle of the rear axle.
@@ -43,7 +43,7 @@ class State(NamedTuple):
 
 
 class Dynamics(abc.ABC):
-    """How a vehicle moves. A command is two numbers, constant during a step.
+    """Dynamics of a vehicle. A command is two numbers, constant during a step.
 
     Attributes:
         name: Its name in scenarios.

@@ -22,7 +22,7 @@ CHORD_ERROR = 1e-3
 
 
 class Motion(NamedTuple):
-    """Where one vehicle is and how it moves. For kernels.
+    """Position and motion of one vehicle. For kernels.
 
     Attributes:
         x: x of its position in metres.

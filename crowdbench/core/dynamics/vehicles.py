@@ -28,7 +28,7 @@ CREEP = 0.3
 
 @dataclass(frozen=True)
 class Holonomic(Dynamics):
-    """Moves in any direction. A command is a velocity, vx and vy in m/s.
+    """Vehicle that moves in any direction. A command is a velocity, vx and vy in m/s.
 
     Attributes:
         max_acceleration: Largest change of velocity, per second [m/s^2].
@@ -67,7 +67,7 @@ class Holonomic(Dynamics):
 
 
 class _OnWheels(Dynamics):
-    """Drives forwards only. A command is a speed, and how the vehicle turns: its second limit is how much."""
+    """Vehicle that drives forwards only. A command is a speed and a turn, which has the second limit."""
 
     broken_turn: ClassVar[str]
     """`broken_limit` of the second number of a command, and of its limit."""
@@ -93,7 +93,7 @@ class _OnWheels(Dynamics):
 
 @dataclass(frozen=True)
 class Unicycle(_OnWheels):
-    """Drives forwards and turns, also on the spot. A command is a speed in m/s and a turn rate in rad/s.
+    """Vehicle that drives forwards and turns, also on the spot. A command is a speed in m/s and a turn rate in rad/s.
 
     Attributes:
         max_acceleration: Largest change of speed, per second [m/s^2].
@@ -133,7 +133,7 @@ class Unicycle(_OnWheels):
 
 @dataclass(frozen=True)
 class Bicycle(_OnWheels):
-    """Drives forwards and steers, as a car does. A command is a speed in m/s and a steering angle in rad.
+    """Vehicle that drives forwards and steers, as a car does. A command is a speed in m/s and a steering angle in rad.
 
     The kinematic bicycle: the middle of the rear axle moves along the heading, which turns by speed tan(steering angle)
     / wheelbase.

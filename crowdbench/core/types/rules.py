@@ -94,7 +94,7 @@ PERFECT = Sensor()
 
 
 class WalkingLimits(NamedTuple):
-    """How fast pedestrians can change their velocity; see `crowdbench.core.dynamics.motion.limit_change`.
+    """Limits on changes of the velocity of pedestrians; see `crowdbench.core.dynamics.motion.limit_change`.
 
     Attributes:
         acceleration: Largest acceleration forwards, and in any direction from standing, in m/s^2.
@@ -120,7 +120,7 @@ DISCOMFORT_GAP = 0.2
 
 
 class Outcome(enum.IntEnum):
-    """How an episode ended, or that it is still running.
+    """Outcome of an episode, or the fact that it is still running.
 
     `COLLISION` is a collision with a pedestrian, `WALL_COLLISION` one with an obstacle.
     """

@@ -100,7 +100,7 @@ class Points:
 
 
 class Placer:
-    """Places agents, and knows whether a position is clear for the next one.
+    """Placement of agents, with checks whether a position is clear for the next one.
 
     Args:
         radius: Radii in metres of all agents, the vehicle first.

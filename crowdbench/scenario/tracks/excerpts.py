@@ -70,7 +70,7 @@ class MovingDisc:
 
 @dataclass(frozen=True)
 class CarMotion:
-    """How a recorded car moves where the vehicle takes its place.
+    """Motion of a recorded car whose place the vehicle takes.
 
     Attributes:
         start: Where its middle was at the start, in metres.

@@ -25,7 +25,7 @@ Memory = Mapping[str, Any]
 
 
 class PedestrianPolicy(abc.ABC):
-    """Moves pedestrians. A subclass lists its parameters in `parameters` and implements `velocities`.
+    """Base class of pedestrian policies. A subclass lists its parameters in `parameters` and implements `velocities`.
 
     A policy has no state and changes nothing: what it returns depends only on the world, or else a case would depend on
     the cases that run beside it (`crowdbench check` finds that). It takes noise from
@@ -54,7 +54,7 @@ class PedestrianPolicy(abc.ABC):
 
 
 class PolicyWithMemory(PedestrianPolicy):
-    """Moves pedestrians by what it remembers of them, which the world carries: it still keeps nothing in itself.
+    """Pedestrian policy with a memory, which the world carries: the policy keeps nothing in itself.
 
     A pedestrian whose number in `world.person` is another than in the step before is another person without a memory. A
     policy with such pedestrians keeps their numbers in its memory to notice it.

@@ -71,7 +71,7 @@ def on_first_compilation(tell: Callable[[], None]) -> None:
 
 
 class _WithoutCollections(event.Listener):  # type: ignore[misc]
-    """Collects no garbage while a kernel is compiled, of whose many objects little is garbage: a sixth of the time."""
+    """Context without garbage collection while a kernel is compiled: collection takes a sixth of the time."""
 
     depth = 0
     """How many kernels are being compiled, each for the one before."""
