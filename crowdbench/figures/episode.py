@@ -259,7 +259,9 @@ def film(episodes: Sequence[Episode], out: Path, speed: float = 1.0) -> None:
             return
         size = "x".join(map(str, last.size))
         command = f"ffmpeg -loglevel error -y -f rawvideo -pixel_format rgb24 -video_size {size} -framerate {RATE} -i -"
-        command += " -vf pad=ceil(iw/2)*2:ceil(ih/2)*2 -pix_fmt yuv420p -movflags +faststart -f mp4"
+        # Players take films for BT.709, and need even sizes.
+        command += " -vf pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white,scale=out_color_matrix=bt709 -colorspace bt709"
+        command += " -pix_fmt yuv420p -movflags +faststart -f mp4"
         pipe = subprocess.PIPE
         with subprocess.Popen([*command.split(), str(partial)], stdin=pipe, stderr=pipe) as process:
             assert process.stdin is not None

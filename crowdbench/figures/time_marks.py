@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.types import Trace
-from crowdbench.drawing import LIGHT, Disc, Shape, Text
+from crowdbench.drawing import CIRCLE, LIGHT, Disc, Shape, Text
 
 Point = Float[np.ndarray, "2"]
 Points = Float[np.ndarray, "point 2"]
@@ -47,7 +47,7 @@ def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: f
     positions = np.array([trace.position[row, first * step, 0] for first, _ in waits])
     discs: list[Shape] = [Disc(mark, radius, None, LIGHT.vehicle) for mark in positions]
     apart, walls = inch * LETTER[1] / 2, trace.obstacles[row].swapaxes(0, 1)
-    around = (np.concatenate([positions, trace.position[row, end]])[:, None] + radius * AWAY).reshape(-1, 2)
+    around = (np.concatenate([positions, trace.position[row, end]])[:, None] + radius * CIRCLE).reshape(-1, 2)
     lines = [_spread(points, apart) for points in (trace.position[row, : end + 1], np.concatenate([walls, walls[:1]]))]
     taken = np.concatenate([*lines, around])
     texts: list[Shape] = []
@@ -63,7 +63,7 @@ def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: f
 
 
 def _group(position: Float[np.ndarray, "mark 2"], radius: float) -> Iterator[tuple[int, int]]:
-    """The first and the last of marks that are within a radius of the first."""
+    """Return the first and the last of marks that are within a radius of the first."""
     first = 0
     for mark in range(1, len(position) + 1):
         if mark == len(position) or np.linalg.norm(position[mark] - position[first]) > radius:
@@ -72,7 +72,7 @@ def _group(position: Float[np.ndarray, "mark 2"], radius: float) -> Iterator[tup
 
 
 def _spread(position: Float[np.ndarray, "time agent 2"], apart: float) -> Float[np.ndarray, "point 2"]:
-    """Points along all ways, no farther apart than a length in metres."""
+    """Return points along all ways, no farther apart than a length in metres."""
     longest = np.nanmax(np.linalg.norm(np.diff(position, axis=0), axis=-1), initial=0.0)
     parts = np.linspace(0.0, 1.0, max(int(np.ceil(longest / apart)), 1), endpoint=False)
     between = [(1.0 - part) * position[:-1] + part * position[1:] for part in parts]

@@ -51,7 +51,8 @@ def plot(files: list[Path], out: Path = Path("dial.pdf")) -> None:
     levels = np.array(dial["levels"], float)
     place = np.arange(len(levels))
     wanted = 100.0 * WANTED
-    with axes(out, HEIGHT + LINE * math.ceil(len(found) / 3)) as ax:
+    columns = min(3, math.ceil(len(found) / 2))
+    with axes(out, HEIGHT + LINE * math.ceil(len(found) / columns)) as ax:
         ax.axhline(wanted, color="#888888", linewidth=0.8)
         for number, each in enumerate(found):
             (row,) = each["rows"]
@@ -73,7 +74,7 @@ def plot(files: list[Path], out: Path = Path("dial.pdf")) -> None:
         ax.set_xticks(place, [f"{level:g}" for level in levels])
         ax.set(xlabel=dial["holds"].format("…"), ylabel="success, %", ylim=(0, 102))
         # Above, because curves fall from one corner to the other.
-        ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.45, 1.0), columnspacing=1.0)
+        ax.legend(ncols=columns, loc="lower center", bbox_to_anchor=(0.45, 1.0), columnspacing=1.0)
     say(f"wrote {out}")
 
 

@@ -46,8 +46,8 @@ def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
         read_kept(path, COMMAND, ("success", "P0", "mean"), ("best_success", "mean"), ("steps", 0, "knowledge"))
         for path in files
     ]
-    lowest = 100.0
-    with axes(out, height=1.6 + 0.22 * len(found)) as ax:
+    lowest, shown = 100.0, set[str]()
+    with axes(out, height=1.2 + 0.22 * len(found)) as ax:
         for place, each in enumerate(reversed(found)):
             rates, best = (
                 [100.0 * rung["mean"] for rung in each["success"].values()],
@@ -57,14 +57,14 @@ def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
             _mark(ax, rates[0], place, "o", FIRST, fillstyle="none")
             for step, before, after in zip(each["steps"], rates, rates[1:], strict=False):
                 if after != before:
+                    shown.add(step["knowledge"])
                     _mark(ax, after, place, *KNOWLEDGE[step["knowledge"]])
             _mark(ax, best, place + 0.28, 7, "#000000")
             lowest = min(lowest, *rates, best)
         ax.set_yticks(range(len(found)), [each["scenario"] for each in reversed(found)])
         ax.set(xlabel="success, %", xlim=(max(0.0, lowest - lowest % 10.0), 101.5), ylim=(-0.6, len(found) - 0.2))
-        shown = dict.fromkeys(step["knowledge"] for each in found for step in each["steps"])
         _mark(ax, [], [], "o", FIRST, fillstyle="none", label="as sensed")
-        for name in shown:
+        for name in filter(shown.__contains__, KNOWLEDGE):
             _mark(ax, [], [], *KNOWLEDGE[name], label=f"+ {name}")
         _mark(ax, [], [], 7, "#000000", label="best planner")
         ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.2, 1.0), columnspacing=1.0, handletextpad=0.2)
@@ -73,7 +73,7 @@ def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
 
 def _mark(ax: Axes, rate: Any, place: Any, marker: str | int, colour: str, **options: Any) -> None:
     """Draw the mark of a rung, or of the best planner, at a success rate in per cent."""
-    ax.plot(rate, place, ls="", marker=marker, color=colour, ms=5.5, zorder=4, clip_on=False, **options)
+    ax.plot(rate, place, ls="", marker=marker, color=colour, ms=5.5, zorder=4, clip_on="label" in options, **options)
 
 
 if __name__ == "__main__":

@@ -89,7 +89,7 @@ class Assessment:
     verdict: Verdict
 
     def cells(self) -> list[str]:
-        """As `claims_table` shows it."""
+        """Return its row in `claims_table`."""
         measure = PLANNER_MEASURES[self.measure]
         title, unit = measure.title, POINTS if measure is SUCCESS else measure
         if self.kind == "reduction":
@@ -188,7 +188,7 @@ def tally(claims: Sequence[Assessment]) -> str:
 
 
 def reduction_over_networks(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
-    """By which share one mean over networks is smaller than another.
+    """Return the share by which one mean over networks is smaller than another.
 
     Args:
         ours: As in `difference_over_networks`.

@@ -1,0 +1,74 @@
+"""Pictures of the docs that show numbers: success over time, on a dial, and with increasing knowledge."""
+
+import itertools
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+sys.path.append(str(Path(__file__).parents[1]))
+
+from tables import split_row
+
+import crowdbench
+from crowdbench.core.types import Outcome
+from crowdbench.figures.plots import success_over_time
+from crowdbench.runs.rollout import rollout
+from crowdbench.scenario.cases import Cases
+from studies.dials import plot as dial_figure
+from studies.dials.dial import load_dial
+from studies.dials.estimate import fit
+from studies.dials.table import DialRow, FilledDial, Measurement
+from studies.ladder import plot as ladder_figure
+from studies.pages import keep
+
+LADDERS = Path(__file__).parents[1] / "studies" / "ladder" / "README.md"
+
+KNOWLEDGE = {"prediction": "policies", "luck": "chance"}
+"""Names of knowledge in provisional tables, and those of now."""
+
+
+def draw_success(out: Path) -> None:
+    """Draw the share of validation cases that four planners solve by a time."""
+    with tempfile.TemporaryDirectory() as folder:
+        runs = [Path(folder) / planner for planner in ("ppo", "sarl_cvm", "orca_margin", "orca")]
+        for run in runs:
+            crowdbench.run(run.name, "circle_crossing_5", "val:100", out=run, record="none", progress=lambda _: None)
+        success_over_time(runs, out)
+
+
+def draw_dial(out: Path) -> None:
+    """Draw the success of four fast planners on the dial of density, in validation cases."""
+    dial, cases = load_dial("density"), Cases("val", 0, 20)
+    with tempfile.TemporaryDirectory() as folder:
+        files = [Path(folder) / planner for planner in ("dwa", "orca_margin", "social_force", "orca")]
+        for file in files:
+            runs = dial.runs(file.name, {}, cases, range(len(dial.levels)))
+            traces = [rollout(run.driver, run.scenario, cases, undisturbed=False) for run in runs]
+            found = fit(np.stack([trace.outcome == Outcome.SUCCESS for trace in traces]), {})
+            keep(FilledDial(dial, [DialRow.of(Measurement(dial, runs), found, found)]), file)
+        dial_figure.plot(files, out)
+
+
+def draw_ladders(out: Path) -> None:
+    """Draw the ladders of the study's page."""
+    head, _, *rows = map(split_row, [line for line in LADDERS.read_text().splitlines() if line.startswith("| ")])
+    with tempfile.TemporaryDirectory() as folder:
+        files = [Path(folder) / f"{row[0]}.json" for row in rows]
+        for file, row in zip(files, rows, strict=True):
+            file.write_text(json.dumps(read_ladder(head, row)))
+        ladder_figure.plot(files, out)
+
+
+def read_ladder(head: list[str], row: list[str]) -> dict[str, object]:
+    """Return a row of the study's page as `studies/ladder/run.py` keeps it: rungs, with knowledge between them."""
+    success = {name: {"mean": mean(cell)} for name, cell in zip(head[1:-1:2], row[1:-1:2], strict=True) if cell}
+    steps = [{"knowledge": KNOWLEDGE.get(name, name)} for name in itertools.islice(head[2:-1:2], len(success) - 1)]
+    return {"scenario": row[0], "success": success, "steps": steps, "best_success": {"mean": mean(row[-1])}}
+
+
+def mean(cell: str) -> float:
+    """Return the share that a cell such as `82.0 %` begins with."""
+    return float(cell.split()[0]) / 100.0

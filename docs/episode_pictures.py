@@ -1,0 +1,154 @@
+"""Pictures of the docs that show episodes from above, and a film."""
+
+import dataclasses
+import functools
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from noticing_page import suite_names
+from PIL import Image
+
+import crowdbench
+from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.core.types import Observation, Trace
+from crowdbench.drawing import LIGHT, Moment, bounds_with_bands, draw_bands, draw_moment
+from crowdbench.figures.episode import WHOLE, Episode, Picture, draw_pictures, draw_start, draw_strip, film
+from crowdbench.planners.base import Planner
+from crowdbench.planners.driver import Driver
+from crowdbench.record.decisions import draw_decisions, read_paths
+from crowdbench.record.viewer import view
+from crowdbench.runs.rollout import rollout
+from crowdbench.runs.spec import EVERY_STEP, Replanning
+from crowdbench.scenario.cases import Cases
+from crowdbench.sim.contacts import WINDOW, Fault, find_contacts
+
+COLUMNS = 4
+"""Panels side by side in a picture as wide as a page."""
+
+FAULTS = {
+    "struck standing": (Fault.STRUCK_STANDING, "waiting", 9),
+    "struck from behind": (Fault.STRUCK_BEHIND, "orca", 40),
+    "struck otherwise": (Fault.STRUCK, "orca", 18),
+    "hit alone": (Fault.ALONE, "orca", 29),
+    "hit both": (Fault.BOTH, "orca", 3),
+}
+"""Kinds of collisions with an example of each: the planner, and the number of a validation case."""
+
+REACH = 1.8
+"""Metres that a picture of a collision shows on each side of the contact."""
+
+
+@dataclass(frozen=True)
+class Still(Episode):
+    """An episode whose pictures show a fixed square around the middle between start and goal.
+
+    Attributes:
+        half: Half the side of the square in metres.
+    """
+
+    half: float = 5.5
+
+    def bounds(self, centre: np.ndarray | None = None) -> np.ndarray:
+        """See `Episode`."""
+        middle = (self.trace.position[self.row, 0, 0] + self.trace.goal[self.row, 0, 0]) / 2.0
+        return np.stack([middle - self.half, middle + self.half])
+
+
+class Waiting(Planner):
+    """Stands still."""
+
+    def plan(self, obs: Observation) -> np.ndarray:
+        """Return a velocity of 0 m/s."""
+        return np.zeros((len(obs), 2))
+
+
+@functools.cache
+def drive(
+    planner: str, scenario: str, cases: str, filtered: bool = False, replanning: Replanning = EVERY_STEP
+) -> Trace:
+    """Return the trace of a planner in cases of a scenario; `filtered` is whether it filters noisy measurements."""
+    made = Waiting() if planner == "waiting" else load_planner(planner, {"filter": "kalman"} if filtered else {})[1]
+    found = load_scenario(scenario)
+    return rollout(Driver(made, planner), found, Cases.parse(cases), replanning=replanning, keep_logs=True)
+
+
+def draw_suite(out: Path) -> None:
+    """Draw case val/0 of each scenario of the suite, driven by MPPI."""
+    pictures = []
+    for name in suite_names():
+        trace = drive("mppi", name, "val/0", filtered=True)
+        length = float(np.hypot(*(trace.goal[0, 0, 0] - trace.position[0, 0, 0])))
+        episode = Still(trace, 0, title=name, side=WHOLE / COLUMNS, half=0.6 * length + 0.8)
+        pictures.append(episode.picture(float(episode.end)))
+    draw_pictures(pictures, COLUMNS, out)
+
+
+def draw_race(out: Path) -> None:
+    """Make a film of four planners in the same case of a crossing, at twice the speed."""
+    episodes = []
+    for planner in ("orca", "ppo", "dwa", "mppi"):
+        trace = drive(planner, "intersection_16_seen", "val/7")
+        paths = read_paths(list(draw_decisions(trace, 0)), trace.rules.dt)
+        episodes.append(Still(trace, 0, None, paths, planner, side=320 / 144))
+    film(episodes, out, speed=2.0)
+
+
+def draw_episode(out: Path) -> None:
+    """Draw a whole case, with the time along the path."""
+    draw_pictures([Episode(drive("orca_margin", "circle_crossing_5", "val/5"), 0).picture()], 1, out)
+
+
+def draw_moments(out: Path) -> None:
+    """Draw five moments of a case at an intersection."""
+    draw_strip(Episode(drive("mppi", "intersection_16", "val/8"), 0, 9.0), 5, out)
+
+
+def draw_groups(out: Path) -> None:
+    """Draw the start of a case with groups."""
+    draw_start(load_scenario("groups_12"), "val", 3, out)
+
+
+def draw_paper(scenario: str, replanning: Replanning, out: Path) -> None:
+    """Draw the first validation case of a scenario, driven with three predictors, as Li et al. (2020) do."""
+    traces = {name: drive(name, scenario, "val/0", False, replanning) for name in ("sarl_lin", "sarl_cvm", "sarl_sgan")}
+    episodes = [Still(trace, 0, title=name, side=WHOLE / 3, half=5.0) for name, trace in traces.items()]
+    draw_pictures([episode.picture() for episode in episodes], 3, out)
+
+
+def draw_faults(out: Path) -> None:
+    """Draw a collision of each kind."""
+    draw_pictures([draw_fault(title, *example) for title, example in FAULTS.items()], len(FAULTS), out)
+
+
+def draw_fault(title: str, kind: Fault, planner: str, case: int) -> Picture:
+    """Return a picture of the two agents in contact at the end of a case, with their motion of the last second."""
+    trace = drive(planner, "intersection_16_seen", f"val/{case}")
+    contacts, end = find_contacts(trace), int(trace.steps[0])
+    if contacts.fault[0] != kind:
+        raise ValueError(f"case val/{case} of {planner} is no example of {title}")
+    states, pair = slice(max(0, end - round(WINDOW / trace.rules.dt)), end + 1), [0, int(contacts.agent[0])]
+    moment = Moment.of_trace(trace, 0, end)
+    moment = dataclasses.replace(
+        moment,
+        **{name: getattr(moment, name)[states][:, pair] for name in ("position", "velocity")},
+        **{name: getattr(moment, name)[pair] for name in ("goal", "radius")},
+        **{name: getattr(moment, name)[states] for name in ("step", "heading")},
+        person=moment.person[states][:, [pair[1] - 1]],
+        seen=moment.seen[[pair[1] - 1]],
+    )
+    middle = moment.position[-1].mean(axis=0)
+    bounds, inch = bounds_with_bands(np.stack([middle - REACH, middle + REACH]), WHOLE / len(FAULTS), has_title=True)
+    note = f"φ = {contacts.share[0]:.2f}", LIGHT.text
+    return [*draw_moment(moment), *draw_bands(bounds, inch, note, title)], bounds, inch
+
+
+def draw_decision(out: Path) -> None:
+    """Draw a decision among noisy measurements in the Rerun viewer, without its empty menu."""
+    with tempfile.TemporaryDirectory() as folder:
+        crowdbench.run("sarl_cvm", "noisy_10", "val:2", out=Path(folder) / "run", record="all", progress=lambda _: None)
+        view([Path(folder) / "run" / "run.rrd"], 1, shot := Path(folder) / "shot.png", seconds=2.5)
+        with Image.open(shot) as picture:
+            width, height = picture.size
+            picture.convert("RGB").crop((0, 72, width, height)).reduce(2).save(out)
