@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import sys
 from collections.abc import Mapping
@@ -152,7 +153,8 @@ def export(
 ) -> None:
     """Write the tracks of a run and a table of its steps for other programs, or a page that plays runs in a browser.
 
-    The cases are simulated again from the recorded commands, without the planner.
+    The cases are simulated again from the recorded commands, without the planner. The recorded drives of a robot are
+    written as they are.
 
     Args:
         runs: Directory of a run; of several runs for a replay.
@@ -178,11 +180,11 @@ def export(
     files.check_free(out, overwrite, mark)
     announce_compilation()
     results = [RunResult.read(run) for run in runs]
-    number = sum(len(result.commands.case) for result in results)
+    number = sum(len(result.episodes) for result in results)
+    load = functools.partial(load_scenario, pedestrians=pedestrians, layout=layout, data=data)
     with files.new_directory(out, overwrite, mark) as folder, progress(number) as report:
         if format == "replay":
-            cases = export_page(results, lambda run: load_scenario(run, pedestrians, layout, data), folder, report)
+            cases = export_page(results, load, folder, report)
         else:
-            scenario = load_scenario(results[0], pedestrians, layout, data)
-            cases = write(results[0], scenario, folder, report, format)
+            cases = write(results[0], load, folder, report, format)
     print(f"{cases} cases in {out}")

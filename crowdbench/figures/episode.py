@@ -10,6 +10,7 @@ import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from subprocess import PIPE
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -248,22 +249,20 @@ def film(episodes: Sequence[Episode], out: Path, speed: float = 1.0) -> None:
         dpi = FILMS[out.suffix]
         frames, last = _frames(episodes, dpi, speed), _frame(episodes, max(episode.end for episode in episodes), dpi)
         if out.suffix != ".mp4":
-            options: dict[str, Any] = {"lossless": True, "method": 2} if out.suffix == ".webp" else {}
             # Pillow keeps all pictures in memory: with the colours of the last one, a pixel needs one byte.
             palette = last.quantize()
             # The ground stays white, where a mean with the smooth rims of what stands on it would be grey.
             palette.putpalette([255 if channel > 249 else channel for channel in palette.getpalette() or ()])
             few = (frame.quantize(palette=palette, dither=Images.Dither.NONE) for frame in frames)
-            options |= {"save_all": True, "append_images": few, "duration": 1000 // RATE, "loop": 0}
-            next(few).save(partial, format=out.suffix[1:], **options)
+            options: dict[str, Any] = {"save_all": True, "append_images": few, "duration": 1000 // RATE, "loop": 0}
+            next(few).save(partial, format=out.suffix[1:], lossless=True, method=2, **options)  # as a .webp has it
             return
         size = "x".join(map(str, last.size))
         command = f"ffmpeg -loglevel error -y -f rawvideo -pixel_format rgb24 -video_size {size} -framerate {RATE} -i -"
         # Players take films for BT.709, and need even sizes.
         command += " -vf pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white,scale=out_color_matrix=bt709 -colorspace bt709"
         command += " -pix_fmt yuv420p -movflags +faststart -f mp4"
-        pipe = subprocess.PIPE
-        with subprocess.Popen([*command.split(), str(partial)], stdin=pipe, stderr=pipe) as process:
+        with subprocess.Popen([*command.split(), str(partial)], stdin=PIPE, stderr=PIPE) as process:
             assert process.stdin is not None
             with contextlib.suppress(BrokenPipeError):
                 for frame in frames:

@@ -4,7 +4,8 @@ tracks/test-13.txt   of one case, a line `frame person x y` for each position in
                      or test-13.json, see `crowdbench.runs.socnav`; or a folder test-13, see `crowdbench.runs.rosbag`
 steps.parquet        a row for each step: case, step, observation, action, reward, terminated, truncated
 
-Everything follows from the run's commands, with which its cases are simulated again.
+Everything follows from the run's commands, with which its cases are simulated again, or from the recorded states of a
+robot's drives. Their steps have no observation, and the velocity in m/s as the action.
 """
 
 from __future__ import annotations
@@ -22,12 +23,11 @@ from jaxtyping import Float
 from crowdbench.core.reward import episode_rewards
 from crowdbench.core.types import Outcome, Trace, World
 from crowdbench.envs.observations import flatten_vehicle
-from crowdbench.runs.replay import traces
+from crowdbench.runs.replay import Loader, traces_of
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.rosbag import write_bag
 from crowdbench.runs.socnav import write_trajectory
 from crowdbench.runs.store import RunResult
-from crowdbench.scenario.scenario import Scenario
 
 TRACKS, STEPS = "tracks", "steps.parquet"
 """The folder of the tracks, and the file of the steps."""
@@ -39,13 +39,13 @@ VEHICLE = 0
 
 
 def export(
-    run: RunResult, scenario: Scenario, folder: Path, progress: Progress | None = None, format: TrackFormat = "txt"
+    run: RunResult, load: Loader, folder: Path, progress: Progress | None = None, format: TrackFormat = "txt"
 ) -> int:
     """Write the tracks and the steps of all cases of a run.
 
     Args:
         run: The stored run.
-        scenario: The scenario that its `result.json` describes, made again.
+        load: Makes the scenario of a simulated run again.
         folder: Where they are written.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
         format: Format of the tracks.
@@ -67,22 +67,20 @@ def export(
 
     with contextlib.ExitStack() as stack:
         writer: pq.ParquetWriter | None = None
-        for trace in traces(run, scenario, undisturbed=False, progress=progress, watch=watch):
+        for trace in traces_of(run, load, progress, watch):
             cases += len(trace)
             for row, case in enumerate(trace.case.tolist()):
                 path = folder / TRACKS / f"{trace.split}-{case}"
                 if format == "rosbag2":
                     write_bag(trace, row, path)
                 elif format == "socnav":
-                    about = (
-                        f"crowdbench: {run.label} on {scenario.name}, {trace.split}/{case}; simulated, rated by nobody"
-                    )
+                    source = f"{run.label} on {run.result['scenario']['name']}, {trace.split}/{case}"
+                    about = f"crowdbench: {source}; {'recorded' if run.drives else 'simulated'}, rated by nobody"
                     write_trajectory(trace, row, path.with_suffix(".json"), about)
                 else:
                     _write_tracks(trace, row, path.with_suffix(".txt"))
             table = _tabulate(trace, seen)
-            if writer is None:
-                writer = stack.enter_context(pq.ParquetWriter(folder / STEPS, table.schema, compression="zstd"))
+            writer = writer or stack.enter_context(pq.ParquetWriter(folder / STEPS, table.schema, compression="zstd"))
             writer.write_table(table)
             seen.clear()
     return cases
@@ -102,11 +100,12 @@ def _tabulate(trace: Trace, seen: Mapping[tuple[int, int], Float[np.ndarray, "fe
     cases = list(zip(trace.case.tolist(), trace.steps.tolist(), strict=True))
     is_last = np.concatenate([np.arange(steps) == steps - 1 for _, steps in cases])
     outcome = np.repeat(trace.outcome, trace.steps)
+    observations = [seen[case, step] for case, steps in cases for step in range(steps)] if seen else None
     inside = np.arange(trace.command.shape[1]) < trace.steps[:, None]
     columns = {
         "case": pa.array(np.repeat(trace.case, trace.steps)),
         "step": pa.array(np.concatenate([np.arange(steps) for _, steps in cases])),
-        "observation": _rows(np.stack([seen[case, step] for case, steps in cases for step in range(steps)])),
+        **({"observation": _rows(np.stack(observations))} if observations else {}),
         "action": _rows(trace.command[inside]),
         "reward": pa.array(episode_rewards(trace)[inside]),
         "terminated": pa.array(is_last & (outcome != Outcome.TIMEOUT)),

@@ -16,7 +16,7 @@ import json
 import re
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,11 +32,10 @@ from crowdbench.drawing import DARK, LIGHT, same_agents
 from crowdbench.record.cases import read_case, read_verdict, recorded_cases
 from crowdbench.record.decisions import PlannedPaths, add_commands, read_paths
 from crowdbench.record.verdict import describe_failure
-from crowdbench.runs.replay import traces
+from crowdbench.runs.replay import Loader, traces_of
 from crowdbench.runs.results import RECORDING
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.store import RunResult
-from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.contacts import find_contacts
 from crowdbench.utils.errors import InputError
 
@@ -63,14 +62,12 @@ def pack(*arrays: ArrayLike) -> str:
     return _DIGITS[digits[np.insert(follows, 0, True, axis=1)]].tobytes().decode()
 
 
-def export_page(
-    runs: Sequence[RunResult], load: Callable[[RunResult], Scenario], folder: Path, progress: Progress | None = None
-) -> int:
+def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress: Progress | None = None) -> int:
     """Write a page that plays the cases of runs.
 
     Args:
         runs: The runs. Runs of one scenario can be seen side by side.
-        load: Makes the scenario of a run again.
+        load: Makes the scenario of a simulated run again.
         folder: An empty folder.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
@@ -85,21 +82,22 @@ def export_page(
     scenarios: dict[str, dict[str, Any]] = {}
     files: dict[str, dict[str, Any]] = defaultdict(dict)
     for run in runs:
-        scenario = load(run)
-        about = scenarios.setdefault(scenario.name, _describe(scenario))
-        if about["digest"] != scenario.digest:
-            raise InputError(f"{run.directory} has another scenario {scenario.name} than runs before it: leave it out")
+        digest, table = run.result["run"]["scenario"], run.result["scenario"]
+        known = {"digest": digest, "description": table.get("description", ""), "runs": {}}
+        about = scenarios.setdefault(table["name"], known)
+        if about["digest"] != digest:
+            raise InputError(f"{run.directory} has another scenario {table['name']} than runs before it: leave it out")
         name = re.sub(r"[^A-Za-z0-9_.-]+", "-", run.result["run"]["planner"]["name"])  # as a link can have it
         planner = f"{name}-{len(about['runs']) + 1}" if name in about["runs"] else name
         outcomes = "".join(Outcome(outcome).label[0] for outcome in run.episodes.outcome.tolist())
         recording = run.directory / RECORDING
         recorded = recorded_cases(recording) if recording.exists() else []
-        summary = {"label": run.label, "cases": str(run.cases), "outcomes": outcomes, "recorded": recorded}
-        about["runs"][planner] = summary
-        for trace in traces(run, scenario, undisturbed=False, progress=progress):
+        about["runs"][planner] = dict(label=run.label, cases=str(run.cases), outcomes=outcomes, recorded=recorded)
+        for trace in traces_of(run, load, progress):
+            about |= _describe(trace)
             hit = find_contacts(trace).agent
             for row, case in enumerate(trace.case.tolist()):
-                key, verdict = f"{scenario.name}/{trace.split}-{case}", []
+                key, verdict = f"{table['name']}/{trace.split}-{case}", []
                 if case in recorded:
                     verdict = read_verdict(recording, case)  # which knows what the planner predicted
                     chunks = read_case(recording, case).chunks
@@ -116,14 +114,12 @@ def export_page(
     return sum(not key.endswith(".paths") for key in files)
 
 
-def _describe(scenario: Scenario) -> dict[str, Any]:
+def _describe(trace: Trace) -> dict[str, Any]:
     """Return what is the same in all cases: times in seconds, the outline of a vehicle on wheels in metres."""
-    rules, rim = scenario.rules, np.empty((0, 2))
+    rules, radius, rim = trace.rules, float(trace.radius[0, 0, 0]), np.empty((0, 2))
     if not isinstance(rules.dynamics, Holonomic):
-        rim = outline(rules.body, np.zeros(2), np.zeros(()), scenario.vehicle.radius).round(3)
-    about = {"digest": scenario.digest, "description": scenario.table.get("description", ""), "dt": rules.dt}
-    tolerance = rules.goal_tolerance or scenario.vehicle.radius
-    return {**about, "outline": rim.tolist(), "tolerance": tolerance, "runs": {}}
+        rim = outline(rules.body, np.zeros(2), np.zeros(()), radius).round(3)
+    return {"dt": rules.dt, "outline": rim.tolist(), "tolerance": rules.goal_tolerance or radius}
 
 
 def _episode(trace: Trace, row: int) -> dict[str, Any]:

@@ -33,6 +33,12 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.defaults import BATCH
 from crowdbench.utils.errors import InputError
 
+Loader = Callable[[RunResult], Scenario]
+"""Makes the scenario of a simulated run again."""
+
+Watch = Callable[[World], None]
+"""Called with the worlds before each step."""
+
 
 class Playback(Planner):
     """Planner of commands that are known beforehand, in one batch of cases.
@@ -164,7 +170,7 @@ def traces(
     only: Collection[int] | None = None,
     undisturbed: bool = True,
     progress: Progress | None = None,
-    watch: Callable[[World], None] | None = None,
+    watch: Watch | None = None,
 ) -> Iterator[Trace]:
     """Simulate cases of a run again, in order, and yield their traces batch by batch.
 
@@ -195,6 +201,24 @@ def traces(
             command[~possible[chosen]] = 0.0  # the driver would end the replay at them
             driver = Driver(Playback(command), "of the replay")
             yield rollout(driver, scenario, part, undisturbed=undisturbed, progress=progress, watch=watch)
+
+
+def traces_of(run: RunResult, load: Loader, progress: Progress | None, watch: Watch | None = None) -> Iterator[Trace]:
+    """Yield the traces of all cases of a run: simulated again, or as recorded of the drives of a robot.
+
+    Args:
+        run: The stored run.
+        load: Makes the scenario of a simulated run again.
+        progress: As of `traces`.
+        watch: As of `traces`.
+
+    Raises:
+        InputError: The run has no commands, or a pedestrian policy breaks its contract.
+    """
+    if run.drives is not None:
+        yield run.drives
+    else:
+        yield from traces(run, load(run), undisturbed=False, progress=progress, watch=watch)
 
 
 def record_case(run: RunResult, scenario: Scenario, case: int, path: Path) -> None:

@@ -199,6 +199,12 @@ class RunResult:
         """The commands of its cases. Raises InputError where they were not kept, or the file is damaged."""
         return read_commands(self.directory / COMMANDS)
 
+    @property
+    def drives(self) -> Trace | None:
+        """The recorded drives of a robot, None of a simulated run."""
+        is_simulated = len(self.result["run"]["scenario"]) != OF_BAGS
+        return None if is_simulated or self.recording is None else self.recording.trace
+
     @functools.cached_property
     def recording(self) -> Recording | None:
         """The recording, None where nothing is recorded. Raises InputError where the file is damaged."""

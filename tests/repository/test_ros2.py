@@ -1,15 +1,18 @@
 """Robots' bags: a bag of a simulated run scores as the run does, and what is missing or wrong in a bag is said."""
 
+import json
 import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from crowdbench import load_planner, load_scenario
 from crowdbench.core.types import Outcome
 from crowdbench.metrics.load import load_metrics
 from crowdbench.planners.driver import Driver
+from crowdbench.record.contents import read
 from crowdbench.runs.results import Episodes
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
@@ -291,3 +294,51 @@ def test_a_run_is_exported_as_bags_that_score_as_the_run(tmp_path, call, trace_o
     file = drive_file(tmp_path, bags, '[vehicle]\nodometry = "/odom"\ngoal = [0.0, 4.0]\n')
     found, _ = trace_of(file)
     assert found.outcome.tolist() == Episodes.read(tmp_path / "run" / "episodes.csv").outcome.tolist()
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory):
+    """A folder with the run of two drives of a robot, and its drive file."""
+    from score_bags import convert
+
+    folder = tmp_path_factory.mktemp("drives")
+    for name, seconds in (("a", 4.0), ("b", 2.0)):
+        bag_of(folder / name, straight(seconds))
+    drive_file(folder, ["a", "b"], VEHICLE)
+    convert(folder / "drive.toml", folder / "run")
+    return folder
+
+
+def test_drives_are_exported_as_bags_that_are_the_same_drives(drives, tmp_path, call, trace_of):
+    call("export", str(drives / "run"), "--out", str(tmp_path / "out"), "--format", "rosbag2")
+    vehicle = '[vehicle]\nodometry = "/odom"\ngoal_topic = "/goal"\n'
+    found, _ = trace_of(drive_file(tmp_path, ["out/tracks/test-0", "out/tracks/test-1"], vehicle))
+    trace = read(drives / "run" / "run.rrd").trace
+    assert found.outcome.tolist() == trace.outcome.tolist() == [Outcome.SUCCESS, Outcome.TIMEOUT]
+    np.testing.assert_allclose(found.position, trace.position, atol=1e-6)
+
+
+def test_drives_are_exported_as_tracks_and_steps(drives, tmp_path, call):
+    run = str(drives / "run")
+    call("export", run, "--out", str(tmp_path / "txt"))
+    call("export", run, "--out", str(tmp_path / "socnav"), "--format", "socnav")
+    trace = read(drives / "run" / "run.rrd").trace
+    rows = np.loadtxt(tmp_path / "txt" / "tracks" / "test-1.txt")
+    np.testing.assert_allclose(rows[rows[:, 1] == 0, 2:], trace.position[1, : trace.steps[1] + 1, 0], atol=1e-6)
+    written = json.loads((tmp_path / "socnav" / "tracks" / "test-0.json").read_text())
+    assert "recorded, rated by nobody" in written["metadata"]
+    assert len(written["sequence"]) == trace.steps[0] + 1
+    steps = pq.read_table(tmp_path / "txt" / "steps.parquet")
+    assert steps.column_names == ["case", "step", "action", "reward", "terminated", "truncated"]
+    assert len(steps) == trace.steps.sum()
+    np.testing.assert_allclose(steps["action"].to_pylist(), [(1.0, 0.0)] * len(steps), atol=1e-6)
+
+
+def test_drives_are_played_in_a_browser(drives, tmp_path, call):
+    said = call("export", str(drives / "run"), "--out", str(tmp_path / "page"), "--format", "replay")
+    assert "2 cases in" in said.stdout
+    index = (tmp_path / "page" / "data" / "index.js").read_text()
+    scenarios = json.loads(index.partition(",")[2].removesuffix(")\n"))["scenarios"]
+    assert scenarios["drive"]["runs"]["robot"]["outcomes"] == "st"
+    assert len(scenarios["drive"]["outline"]) > 3
+    assert (tmp_path / "page" / "data" / "drive" / "test-1.js").is_file()

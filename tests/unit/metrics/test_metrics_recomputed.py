@@ -29,7 +29,7 @@ def tracks(folder, planner="orca", **visible):
     scenario = load_scenario("circle_crossing_5", visible)
     make(folder / "run", planner, scenario, "val:30")
     (folder / "export").mkdir()
-    export(RunResult.read(folder / "run"), scenario, folder / "export")
+    export(RunResult.read(folder / "run"), lambda _: scenario, folder / "export")
     episodes = Episodes.read(folder / "run" / "episodes.csv")
     steps = pq.read_table(folder / "export" / "steps.parquet").to_pydict()
     found, rewards = [], []
@@ -307,7 +307,7 @@ def test_distances_from_walls_are_those_of_the_tracks_and_walls(tmp_path):
     scenario = load_scenario("doorway_10")
     make(tmp_path / "run", "straight", scenario, "val:12")
     (tmp_path / "export").mkdir()
-    export(RunResult.read(tmp_path / "run"), scenario, tmp_path / "export", format="socnav")
+    export(RunResult.read(tmp_path / "run"), lambda _: scenario, tmp_path / "export", format="socnav")
     episodes = Episodes.read(tmp_path / "run" / "episodes.csv")
     for row, case in enumerate(episodes.case.tolist()):
         content = json.loads((tmp_path / "export" / "tracks" / f"val-{case}.json").read_text())
