@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from noticing_page import suite_names
 from PIL import Image
+from viewer_picture import take_picture
 
 import crowdbench
 from crowdbench.catalog import load_planner, load_scenario
@@ -18,7 +19,6 @@ from crowdbench.figures.episode import WHOLE, Episode, Picture, draw_pictures, d
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.record.decisions import draw_decisions, read_paths
-from crowdbench.record.viewer import view
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import EVERY_STEP, Replanning
 from crowdbench.scenario.cases import Cases
@@ -147,8 +147,9 @@ def draw_fault(title: str, kind: Fault, planner: str, case: int) -> Picture:
 def draw_decision(out: Path) -> None:
     """Draw a decision among noisy measurements in the Rerun viewer, without its empty menu."""
     with tempfile.TemporaryDirectory() as folder:
-        crowdbench.run("sarl_cvm", "noisy_10", "val:2", out=Path(folder) / "run", record="all", progress=lambda _: None)
-        view([Path(folder) / "run" / "run.rrd"], 1, shot := Path(folder) / "shot.png", seconds=2.5)
+        run, shot = Path(folder) / "run", Path(folder) / "shot.png"
+        crowdbench.run("sarl_cvm", "noisy_10", "val:1:2", out=run, record="all", progress=lambda _: None)
+        take_picture(run / "run.rrd", 2.5, shot)
         with Image.open(shot) as picture:
             width, height = picture.size
             picture.convert("RGB").crop((0, 72, width, height)).reduce(2).save(out)

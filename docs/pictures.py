@@ -14,8 +14,8 @@ import episode_pictures
 import numpy as np
 from noticing_page import draw_noticing, suite_names
 from PIL import Image, ImageSequence
+from viewer_picture import NoViewer
 
-from crowdbench.record.viewer import NoViewer
 from crowdbench.runs.spec import EVERY_STEP, Replanning
 
 DOCS = Path(__file__).parent
