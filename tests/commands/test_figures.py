@@ -1,33 +1,20 @@
-"""`crowdbench table`, `plot` and `render`: tables and figures of runs, trainings and cases."""
+"""`crowdbench table`, `compare` and `plot`: tables and figures of runs and trainings."""
 
 import csv
-import dataclasses
 import json
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 from typer.testing import CliRunner
 
-from crowdbench.catalog import load_scenario
 from crowdbench.cli import app
-from crowdbench.core.types import Outcome
-from crowdbench.drawing import DASHES, LIGHT, Disc, Line, Moment, Polygon, Text, burst, draw_moment
 from crowdbench.figures import plots
-from crowdbench.figures.episode import Episode
-from crowdbench.figures.time_marks import mark_times
 from crowdbench.metrics import METRICS, info_of
-from crowdbench.planners.base import Planner
-from crowdbench.planners.driver import Driver
-from crowdbench.record.contents import read
 from crowdbench.runs.compare import compare
 from crowdbench.runs.paired import Paired, compare_metric, holm
 from crowdbench.runs.results import Episodes
-from crowdbench.runs.rollout import rollout
-from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
 
@@ -41,13 +28,6 @@ def made(tmp_path_factory):
             given = ["--planner", planner, "--set", f"pedestrians.number={number}", "--cases", "30", "--out", str(out)]
             assert CliRunner().invoke(app, ["run", *given, "--record", "none"]).exit_code == 0
     return folder
-
-
-class Sideways(Planner):
-    """Drives into the wall beside it."""
-
-    def plan(self, obs):
-        return np.tile([1.0, 0.0], (len(obs), 1))
 
 
 def words(figure):
@@ -263,199 +243,3 @@ def test_zero_has_no_sign():
 def test_a_table_refuses_a_metric_that_there_is_not(made):
     with pytest.raises(InputError, match=r"the run of orca has no metric jerkk \(did you mean jerk\?\); it has"):
         raise CliRunner().invoke(app, ["table", str(made / "orca-5"), "--metric", "jerkk"]).exception
-
-
-@pytest.fixture(scope="module")
-def driven(tmp_path_factory):
-    """A run with two recorded cases, in which the vehicle hits somebody."""
-    out = tmp_path_factory.mktemp("driven") / "run"
-    given = ["--planner", "straight", "--cases", "2", "--record", "all", "--out", str(out)]
-    assert CliRunner().invoke(app, ["run", *given]).exit_code == 0
-    return out
-
-
-def test_a_case_is_drawn_with_the_times_along_its_way(driven, tmp_path):
-    assert (
-        CliRunner().invoke(app, ["render", str(driven), "--case", "1", "--out", str(tmp_path / "a.svg")]).exit_code == 0
-    )
-    assert {"0 s", "2 s", "1 m"} <= set(words(tmp_path / "a.svg"))
-
-
-def test_a_vehicle_that_waits_is_marked_once(driven):
-    trace = read(driven / "run.rrd").trace
-    bounds = np.array([[-6.0, -6.0], [6.0, 6.0]])
-
-    def texts(position):
-        shapes = mark_times(dataclasses.replace(trace, position=position), 1, bounds, 3.0)
-        return [shape for shape in shapes if isinstance(shape, Text)]
-
-    assert [shape.text for shape in texts(trace.position)][:2] == ["0 s", "2 s"]
-    waits = trace.position.copy()
-    waits[1, :, 0] = waits[1, 0, 0]
-    (once,) = texts(waits)
-    last = (int(trace.steps[1]) - 1) // 8 * 2
-    assert once.text == f"0 to {last} s"
-    assert np.linalg.norm(once.at - waits[1, 0, 0]) > trace.radius[1, 0, 0]
-    beside = waits.copy()
-    beside[1, int(trace.steps[1]), 1] = once.at  # a pedestrian ends where the time was
-    (moved,) = texts(beside)
-    assert np.linalg.norm(moved.at - once.at) > trace.radius[1, 1, 0]
-
-
-def test_a_vehicle_that_has_hit_an_obstacle_has_the_mark_of_a_contact():
-    scenario = load_scenario("corridor_8", {"pedestrians.number": 1})
-    trace = rollout(Driver(Sideways(), "sideways"), scenario, Cases("test", 0, 1))
-    assert trace.outcome[0] == Outcome.WALL_COLLISION
-    end = int(trace.steps[0])
-
-    def colors(state):
-        shapes = draw_moment(Moment.of_trace(trace, 0, state))
-        return [shape.edge for shape in shapes if isinstance(shape, Disc | Polygon)]
-
-    assert LIGHT.contact in colors(end)
-    assert LIGHT.contact not in colors(end - 1)
-
-
-def test_a_pedestrian_has_no_contact_that_takes_the_place_of_somebody_across_the_vehicle():
-    scenario = load_scenario("circle_crossing_5", {"pedestrians.number": 1})
-    trace = rollout(Driver(Sideways(), "sideways"), scenario, Cases("test", 0, 1))
-    vehicle = trace.position[0, 3, 0]
-    position, person = trace.position.copy(), trace.person.copy()
-    position[0, 2:4, 1] = vehicle + np.array([[-5.0, 0.0], [5.0, 0.0]])
-    moment = Moment.of_trace(dataclasses.replace(trace, position=position), 0, 3)
-    assert moment.hit == [1]
-    person[0, 3] += 1
-    assert Moment.of_trace(dataclasses.replace(trace, position=position, person=person), 0, 3).hit == []
-
-
-def test_a_picture_shows_what_is_around_the_vehicle(driven, tmp_path):
-    episode = Episode(read(driven / "run.rrd").trace, 1, zoom=4.0)
-    way = episode.trace.position[1, : episode.end + 1, 0]
-    np.testing.assert_allclose(episode.bounds(way[3]), [way[3] - 2.0, way[3] + 2.0])
-    np.testing.assert_allclose(episode.bounds(), [way.min(axis=0) - 2.0, way.max(axis=0) + 2.0])
-    given = ["render", str(driven), "--case", "1", "--zoom", "4", "--strip", "2", "--out", str(tmp_path / "a.svg")]
-    assert CliRunner().invoke(app, given).exit_code == 0
-    refused = CliRunner().invoke(app, ["render", "blind_corner_5", "--case", "3", "--zoom", "4"])
-    assert "--zoom is for a case of a run" in str(refused.exception)
-
-
-def test_a_scenario_is_drawn_before_anything_is_run(tmp_path):
-    out = tmp_path / "a.svg"
-    assert CliRunner().invoke(app, ["render", "blind_corner_5", "--case", "3", "--out", str(out)]).exit_code == 0
-    assert words(out) == ["1 m"]
-    first = out.read_bytes()
-    CliRunner().invoke(app, ["render", "blind_corner_5", "--case", "4", "--out", str(out)])
-    assert out.read_bytes() != first
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["blind_corner_5", "--strip", "3"], "a scenario has its start alone"),
-        (["eth_recorded"], "give the folder that holds them"),
-        (["blind_corner_5", "--data", "."], "which has no table"),
-        (["nowhere"], "no scenario is called 'nowhere'"),
-    ],
-)
-def test_a_start_that_cannot_be_drawn_gets_one_sentence(arguments, sentence, tmp_path):
-    given = ["render", *arguments, "--case", "1", "--out", str(tmp_path / "a.svg")]
-    with pytest.raises(InputError, match=sentence):
-        raise CliRunner().invoke(app, given).exception
-
-
-def test_a_strip_shows_moments_up_to_the_end(driven, tmp_path):
-    given = ["render", str(driven), "--case", "1", "--strip", "3", "--out", str(tmp_path / "a.svg")]
-    assert CliRunner().invoke(app, given).exit_code == 0
-    times = [float(found[1]) for word in words(tmp_path / "a.svg") if (found := re.search(r"([\d.]+) s$", word))]
-    assert len(times) == 3
-    assert times[0] < times[1] < times[2]
-
-
-@pytest.mark.parametrize("suffix", ["gif", "webp"])
-def test_a_film_has_20_pictures_a_second_and_ends_with_the_contact(suffix, driven, tmp_path):
-    film = tmp_path / f"a.{suffix}"
-    assert CliRunner().invoke(app, ["render", str(driven), "--case", "1", "--out", str(film)]).exit_code == 0
-    trace = read(driven / "run.rrd").trace
-    with Image.open(film) as shown:
-        shown.seek(shown.n_frames - 1)
-        shown.load()
-        duration = shown.info["duration"]
-        last = np.asarray(shown.convert("RGB"), int)
-        # Pictures that are equal, at the end, may be one that is shown for longer.
-        assert shown.n_frames >= 20 * trace.rules.dt * int(trace.steps[1])
-    assert duration >= 50
-    assert (np.abs(last - LIGHT.contact).sum(axis=2) < 60).any()
-
-
-def test_between_two_states_agents_are_between_and_newcomers_are_where_they_come(driven):
-    trace = read(driven / "run.rrd").trace
-    before, between, after = (Moment.of_trace(trace, 1, *at) for at in ((3,), (3, 0.25), (4,)))
-    expected = 0.75 * before.position[-1] + 0.25 * after.position[-1]
-    np.testing.assert_allclose(between.position[-1], expected)
-    assert between.step.tolist() == [0, 1, 2, 3, 3.25]
-    assert between.hit == []
-    person = trace.person.copy()
-    person[1, 4:, 0] += 1
-    other = Moment.of_trace(dataclasses.replace(trace, person=person), 1, 3, 0.25)
-    np.testing.assert_array_equal(other.position[-1, 1], before.position[-1, 1])
-
-
-def test_a_pedestrian_that_is_not_seen_has_a_dashed_outline_and_a_contact_a_star(driven):
-    trace = read(driven / "run.rrd").trace
-    moment = Moment.of_trace(trace, 1, int(trace.steps[1]))
-    unseen = dataclasses.replace(moment, seen=np.arange(5) != 2)
-    for each, dashes in ((moment, 0), (unseen, len(DASHES))):
-        shapes = list(draw_moment(each))
-        assert sum(isinstance(shape, Line) and shape.color == LIGHT.pedestrian for shape in shapes) == dashes
-    contact = [0, *moment.hit]
-    corners = burst(moment.position[-1, contact], moment.radius[contact])
-    (found,) = [shape.corners for shape in draw_moment(moment) if isinstance(shape, Polygon) and shape.face is None]
-    np.testing.assert_array_equal(found, corners)
-
-
-def test_several_runs_are_drawn_side_by_side(driven, tmp_path):
-    other = tmp_path / "orca"
-    given = ["--planner", "orca", "--cases", "2", "--record", "all", "--out", str(other)]
-    assert CliRunner().invoke(app, ["run", *given]).exit_code == 0
-    runs, figure, film = [str(driven), str(other)], tmp_path / "a.svg", tmp_path / "a.gif"
-    for out in (figure, film):
-        assert CliRunner().invoke(app, ["render", *runs, "--case", "1", "--out", str(out)]).exit_code == 0
-    said = words(figure)
-    assert [word for word in said if word in ("orca", "straight")] == ["straight", "orca"]
-    for run in (driven, other):
-        trace = read(run / "run.rrd").trace
-        mark = "\N{CHECK MARK}" if trace.outcome[1] == Outcome.SUCCESS else "\N{BALLOT X}"
-        assert [word for word in said if word[0] == mark and word.endswith(f" {trace.steps[1] * trace.rules.dt:g} s")]
-    assert said.count("1 m") == 2
-    with Image.open(film) as shown:
-        assert shown.width > shown.height
-    elsewhere = ["--planner", "orca", "--cases", "2", "--set", "pedestrians.number=3", "--record", "all"]
-    assert CliRunner().invoke(app, ["run", *elsewhere, "--out", str(tmp_path / "three")]).exit_code == 0
-    for more, sentence in (
-        ([str(tmp_path / "three")], "case 1 starts otherwise in"),
-        (["corridor_8"], "are not all runs"),
-        ([str(other), "--strip", "3"], "--strip draws a figure of one run"),
-    ):
-        with pytest.raises(InputError, match=sentence):
-            raise CliRunner().invoke(app, ["render", str(driven), *more, "--case", "1"]).exception
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["--case", "7"], "case 7 is none of the cases test:0:2 of"),
-        (["--case", "1", "--strip", "3", "--out", "a.gif"], "--strip draws a figure"),
-        (["--case", "1", "--out", "a.avi"], "with the ending .pdf, .png or .svg, not a.avi"),
-        (
-            ["--case", "1", "--out", "nowhere/a.gif"],
-            "in a folder that exists, with the ending .gif, .webp or .mp4, not nowhere",
-        ),
-        (["--case", "1", "--out", "a.mp4"], "needs the program ffmpeg"),
-    ],
-)
-def test_a_case_that_cannot_be_drawn_gets_one_sentence(arguments, sentence, driven, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(shutil, "which", lambda _: None)
-    with pytest.raises(InputError, match=sentence):
-        raise CliRunner().invoke(app, ["render", str(driven), *arguments]).exception
-    assert not list(tmp_path.iterdir())
