@@ -182,7 +182,7 @@ def test_what_ffmpeg_says_of_a_failure_is_told(driven, tmp_path, monkeypatch):
     ffmpeg.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     given = ["render", str(driven), "--case", "1", "--out", str(tmp_path / "a.mp4")]
-    with pytest.raises(InputError, match="ffmpeg could not make .*a.mp4: no encoder"):
+    with pytest.raises(InputError, match=r"ffmpeg could not make .*a\.mp4: no encoder"):
         raise CliRunner().invoke(app, given).exception
     assert not (tmp_path / "a.mp4").exists()
 
