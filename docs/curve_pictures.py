@@ -27,11 +27,11 @@ from studies.pages import keep
 LADDERS = Path(__file__).parents[1] / "studies" / "ladder" / "README.md"
 
 KNOWLEDGE = {"prediction": "policies", "luck": "chance"}
-"""Names of knowledge in provisional tables, and those of now."""
+"""Names of knowledge in provisional tables, and present names."""
 
 
 def draw_success(out: Path) -> None:
-    """Draw the share of validation cases that four planners solve by a time."""
+    """Draw the share of validation cases solved by a time, of four planners."""
     with tempfile.TemporaryDirectory() as folder:
         runs = [Path(folder) / planner for planner in ("ppo", "sarl_cvm", "orca_margin", "orca")]
         for run in runs:

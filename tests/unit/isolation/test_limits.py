@@ -1,6 +1,5 @@
 """Programs that take more than they may: each ends within a tenth of its limit, and what only looks large does not."""
 
-import contextlib
 import os
 import shutil
 import sys
@@ -8,42 +7,17 @@ import time
 from pathlib import Path
 
 import pytest
+from probes import made
 
 from crowdbench.isolation import limits, sandbox
 from crowdbench.isolation.launch import MACHINES
-from crowdbench.isolation.planner import IsolatedPlanner, Limits
+from crowdbench.isolation.planner import Limits
 from crowdbench.utils.errors import InputError
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(sandbox.level() != sandbox.BUBBLEWRAP, reason="needs bubblewrap, and the right to use it"),
 ]
-
-PLANNER = """
-import ctypes, mmap, os, signal, socket, subprocess, sys, threading, time
-import numpy as np
-import crowdbench
-
-class Probe(crowdbench.Planner):
-    def __init__(self, **facts):
-        self.facts = facts
-    def plan(self, obs):
-        return np.zeros((len(obs), 2))
-
-def tried(action):
-    try:
-        return str(action())
-    except OSError as error:
-        return type(error).__name__
-
-def forked(count, work):
-    for _ in range(count):
-        if os.fork() == 0:
-            work()
-            os._exit(0)
-
-def planner():
-"""
 
 
 @pytest.fixture(params=["group", "no group"])
@@ -54,15 +28,6 @@ def _groups(request, monkeypatch):
             pytest.skip("no group of cgroup v2 can be made here")
     else:
         monkeypatch.setattr(limits, "_home", lambda: None)
-
-
-@contextlib.contextmanager
-def made(tmp_path, body, most=Limits(), **settings):  # noqa: B008 (immutable)
-    """A planner whose function has a body."""
-    path = tmp_path / "probe.py"
-    path.write_text(PLANNER + "".join(f"    {line}\n" for line in body.strip().splitlines()))
-    with contextlib.closing(IsolatedPlanner(str(path), {}, most, **settings)) as planner:
-        yield planner
 
 
 HOARDS = {

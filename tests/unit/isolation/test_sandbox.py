@@ -1,50 +1,21 @@
 """What a planner finds in its sandbox: Python, crowdbench and its own files, and no way to anything else."""
 
-import contextlib
 import os
 import socket
 from pathlib import Path
 
 import pytest
+from probes import probe
 
 from crowdbench.boards.board import ROOT
 from crowdbench.isolation import sandbox
-from crowdbench.isolation.planner import IsolatedPlanner, Limits
+from crowdbench.isolation.planner import Limits
 from crowdbench.utils.errors import InputError
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(sandbox.level() != sandbox.BUBBLEWRAP, reason="needs bubblewrap, and the right to use it"),
 ]
-
-PLANNER = """
-import ctypes, json, os, socket, subprocess
-import numpy as np
-import crowdbench
-
-class Probe(crowdbench.Planner):
-    def __init__(self, facts):
-        self.facts = facts
-
-    def plan(self, obs):
-        return np.zeros((len(obs), 2))
-
-def tried(action):
-    try:
-        return str(action())
-    except OSError as error:
-        return type(error).__name__
-
-def planner(file="none"):
-"""
-
-
-def probe(tmp_path, body, limits=Limits(), **options):  # noqa: B008 (immutable)
-    """What a planner in the sandbox says of what it has tried, by name."""
-    path = tmp_path / "probe.py"
-    path.write_text(PLANNER + "".join(f"    {line}\n" for line in body.strip().splitlines()))
-    with contextlib.closing(IsolatedPlanner(str(path), options, limits)) as planner:
-        return planner.facts
 
 
 def test_it_sees_nothing_but_python_crowdbench_the_system_and_its_own_file(tmp_path):
