@@ -23,7 +23,8 @@ from crowdbench.sim import episode
 from crowdbench.sim.kernels import writable
 from crowdbench.sim.pedestrians import ORCA
 from crowdbench.sim.pedestrians.forces import TINY, Walkers
-from crowdbench.sim.simulator import After, Before, move
+from crowdbench.sim.simulator import After, Before, crowd_velocities, move
+from crowdbench.sim.simulator import step as take_step
 
 
 def fixture(name):
@@ -175,6 +176,16 @@ def same(one, two):
     names = [field.name for field in dataclasses.fields(Trace) if field.name not in ("split", "rules", "logs")]
     pairs = [(getattr(one, name), getattr(two, name)) for name in names]
     return all(a is b is None or np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+
+
+def worlds_of(changes, n=4, steps=14, scenario="circle_crossing_mixed"):
+    """The worlds of some cases, step by step, while the vehicle drives on."""
+    place = load_scenario(scenario, changes)
+    now = place.worlds(Cases("val", 0, n))
+    for _ in range(steps):
+        yield now
+        crowd = crowd_velocities(now, place.policies)
+        now, _ = take_step(now, np.tile([0.1, 0.6], (n, 1)), crowd)
 
 
 class Still(Planner):

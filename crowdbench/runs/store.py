@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crowdbench import catalog
-from crowdbench.core.types import Outcome, Rules
+from crowdbench.core.types import Outcome, Rules, Trace
 from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.runs.identity import code, digest
 from crowdbench.runs.recording import COMMANDS, Commands, check_size, read_commands

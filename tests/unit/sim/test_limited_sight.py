@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import drive, failed_checks, fixture, same, world
+from helpers import drive, failed_checks, fixture, same, world, worlds_of
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import drive, fixture, same, world
+from helpers import drive, fixture, same, world, worlds_of
 
 from crowdbench.catalog import load_scenario
 from crowdbench.check.contract import with_padding
@@ -13,23 +13,12 @@ from crowdbench.predict.linear import ConstantVelocity, Linear
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.sight import look
-from crowdbench.sim.simulator import crowd_velocities, step
 
 DT = 0.25
 FIELDS = ("position", "velocity", "radius", "seen", "history", "observed", "age")
 LIMITED = fixture("limited_sight")
 EVERYTHING = {"sensor.range": 1e5, "sensor.remember": 1.0}
 """A sensor that measures everybody, and so keeps tracks of them."""
-
-
-def worlds_of(changes, n=4, steps=14, scenario="circle_crossing_mixed"):
-    """The worlds of some cases, step by step, while the vehicle drives on."""
-    place = load_scenario(scenario, changes)
-    now = place.worlds(Cases("val", 0, n))
-    for _ in range(steps):
-        yield now
-        crowd = crowd_velocities(now, place.policies)
-        now, _ = step(now, np.tile([0.1, 0.6], (n, 1)), crowd)
 
 
 def assert_same_pedestrians(one, two, fields=FIELDS):
