@@ -265,7 +265,13 @@ def check_submitter(name: str, package: str) -> None:
 
 
 def check_networks(options: Mapping[str, Any], networks: Sequence[Mapping[str, Any]], folder: Path) -> None:
-    """Raise InputError if two networks of a method have the same options, or files with the same contents."""
+    """Raise InputError if two networks of a method have the same options, or files with the same contents.
+
+    Args:
+        options: Options of the planner.
+        networks: Options of further networks, which are added to those.
+        folder: Folder of the files that options name.
+    """
     found = contents([options, *({**options, **network} for network in networks)], folder)
     if any(network in found[:index] for index, network in enumerate(found)):
         raise InputError("two networks of the entry are the same: name each of them once, and not the entry's own")

@@ -201,5 +201,11 @@ def package_files(planner: str) -> dict[str, str]:
 
 
 def imported_code(planner: str, options: Mapping[str, Any], folder: Path) -> str:
-    """Return the digest of the code of crowdbench that the planner of an entry imports; nothing is loaded."""
+    """Return the digest of the code of crowdbench that the planner of an entry imports; nothing is loaded.
+
+    Args:
+        planner: The planner's name, or its file in the folder.
+        options: Its options, which may name files in the folder.
+        folder: Folder of the entry.
+    """
     return catalog.planner_code(locate_named_files(planner, folder), locate_named_files(options, folder))

@@ -148,7 +148,13 @@ def _check_season(entry: Entry, board: Board, season: Season) -> None:
 
 
 def is_verified(entry: Entry, board: Board, season: Season) -> bool:
-    """Check if an entry has a verification in a season that counts."""
+    """Check if an entry has a verification in a season that counts.
+
+    Args:
+        entry: The entry.
+        board: Its board.
+        season: The season.
+    """
     try:
         return bool(read_verification(entry, board, season))
     except Unverified:

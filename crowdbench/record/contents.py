@@ -180,7 +180,13 @@ def read(path: Path) -> Recording:
 
 
 def read_episode(path: Path, reader: RrdReader, entry: StoreEntry) -> RecordedEpisode:
-    """Read one of the recordings in a file. Raises InputError as `read` does."""
+    """Read one of the recordings in a file. Raises InputError as `read` does.
+
+    Args:
+        path: The file.
+        reader: Its reader.
+        entry: The recording.
+    """
     with rrd.opening(path):
         chunks = rrd.chunks_of(reader, entry, "/**")
         trace, facts = _to_trace(path, [_to_episode(chunks)])
@@ -188,7 +194,13 @@ def read_episode(path: Path, reader: RrdReader, entry: StoreEntry) -> RecordedEp
 
 
 def read_facts(path: Path, reader: RrdReader, entry: StoreEntry) -> dict[str, str]:
-    """Read the planner, the scenario and its digest of a recording in a file. Raises InputError as `read` does."""
+    """Read the planner, the scenario and its digest of a recording in a file. Raises InputError as `read` does.
+
+    Args:
+        path: The file.
+        reader: Its reader.
+        entry: The recording.
+    """
     with rrd.opening(path):
         facts = json.loads(_to_episode(rrd.chunks_of(reader, entry, "/exact/episode"))["facts"][0])
         return {name: facts[name] for name in ("planner", "scenario", "scenario_digest")}

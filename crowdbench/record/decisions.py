@@ -105,7 +105,13 @@ def _of_the_known(
 
 
 def steps_logged(trace: Trace, row: int, name: str) -> Int[np.ndarray, "decision"]:
-    """Return the steps of an episode in which the planner logged something by a name."""
+    """Return the steps of an episode in which the planner logged something by a name.
+
+    Args:
+        trace: The trace with logs.
+        row: The row of the episode.
+        name: The name of the log.
+    """
     end = int(trace.steps[row])
     return np.flatnonzero(~np.isnan(trace.logs[name][row, :end].reshape(end, -1)).all(axis=1))
 
@@ -222,7 +228,13 @@ def read_paths(chunks: Sequence[Chunk], dt: float) -> dict[int, PlannedPaths]:
 
 
 def add_commands(paths: dict[int, PlannedPaths], chunks: Sequence[Chunk], dt: float) -> None:
-    """Add the commands that a planner compared, as paths of one second, to those that `read_paths` has read."""
+    """Add the commands that a planner compared, as paths of one second, to those that `read_paths` has read.
+
+    Args:
+        paths: The paths by the number of the state, which are extended.
+        chunks: All chunks of an episode.
+        dt: Length of a step in seconds.
+    """
     for chunk in chunks:
         match = FAN.fullmatch(chunk.entity_path)
         if match is None or chunk.is_static or VECTORS not in (batch := chunk.to_record_batch()).schema.names:

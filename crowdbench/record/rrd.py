@@ -72,7 +72,13 @@ def foreign(path: Path) -> InputError:
 
 
 def chunks_of(reader: RrdReader, entry: StoreEntry, content: str) -> list[Chunk]:
-    """Return the chunks of one recording in a file whose entity paths are as `content`, such as `/exact/**`."""
+    """Return the chunks of one recording in a file whose entity paths are as `content`, such as `/exact/**`.
+
+    Args:
+        reader: The reader of the file.
+        entry: The recording.
+        content: A pattern of Rerun.
+    """
     return reader.store(store=entry).stream().filter(content=content).to_chunks()
 
 

@@ -111,7 +111,13 @@ def _done(trace: Trace, row: int, agent: int, *, saw: bool) -> str:
 
 
 def summary_text(trace: Trace, row: int, title: str) -> str:
-    """Return the text beside the picture: how the episode ended, and which one it is."""
+    """Return the text beside the picture: how the episode ended, and which one it is.
+
+    Args:
+        trace: The trace with the episode.
+        row: Its row.
+        title: Planner and scenario.
+    """
     success = [f"Success after {trace.steps[row] * trace.rules.dt:g} s", _nearest(trace, row)]
     first, *others = describe_failure(trace, row) or success
     return "\n\n".join([f"## {first}", *others, f"case {trace.split}/{trace.case[row]} · {title}"])

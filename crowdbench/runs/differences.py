@@ -68,13 +68,25 @@ class Differences(list[Difference]):
         self.exact = exact
 
     def note(self, what: str, texts: Iterable[str], of: int) -> None:
-        """Add a difference, unless there is none: what differs, a text for each case or value, and of how many."""
+        """Add a difference, unless there is none: what differs, a text for each case or value, and of how many.
+
+        Args:
+            what: The kind of the difference, as the subject and verb of a sentence.
+            texts: A text for each case or value that differs.
+            of: Number of the compared cases or values.
+        """
         texts = list(texts)
         if texts:
             self.append(Difference(len(texts), of, what, texts[:_SHOWN]))
 
     def note_pairs(self, what: str, pairs: Iterable[tuple[str, object, object]], of: int) -> None:
-        """Add a difference of the cases or values, by name, that are recorded otherwise than replayed."""
+        """Add a difference of the cases or values, by name, that are recorded otherwise than replayed.
+
+        Args:
+            what: As of `note`, as is `of`.
+            pairs: Name, recorded and replayed value of each case or value.
+            of: Number of the compared cases or values.
+        """
         differ = (pair for pair in pairs if not self._is_same(*pair[1:]))
         self.note(what, (f"{name} ({recorded}, replayed: {replayed})" for name, recorded, replayed in differ), of)
 
@@ -101,7 +113,13 @@ class Differences(list[Difference]):
         self.note(f"rows of {file} are there twice, or of other cases than {self.cases}", beyond, len(rows))
 
     def note_values(self, file: str, recorded: Mapping[str, Any], replayed: Mapping[str, Any]) -> None:
-        """Note which values of a file, by name, perhaps in tables within tables, differ from the replay."""
+        """Note which values of a file, by name, perhaps in tables within tables, differ from the replay.
+
+        Args:
+            file: The file.
+            recorded: Its values.
+            replayed: Those of the replay.
+        """
         ours, theirs = flatten(replayed), flatten(recorded)
         names = list({**ours, **theirs})
         self.note_pairs(f"values in {file} differ", ((n, theirs.get(n), ours.get(n)) for n in names), len(names))

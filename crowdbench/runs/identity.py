@@ -128,7 +128,14 @@ def _source_of_module(module: str) -> str:
 
 
 def id_of_object(planner: object, name: str, facts: Mapping[str, str], key: str) -> PlannerId:
-    """Return the identity of a planner that was made in Python: the sources of its classes, and a key."""
+    """Return the identity of a planner that was made in Python: the sources of its classes, and a key.
+
+    Args:
+        planner: The planner.
+        name: Its name in tables.
+        facts: Facts that it tells of itself.
+        key: The user's name of its version, or a random one.
+    """
     classes = [
         kind for kind in type(planner).__mro__ if kind.__module__.partition(".")[0] not in sys.stdlib_module_names
     ]

@@ -98,7 +98,11 @@ class Parts:
         return self.folder / _name(part)
 
     def is_finished(self, part: Cases) -> bool:
-        """Return whether a part is there, or another process has merged all of them, and removed their folder."""
+        """Return whether a part is there, or another process has merged all of them, and removed their folder.
+
+        Raises:
+            InputError: The part is damaged.
+        """
         try:
             return is_finished(self.directory(part)) or not self.folder.exists()
         except InputError:

@@ -159,7 +159,13 @@ class RunTable:
 
 
 def estimates(run: RunResult, infos: Mapping[str, MetricInfo], solved: bool = False) -> dict[str, Estimate]:
-    """Return the means of metrics of a run with their intervals, see `RunTable.grid`."""
+    """Return the means of metrics of a run with their intervals, see `RunTable.grid`.
+
+    Args:
+        run: The run.
+        infos: Facts of the metrics, by name.
+        solved: True for the mean over solved cases, except of rates and of metrics that include failures.
+    """
     episodes = run.episodes
     chosen = episodes.take(episodes.columns["success_rate"]) if solved else episodes
     count_all = {name for name, info in infos.items() if name in episodes.rates or info.over_all}
