@@ -118,7 +118,7 @@ class Differences(list[Difference]):
         Args:
             file: The file.
             recorded: Its values.
-            replayed: Those of the replay.
+            replayed: Values of the replay.
         """
         ours, theirs = flatten(replayed), flatten(recorded)
         names = list({**ours, **theirs})
