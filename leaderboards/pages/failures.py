@@ -116,7 +116,7 @@ def _named(entry: Entry, run: RunResult) -> RunResult:
 
 
 def _choose(episodes: dict[str, Episodes]) -> dict[str, list[int]]:
-    """The cases that are shown, by scenario: of each scenario and each kind of failure one, then a second one, ..."""
+    """Return the cases that are shown, by scenario: of each scenario and each kind of failure one, then the next."""
     kinds = [
         [(name, case) for case in each.case[each.outcome == outcome].tolist()]
         for outcome in (Outcome.COLLISION, Outcome.TIMEOUT, Outcome.WALL_COLLISION)

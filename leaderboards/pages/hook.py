@@ -112,7 +112,7 @@ def _page(uri: str, meta: dict[str, Any], template: str, **context: Any) -> tupl
 
 @functools.cache
 def _templates() -> jinja2.Environment:
-    """The templates, which escape every text that they are given."""
+    """Return the templates, which escape every text that they are given."""
     templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         autoescape=True,

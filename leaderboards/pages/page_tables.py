@@ -27,13 +27,13 @@ LETTERS = {
 
 
 def success_axis(table: Standings) -> float:
-    """Where the axis of success begins, as a share; it ends at 1. The same for all entries of a board."""
+    """Return where the axis of success begins, as a share; it ends at 1. The same for all entries of a board."""
     lows = [one.figures["success_rate"].low for one in table.entries]
     return min(math.floor(10.0 * min((low for low in lows if math.isfinite(low)), default=0.0)) / 10.0, 0.9)
 
 
 def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
-    """A share on an axis from `begin` to 1, in per cent of its length.
+    """Return a share on an axis from `begin` to 1, in per cent of its length.
 
     Returns:
         Where the interval begins, the mean, and the length of the interval, at least so long that it can be seen.
