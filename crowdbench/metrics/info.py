@@ -95,7 +95,7 @@ class MetricInfo:
         return f"{self.number(low)} to {self.number(high)}"
 
     def estimate(self, estimate: Estimate, with_unit: bool = False) -> str:
-        """A mean with its interval, if it has one, such as `99.7 (99.3 to 99.9)` or `99.7 % (99.3 to 99.9)`."""
+        """Return a mean with its interval, if it has one, such as `99.7 (99.3 to 99.9)` or `99.7 % (99.3 to 99.9)`."""
         mean = (self.amount if with_unit else self.number)(estimate.mean)
         has_interval = mean != UNDEFINED and math.isfinite(estimate.high - estimate.low)
         return f"{mean} ({self.interval(estimate.low, estimate.high)})" if has_interval else mean

@@ -26,7 +26,7 @@ _TEXTS = {"episode": "summary", "legend": "legend", "metrics": "metrics"}
 
 
 def blueprint(extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Mapping[str, int], fastest: float) -> rrb.Blueprint:
-    """The viewer's layout: the plane on the left, text and plots on the right.
+    """Return the viewer's layout: the plane on the left, text and plots on the right.
 
     Args:
         extents: Extent of each episode, see `drawing.extent`.
@@ -47,7 +47,7 @@ def blueprint(extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Mapping[str,
 
 
 def _plane(extents: Sequence[Float[np.ndarray, "2 2"]]) -> rrb.Spatial2DView:
-    """The view of the plane, as large as the extents of all episodes."""
+    """Return the view of the plane, as large as the extents of all episodes."""
     low, high = np.min(extents, axis=0)[0], np.max(extents, axis=0)[1]
     start, now = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
     return rrb.Spatial2DView(
@@ -60,7 +60,7 @@ def _plane(extents: Sequence[Float[np.ndarray, "2 2"]]) -> rrb.Spatial2DView:
 
 
 def _plots(fastest: float) -> list[rrb.TimeSeriesView]:
-    """The views of the gap and the speed."""
+    """Return the views of the gap and the speed."""
     gap = _style(["gap", "discomfort", "contact"], [DARK.vehicle, DARK.wall, DARK.contact])
     speed = _style(["speed", "preferred"], [DARK.vehicle, DARK.wall])
     title = f"gap, m (grey: discomfort under {DISCOMFORT_GAP} m, red: contact)"
@@ -82,14 +82,14 @@ def _plot_of_planner(name: str, count: int) -> rrb.TimeSeriesView:
 
 
 def _style(names: Sequence[str], colors: Sequence[Color]) -> rr.SeriesLines:
-    """The style of the curves of an entity, the first one wide."""
+    """Return the style of the curves of an entity, the first one wide."""
     return rr.SeriesLines(names=names, colors=colors, widths=[2.5] + [1.0] * (len(names) - 1))
 
 
 def _plot(
     title: str, entity: str, style: rr.AsComponents, values: tuple[float, float] | None = None
 ) -> rrb.TimeSeriesView:
-    """A view with the curves of an entity.
+    """Return a view with the curves of an entity.
 
     Args:
         title: Describes the curves: a legend would cover them.
