@@ -79,7 +79,7 @@ def _public_runs(board: Board, entry: Entry, scenarios: Mapping[str, Scenario]) 
             run = read_public_run(entry, board, scenario)
             if missing := sorted({*board.public_cases.indices.tolist()} - {*run.commands.case.tolist()}):
                 raise InputError(f"{scenario.name} has no commands of case {missing[0]}")
-            runs.append(_named(entry, run))
+            runs.append(_described(run, entry, scenario))
     return runs
 
 
@@ -107,11 +107,12 @@ def _read_failures(board: Board, entry: Entry, scenarios: Mapping[str, Scenario]
     return Failures(number, examples)
 
 
-def _named(entry: Entry, run: RunResult) -> RunResult:
-    """Return a run whose planner has the name of an entry."""
+def _described(run: RunResult, entry: Entry, scenario: Scenario) -> RunResult:
+    """Return a run with its scenario, whose planner has the name of an entry."""
     planner = {"name": entry.name, "options": entry.spec.options}
+    stated = run.result["run"] | {"planner": planner, "replanning": {}, "scenario": scenario.digest}
     return dataclasses.replace(
-        run, result={**run.result, "run": {**run.result["run"], "planner": planner, "replanning": {}}}
+        run, result=run.result | {"run": stated, "scenario": scenario.table | {"name": scenario.name}}
     )
 
 
