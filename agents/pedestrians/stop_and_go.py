@@ -8,19 +8,20 @@ import numpy as np
 from crowdbench.core import rng
 from crowdbench.core.types import World
 from crowdbench.sim.pedestrians import ORCA
-from crowdbench.sim.pedestrians.base import Parameters, Velocities
+from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
 
 HABITS: Mapping[str, float] = {"period": 8.0, "pause": 0.25}
 """Parameters beside the ones that ORCA has: a period in seconds, and the share of it that is a pause."""
 
 
-class StopAndGo(ORCA):
+class StopAndGo(PedestrianPolicy):
     """Moves pedestrians as ORCA does, but for pauses, in which they stand where they are.
 
     Everybody pauses at other times, once in each period.
     """
 
     parameters: ClassVar[Mapping[str, float]] = {**ORCA.parameters, **HABITS}
+    walk = ORCA()
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`. The parameters are the ones that ORCA has, `period` in seconds, and `pause`."""
@@ -28,7 +29,7 @@ class StopAndGo(ORCA):
         time = (world.step * world.rules.dt)[:, None]
         phase = (time / np.maximum(parameters["period"][:, 1:], world.rules.dt) + start) % 1.0
         pauses = phase < parameters["pause"][:, 1:]
-        return np.where(pauses[..., None], 0.0, super().velocities(world, parameters))
+        return np.where(pauses[..., None], 0.0, self.walk.velocities(world, parameters))
 
 
 def policy() -> StopAndGo:
