@@ -247,7 +247,7 @@ def test_a_margin_that_cannot_be_is_refused(made):
 
 
 STALE = {
-    "suite": "blocks_12",
+    "suite": "",
     "generalisation": "",
     "maps": "",
 }
