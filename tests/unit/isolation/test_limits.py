@@ -246,9 +246,9 @@ def test_what_a_planner_says_of_its_failure_is_harmless(tmp_path):
 def test_a_checkout_in_a_folder_of_python_is_hidden(tmp_path):
     place = Path(sys.prefix) / "lib" / f"crowdbench-test-{os.getpid()}"
     (place / "five" / "entries").mkdir(parents=True)
-    (place / "season.toml").write_text("secret")
+    (place / "secret.toml").write_text("secret")
     try:
-        body = f"return Probe(season=open({str(place / 'season.toml')!r}).read())"
+        body = f"return Probe(secret=open({str(place / 'secret.toml')!r}).read())"
         with pytest.raises(InputError, match="FileNotFoundError"), made(tmp_path, body, hidden=[place]):
             pytest.fail("it was read")
         with made(tmp_path, f"return Probe(all=str(os.listdir({str(place)!r})))", hidden=[place]) as planner:
