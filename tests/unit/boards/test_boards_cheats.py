@@ -22,12 +22,6 @@ from crowdbench.utils.files import sha256
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture
-def folder(root):
-    """The folder of an entry in a folder of boards, which a test may change."""
-    return root / "small" / "entries" / "careful"
-
-
 def forge(folder, **changes):
     """Change what an entry says, and write the digests of its files anew."""
     table = json.loads((folder / "entry.json").read_text()) | changes

@@ -27,12 +27,6 @@ pytestmark = [
 
 
 @pytest.fixture
-def folder(root):
-    """The folder of an entry in a folder of boards, which a test may change."""
-    return root / "small" / "entries" / "careful"
-
-
-@pytest.fixture
 def _few_timed(monkeypatch):
     monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 3)
 

@@ -25,12 +25,6 @@ pytestmark = [
 ]
 
 
-@pytest.fixture
-def folder(root):
-    """The folder of an entry in a folder of boards, which a test may change."""
-    return root / "small" / "entries" / "careful"
-
-
 # A6: names
 
 
