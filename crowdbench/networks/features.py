@@ -134,11 +134,6 @@ def in_disc(action: Vectors, radius: Float[np.ndarray, "world"]) -> Vectors:
     return action / np.maximum(length / radius, 1.0)[:, None]
 
 
-def in_range(action: Vectors, low: Vectors, high: Vectors) -> Vectors:
-    """Return commands between bounds: -1 stands for the lowest, 1 for the highest, and values beyond are cut."""
-    return low + 0.5 * (np.clip(action, -1.0, 1.0) + 1.0) * (high - low)
-
-
 @no_type_check
 @njit
 def _fill(position, velocity, goal, radius, speed, others, motion, radii, seen, own, rows, visible, index, axis):

@@ -12,16 +12,15 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.types import Observation
 from crowdbench.networks.encoders import POLICIES, make_policy
-from crowdbench.networks.features import Features, Vectors, direction, features, in_disc, in_range, to_world
+from crowdbench.networks.features import Features, Vectors, direction, features, in_disc, to_world
 from crowdbench.networks.features_ahead import RAYS, REACH, STEPS, features_ahead
 from crowdbench.networks.policy import Policy, Seen
 from crowdbench.networks.threads import in_chunks
 from crowdbench.networks.weights import digest, load_into, read_card, training_dt, weights_file
 from crowdbench.planners.base import Planner
-from crowdbench.planners.reactive import along_walls, brake_at_walls
+from crowdbench.planners.reactive import along_walls
 from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import file_and_function
 from crowdbench.predict import Predictor
@@ -38,8 +37,8 @@ CHUNK = 4096
 class PolicyInterface:
     """Features that a policy observes, and the meaning of its actions.
 
-    A policy with a memory is shown where people are predicted to be, walls, and how it moves, and its actions are
-    commands of the vehicle's dynamics; one without is shown the present, and its actions are velocities.
+    A policy with a memory is shown where people are predicted to be, walls, and how it moves; one without is shown the
+    present. Actions are velocities in the frame of the goal, which vehicles on wheels follow as far as they can.
 
     Attributes:
         nearest: How many pedestrians it is shown, at most: the nearest ones.
@@ -57,20 +56,15 @@ class PolicyInterface:
         walls = wall_distances(position, direction(position, obs.vehicle.local_goal), obs.obstacles, RAYS, REACH)
         return features_ahead(obs, self.nearest, ahead, walls)
 
-    def commands(self, action: Vectors, obs: Observation, axis: Vectors) -> Vectors:
-        """Return the commands that actions stand for, corrected along walls.
-
-        Velocities in m/s along the axes of the world where there is no predictor.
+    def velocities(self, action: Vectors, obs: Observation, axis: Vectors) -> Vectors:
+        """Return the velocities in m/s that actions stand for, corrected along walls.
 
         Args:
             action: The actions of a policy.
             obs: The observation.
             axis: The direction of the goal, as `Features` has it.
         """
-        vehicle = obs.vehicle
-        if self.predictor is None or isinstance(vehicle.dynamics, Holonomic):
-            return along_walls(obs, to_world(in_disc(action, vehicle.preferred_speed), axis))  # the direction is kept
-        return brake_at_walls(obs, in_range(action, *vehicle.dynamics.space(vehicle.preferred_speed)))
+        return along_walls(obs, to_world(in_disc(action, obs.vehicle.preferred_speed), axis))  # the direction is kept
 
 
 @dataclass(eq=False)
@@ -94,7 +88,6 @@ class NetworkPlanner(Planner):
     def __post_init__(self) -> None:
         self.policy.eval()
         predictor = self.interface.predictor
-        self.native = predictor is not None
         self.privileged = predictor is not None and predictor.privileged
         of_predictor = {} if predictor is None else predictor.facts
         self.facts = {**of_predictor, "network": self.network, "weights": digest(self.policy)}
@@ -128,7 +121,7 @@ class NetworkPlanner(Planner):
 
         in_chunks(fill, len(obs), CHUNK)
         self.memory[row] = before
-        return self.interface.commands(action, obs, shown.axis)
+        return self.interface.velocities(action, obs, shown.axis)
 
 
 def load_policy(

@@ -82,26 +82,6 @@ def along_walls(obs: Observation, command: Float[np.ndarray, "world 2"]) -> Floa
     return slower
 
 
-def brake_at_walls(obs: Observation, command: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
-    """Slow down commands of a vehicle on wheels after which it could not stop in front of a wall.
-
-    Args:
-        obs: The observation.
-        command: Commands of the vehicle's dynamics.
-
-    Returns:
-        Commands at `CREEP` of the speed where it must brake, and straight on where it could not stop otherwise.
-    """
-    vehicle, dynamics, limit, slower = obs.vehicle, obs.vehicle.dynamics, obs.vehicle.preferred_speed, command.copy()
-    body, radius = np.array(vehicle.body), vehicle.radius + GAP
-    for part in range(2):  # the speed, and where that is not enough, the turn: braking straight on was safe before
-        after = dynamics.step(vehicle.state, slower, limit, obs.dt)
-        number = np.stack([slower[:, part], np.zeros(len(obs))], axis=1)
-        _brake(body, dynamics.limits[0], *after[:3], radius, obs.obstacles, number)
-        slower[:, part] = number[:, 0]
-    return slower
-
-
 @no_type_check
 @njit
 def _slide(position, radius, obstacles, time, command):

@@ -1,7 +1,7 @@
 """Trains a policy by proximal policy optimization (PPO, Schulman et al. 2017).
 
 A policy observes the vehicle and the nearest pedestrians in the frame of the goal, and gives a velocity in it; a
-recurrent one observes more, and gives commands (`planners.policy.PolicyInterface`). It learns from a reward in many
+recurrent one observes more (`planners.policy.PolicyInterface`). It learns from a reward in many
 worlds at once. Each update drives some steps of every world, then passes over them several times in minibatches of
 whole segments. The value loss is not clipped, and there is no entropy bonus.
 """
@@ -160,9 +160,9 @@ class PPOTraining(DrivingTraining[Policy]):
         self.interface = PolicyInterface(self.nearest, ConstantVelocity() if self.current.remembered else None)
         # The first scenarios have a world more where worlds cannot be shared evenly.
         self.rows = np.array_split(np.arange(self.parameters.worlds), len(scenarios))
-        action, reward = "native" if self.interface.predictor else "world", load_reward(config.reward)
+        reward = load_reward(config.reward)
         self.worlds = [
-            TrainingWorlds(len(rows), View(scenario, action=action), reward, max(CASES // len(scenarios), FEWEST))
+            TrainingWorlds(len(rows), View(scenario), reward, max(CASES // len(scenarios), FEWEST))
             for rows, scenario in zip(self.rows, scenarios, strict=True)
         ]
         self.filters = [KalmanFilter() for _ in scenarios]
@@ -276,7 +276,7 @@ class PPOTraining(DrivingTraining[Policy]):
         """
         rewards, ends = [], []
         for worlds, rows, frame, tracker in zip(self.worlds, self.rows, self.frames, self.filters, strict=True):
-            step, reward, returned, _ = worlds.step(self.interface.commands(action[rows], *frame))
+            step, reward, returned, _ = worlds.step(self.interface.velocities(action[rows], *frame))
             timed_out = np.flatnonzero(step.outcome == Outcome.TIMEOUT)
             if len(timed_out):
                 last = self._filtered(observe(step.after.take(timed_out), timed_out), tracker)

@@ -141,18 +141,15 @@ def test_an_episode_is_the_same_alone_and_in_company(network):
     assert np.nanstd(together.command[:, :, 1]) > 0.0
 
 
-def test_actions_are_velocities_towards_the_goal_or_commands_between_their_bounds():
+def test_actions_are_velocities_in_the_frame_of_the_goal_no_faster_than_preferred():
     obs = crowded(2, 1)
     axis, interface = features(obs, 1).axis, PolicyInterface(1, ConstantVelocity())
     action = np.array([[1.0, 0.0], [0.0, 5.0]]) * obs.vehicle.preferred_speed[:, None]
     side = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
     np.testing.assert_allclose(
-        interface.commands(action, obs, axis),
+        interface.velocities(action, obs, axis),
         obs.vehicle.preferred_speed[:, None] * np.stack([axis[0], side[1]]),
     )
-    wheels = dataclasses.replace(obs.vehicle, dynamics=Unicycle(max_angular_speed=1.5))
-    found = interface.commands(np.array([[-1.0, 1.0], [3.0, 0.0]]), dataclasses.replace(obs, vehicle=wheels), axis)
-    np.testing.assert_allclose(found, [[0.0, 1.5], [wheels.preferred_speed[1], 0.0]])
 
 
 def test_it_is_trained_and_drives(tmp_path, monkeypatch):
