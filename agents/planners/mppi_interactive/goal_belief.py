@@ -44,7 +44,7 @@ class Inference:
         InputError: A number is impossible.
     """
 
-    concentration: float = 4.0
+    concentration: float = 12.0
     memory: float = 3.0
     near: float = 6.0
     slowing: float = 0.1
