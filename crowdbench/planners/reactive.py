@@ -54,7 +54,7 @@ class ORCAPlanner(Planner):
 GAP = 0.01
 """The gap to walls that is kept, in metres."""
 
-CREEP = 0.01
+CREEP = 1e-4
 """Share of its speed at which a vehicle turns that must not drive on. A velocity of 0 would have no direction."""
 
 
@@ -62,7 +62,7 @@ def along_walls(obs: Observation, command: Float[np.ndarray, "world 2"]) -> Floa
     """Return commands with which the vehicle goes along walls instead of into them, as pedestrians do in the simulator.
 
     A vehicle with limits on its acceleration needs time to stop and to turn. It looks that much farther ahead. Where it
-    could not stop in front of a wall after the step, it brakes and turns.
+    could not stop in front of a wall after the step, it brakes and turns, or brakes straight on.
 
     Args:
         obs: The observation.
@@ -77,8 +77,10 @@ def along_walls(obs: Observation, command: Float[np.ndarray, "world 2"]) -> Floa
     deceleration, radius = dynamics.limits[0], vehicle.radius + GAP
     _slide(vehicle.position, radius, obs.obstacles, obs.dt + limit / deceleration, slower)
     if math.isfinite(deceleration):
-        after = dynamics.step(vehicle.state, dynamics.follow(vehicle.state, slower, limit, obs.dt), limit, obs.dt)
-        _brake(np.array(vehicle.body), deceleration, *after[:3], radius, obs.obstacles, slower)
+        ahead = limit[:, None] * np.stack([np.cos(vehicle.heading), np.sin(vehicle.heading)], axis=1)
+        for toward in (slower.copy(), ahead):  # where braking is not enough, straight on: that was safe before
+            after = dynamics.step(vehicle.state, dynamics.follow(vehicle.state, slower, limit, obs.dt), limit, obs.dt)
+            _brake(np.array(vehicle.body), deceleration, *after[:3], radius, obs.obstacles, toward, slower)
     return slower
 
 
@@ -95,9 +97,9 @@ def _slide(position, radius, obstacles, time, command):
 
 @no_type_check
 @njit
-def _brake(body, deceleration, position, velocity, heading, radius, obstacles, command):
-    """Slow commands down after which the vehicle could not stop in front of a wall; their direction is kept."""
+def _brake(body, deceleration, position, velocity, heading, radius, obstacles, toward, command):
+    """Replace commands after which the vehicle could not stop in front of a wall: slow ones, in directions `toward`."""
     for w in range(len(command)):
         x, y, vx, vy = position[w, 0], position[w, 1], velocity[w, 0], velocity[w, 1]
         if stopping_gap(body, deceleration, x, y, vx, vy, heading[w], radius[w], obstacles[w]) < 0.0:
-            command[w, 0], command[w, 1] = CREEP * command[w, 0], CREEP * command[w, 1]
+            command[w, 0], command[w, 1] = CREEP * toward[w, 0], CREEP * toward[w, 1]

@@ -17,11 +17,14 @@ from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.metrics import spl
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.reactive import along_walls
 from crowdbench.planners.scene import scene_of
 from crowdbench.planners.trials import propagate_vehicle, try_commands, try_sequences
 from crowdbench.predict import Prediction
 from crowdbench.record.contents import read
 from crowdbench.record.write import Recorder
+from crowdbench.runs.rollout import rollout
+from crowdbench.scenario.cases import Cases
 from crowdbench.sim.pedestrians import ORCA
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
@@ -291,3 +294,20 @@ def test_the_planner_of_the_page_about_vehicles_commands_unicycles_only(tmp_path
     assert (trace.outcome == Outcome.SUCCESS).all()
     with pytest.raises(InputError, match="has native = 'unicycle', but the vehicle of the scenario is holonomic"):
         drive(planner, "1")
+
+
+class Wandering(Planner):
+    """Gives a direction for a second, then another one, corrected along walls."""
+
+    def plan(self, obs):
+        seconds = np.broadcast_to(obs.time, len(obs)).astype(int)
+        angle = [np.random.default_rng(key).uniform(-3.0, 3.0) for key in zip(obs.row, seconds, strict=True)]
+        return along_walls(obs, obs.vehicle.preferred_speed[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+
+
+@pytest.mark.parametrize("acceleration", [0.5, 1.0])
+def test_no_vehicle_on_wheels_drives_into_a_wall_whatever_velocities_are_wanted(acceleration):
+    overrides = {"pedestrians.number": 0, "vehicle.max_acceleration": acceleration}
+    trace = rollout(Driver(Wandering(), "wandering"), load_scenario("doorway_10", overrides), Cases("val", 0, 60))
+    assert trace.gap.shape[1] > 100
+    assert (trace.outcome != Outcome.WALL_COLLISION).all()
