@@ -188,7 +188,7 @@ def test_the_digests_of_the_simulated_scenarios_stay():
     """Where this fails because a default is another one, `crowdbench.scenario.load.VERSION` must be raised."""
     digests = {name: load_scenario(name).digest for name in simulated_scenarios()}
     assert digests.items() <= SCENARIOS.items()
-    assert len(digests) == 58
+    assert len(digests) == 60
 
 
 @pytest.mark.slow
