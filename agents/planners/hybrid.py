@@ -32,7 +32,7 @@ class HybridPlanner(MPPIPlanner):
     A proposal holds the policy's command for some steps, and goes on straight to the goal or as the last plan.
 
     Attributes:
-        policy: Gives velocities.
+        policy: The policy, which must give velocities in m/s.
         patience: The best proposal is driven unless the best sequence costs so much less [s].
     """
 
@@ -55,8 +55,8 @@ class HybridPlanner(MPPIPlanner):
 
     def first_guesses(self, obs: Observation) -> Sequences:
         """Return the guesses of MPPI, and then the proposals."""
-        vehicle, velocity, guesses = obs.vehicle, self.policy.plan(obs), super().first_guesses(obs)
-        command = vehicle.dynamics.follow(vehicle.state, velocity, vehicle.preferred_speed, obs.dt)
+        vehicle, guesses = obs.vehicle, super().first_guesses(obs)
+        command = vehicle.dynamics.follow(vehicle.state, self.policy.plan(obs), vehicle.preferred_speed, obs.dt)
         rest = guesses[:, None, :2]  # the last plan, and straight to the goal
         held = np.arange(self.horizon) < np.array(HOLDS)[:, None]
         proposals = np.where(held[:, None, :, None], command[:, None, None, None], rest)

@@ -47,7 +47,7 @@ stops of young adults."""
 
 
 COSTS = dataclasses.replace(MPPIPlanner.weights, fading=0.75)
-"""Contacts fade sooner than in `mppi`: with 0.8 the vehicle waits in streams until the time is over."""
+"""Contacts fade sooner than in `mppi`: with its 0.8 the vehicle waits longer in streets and among blocks."""
 
 
 class GoalRollOuts(Predictor):
