@@ -64,8 +64,8 @@ class Recorder:
         # In the same folder, so that moving the finished file is a rename within one file system.
         self._folder = tempfile.TemporaryDirectory(prefix=f".{self.path.name}.", dir=self.path.parent)
         self._run = {name: getattr(self, name) for name in ("planner", "scenario", "scenario_digest", "cases")}
-        # The viewer lists the file by this name, and warns of other characters.
-        self._application = re.sub(r"[^A-Za-z0-9 _-]", "-", f"{self.planner} on {self.scenario}")
+        # The viewer lists the file by this name, and warns of other characters and of more than 180 of them.
+        self._application = re.sub(r"[^A-Za-z0-9 _-]", "-", f"{self.planner[:100]} on {self.scenario}")[:180]
         self._version = importlib.metadata.version("crowdbench")
         self._extents: list[Float[np.ndarray, "2 2"]] = []
         self._plotted: dict[str, int] = {}
