@@ -74,7 +74,7 @@ class HybridPlanner(MPPIPlanner):
 
 
 def planner(
-    weights: str = "ppo_attention-seed2",
+    weights: str = "ppo_attention",
     patience: float = 1.0,
     predictor: str = "constant_velocity",
     search: Search = FEWER,
