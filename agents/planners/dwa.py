@@ -39,12 +39,12 @@ class Objective:
     """
 
     heading: float = 1.0
-    clearance: float = 8.0
-    room: float = 2.0
+    clearance: float = 12.0
+    room: float = 1.7
     speed: float = 0.1
     free: float = 1.0
-    margin: float = 0.1
-    sigma_factor: float = 0.5
+    margin: float = 0.09
+    sigma_factor: float = 0.27
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
