@@ -62,7 +62,8 @@ def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
     if page.file.src_uri.startswith("studies/"):
         page.meta["search"] = {"exclude": True}
         if not re.search(r"^# ", markdown, re.MULTILINE):
-            markdown = f"# Study: {Path(page.file.src_uri).parent.name}\n\n{reference.provisional()}\n\n{markdown}"
+            study = Path(page.file.src_uri).parent.name
+            markdown = f"# Study: {study}\n\n{reference.provisional(study)}\n\n{markdown}"
         return re.sub(
             r"\]\((tables/[\w-]+\.csv)\)", "](../../results.md)", markdown.replace("](../../docs/", "](../../")
         )

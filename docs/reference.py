@@ -22,14 +22,18 @@ from crowdbench.networks.weights import built_in, read_card
 
 STYLE = DocstringStyle.GOOGLE
 
-PROVISIONAL = True
-"""True while results in pages are of earlier versions of the scenarios. The one switch for all pages."""
+PROVISIONAL = (
+    "crowdnav_plus", "crowds", "dials", "kce", "ladder", "learned", "li2020", "policies", "published", "reactions",
+    "recorded", "suite", "transfer", "validity",
+)  # fmt: skip
+"""The studies whose results are of earlier versions of the scenarios or planners."""
 
 
-def provisional() -> str:
-    """Return the note that pages with provisional results have."""
-    note = "Results on this site were measured on earlier versions of the scenarios and planners. They are provisional."
-    return f'!!! note "Provisional results"\n\n    {note}' if PROVISIONAL else ""
+def provisional(study: str = "") -> str:
+    """Return the note on provisional results for the page of a study, or for a page that shows several studies."""
+    shown = [name for name in PROVISIONAL if not study or name == study]
+    note = f"Measured on earlier versions of the scenarios and planners, and provisional: {', '.join(shown)}."
+    return f'!!! note "Provisional results"\n\n    {note}' if shown else ""
 
 
 def commands() -> str:
