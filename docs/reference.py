@@ -24,7 +24,7 @@ STYLE = DocstringStyle.GOOGLE
 
 PROVISIONAL = (
     "crowdnav_plus", "crowds", "dials", "kce", "ladder", "learned", "li2020", "policies", "published", "reactions",
-    "recorded", "suite", "transfer", "validity",
+    "suite", "transfer", "validity",
 )  # fmt: skip
 """The studies whose results are of earlier versions of the scenarios or planners."""
 
