@@ -86,7 +86,7 @@ def _cells(table: Standings, entry: Standing) -> dict[str, str]:
     pareto = " \\*" if entry.is_pareto else ""
     cells = {
         "rank": str(entry.rank or ""),
-        "entry": f"{entry.name}{pareto}, {entry.entry.spec.submitted_by}",
+        "entry": f"{entry.name}{pareto}, {'baseline' if entry.is_baseline else entry.entry.spec.submitted_by}",
         SUCCESS.heading: SUCCESS.estimate(figures["success_rate"]),
         "as good as": ", ".join(near(table, entry)[0]),
     }
