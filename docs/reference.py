@@ -23,7 +23,7 @@ from crowdbench.networks.weights import built_in, read_card
 STYLE = DocstringStyle.GOOGLE
 
 PROVISIONAL = (
-    "crowds", "dials", "ladder", "learned", "li2020", "published", "reactions",
+    "crowds", "dials", "ladder", "li2020", "published", "reactions",
     "suite", "transfer", "validity",
 )  # fmt: skip
 """The studies whose results are of earlier versions of the scenarios or planners."""
