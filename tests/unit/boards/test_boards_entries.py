@@ -435,7 +435,7 @@ def test_no_more_than_two_entries_of_a_submitter_are_ranked(root, monkeypatch):
 def test_the_readme_has_the_standings(root):
     text = write_readme(root).read_text()
     assert "## Small" in text
-    assert re.search(r"\| \d( to \d)? \| orca.*, crowdbench \| \d+\.\d \(", text)
+    assert re.search(r"\| \d( to \d)? \| orca.*, baseline \| \d+\.\d \(", text)
     assert re.search(r"\| \d( to \d)? \| careful.*, Ada \|", text)
 
 
