@@ -23,9 +23,19 @@ from crowdbench.networks.weights import built_in, read_card
 STYLE = DocstringStyle.GOOGLE
 
 PROVISIONAL = (
-    "crowds", "dials", "ladder", "li2020", "published", "reactions",
-    "suite", "transfer", "validity",
-)  # fmt: skip
+    "certificates",
+    "crowds",
+    "dials",
+    "ladder",
+    "learn_together",
+    "li2020",
+    "published",
+    "reactions",
+    "social_gan",
+    "suite",
+    "transfer",
+    "validity",
+)
 """The studies whose results are of earlier versions of the scenarios or planners."""
 
 
