@@ -33,7 +33,6 @@ PROVISIONAL = (
     "reactions",
     "social_gan",
     "suite",
-    "transfer",
     "validity",
 )
 """The studies whose results are of earlier versions of the scenarios or planners."""
