@@ -30,12 +30,12 @@ PLANNER, CASE = "orca_margin", Cases("val", 0, 1)
 NOTE = f"""\
 Pedestrians have [attention](pedestrians.md#cooperation-and-attention) where the scenario has a table
 `[pedestrians.attention]`: they notice the vehicle in their field of view, {math.degrees(HALF_FIELD):.0f} degrees to
-either side of the direction of walking, up to {RANGE:g} m and to the walls. Distracted people look away for
+either side of the direction of walking, up to {RANGE:g} m and to the walls. Distracted pedestrians look away for
 {LOOKS_AWAY:g} s in every {PERIOD:g} s.
 
-The pictures are of case val/0, driven by `{PLANNER}`, at the time at which the numbers of people who have noticed the
-vehicle (filled) and of those who have not (outlined) differ least. Yellow is the field of view of the person who is
-nearest to the vehicle."""
+The pictures are of case val/0, driven by `{PLANNER}`, at the time at which the numbers of pedestrians that have
+noticed the vehicle (filled) and of those that have not (outlined) differ least. Yellow is the field of view of the
+pedestrian nearest to the vehicle."""
 
 
 def main() -> None:
@@ -68,9 +68,9 @@ def sentence(rules: Rules) -> str:
     """Return in words how people react to the vehicle, from the rules of a scenario."""
     attention = rules.attention
     if not rules.visible:
-        return "Nobody notices the vehicle."
+        return "Non-cooperative: pedestrians do not see the vehicle."
     if attention is None:
-        return "Everybody notices the vehicle, and avoids it as people avoid each other."
+        return "All pedestrians notice the vehicle, and avoid it as they avoid each other."
     shares = {
         "avoid it": 1.0 - attention.ignores - attention.yields_late - attention.attracted,
         "ignore it while it moves": attention.ignores,
@@ -79,8 +79,8 @@ def sentence(rules: Rules) -> str:
     }
     reactions = " and ".join(f"{100 * share:.0f} % {reaction}" for reaction, share in shares.items() if share > 0.0)
     return (
-        f"Of the people who have had the vehicle in view for {attention.delay:g} s, {reactions}; "
-        f"{100 * attention.distracted:.0f} % of all people are distracted."
+        f"Of the pedestrians with the vehicle in view for {attention.delay:g} s, {reactions}; "
+        f"{100 * attention.distracted:.0f} % of all pedestrians are distracted."
     )
 
 

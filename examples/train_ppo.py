@@ -120,6 +120,7 @@ def train(
         print("interrupted: exporting what has been learned")
     model.save(checkpoint)
     export_policy(model, out, env)
+    print(f"wrote {out}")
     return model
 
 
@@ -131,4 +132,4 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("ppo.onnx"))
     asked = parser.parse_args()
-    train(asked.steps, asked.scenario, asked.seed, asked.out, minutes=asked.minutes, progress_bar=True)
+    train(asked.steps, asked.scenario, asked.seed, asked.out, minutes=asked.minutes, progress_bar=asked.minutes is None)

@@ -94,9 +94,10 @@ class Submission:
             InputError: The card is missing or wrong, or still has a text of the template.
         """
         card, template = read_card(self.card), read_card(TEMPLATE / CARD)
-        for key in ("authors", "contact", "description"):
-            if getattr(card, key) == getattr(template, key):
-                raise InputError(f"{self.card} has {key} as `new-planner` wrote it: say who you are, and what it does")
+        fields = "authors", "contact", "description"
+        if left := [key for key in fields if getattr(card, key) == getattr(template, key)]:
+            as_made = f"has {', '.join(left)} as `new-planner` wrote it"
+            raise InputError(f"{self.card} {as_made}: say who you are, and what it does")
         if (directory := self.directory(root)).exists():
             raise InUse(f"{directory} exists already: choose another name, or remove it")
         check_submitter(self.by, package(self.planner))

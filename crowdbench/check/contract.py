@@ -213,7 +213,7 @@ def check_plugin(subject: Subject, cases: Cases) -> list[CheckResult]:
     except Broken as error:
         unexamined = [CheckResult(name, None, "not examined: the answers are not valid") for name in RULES]
         return [CheckResult("answers", False, str(error)), *unexamined]
-    time = f"{1e3 * np.mean(first.seconds):.3g} ms per call, at most {max(first.seconds):.3g} s"
+    time = f"{1e3 * np.mean(first.seconds):.3g} ms per call, at most {1e3 * max(first.seconds):.3g} ms"
     observation = (
         f"{len(first.answers)} {subject.procedure.answers} are valid{first.remark}, the input is unchanged; {time}"
     )

@@ -30,8 +30,11 @@ def new_planner(name: str, out: Path = Path()) -> None:
         name: A name of lower-case letters, digits and underscores.
         out: Folder in which it gets a folder.
     """
+    from crowdbench.catalog import PLANNERS
     from crowdbench.plugins.new_planner import make_planner
 
+    if name in PLANNERS.built_in():
+        raise InputError(f"a planner that ships is called {name!r}: take another name")
     folder = make_planner(name, out)
     file = folder / f"{name}.py"
     say(
@@ -95,8 +98,8 @@ def submit(
         _check_contract(planner, option or [])
     cases = len(rules.public_cases) * len(rules.scenarios)
     if dry_run:
-        minutes = rehearse(submission, root) / 60
-        say(f"no fault is found, and no entry made; {cases} public cases will take about {minutes:.1f} minutes here")
+        seconds = rehearse(submission, root)
+        say(f"no fault is found, and no entry made; {cases} public cases will take about {seconds:.0f} s here")
         return
     message = f"finished batches are kept in {work}, with which the same command goes on"
     with exit_on_interrupt(message), progress(cases, f"of {cases} public cases") as update:
@@ -149,7 +152,9 @@ def _check_contract(planner: str, options: Sequence[str]) -> None:
         errors="replace",
     )
     if check.returncode != 0:
-        print(check.stdout or check.stderr, end="")
+        if not check.stdout:
+            raise InputError(check.stderr.splitlines()[-1].removeprefix("crowdbench: "))
+        print(check.stdout, end="")
         raise InputError(f"planner {planner} breaks its contract: see above")
 
 

@@ -73,8 +73,9 @@ def table(
         grid = runs.cross((metric or ["success_rate"])[0])
     records = [{**record, "cases": str(runs.runs[0].cases)} for record in grid.records]
     text = format_tables([dataclasses.replace(grid, records=records)], format)
-    for warning in [*(warning for run in runs.runs for warning in run.warnings), STATED]:
+    for warning in (warning for run in runs.runs for warning in run.warnings):
         say(f"crowdbench: {warning}")
+    say(STATED)
     print(floating(text, caption, label) if caption or label else text)
 
 

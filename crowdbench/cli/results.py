@@ -41,7 +41,7 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
     comparisons = compare_to(reference, others)
     for warning in dict.fromkeys(warning for comparison in comparisons for warning in comparison.warnings):
         say(f"crowdbench: {warning}")
-    say(f"crowdbench: {STATED}")
+    say(STATED)
     grid = comparison_grid(comparisons, metric or [])
     if format is not None:
         print(format_tables([grid], format))
@@ -98,8 +98,9 @@ def score(
     metrics, contents = load_metrics(metric or []), read(recording_of(recording))
     episodes = Episodes.of(contents.trace, metrics)
     if checked is not None:
-        for warning in [*checked.warnings, STATED]:
+        for warning in checked.warnings:
             say(f"crowdbench: {warning}")
+        say(STATED)
         check_recorded(checked, episodes, metrics)
     # The rates of a part would be biased, because failures are preferred.
     summary = episodes.summary() if len(episodes) == (contents.cases if checked is None else len(checked.cases)) else {}

@@ -169,7 +169,7 @@ def merge(
 
     metrics = load_metrics(metric or [])
     result = merge_runs(runs, out, overwrite)
-    say(f"crowdbench: {STATED}")
+    say(STATED)
     print_result(f"{result_label(result)} on {result['scenario']['name']}", out, metrics, as_json, all_metrics)
 
 

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from crowdbench.record import rrd
 from crowdbench.record.blueprint import blueprint, logged_curves
 from crowdbench.record.cases import read_case, recorded_cases
 from crowdbench.record.drawing import extent
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, Interrupted
 
 
 def view(path: Path, case: int | None = None, *, web: bool = False) -> None:
@@ -63,7 +64,9 @@ def show(file: Path, *, web: bool = False) -> None:
     """
     if not web and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
         raise InputError("there is no display for a window: use --web, or draw a case with `crowdbench render`")
-    if subprocess.run(_command(file, ["--web-viewer"] * web)).returncode:
+    with contextlib.suppress(Interrupted):  # Ctrl-C closes the viewer
+        if subprocess.run(_command(file, ["--web-viewer"] * web)).returncode == 0:
+            return
         raise InputError(f"the Rerun viewer failed on {file}: it needs a display with a graphics driver, or --web")
 
 

@@ -26,7 +26,7 @@ from crowdbench.utils.errors import InputError
 MOST = 10
 """The most failures of an entry that are listed."""
 
-RECORDED = "Recorded people are not shown here: the tracks are not ours to publish."
+RECORDED = "Recorded pedestrians are not shown: their tracks may not be redistributed."
 
 WORDS = {Outcome.TIMEOUT: "time-out", Outcome.WALL_COLLISION: "collision with a wall"}
 """The words for outcomes, where they are not their labels."""

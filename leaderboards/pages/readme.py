@@ -27,13 +27,13 @@ INTRODUCTION = """# Leaderboards
 Made by `python leaderboards/pages/readme.py` from the entries in these folders. The documentation site has their pages
 with figures and replays. [docs/boards.md](../docs/boards.md) says how to enter a planner and what a rank means.
 
-Success is the primary endpoint of each board. The rank is an interval: with a confidence of 95 % it contains the true
-ranks of all entries of a board together. Entries of the same rank are listed by SCT, success weighted by completion
-time, which is an order and no rank. "As good as" are the entries from which one surely differs by less than
-{margin:g} points of success. Figures have 95 % intervals. "method" is the mean success over networks that were
-trained with other seeds, with an interval for other networks and other cases. "imposed delay" is the total extra
+Success is the primary endpoint of each board. The rank is an interval: the intervals of all entries of a board jointly
+contain the true ranks with a confidence of 95 %. Entries of the same rank are listed by SCT, success weighted by
+completion time, which is an order and no rank. "As good as" lists entries whose difference is surely below {margin:g}
+points of success. Figures have 95 % intervals. "method" is the mean success over networks that were trained with other
+seeds, with an interval for other networks and other cases. "imposed delay" is the total extra
 travel time of all pedestrians of a case, where they see the vehicle. "decision" is the 99th percentile of the time
-for a decision in one world, on one core of the machine of reference. An asterisk marks the Pareto set: no ranked
+for a decision in one world, on one core of the reference machine. An asterisk marks the Pareto set: no ranked
 entry succeeds more often and is quicker. Entries that are "reported only" have no rank: their figures are reported by
 their authors, on the public cases. A "pending" entry was made for other rules, scenarios or code.
 

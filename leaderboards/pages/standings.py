@@ -39,8 +39,8 @@ POLITE = ("intimate_zone", "imposed_delay", "imposed_delay_positive")
 SHOWN = ("collision_rate", "at_fault_rate", "sct", "navigation_time", *POLITE, "jerk")
 """The metrics that the table of a board shows beside success."""
 
-PENDING = "Its board or its planner had other rules, scenarios or code: it must be submitted again."
-REPORTED_ONLY = "The figures are its authors', of the public cases: {}."
+PENDING = "Its board or planner has changed since: it must be submitted again."
+REPORTED_ONLY = "Figures are reported by its authors, on public cases: {}."
 
 
 @dataclass(frozen=True)
@@ -314,9 +314,9 @@ def _why_unranked(board: Board, entry: Entry, pending: bool, verification: Verif
         verification: The verification of the season, or why none counts.
     """
     if not board.spec.ranked:
-        return "not ranked", "This board has no ranks: it shows how planners drive."
+        return "not ranked", "This board has no ranks: it shows results only."
     if entry.spec.privileged:
-        return "privileged", "It uses what no vehicle can see, such as the pedestrians' true next velocities."
+        return "privileged", "It uses hidden state of the simulator, such as the pedestrians' true next velocities."
     if entry.card.ablation:
         return "ablation", "Its authors say that it is a variant made for comparison."
     if pending:

@@ -174,6 +174,19 @@ def test_files_that_are_no_text_are_named(crowdbench, name, command, content):
     assert name in errors[0]
 
 
+def test_a_planner_of_a_taken_name_and_one_that_is_not_there_get_their_own_sentence(crowdbench):
+    status, _, errors = crowdbench("new-planner", "orca")
+    assert (status, errors) == (1, ["crowdbench: a planner that ships is called 'orca': take another name"])
+    assert crowdbench("new-planner", "swift_heron")[0] == 0
+    card = Path("swift_heron/card.toml")
+    text = card.read_text().replace("Your Name", "Ada").replace("you@", "ada@").replace("slowly", "fast")
+    card.write_text(text)
+    status, _, errors = crowdbench("submit", "nothing.py", "--board", "five", "--card", str(card))
+    assert (status, len(errors)) == (1, 2)
+    assert errors[1].startswith("crowdbench: there is no file")
+    assert "breaks its contract" not in errors[1]
+
+
 @pytest.mark.parametrize("text", ["[" * 100_000, f'{{"x": {DIGITS}}}'])
 def test_a_result_that_no_run_writes_is_told(tmp_path, text):
     (tmp_path / "result.json").write_text(text)

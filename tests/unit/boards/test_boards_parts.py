@@ -122,7 +122,7 @@ def test_a_profile_has_the_success_in_each_family(tmp_path):
 def test_a_card_as_it_was_made_is_refused(tmp_path):
     path = make_planner("gentle", tmp_path) / "card.toml"  # a name that no test has imported
     submission = Submission(write_board(tmp_path / "boards"), "careful", "orca", {}, [], path, "Ada")
-    with pytest.raises(InputError, match=r"card.toml has authors as `new-planner` wrote it: say who you are"):
+    with pytest.raises(InputError, match=r"card.toml has authors, contact, description as `new-planner` wrote it"):
         submission.check(tmp_path / "boards")
     text = path.read_text().replace("Your Name", "Ada").replace("you@example.org", "ada@example.org")
     path.write_text(text)

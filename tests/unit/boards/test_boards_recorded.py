@@ -113,7 +113,7 @@ def test_pages_show_no_tracks(root, tmp_path):
     folder = build_site(root, tmp_path) / "leaderboards" / "small"
     assert not list(folder.rglob("*.rrd"))
     assert not (folder / "replay").exists()
-    assert "the tracks are not ours to publish" in (folder / "entries" / "orca.html").read_text()
+    assert "their tracks may not be redistributed" in (folder / "entries" / "orca.html").read_text()
 
 
 @pytest.mark.slow

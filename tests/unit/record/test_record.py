@@ -22,7 +22,7 @@ from crowdbench.record.write import Recorder
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.contacts import find_contacts
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, Interrupted
 
 RUN = {"planner": "orca", "scenario": "circle_crossing_5", "scenario_digest": "abc", "cases": 12}
 
@@ -239,6 +239,14 @@ def test_a_viewer_that_does_not_start_is_told_in_a_sentence(recorded, monkeypatc
     monkeypatch.setattr(viewer, "_command", lambda *_: [sys.executable, "-c", "raise SystemExit(1)"])
     with pytest.raises(InputError, match=r"the Rerun viewer failed on .*\.rrd: it needs a display"):
         viewer.view(recorded, 7, web=True)
+
+
+def test_ctrl_c_closes_a_viewer_without_a_word(recorded, monkeypatch):
+    def wait(command):
+        raise Interrupted
+
+    monkeypatch.setattr(viewer.subprocess, "run", wait)
+    viewer.show(recorded, web=True)
 
 
 def test_the_ending_names_whom_the_vehicle_hits(tmp_path):
