@@ -1,4 +1,4 @@
-"""People who walk as they were recorded, and react to nobody; in scenarios with recorded tracks, `[tracks]`."""
+"""Recorded pedestrians, which do not react; in scenarios with recorded tracks, `[tracks]`."""
 
 from crowdbench.sim.pedestrians import Recorded
 

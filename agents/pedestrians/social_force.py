@@ -19,7 +19,7 @@ def policy() -> SocialForce:
         behind_weight: How much others outside of the sight angle count: the paper's c [1].
         wall_strength: Height of the repulsive potential of obstacles: the paper's U0 [m^2/s^2].
         wall_range: Distance over which that potential falls by a factor of e: the paper's R [m].
-        group_gaze: How much who is ahead of its group slows down: beta 1 of Moussaïd et al. [1/(rad s)].
+        group_gaze: Slowing of a member ahead of its group: beta 1 of Moussaïd et al. [1/(rad s)].
         group_attraction: Attraction to the centre of a group: beta 2 of Moussaïd et al. [m/s^2].
         group_repulsion: Repulsion of members of a group who come too near: beta 3 of Moussaïd et al. [m/s^2].
         fluctuation: Standard deviation of a lone pedestrian's velocity, across its way [m/s].

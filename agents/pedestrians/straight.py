@@ -1,4 +1,4 @@
-"""Walks straight to the goal and gives way to nobody."""
+"""Walks straight to the goal without avoidance."""
 
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import World
@@ -7,7 +7,7 @@ from crowdbench.sim.routes import goals_on_way
 
 
 class Straight(PedestrianPolicy):
-    """Walks to the goal at the preferred speed and gives way to nobody."""
+    """Walks to the goal at the preferred speed without avoidance."""
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`."""

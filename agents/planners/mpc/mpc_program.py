@@ -27,11 +27,11 @@ class Terms:
 
     Attributes:
         change: A change of a command by its whole range, squared [m].
-        near: A metre of the margin to somebody that is not kept, and the square of it [1].
-        fading: By what factor that is less for each step ahead, because the prediction is less certain [1].
+        near: Cost of violating the margin to a pedestrian, per metre plus per square metre [1].
+        fading: Factor of `near` for each step ahead, because the prediction is less certain [1].
         wall: The same of the margin to an obstacle [1].
         margin: Distance to people that is to be kept [m].
-        growth: By how much that is larger for each second ahead [m/s].
+        growth: Increase of the margin for each second ahead [m/s].
         sigma_factor: Standard deviations of future positions by which a filter enlarges people's radii [1].
 
     Raises:
