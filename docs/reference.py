@@ -23,17 +23,14 @@ from crowdbench.networks.weights import built_in, read_card
 STYLE = DocstringStyle.GOOGLE
 
 PROVISIONAL = (
-    "certificates",
     "crowds",
     "dials",
     "ladder",
-    "learn_together",
     "li2020",
     "published",
     "reactions",
     "social_gan",
     "suite",
-    "validity",
 )
 """The studies whose results are of earlier versions of the scenarios or planners."""
 
