@@ -118,7 +118,7 @@ TABLES = ("suite", "learned", "policies", "crowds", "kce", "recorded", "crowdnav
 PRINTED = {f"studies/{name}/README.md": f"python studies/run.py studies/{name}/study.toml" for name in TABLES}
 PRINTED["studies/recorded/README.md"] += " --data DIR"
 SCRIPTS = {
-    "published": " NETWORKS --cases val:10",
+    "published": " NETWORKS",
     "validity": "",
     "transfer": " --data DIR",
     "ladder": "",
