@@ -27,7 +27,6 @@ PROVISIONAL = (
     "dials",
     "ladder",
     "li2020",
-    "reactions",
     "social_gan",
     "suite",
 )

@@ -125,7 +125,7 @@ SCRIPTS = {
     "dials": "",
     "li2020": "",
     "learn_together": "",
-    "reactions": " --cases val:20",
+    "reactions": "",
 }
 PRINTED |= {f"studies/{name}/README.md": f"python studies/{name}/run.py{data}" for name, data in SCRIPTS.items()}
 PRINTED["studies/validity/motion.md"] = "python studies/validity/motion.py --data DIR"
