@@ -152,7 +152,7 @@ def _check_contract(planner: str, options: Sequence[str]) -> None:
         errors="replace",
     )
     if check.returncode != 0:
-        if not check.stdout:
+        if not check.stdout and check.stderr:
             raise InputError(check.stderr.splitlines()[-1].removeprefix("crowdbench: "))
         print(check.stdout, end="")
         raise InputError(f"planner {planner} breaks its contract: see above")
