@@ -133,7 +133,7 @@ def test_a_forged_verification_does_not_rank_and_is_made_again(forge, why, root,
     folder = root / "small" / "verifications" / "careful" / "first"
     forge(folder, root, key)
     assert why in why_unranked(root)
-    assert "figures are its authors'" in why_unranked(root)
+    assert "reported by its authors" in why_unranked(root)
     (job,) = to_verify(read_board(root / "small"), root, tmp_path / "work", key)
     assert job.title == "careful on small"
     job.do()
