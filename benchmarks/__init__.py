@@ -1,1 +1,1 @@
-"""Speed: how long steps, decisions, trainings and whole runs take on this machine."""
+"""Benchmarks of the time for steps, decisions, trainings and whole runs on this machine."""

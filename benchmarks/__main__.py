@@ -13,10 +13,10 @@ from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
 
 SCENARIO = "circle_crossing_5"
-"""Where a planner's decisions are timed, unless another scenario is named."""
+"""The default scenario in which a planner's decisions are timed."""
 
 CASES = "val:21"
-"""The cases in which a planner's decisions are timed; the first one warms up."""
+"""The cases in which a planner's decisions are timed; the first one is only a warm-up."""
 
 
 @help_from_docstring
@@ -32,8 +32,8 @@ def bench(
     --scenario, --option, --set and --threads need --planner.
 
     Args:
-        planner: Instead, measure how long this planner takes for a decision in one world alone, in 20 cases. A name
-            or a file of your own: ./mine.py.
+        planner: Measure only the time of this planner for a decision in a single world, in 20 cases. A name or a file
+            of your own: ./mine.py.
     """
     if planner is None and (scenario != SCENARIO or option or overrides or threads):
         raise InputError("--scenario, --option, --set and --threads need --planner: say which planner to measure")
@@ -49,7 +49,7 @@ def _bench_planner(planner: str, scenario: str, option: list[str], overrides: li
     import numpy as np
 
     from crowdbench import Cases, load_planner, load_scenario
-    from crowdbench.runs.decision_time import decide_alone
+    from crowdbench.runs.decision_time import time_single_world
     from crowdbench.runs.results import planner_label
     from crowdbench.runs.spec import EVERY_STEP
 
@@ -57,7 +57,7 @@ def _bench_planner(planner: str, scenario: str, option: list[str], overrides: li
     name, loaded = load_planner(planner, options)
     world = load_scenario(scenario, assignments(overrides, "--set"))
     with progress(len(cases) - 1) as tell:
-        seconds = decide_alone(loaded, name, world, EVERY_STEP, cases, progress=tell).seconds
+        seconds = time_single_world(loaded, name, world, EVERY_STEP, cases, progress=tell).seconds
     median, late = 1e3 * np.percentile(seconds, [50, 99])
     print(
         f"{planner_label(name, options)} on {world.name}: {len(seconds)} decisions in one world alone take "

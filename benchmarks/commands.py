@@ -1,4 +1,4 @@
-"""How long whole commands take, each in a process of its own, and how much memory."""
+"""Benchmarks of the time and memory of whole commands, each in a separate process."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ print(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss, os.waitstatus_t
 """
 """Prints time, processor time, peak memory and exit status of a command.
 
-It runs in a process of its own, because Linux counts the memory of the parent as memory of its child: the parent must
-be smaller than what is measured.
+It runs in a separate process, because Linux counts the memory of the parent as memory of its child: the parent must
+be smaller than the measured process.
 """
 
 
@@ -52,8 +52,7 @@ def measure_start_up() -> Iterator[Measurement]:
 
 
 def measure_orca_runs() -> Iterator[Measurement]:
-    """Measure runs of ORCA as the vehicle. It has no network, and nothing is recorded, so that the simulator takes the
-    time."""
+    """Measure runs of ORCA as the vehicle. Without a network and a recording, the simulator dominates the time."""
     with tempfile.TemporaryDirectory() as folder:
         run = [*_run("orca", folder), "--record", "none"]
         whole = median(command(*run).seconds for _ in range(REPETITIONS))
@@ -67,7 +66,7 @@ def measure_sarl_runs() -> Iterator[Measurement]:
 
 
 def measure_sarl_sgan_kce_run() -> Iterator[Measurement]:
-    """Return the same for SARL-SGAN-KCE, run once only, because that takes as long as all the rest."""
+    """Measure a single run of SARL-SGAN-KCE, which takes as long as all other measurements together."""
     return _measure_planner("sarl_sgan_kce", "SARL-SGAN-KCE", 1)
 
 
@@ -83,26 +82,26 @@ def _run(planner: str, folder: str) -> list[str]:
 
 
 def command(*arguments: str) -> Usage:
-    """Run a crowdbench command with these arguments. Raises InputError where it fails."""
+    """Run a crowdbench command with these arguments. Raises InputError if it fails."""
     return run_timed([sys.executable, "-m", "crowdbench", *arguments], "crowdbench " + " ".join(arguments))
 
 
 def run_timed(arguments: list[str], name: str, folder: Path | None = None, **environment: str) -> Usage:
-    """Run a process and return what it used.
+    """Run a process, and return its resources.
 
     Args:
         arguments: Its program and arguments.
         name: Its name in errors.
-        folder: The folder that it runs in; None for that of this process.
-        environment: Environment variables that it gets beside the variables of this process.
+        folder: Its working directory; None for the working directory of this process.
+        environment: Environment variables in addition to the variables of this process.
 
     Raises:
-        InputError: It fails.
+        InputError: The process fails.
     """
     run = [sys.executable, "-I", "-S", "-c", TIMED, *arguments]
     process = subprocess.run(run, capture_output=True, cwd=folder, env={**os.environ, **environment}, check=True)
     seconds, processor, memory, status = process.stdout.split()
     if int(status):
         error = process.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-        raise InputError(f"what is measured failed: {name}: {error}")
+        raise InputError(f"the measured command failed: {name}: {error}")
     return Usage(float(seconds), float(processor), int(memory) * 1024.0)

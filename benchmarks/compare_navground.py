@@ -1,12 +1,12 @@
 """Compares the speed of crowdbench and navground: pip install "navground>=0.6,<0.8" "navground_learning>=0.2,<0.3"
 
 navground (https://pypi.org/project/navground) is a C++ library with ORCA agents and a PettingZoo environment. Both
-do the same work by turns in this one run: python -m benchmarks.compare_navground
+do the same work in turns, in a single run: python -m benchmarks.compare_navground
 
 The same work: agents with ORCA walk to the opposite point of a circle, or cross a square, and avoid at most ten others
-within 10 m. navground moves them too, and in addition pushes overlapping agents apart. A whole step of crowdbench is
-one of a rollout: ORCA, motion, the history of each pedestrian, and the collision check of the vehicle. navground's
-environment, in its fastest usual form, shows each agent its five nearest neighbours, as crowdbench's does.
+within 10 m. navground moves them too, and in addition pushes overlapping agents apart. A whole step of crowdbench is a
+step of a rollout: ORCA, motion, the history of each pedestrian, and the collision check of the vehicle. navground's
+environment, in its fastest usual form, observes the five nearest neighbours of each agent, as crowdbench's does.
 """
 
 import functools
@@ -75,7 +75,7 @@ def one_world(
         start: Starts in metres, `[agent, 2]`.
         goal: Goals in metres, `[agent, 2]`.
         steps: Number of steps.
-        clock: Tells the time in seconds.
+        clock: Returns the time in seconds.
     """
     world = make_world(start, goal)
     begin = clock()
@@ -122,7 +122,7 @@ def run_worlds(pipe: Connection, start: np.ndarray) -> None:
 
     Args:
         pipe: The connection to the process that measures.
-        start: Where the agents of each world start, in metres.
+        start: Starts of the agents of each world in metres.
     """
     worlds = [make_world(positions, -positions) for positions in start]
     pipe.send("ready")
@@ -154,13 +154,13 @@ def environment() -> float:
 
 
 def compare(work: str, rounds: int, ours: Callable[[], float], theirs: Callable[[], float]) -> None:
-    """Measure two works by turns, and print their medians in microseconds and the ratio.
+    """Measure two functions in turns, and print their medians in microseconds and the ratio.
 
     Args:
-        work: The measured work, as it is printed.
-        rounds: How often each is measured.
-        ours: Our work; it returns its seconds.
-        theirs: The same work of navground.
+        work: Name of the measured work, to print.
+        rounds: Number of measurements of each.
+        ours: The work in crowdbench; returns its time in seconds.
+        theirs: The same work in navground.
     """
     crowdbench, navground = (1e6 * seconds for seconds in in_turns(rounds, ours, theirs))
     print(f"{work:84} {crowdbench:10.3g} {navground:10.3g} {navground / crowdbench:6.1f}x", flush=True)

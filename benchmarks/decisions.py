@@ -1,4 +1,4 @@
-"""How long decisions of planners and the training of a learned one take.
+"""Benchmarks of the time for decisions of planners, and for the training of a learned planner.
 
 SARL's networks have random weights here, which cost as much as trained ones.
 """
@@ -29,8 +29,7 @@ from crowdbench.train.config import EPISODES, PPOConfig, ValueConfig
 from crowdbench.train.ppo import PPOTraining
 
 CROWDNAV_SECONDS = {5: 0.037, 10: 0.067}
-"""Seconds that CrowdNav's code took for a decision of SARL, by number of pedestrians. Recorded once, not measured
-here."""
+"""Time in seconds of a SARL decision by CrowdNav's code, by number of pedestrians. Recorded once, not measured here."""
 
 SGAN_PEDESTRIANS = 5
 
@@ -40,22 +39,22 @@ SEQUENCE = 8
 """Commands of a decision of SARL-SGAN-SEQ."""
 
 PAPER = ("sarl_lin", "sarl_cvm", "sarl_sgan", "sarl_sgan_kce")
-"""The planners of the paper that predict."""
+"""The planners of the paper with a predictor."""
 
 PARTS = (1 / 6, 1 / 2, 5 / 6)
 """Shares of the training after which a round is measured: the middles of its thirds, whose mean exploration is the
 mean exploration of the training."""
 
 QUICK_PLANNER = "orca"
-"""A planner that decides fast, so that its share in the time is small and that of the pipes large."""
+"""A fast planner, so that the share of the pipes in the time is large."""
 
 
 def measure_isolation(worlds: int = 500, rounds: int = 7) -> Iterator[Measurement]:
-    """Measure rollouts of one batch, with the planner here and in its own process by turns.
+    """Measure rollouts of one batch, with the planner in this process and in a separate process, in turns.
 
     Args:
         worlds: Number of worlds.
-        rounds: How many times both are measured.
+        rounds: Number of measurements of both.
     """
     with contextlib.closing(IsolatedPlanner(QUICK_PLANNER, {})) as isolated_planner:
         scenario, cases = load_scenario("circle_crossing_5"), Cases("val", 0, worlds)
@@ -73,7 +72,7 @@ def measure_sarl(worlds: int = 500, rounds: int = 5, decisions: int = 300) -> It
 
     Args:
         worlds: Number of worlds at once.
-        rounds: How many times the decision for all of them is measured.
+        rounds: Number of measurements of the decision for all of them.
         decisions: Number of decisions for one world, each for another world.
     """
     decide = ValuePlanner(ConstantVelocity(), SARL()).plan
@@ -84,7 +83,7 @@ def measure_sarl(worlds: int = 500, rounds: int = 5, decisions: int = 300) -> It
 
 
 def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
-    """Measure the length of a training: its imitation, and as many rounds as it has of the mean length of a few.
+    """Estimate the duration of a training: imitation, plus the number of rounds times the mean duration of a few.
 
     Args:
         episodes: Number of episodes of the training. Its validations are not counted.
@@ -101,8 +100,7 @@ def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
 
 
 def measure_ppo_training(steps: int = 60_000) -> Iterator[Measurement]:
-    """Measure steps per second of a processor in trainings of policies, without validations and without the cases'
-    draw.
+    """Measure steps per second of processor time in trainings of policies, without validations and drawing of cases.
 
     Args:
         steps: Number of steps of each training.
@@ -120,7 +118,7 @@ def measure_ppo_training(steps: int = 60_000) -> Iterator[Measurement]:
 
 
 def measure_large_crowds(cases: int = 40) -> Iterator[Measurement]:
-    """Measure cases with 20 pedestrians, of the paper's planners.
+    """Measure the paper's planners in cases with 20 pedestrians.
 
     Args:
         cases: Number of cases that each planner drives at once.
@@ -137,7 +135,7 @@ def measure_sarl_sgan_kce(worlds: int = 500, rounds: int = 5, decisions: int = 1
     """Measure decisions of SARL-SGAN-KCE, for many worlds at once and for one world at a time.
 
     Args:
-        worlds: See `measure_sarl`, and so for the next two.
+        worlds: Number of worlds at once.
         rounds: Number of measurements.
         decisions: Number of decisions for one world.
     """
@@ -147,7 +145,7 @@ def measure_sarl_sgan_kce(worlds: int = 500, rounds: int = 5, decisions: int = 1
 
 
 def measure_sarl_sgan_seq(worlds: int = 500, rounds: int = 3) -> Iterator[Measurement]:
-    """Measure decisions of SARL-SGAN-SEQ, of eight commands each, for many worlds at once; arguments as those above."""
+    """Measure decisions of SARL-SGAN-SEQ, of eight commands each, for many worlds at once; arguments as above."""
     decide = functools.partial(load_planner("sarl_sgan_seq")[1].plan_ahead, steps=SEQUENCE)
     duration = at_once(decide, SGAN_PEDESTRIANS, worlds, rounds)
     yield _sarl_sgan(f"SARL-SGAN-SEQ decision of {SEQUENCE} commands", AT_ONCE.format(worlds), duration)

@@ -1,9 +1,9 @@
-"""Compares commands with an empty cache of kernels, with the filled one, and in a second clone that shares it.
+"""Compares commands with an empty cache of kernels, with a filled one, and in a second clone that shares the cache.
 
 python -m benchmarks.first_runs
 python -m benchmarks.first_runs pytest 'bash .ci/run'
 
-Both clones hold the last commit, so that changes must be committed to be measured.
+Both clones contain the last commit: commit changes before measuring them.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def first_runs(
 
     Args:
         commands: Shell commands. They run in the root of a clone, with its package and with this Python's programs.
-        rounds: How many times each command runs in each state, by turns; medians are printed.
+        rounds: Number of runs of each command in each state, in turns; medians are printed.
     """
     commands = commands or COMMANDS
     with (
@@ -53,7 +53,7 @@ def first_runs(
     ):
         for clone in {Path(folder, clone) for clone in STATES.values()}:
             subprocess.run(["git", "clone", "--quiet", ROOT, clone], check=True)
-            # As pip does: else the first run in each clone would take longer.
+            # As pip does: otherwise the first run in each clone would take longer.
             subprocess.run([sys.executable, "-m", "compileall", "-q", clone / "crowdbench"], check=True)
         rows = [row for command in commands for row in measure(command, rounds, Path(folder), tell)]
     heads = "command", "state", "processor time", "elapsed time", "kernels compiled"
@@ -65,7 +65,7 @@ def measure(command: str, rounds: int, folder: Path, progress: Callable[[float],
 
     Args:
         command: The command.
-        rounds: How many times it runs in each state.
+        rounds: Number of runs in each state.
         folder: The folder that holds the clones.
         progress: Called with 1 after each run.
     """

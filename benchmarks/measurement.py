@@ -1,4 +1,4 @@
-"""Measurements, and how times are taken."""
+"""Measurements, and functions that measure times."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ class Measurement:
         work: The measured work.
         value: The result, in `unit`.
         unit: The unit of both values.
-        crowdnav: The same in CrowdNav's code, recorded once and not measured in this run; None where there is no such
-            record.
+        crowdnav: The value of CrowdNav's code, recorded once and not measured in this run; None if it is unknown.
     """
 
     work: str
@@ -26,7 +25,7 @@ class Measurement:
     crowdnav: float | None = None
 
     def row(self) -> tuple[str, str, str, str]:
-        """Return work, speed, CrowdNav's, and how many times less time crowdbench takes."""
+        """Return the work, the values of crowdbench and CrowdNav, and the ratio of CrowdNav's to crowdbench's."""
         own = f"{self.value:.3g} {self.unit}"
         if self.crowdnav is None:
             return self.work, own, "", ""
@@ -41,14 +40,14 @@ def seconds(work: Callable[[], object]) -> float:
 
 
 def in_turns(rounds: int, *works: Callable[[], float]) -> list[float]:
-    """Measure several works by turns, so that other load on the machine affects all of them alike.
+    """Measure several functions in turns, so that other load on the machine affects all of them equally.
 
     Args:
-        rounds: How many times each work is measured, after once that does not count.
-        works: Each does something and returns how long it took, or another measure of it.
+        rounds: Number of measurements of each function, after a warm-up that does not count.
+        works: Functions that do some work and return its duration, or another measure of it.
 
     Returns:
-        The median of what each work returned.
+        The median of the values of each function.
     """
     for work in works:
         work()

@@ -1,4 +1,4 @@
-"""How long steps take: of the simulator, with limited sight, and of the environments in which policies are trained."""
+"""Benchmarks of steps of the simulator, without and with limited sight, and of the training environments."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ THOUSANDS = (1000, 10_000)
 """Agents of the large worlds."""
 
 DENSITY = 0.25
-"""Agents per square metre there."""
+"""Agents per square metre in the large worlds."""
 
 FEW_STEPS = 12
 """Steps of a large world that are timed."""
@@ -70,7 +70,7 @@ VEC_OPTIONS: dict[str, Any] = {"reward": "progress", "observation": "goal_frame"
 
 
 def measure_steps() -> Iterator[Measurement]:
-    """Measure ORCA and motion alone, in one world and in many, and a step as in a rollout: with its collision check."""
+    """Measure ORCA with motion, in one world and in many, and a whole step of a rollout with its collision check."""
     for agents in (6, 51):
         work = f"ORCA and motion, one world, {agents} agents, per step"
         yield _measure_time(work, ROUNDS * 10, functools.partial(many_worlds, circle(agents, 1), STEPS))
@@ -80,7 +80,7 @@ def measure_steps() -> Iterator[Measurement]:
 
 
 def measure_sight() -> Iterator[Measurement]:
-    """Yield a step with the observation before it, among ten pedestrians: with perfect and with limited sight."""
+    """Measure a step and the observation before it, among ten pedestrians, with perfect and with limited sight."""
     scenarios = [load_scenario("circle_crossing_10", {"sensor": sensor}) for sensor in SENSORS.values()]
     for worlds, name, rounds in ((1, "one world", 30), (1000, "1,000 worlds, per world-step", 5)):
         durations = in_turns(rounds, *(functools.partial(observed_steps, each, worlds) for each in scenarios))
@@ -90,14 +90,14 @@ def measure_sight() -> Iterator[Measurement]:
 
 
 def measure_thousands() -> Iterator[Measurement]:
-    """Yield the same in one world of thousands, per agent."""
+    """Measure steps of one world with thousands of agents, per agent."""
     for agents in THOUSANDS:
         work = f"the same, one world, {agents:,} agents, one on 4 m^2: processor time per agent-step"
         yield _measure_time(work, 5, functools.partial(thousands, start_of_thousands(agents)))
 
 
 def measure_environments() -> Iterator[Measurement]:
-    """Yield a step of the environments of one world."""
+    """Measure steps of the environments of one world."""
     yield _measure_time("PettingZoo environment, 6 agents, per step", ROUNDS * 3, functools.partial(environment, STEPS))
     yield _measure_time(
         "Gymnasium environment, 6 agents, per step", ROUNDS * 3, functools.partial(vehicle_environment, STEPS)
@@ -105,9 +105,9 @@ def measure_environments() -> Iterator[Measurement]:
 
 
 def measure_vec_env(worlds: int = 512, steps: int = 60) -> Iterator[Measurement]:
-    """Measure steps of the vehicle in many worlds: stable-baselines3's VecEnv and Gymnasium's, by turns.
+    """Measure steps of the vehicle in many worlds: stable-baselines3's VecEnv and Gymnasium's, in turns.
 
-    Nothing is measured where stable-baselines3 is not installed.
+    Nothing is measured if stable-baselines3 is not installed.
 
     Args:
         worlds: Number of worlds.
@@ -123,12 +123,12 @@ def measure_vec_env(worlds: int = 512, steps: int = 60) -> Iterator[Measurement]
 
 
 def _measure_time(work: str, rounds: int, seconds: Callable[[], float]) -> Measurement:
-    """Return a measurement in microseconds of something that returns seconds."""
+    """Return a measurement in microseconds of a function that returns seconds."""
     return Measurement(work, 1e6 * in_turns(rounds, seconds)[0], "us")
 
 
 def circle(agents: int, worlds: int) -> Float[np.ndarray, "world agent 2"]:
-    """Return starts, in metres, on a circle of 4 m radius, or of a larger radius where the agents would touch.
+    """Return starts, in metres, on a circle of 4 m radius, or of a larger radius if the agents would touch.
 
     Each start is moved by up to 0.1 m, because agents in perfect symmetry block each other for ever.
 
@@ -143,7 +143,7 @@ def circle(agents: int, worlds: int) -> Float[np.ndarray, "world agent 2"]:
 
 
 def many_worlds(start: Float[np.ndarray, "world agent 2"], steps: int) -> float:
-    """Let all agents walk to the opposite point: ORCA's velocities, and the motion.
+    """Measure ORCA's velocities and the motion of all agents towards the opposite point.
 
     Args:
         start: Starts in metres.
@@ -168,13 +168,13 @@ def whole_step() -> float:
 
 
 def observed_steps(scenario: Scenario, worlds: int) -> float:
-    """Return seconds of processor time per step and world, in which the vehicle drives on and observes."""
+    """Return seconds of processor time per step and world, in which the vehicle drives and observes."""
     start = scenario.worlds(Cases("test", 0, worlds))
     return _drive(scenario, start, STEPS, time.process_time, speed=0.5, observes=True) / worlds
 
 
 def start_of_thousands(agents: int) -> tuple[Scenario, World]:
-    """Return a scenario of so many agents, one on 4 square metres, and the start of a case."""
+    """Return a scenario with this number of agents, one per 4 square metres, and the start of a case."""
     changes = {"pedestrians.number": agents - 1, "layout.square_width": math.sqrt(agents / DENSITY)}
     scenario = load_scenario("thousand", changes)
     return scenario, scenario.worlds(Cases("test", 0, 1))
@@ -217,7 +217,7 @@ def environment(steps: int) -> float:
 
 
 def vehicle_environment(steps: int) -> float:
-    """Return seconds per step of the Gymnasium environment, in which the vehicle alone is given actions."""
+    """Return seconds per step of the Gymnasium environment, in which only the vehicle is given actions."""
     env = gymnasium.make(VEHICLE, scenario=SCENARIO, disable_env_checker=True).unwrapped
     env.reset(seed=0)
     return _repeat(functools.partial(env.step, np.array([0.1, 0.0])), steps)
@@ -240,7 +240,7 @@ def stable_baselines_step(worlds: int, steps: int) -> float:
 
 
 def _repeat(work: Callable[[], object], times: int) -> float:
-    """Return seconds that a call takes, on average of several."""
+    """Return the mean time of several calls in seconds."""
     begin = time.perf_counter()
     for _ in range(times):
         work()

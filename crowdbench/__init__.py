@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from crowdbench import envs
 
-if TYPE_CHECKING:  # the aliases tell type checkers, and `public_names`, that these are public
+if TYPE_CHECKING:  # the aliases mark the names as public for type checkers and for `public_names`
     from crowdbench.catalog import load_planner as load_planner
     from crowdbench.catalog import load_scenario as load_scenario
     from crowdbench.core.types import Observation as Observation
@@ -57,7 +57,7 @@ envs.register()
 
 @functools.cache
 def public_names() -> dict[str, str]:
-    """Return the module of each public name, as the imports above say."""
+    """Return the module of each public name, from the imports above."""
     tree = ast.parse(Path(__file__).read_bytes())
     imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
     return {str(alias.asname): str(node.module) for node in imports for alias in node.names if alias.asname}

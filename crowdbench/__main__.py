@@ -1,4 +1,4 @@
-"""`python -m crowdbench` is `crowdbench`."""
+"""Runs the command line: `python -m crowdbench` is the same as `crowdbench`."""
 
 from crowdbench.cli import main
 

@@ -1,4 +1,4 @@
-"""Names to objects: planners, policies, layouts and scenarios, built in, installed, or in a user's files."""
+"""Loads planners, pedestrian policies, layouts and scenarios by name: built in, installed, or in a user's files."""
 
 from __future__ import annotations
 
@@ -84,15 +84,15 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
 
 
 def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Return the sha256 of every file that a planner depends on beside crowdbench.
+    """Return the sha256 of every file outside of the package crowdbench that a planner depends on.
 
     Args:
-        spec: As `load_planner` takes it, which has found the planner.
+        spec: Name or file of an existing planner, as for `load_planner`.
         options: The planner's options.
 
     Returns:
-        By `planner`, its Python files; by `option weights` and the like, the files that an option names, such as
-        trained weights with their card, or a predictor's file with what it imports. Files are named by their paths.
+        Digests by path, for each source. `planner` has the planner's Python files. `option weights` and other options
+        have the files that the option names, such as weights with their card, or a predictor's file with its imports.
     """
     files = {"planner": PLANNERS.files(spec).digests}
     for name, value in options.items():
@@ -106,8 +106,8 @@ def planner_code(spec: str, options: Mapping[str, Any]) -> str:
     """Return the digest of the code of crowdbench that a planner imports, see `plugins.code.code_digest`.
 
     Args:
-        spec: As `load_planner` takes it.
-        options: The planner's options: what the files that they name import counts too.
+        spec: Name or file of the planner, as for `load_planner`.
+        options: The planner's options. The imports of Python files that they name are included.
     """
     modules = PLANNERS.files(spec).imports | ({"crowdbench.planners.filtered"} if "filter" in options else set())
     named = (path for path in _named_files(options) if path.suffix == ".py")
@@ -115,14 +115,14 @@ def planner_code(spec: str, options: Mapping[str, Any]) -> str:
 
 
 def _named_files(value: Any) -> Iterator[Path]:
-    """Yield the files that the value of an option names, perhaps within a table or a list."""
+    """Yield the files named in the value of an option: a text, or a table or list that contains texts."""
     if isinstance(value, Mapping | list):
         for item in value.values() if isinstance(value, Mapping) else value:
             yield from _named_files(item)
     elif isinstance(value, str):
         weights = ROOT / "agents" / "weights" / f"{value}.safetensors"
         paths = weights, file_and_function(value)[0] or Path(value)
-        yield from [path for path in paths if os.path.isfile(path)][:1]  # False too where a text can be no path
+        yield from [path for path in paths if os.path.isfile(path)][:1]  # also False for an invalid path
 
 
 def load_scenario(
@@ -133,7 +133,7 @@ def load_scenario(
     Args:
         spec: The name of a built-in scenario, or `file.toml`.
         overrides: Values for dotted keys of the file, such as `{"vehicle.visible": True}`.
-        pedestrians: A policy that moves all pedestrians instead of the scenario's own, without its parameters.
+        pedestrians: A policy for all pedestrians. It replaces the scenario's policy and the parameters of that policy.
         data: The folder with the recorded tracks that the scenario's `[tracks]` needs.
 
     Returns:
@@ -144,7 +144,7 @@ def load_scenario(
     """
     path = scenario_path(spec)
     table = read_toml(path, "scenario")
-    table.pop("dial", None)  # which says how the scenario is varied: see studies/dials
+    table.pop("dial", None)  # variations of the scenario: see studies/dials
     crowd = table.get("pedestrians", {})
     if pedestrians is not None and isinstance(crowd, dict):
         table["pedestrians"] = {key: crowd[key] for key in crowd if key in PedestriansSpec.model_fields}
@@ -169,7 +169,7 @@ def load_scenario(
 
 
 def _read_map(layout: Any, folder: Path) -> None:
-    """Put the obstacles of a map in its place, so that a run's `result.json` has them, and needs no other file."""
+    """Replace a map by its obstacles, so that a run's `result.json` contains them and needs no other file."""
     if isinstance(layout, dict) and layout.get("generator") == "floor_plan" and isinstance(layout.get("map"), str):
         from crowdbench.scenario.occupancy_grid import read_obstacles
 
@@ -179,8 +179,7 @@ def _read_map(layout: Any, folder: Path) -> None:
 
 
 def scenario_path(spec: str) -> Path:
-    """Return the file of a scenario that is given by its name or is `file.toml`. Raises InputError for an unknown
-    name."""
+    """Return the file of a scenario, given by its name or as `file.toml`. Raises InputError if the name is unknown."""
     if spec.endswith(".toml"):
         return Path(spec)
     files = {path.stem: path for path in _scenario_files()}
@@ -200,25 +199,25 @@ def load_recorded_scenario(
     data: Path | None = None,
     unseen: bool = False,
 ) -> Scenario:
-    """Make the scenario of a run again.
+    """Reconstruct the scenario of a run.
 
-    Only what the user names is loaded from files, never what the run names: it may come from somebody else.
+    Only files that the user names are loaded, never files that the run names: the run may come from another person.
 
     Args:
         table: The table `scenario` of the run's `result.json`.
         source: Name of that file, for errors.
-        pedestrians: The files of the pedestrian policies that are the user's own.
-        layout: The file of the layout, if it is the user's own.
-        data: The folder with the recorded tracks, if the run had any.
-        unseen: True to do without files of the user's own and without recorded tracks: then the scenario has a table
-            and a digest, and no cases.
+        pedestrians: The files of the user's pedestrian policies in the run.
+        layout: The file of the layout, if the run used a layout of the user.
+        data: The folder with the recorded tracks, if the run used recorded tracks.
+        unseen: True to load neither files of the user nor recorded tracks: then the scenario has a table and a digest,
+            but no cases.
 
     Returns:
         The scenario.
 
     Raises:
-        InputError: Something in the table is wrong, or the file of the layout or of a policy is not given, or is
-            another one than in the run.
+        InputError: A value of the table is wrong, or the file of the layout or of a policy is missing or differs from
+            the run.
     """
     keys = {key: value for key, value in table.items() if key not in ("name", "digest")}
     placement, crowd = dict(table.get("layout", {})), dict(table["pedestrians"])
@@ -245,7 +244,7 @@ def _as_table(value: Any) -> Mapping[str, Any]:
 def _load_unseen(
     kind: Kind, digests: Mapping[str, str], stand_in: Callable[[str], Any]
 ) -> Callable[[str], PluginWithDigest]:
-    """Return what `_make_loader` does, with stand-ins for files of the user's own."""
+    """Return a loader like `_make_loader`, with stand-ins for files of the user."""
     load = _make_loader(kind, "", [], digests, "")
     return lambda name: (name, stand_in(name), digests[name]) if name in digests else load(name)
 
@@ -253,17 +252,17 @@ def _load_unseen(
 def _make_loader(
     kind: Kind, option: str, specs: Iterable[str], digests: Mapping[str, str], source: str
 ) -> Callable[[str], PluginWithDigest]:
-    """Return a loader of the plug-ins of a run by name: the ones that are built in, and the files that the user gives.
+    """Return a function that loads plug-ins of a run by name: built-in ones, and files that the user gives.
 
     Args:
         kind: The kind of plug-in.
-        option: The option by which files are given.
+        option: The command-line option for these files, for errors.
         specs: The files that the user gives.
-        digests: By name, the digests of the files that the run had.
+        digests: The digests of the files in the run, by name.
         source: Name of the file of the run, for errors.
 
     Raises:
-        InputError: The run had no such file, or another one of the same name.
+        InputError: The run used no such file, or a different file with the same name.
     """
     plugins = {plugin[0]: plugin for plugin in map(kind.load_with_digest, specs)}
     for name, _, digest in plugins.values():
@@ -280,7 +279,7 @@ def _make_loader(
             return plugins[name]
         if name in digests or file_and_function(name)[0] is not None:
             raise InputError(
-                f"the {kind.word} {name} of the run is a file of somebody's own: give it with "
+                f"the {kind.word} {name} of the run is a file of a user: give it with "
                 f"{option} ./{name}.py, and it is loaded if its digest is {digests.get(name)}"
             )
         return kind.load_with_digest(name)
@@ -294,17 +293,17 @@ def simulated_scenarios() -> list[str]:
 
 
 def scenarios() -> list[tuple[str, str]]:
-    """Name and description of the built-in scenarios."""
+    """Return the name and the description of each built-in scenario."""
     return [(path.stem, str(read_toml(path, "scenario").get("description", ""))) for path in _scenario_files()]
 
 
 def _scenario_files() -> list[Path]:
-    """Return the files of all built-in scenarios, sorted by folder. Dials and certificates lie beside them."""
+    """Return the files of all built-in scenarios, sorted by path, without dials and certificates."""
     return sorted(path for path in SCENARIOS.rglob("*.toml") if path.parent.name not in ("dials", FOLDER))
 
 
 def _resolve_files(policy: Any) -> Any:
-    """Return a policy, or a table of several with their shares; files are relative to the current directory."""
+    """Return a policy, or a table of policies with their shares; files become paths in the current directory."""
     if isinstance(policy, dict):
         return {_resolve_files(name): share for name, share in policy.items()}
     is_file = isinstance(policy, str) and file_and_function(policy)[0] is not None
@@ -312,13 +311,13 @@ def _resolve_files(policy: Any) -> Any:
 
 
 def names_file(policy: Any) -> bool:
-    """Return whether a policy or a layout, or one in a table of several, is named by its file."""
+    """Return whether a policy or a layout, or any policy in a table of policies, is given as a file."""
     names = policy if isinstance(policy, dict) else [policy]
     return any(isinstance(name, str) and file_and_function(name)[0] is not None for name in names)
 
 
 def set_key(table: dict[str, Any], key: str, value: Any, path: Path) -> None:
-    """Set a dotted key of a scenario. Raises InputError, which names the file `path`, where a part is no table."""
+    """Set a dotted key of a scenario. Raises InputError with the name of `path` if a part of the key is not a table."""
     *sections, last = key.split(".")
     for section in sections:
         table = table.setdefault(section, {})

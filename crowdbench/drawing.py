@@ -1,4 +1,4 @@
-"""The one drawing of an episode seen from above: the palette, and shapes in metres that any library can draw.
+"""The top view of an episode: the palette, and shapes in metres that any library can draw.
 
 `envs.render` draws the shapes as an image, for environments and films; `figures.style` draws them with Matplotlib, for
 figures and the pages of boards. A recording holds all states at once: `record.drawing` has the same paths, colours,
@@ -22,7 +22,7 @@ from crowdbench.core.types import Outcome, Rules, Trace, World
 from crowdbench.sim.episode import fill_motion, gaps_on_arc
 
 CROWD = 100
-"""The paths of more agents than this would cover the picture: then they are left out."""
+"""Largest number of agents whose paths are drawn. More paths would cover the picture."""
 
 Points = Float[np.ndarray, "*_ 2"]
 Color = tuple[int, int, int]
@@ -32,8 +32,8 @@ class Palette(NamedTuple):
     """Colours by role.
 
     Marks have a contrast of 3:1 or more against the background, texts of 4.5:1. Under simulated deuteranopia, two
-    roles differ by 15 or more in CIEDE2000. A pedestrian that the vehicle does not see has a dashed outline and no
-    colour of its own; a contact has the shape of `burst`.
+    roles differ by 15 or more in CIEDE2000. A pedestrian that the vehicle does not see is marked by a dashed outline,
+    and a contact by the shape of `burst`, instead of a colour.
     """
 
     vehicle: Color
@@ -56,19 +56,19 @@ def _colors(digits: str) -> list[Color]:
 
 
 LIGHT = Palette(*_colors("e87000 0050b9 7a0028 007668 88908c 985818 c364d7 7098ce 80807a e4e4de 3c3c3c ffffff"))
-"""On paper, in windows and on light pages."""
+"""The palette for paper, windows and light pages."""
 
 DARK = Palette(*_colors("ffb428 5587ff ff326e 96f5c8 787e8a 8c641e e1b9ff 3860b0 969ca8 484e5a ffffff 111318"))
-"""In recordings and on dark pages."""
+"""The palette for recordings and dark pages."""
 
 ROLES = Palette._fields[:7]
-"""The roles that a reader must tell apart."""
+"""The roles that a reader must be able to distinguish."""
 
 GRID: Color = (33, 36, 43)
-"""Lines of the ground of a recording: visible only where nothing else is."""
+"""Colour of the ground lines of a recording: visible only where nothing else is drawn."""
 
 SERIES = _colors("0072b2 e69f00 009e73 cc79a7 56b4e9 d55e00 f0e442 000000")
-"""Colours of curves, which colour-blind readers can tell apart (Okabe and Ito 2008), in their order in figures."""
+"""Colours of curves, which colour-blind readers can distinguish (Okabe and Ito 2008), in their order in figures."""
 
 CURVES = [SERIES[number] for number in (4, 2, 3, 6, 0, 5)]
 """Colours of a planner's curves in a recording. The first ones are no colour of a role."""
@@ -87,7 +87,7 @@ FONT_SIZE = 8.0
 
 
 class Line(NamedTuple):
-    """A line through points in metres. Its width is in points, of which an inch has 72."""
+    """A line through points in metres. Its width is in typographic points (1/72 inch)."""
 
     points: Float[np.ndarray, "point 2"]
     color: Color
@@ -114,7 +114,7 @@ class Polygon(NamedTuple):
 
 
 class Text(NamedTuple):
-    """A text in points. It is centred at a point in metres, or begins or ends there: `anchor` is "m", "l" or "r".
+    """A text at a point in metres, of a size in points. `anchor` is "m" (middle), "l" (left end) or "r" (right end).
 
     `halo` is the colour around or behind the letters, so that they can be read over lines.
     """
@@ -136,16 +136,16 @@ class Moment:
 
     Attributes:
         step: Numbers of the states; the last one may be between two states.
-        position: Where the agents were in each state, in metres, NaN where one was not there.
-        velocity: In m/s, in the step before each state.
-        heading: The vehicle's, in radians.
-        person: Number of each pedestrian as a person.
-        goal: In metres, now, as is all that follows.
-        radius: In metres.
+        position: Position of each agent in each state, in metres; NaN if the agent is absent.
+        velocity: Velocity of each agent in m/s, in the step before each state.
+        heading: Heading of the vehicle in each state, in radians.
+        person: Number of each pedestrian in each state: it changes if another pedestrian takes the same index.
+        goal: Goal of each agent in metres. This and all attributes below are for the last state.
+        radius: Radius of each agent, in metres.
         seen: True if the vehicle sees the pedestrian.
         obstacles: Polygons in metres, NaN after the last corner.
         rules: The rules of the scenario.
-        hits_obstacle: True if the vehicle has hit one in the last step, which has ended the episode.
+        hits_obstacle: True if the vehicle has hit an obstacle in the last step, which ended the episode.
     """
 
     step: Shaped[np.ndarray, "time"]
@@ -162,13 +162,13 @@ class Moment:
 
     @classmethod
     def of_trace(cls, trace: Trace, row: int, state: int, share: float = 0.0) -> Moment:
-        """Return a state of the episode in a row of a trace, or what is between it and the next one.
+        """Return a state of the episode in a row of a trace, or a moment between it and the next state.
 
         Args:
             trace: The trace.
             row: The row.
             state: The state.
-            share: The part of the next step that is done; agents move along straight lines.
+            share: Fraction of the next step that has passed; positions are interpolated linearly.
         """
         states = np.arange(state + 1 + (share > 0.0))
         position, heading = trace.position[row, states], trace.heading[row, states]
@@ -185,7 +185,7 @@ class Moment:
 
     @classmethod
     def of_worlds(cls, worlds: Sequence[World]) -> Moment:
-        """Return the last of several worlds, which are states of one episode, each a batch of one."""
+        """Return the moment of the last of several worlds: states of one episode, each a batch of one."""
         now = worlds[-1]
         position = np.concatenate([np.where(world.present[..., None], world.position, np.nan) for world in worlds])
         names = ("step", "velocity", "heading", "person")
@@ -196,7 +196,7 @@ class Moment:
 
     @functools.cached_property
     def hit(self) -> list[int]:
-        """Return the agents that the vehicle has hit in the last step, by the rule of the collision check."""
+        """The agents that the vehicle has hit in the last step, by the rule of the collision check."""
         if len(self.step) < 2 or self.step[-1] - self.step[-2] != 1:
             return []
         (before, now), rules = self.position[-2:], self.rules
@@ -204,7 +204,7 @@ class Moment:
         turn_rate = turn(*self.heading[-2:]) / rules.dt
         arc = rules.numbers.body, self.heading[-2], float(np.hypot(*self.velocity[-1, 0])), turn_rate, rules.dt
         is_holonomic, hit = isinstance(rules.dynamics, Holonomic), []
-        stays = np.isfinite((before + now)[:, 0]) & same_agents(self.person[-2:])[0]  # nobody has come in their place
+        stays = np.isfinite((before + now)[:, 0]) & same_agents(self.person[-2:])[0]  # the same pedestrians as before
         for agent in np.flatnonzero(stays).tolist()[1:]:
             pair = [0, agent]
             discs = Discs(before[pair], motion[pair], self.radius[pair], np.ones(2, bool))
@@ -215,10 +215,10 @@ class Moment:
 
 
 def extent(position: Points, goal: Points, obstacles: Polygons, margin: float) -> Float[np.ndarray, "2 2"]:
-    """Return the smallest and the largest x and y that an episode needs, in metres.
+    """Return the smallest and the largest x and y of an episode, in metres.
 
     Args:
-        position: Where agents are, NaN of those who are not there.
+        position: Positions of agents; NaN for absent agents.
         goal: Goals that are shown.
         obstacles: As in a `World`.
         margin: The space around them, in metres.
@@ -228,21 +228,20 @@ def extent(position: Points, goal: Points, obstacles: Polygons, margin: float) -
 
 
 def same_agents(person: Int[np.ndarray, "time pedestrian"]) -> Bool[np.ndarray, "step agent"]:
-    """Return whether each agent is the same one after each step: somebody else can take the place of a pedestrian."""
+    """Return whether each agent is the same one after each step: a new pedestrian can take the index of another."""
     same = np.ones((len(person) - 1, 1 + person.shape[1]), bool)
     same[:, 1:] = np.diff(person, axis=0) == 0
     return same
 
 
 def paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"]) -> list[Float[np.ndarray, "_ 2"]]:
-    """Return the paths in metres of all who had the place of one agent, each in a line; `same` tells who stayed in a
-    step."""
+    """Return the path in metres of each agent with the same index. `same` is False in steps that change the agent."""
     parts = np.split(position, np.flatnonzero(~same) + 1)
     return [part[np.isfinite(part[:, 0])] for part in parts if np.isfinite(part[:, 0]).sum() > 1]
 
 
 def draw_moment(moment: Moment) -> Iterator[Shape]:
-    """Return the shapes of a moment, from the ground up. An arrow is the path of the next second."""
+    """Yield the shapes of a moment, from back to front. An arrow is the path of the next second."""
     for corners in polygons(moment.obstacles):
         yield Polygon(corners, LIGHT.faint, LIGHT.wall, 1.0)
     tolerance = moment.rules.goal_tolerance or float(moment.radius[0])
@@ -295,15 +294,15 @@ def burst(position: Float[np.ndarray, "agent 2"], radius: Float[np.ndarray, "age
 def bounds_with_bands(
     bounds: Float[np.ndarray, "2 2"], side: float, *, has_title: bool = False
 ) -> tuple[Float[np.ndarray, "2 2"], float]:
-    """Make room for a band below a part of the plane, and for one above it if there is a title.
+    """Extend the bounds by a band below, and by a band above if there is a title.
 
     Args:
         bounds: The smallest and the largest x and y in metres that are shown.
-        side: How long the longer side of the plane is in the picture, in inches.
+        side: Length of the longer side of the plane in the picture, in inches.
         has_title: True if there is a title.
 
     Returns:
-        The bounds with the bands, and the number of metres that are an inch.
+        The bounds with the bands, and the number of metres per inch.
     """
     inch = float((bounds[1] - bounds[0]).max()) / side
     return bounds + BAND * inch * np.array([[0.0, -1.0], [0.0, float(has_title)]]), inch
@@ -312,11 +311,11 @@ def bounds_with_bands(
 def draw_bands(
     bounds: Float[np.ndarray, "2 2"], inch: float, note: tuple[str, Color] | None = None, title: str = ""
 ) -> Iterator[Shape]:
-    """Return the shapes of the bands: the scale at the left, a note at the right, and the title above.
+    """Yield the shapes of the bands: the scale at the left, a note at the right, and the title above.
 
     Args:
-        bounds: As `bounds_with_bands` returns them, as is `inch`.
-        inch: How many metres are an inch.
+        bounds: The bounds from `bounds_with_bands`.
+        inch: The number of metres per inch from `bounds_with_bands`.
         note: A text, such as the time or the outcome, and its colour.
         title: The title.
     """
@@ -337,7 +336,7 @@ def draw_bands(
 
 
 def _arrow(start: Float[np.ndarray, "2"], vector: Float[np.ndarray, "2"], color: Color) -> list[Shape]:
-    """Return an arrow from a point in metres; nothing where it would be shorter than its head."""
+    """Return an arrow from a point in metres; an empty list if the arrow is shorter than its head."""
     length = float(np.hypot(*vector))
     if length < 0.15:
         return []

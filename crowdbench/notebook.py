@@ -1,4 +1,4 @@
-"""Runs from Python: `crowdbench.run` drives a planner through cases and returns what a notebook shows well."""
+"""Runs from Python: `crowdbench.run` drives a planner through cases and returns a result that a notebook can show."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Result:
         metrics: The mean of each metric with its 95 % interval, by name; rates are shares.
         episodes: A row per case: `episodes.to_arrow()`, `pandas.DataFrame.from_arrow(episodes)`, and
             `polars.DataFrame(episodes)` are tables of it.
-        directory: Where it is kept; None where it is not.
+        directory: The directory of the run; None if the run is not kept.
     """
 
     planner: str
@@ -57,13 +57,13 @@ class Result:
 
     @classmethod
     def read(cls, directory: Path | str) -> Result:
-        """Read what `crowdbench run` or `run` has kept.
+        """Read the result of `crowdbench run` or `run` from its directory.
 
         Args:
             directory: The directory of the run.
 
         Raises:
-            InputError: A file is missing, or is not the one that the run wrote.
+            InputError: A file is missing, or was changed after the run.
         """
         run = RunResult.read(Path(directory))
         metrics = {name: read_estimate(estimate) for name, estimate in run.result["metrics"].items()}
@@ -78,7 +78,7 @@ class Result:
     def compare(self, other: Result) -> Comparison:
         """Compare with another run of the same scenario, case by case; a notebook shows it as a table.
 
-        Raises InputError where one of them was not kept, or they share no case.
+        Raises InputError if one of the runs was not kept, or if they share no case.
         """
         return compare(self._stored_directory(), other._stored_directory())
 
@@ -99,9 +99,9 @@ class Result:
         viewer.view(recording, find_case(recording, str(case)), web=web)
 
     def render(self, case: int | str) -> Image:
-        """Draw a recorded case from above, as a picture that a notebook shows and `save("case.png")` writes.
+        """Draw a recorded case from above, as an image for a notebook or for its method `save("case.png")`.
 
-        Raises InputError where the run was not kept, or the case is not recorded.
+        Raises InputError if the run was not kept, or if the case is not recorded.
         """
         from crowdbench.envs.render import rasterize
         from crowdbench.figures.episode import Episode
@@ -144,27 +144,27 @@ def run(
     """Drive a planner through the cases of a scenario and score it, as `crowdbench run` does.
 
     Args:
-        planner: Its name, its file, or the planner itself.
+        planner: Name or file of a planner, or a planner object.
         scenario: The scenario's name or file.
-        cases: How many test cases, or what `crowdbench run --cases` takes, such as "val:100".
+        cases: Number of test cases, or cases in the format of `crowdbench run --cases`, such as "val:100".
         options: Options of a planner that is given by its name or file.
         overrides: Other values for keys of the scenario, by dotted key.
         pedestrians: The name or the file of a policy that moves all pedestrians.
         metrics: Metrics of your own by name: functions of a trace, measured after the built-in ones.
-        data: The folder with recorded tracks, where the scenario needs them.
-        out: The directory in which the run is kept; None to keep nothing.
-        key: Your name of this version of a planner, or of metrics, that you made in Python. An interrupted run goes
-            on only with a key: without one, crowdbench cannot know whether they are the same as before.
-        record: Which episodes the viewer can show of a run that is kept, one of `defaults.RECORD`.
-        overwrite: True if an earlier run in `out` is replaced.
-        progress: Called after each step with what it added to the episodes, in parts of an episode, such as
+        data: The folder with recorded tracks, if the scenario needs them.
+        out: The directory for the results; None to keep nothing.
+        key: Your name for this version of a planner or of metrics that are defined in Python. An interrupted run can
+            be continued only with a key: without it, crowdbench cannot detect whether they have changed.
+        record: Extent of the recording of a run that is kept, one of `defaults.RECORD`.
+        overwrite: True to replace an earlier run in `out`.
+        progress: Called after each step with the progress of the step, as a fractional number of episodes, such as
             `tqdm(total=500, unit_scale=True).update`; None to show a line of progress every few seconds.
 
     Returns:
         The result.
 
     Raises:
-        InputError: Something does not exist, breaks its contract, or cannot be written.
+        InputError: An input does not exist, a plug-in breaks its contract, or the run cannot be written.
     """
     if not isinstance(planner, str | Planner):
         raise InputError(f"planner is {planner!r}, but must be a name, a file or a Planner, such as MyPlanner()")

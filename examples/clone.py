@@ -1,4 +1,4 @@
-"""Learns to drive as a recorded planner drives (behaviour cloning), from the table that `crowdbench export` writes:
+"""Trains a policy to imitate a recorded planner (behaviour cloning), from the table that `crowdbench export` writes:
 
     crowdbench run --planner ppo --scenario circle_crossing_5 --cases val:5000 --out runs/shown
     crowdbench export runs/shown --out shown
@@ -20,35 +20,35 @@ from crowdbench import Planner
 from crowdbench.envs.observations import AGENT_FEATURES, flatten
 
 NEAREST = 5
-"""How many people it is shown: the nearest ones."""
+"""Number of pedestrians in the input of the network: the nearest ones."""
 
 HIDDEN, EPOCHS, BATCH = 256, 20, 512
 
 
 def make_network() -> nn.Sequential:
-    """Make a network from an observation to a velocity along the direction to the goal and across it, in m/s."""
+    """Return a network that maps an observation to a velocity in m/s, along the direction to the goal and across it."""
     sizes = [AGENT_FEATURES * (1 + NEAREST), HIDDEN, HIDDEN, HIDDEN, 2]
     layers = [layer for pair in itertools.pairwise(sizes) for layer in (nn.Linear(*pair), nn.ReLU())]
     return nn.Sequential(*layers[:-1])
 
 
 def turn(points: np.ndarray, towards: np.ndarray, back: bool = False) -> np.ndarray:
-    """Turn points `[row, n, 2]` into axes along the direction to the goal `[row, 2]` and across it, or back into the
-    world's."""
+    """Rotate points `[row, n, 2]` to axes along the direction to the goal `[row, 2]` and across it, or back to the axes
+    of the world."""
     x, y = (towards / np.maximum(np.linalg.norm(towards, axis=1), 1e-9)[:, None]).T
     axes = np.array([[x, -y], [y, x]] if back else [[x, y], [-y, x]])
     return np.einsum("ijr,rnj->rni", axes, points)
 
 
 def show(observation: np.ndarray) -> torch.Tensor:
-    """Return the input of the network from observations `[row, features]`: the nearest people, in axes towards the
+    """Return the input of the network from observations `[row, features]`: the nearest pedestrians, in axes towards the
     goal."""
     agents = observation.reshape(len(observation), -1, AGENT_FEATURES).copy()
     unseen = agents[:, 1:, 4] == 0.0
     distance = np.where(unseen, np.inf, np.linalg.norm(agents[:, 1:, :2], axis=2))
     nearest = np.take_along_axis(agents[:, 1:], np.argsort(distance, axis=1)[:, :NEAREST, None], axis=1)
     goal = agents[:, 0, :2].copy()
-    # A network that sees its own velocity learns to repeat it: with it, success is 21 points lower.
+    # With the vehicle's velocity in its input, a network learns to repeat it: success is 21 points lower.
     agents[:, 0, 2:4] = 0.0
     agents = np.concatenate([agents[:, :1], nearest, np.zeros((len(agents), NEAREST - nearest.shape[1], 6))], axis=1)
     for numbers in (slice(0, 2), slice(2, 4)):
@@ -80,7 +80,7 @@ def clone(table: str, seed: int = 0) -> nn.Sequential:
 
 
 class ClonePlanner(Planner):
-    """Drives as it was shown."""
+    """Planner of a cloned policy."""
 
     def __init__(self, weights):
         self.network = make_network()
@@ -97,7 +97,7 @@ class ClonePlanner(Planner):
 
 
 def planner(weights="clone.safetensors"):
-    """Make the planner. `weights` is the file that this file has written."""
+    """Make the planner. `weights` is the file that this script has written."""
     return ClonePlanner(weights)
 
 

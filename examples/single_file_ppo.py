@@ -2,7 +2,7 @@
 
 Then drive it as a planner: crowdbench run --planner policy.onnx
 Needs `pip install 'crowdbench[onnx]'`, and no library of algorithms. The method is PPO (Schulman et al. 2017,
-arXiv:1707.06347) with generalised advantage estimation. Ctrl-C exports what has been learned.
+arXiv:1707.06347) with generalised advantage estimation. Ctrl-C exports the policy trained so far.
 """
 
 import argparse
@@ -34,9 +34,9 @@ def collect(envs, observed, over, actor, critic, spread):
     """Drive all worlds for some steps.
 
     Args:
-        envs: The worlds. The step after the last one of an episode starts the next episode, and does nothing else.
+        envs: The worlds. The step after the last one of an episode only starts the next episode.
         observed: Their observations.
-        over: True if their episodes are over.
+        over: True for worlds in which the episode is over.
         actor: The network of the mean action.
         critic: The network of the value.
         spread: The logarithm of the standard deviation of actions.
@@ -70,7 +70,7 @@ def collect(envs, observed, over, actor, critic, spread):
 
 
 def update(optimizer, actor, critic, spread, experience) -> None:
-    """Improve the networks by some epochs on what was collected."""
+    """Update the networks by some epochs on the collected experience."""
     for _ in range(EPOCHS):
         for rows in torch.randperm(len(experience[0])).chunk(BATCHES):
             shown, actions, before, advantages, returns = (part[rows] for part in experience)

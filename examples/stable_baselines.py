@@ -23,22 +23,21 @@ from crowdbench.utils.errors import InputError
 class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not looked into
     """The vehicle in many worlds of a scenario, for stable-baselines3 (`pip install 'crowdbench[ppo]'`).
 
-    Observations, actions and rewards are as in `crowdbench.envs.vehicle.VehicleEnv`. Episodes start from training cases
-    that are drawn once; each comes as often as chance has it. A world whose episode is over starts the next one in the
-    same step; the info of that step has its last observation as `terminal_observation`, its `outcome`, whether that is
-    a time-out as `TimeLimit.truncated`, and the return `r` and the length `l` of the episode as `episode`. Other infos
-    are empty.
+    Observations, actions and rewards are as in `crowdbench.envs.vehicle.VehicleEnv`. Each episode starts from a random
+    one of the training cases, which are drawn once. A world whose episode is over starts the next one in the same step.
+    The info of that step has the last observation as `terminal_observation`, the `outcome`, whether it is a time-out as
+    `TimeLimit.truncated`, and the return `r` and the length `l` of the episode as `episode`. Other infos are empty.
 
     Args:
         num_envs: Number of worlds.
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         seed: The seed of the training cases and of their order.
-        reward: As for `VehicleEnv`, and so are the next three.
+        reward: See `VehicleEnv`, also for the next three.
         observation: `flat`, `goal_frame` or `dict`.
         action: `world`, `goal_frame` or `native`.
-        nearest: How many pedestrians are seen in the frame of the goal, at most.
-        rays: How many rays to walls are seen in the frame of the goal.
-        cases: How many training cases there are.
+        nearest: Largest number of observed pedestrians in the frame of the goal.
+        rays: Number of observed rays to walls in the frame of the goal.
+        cases: Number of training cases.
 
     Raises:
         InputError: Scenario, reward, observation or action do not exist, or there is no world or no case.
@@ -69,9 +68,9 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         self.seed(seed)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Have the training cases and their order drawn again at the next reset. Without a seed, a random one is taken.
+        """Draw the training cases and their order again at the next reset. Without a seed, a random one is taken.
 
-        Raises InputError where the seed is negative.
+        Raises InputError if the seed is negative.
         """
         if seed is not None and seed < 0:
             raise InputError(f"seed is {seed}, but must be 0 or more")
@@ -79,16 +78,16 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         return [seed] * self.num_envs
 
     def reset(self) -> Observed:
-        """Start new episodes in all worlds, and return what is seen."""
+        """Start new episodes in all worlds, and return the observations."""
         self._is_reset = True
         return self.view.observe(self._running.start())
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keep the actions `[world, 2]` of `step_wait`."""
+        """Store the actions `[world, 2]` for `step_wait`."""
         self._action = stepping.check_actions(actions, (self.num_envs, 2))
 
     def step_wait(self) -> tuple[Observed, Float[np.ndarray, "world"], Bool[np.ndarray, "world"], list[dict[str, Any]]]:
-        """Simulate one step in all worlds: observations, rewards, whether episodes are over, and infos."""
+        """Simulate one step in all worlds. Return observations, rewards, whether episodes are over, and infos."""
         if not self._is_reset:
             raise error.ResetNeeded("call reset() first")
         step, reward, returned, length = self._running.step(self._action)
@@ -105,10 +104,10 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         return self.view.observe(self._running.worlds), reward, step.ended, infos
 
     def close(self) -> None:
-        """Do nothing: nothing is left open."""
+        """Do nothing: no resource is open."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the environment, which all worlds share, once for each.
+        """Return an attribute of the environment, which all worlds share, once for each world.
 
         Args:
             attr_name: Its name.
@@ -117,7 +116,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refuse: worlds have no attributes of their own.
+        """Raise InputError: worlds have no separate attributes.
 
         Args:
             attr_name: The attribute's name.
@@ -130,7 +129,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         raise InputError(f"{attr_name} cannot be set for single worlds: make another environment")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Refuse: worlds have no methods of their own.
+        """Raise InputError: worlds have no separate methods.
 
         Args:
             method_name: The method's name.

@@ -2,8 +2,8 @@
 
 Then drive it as a planner: crowdbench run --planner ppo.onnx
 Needs `pip install 'crowdbench[ppo,onnx]'`. Change algorithm, network or reward as you like. The model is saved every
-half a minute beside the policy (ppo.zip), and Ctrl-C exports what has been learned. `crowdbench train ppo` trains the
-same network by a loop of its own, with a validation curve, checkpoints and a card.
+half a minute beside the policy (ppo.zip), and Ctrl-C exports the policy trained so far. `crowdbench train ppo` trains
+the same network by crowdbench's training loop, with a validation curve, checkpoints and a card.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from crowdbench import export_policy
 from crowdbench.networks.policy import Seen, SetEncoder
 
 NEAREST = 5
-"""How many pedestrians the policy sees, at most."""
+"""Largest number of pedestrians in the observation of the policy."""
 
 BETWEEN = 30.0
 """Seconds between checkpoints."""
@@ -36,7 +36,7 @@ class CrowdExtractor(BaseFeaturesExtractor):
         self.encoder = encoder
 
     def forward(self, observed):
-        """Return the code of each world's observation."""
+        """Return the encoding of each world's observation."""
         return self.encoder(Seen(observed["vehicle"], observed["pedestrians"], observed["mask"] > 0.5))
 
 
@@ -44,17 +44,17 @@ NETWORK = {"features_extractor_class": CrowdExtractor, "net_arch": [64], "log_st
 
 
 class Clock:
-    """Says how much of a training is left.
+    """Remaining share of a training.
 
     Args:
-        minutes: How long it takes; None where the number of steps alone ends it.
+        minutes: Its duration; None if only the number of steps ends it.
     """
 
     def __init__(self, minutes: float | None):
         self.seconds, self.start = None if minutes is None else 60.0 * minutes, time.monotonic()
 
     def left(self, steps_left: float) -> float:
-        """Return the share of the training that is left: of its time, or else of its steps."""
+        """Return the remaining share of the training: of its time, or else of its steps."""
         return steps_left if self.seconds is None else 1.0 - (time.monotonic() - self.start) / self.seconds
 
     def learning_rate(self, steps_left: float) -> float:
@@ -63,7 +63,7 @@ class Clock:
 
 
 class Checkpoints(BaseCallback):
-    """Saves the model from time to time, and ends the training when its time is over."""
+    """Callback that saves the model periodically, and ends the training when its time is over."""
 
     def __init__(self, file: Path, clock: Clock):
         super().__init__()
@@ -95,7 +95,7 @@ def train(
         seed: Seed of the network and of the episodes.
         out: The ONNX file; the model is saved beside it.
         worlds: Number of worlds that are simulated at once.
-        minutes: How long the training takes, at most.
+        minutes: Longest duration of the training.
         progress_bar: True to show the progress.
     """
     torch.set_num_threads(1)  # a network this small, and so few worlds, are faster in one thread

@@ -1,4 +1,4 @@
-"""Enters the planners that ship on boards, freezes the entries of a season and verifies them; for maintainers.
+"""Enters the shipped planners on boards, freezes the entries of a season and verifies them; for maintainers.
 
 `leaderboards/shipped.toml` lists the planners, and `leaderboards/cards/` has their cards:
 python leaderboards/fill.py --key ~/.ssh/boards
@@ -62,12 +62,12 @@ class ShippedFile(TomlTable):
 
 @dataclass(frozen=True)
 class Job:
-    """An entry or a verification that is missing.
+    """A missing entry or verification.
 
     Attributes:
         title: Its name in messages.
-        cases: How many cases it drives or replays.
-        do: Makes it; takes `progress`, see `submit` and `verify`.
+        cases: Number of cases that it drives or replays.
+        do: Function that creates it; takes `progress`, see `submit` and `verify`.
     """
 
     title: str
@@ -83,14 +83,14 @@ def fill(
     root: Path = ROOT,
     work: Path = WORK,
 ) -> None:
-    """Enter every planner that ships on boards, freeze the entries once the season has closed, and verify them in it.
+    """Enter every shipped planner on boards, freeze the entries once the season has closed, and verify them in it.
 
-    Board by board; boards of recorded people only with --data. Finished work is kept, and the same command goes on
-    after it. Several processes can share the work.
+    Boards are filled one after the other; boards of recorded pedestrians need --data. Finished work is kept, and the
+    same command continues after it. Several processes can share the work.
 
     Args:
         boards: Names of boards.
-        key: The private key of a maintainer, made by ssh-keygen, that signs verdicts. Without it no entry is verified.
+        key: The private key of a maintainer, from ssh-keygen, to sign verdicts. Without it no entry is verified.
     """
     if key is not None:
         find_signer(key, root)
@@ -108,7 +108,7 @@ def fill(
 
 
 def _fill_board(board: Board, root: Path, work: Path, key: Path | None) -> None:
-    """Make the missing entries of a board, freeze them, and verify them if there is a key."""
+    """Create the missing entries of a board, freeze them, and verify them if there is a key."""
     if not do_all(functools.partial(to_submit, board, root, work), "entry"):
         say(f"{board.name}: other processes are making the last entries")
         return
@@ -124,7 +124,7 @@ def _fill_board(board: Board, root: Path, work: Path, key: Path | None) -> None:
 
 
 def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
-    """Do the jobs that no other process does; return False if other processes are still at theirs at the end."""
+    """Run the jobs that no other process runs; return False if other processes are still running jobs at the end."""
     skipped: set[str] = set()
     while jobs := [job for job in missing() if job.title not in skipped]:
         job = jobs[0]
@@ -140,10 +140,10 @@ def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
 
 
 def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
-    """List the planners that ship and have no current entry on a board.
+    """List the shipped planners without a current entry on a board.
 
-    An entry is not current if it was made for another digest of the board, or if its planner has other files now; but
-    once entries are frozen, files do not count.
+    An entry is not current if it was made for another digest of the board, or if files of its planner have changed.
+    Once entries are frozen, changed files do not count.
 
     Raises:
         InputError: `shipped.toml` is missing or wrong, or an entry is damaged.
@@ -175,7 +175,7 @@ def _is_current(entry: Entry, board: Board, root: Path) -> bool:
 
 
 def _submit(submission: Submission, root: Path, work: Path, progress: Progress) -> None:
-    """Submit a planner that ships, in the place of an entry that is not current."""
+    """Submit a shipped planner, and replace its entry if that is not current."""
     folder = submission.directory(root)
     if (folder / ENTRY).is_file() and not _is_current(read_entry(folder), submission.board, root):
         shutil.rmtree(folder)
@@ -189,7 +189,7 @@ def freeze_entries(board: Board, root: Path) -> Season:
 
 
 def to_verify(board: Board, root: Path, work: Path, key: Path) -> list[Job]:
-    """List the entries of a board that take part in the season and have no verification that counts."""
+    """List the entries of a board that take part in the season and have no valid verification."""
     season, jobs = read_season(root), []
     for entry in read_entries(board, root):
         takes_part = season.takes_part(board.name, entry.name, entry.digest) and not is_pending(entry, board)

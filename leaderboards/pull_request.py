@@ -1,8 +1,8 @@
-"""Checks that a pull request changes entries of its author alone: python leaderboards/pull_request.py BASE AUTHOR.
+"""Checks that a pull request changes only entries of its author: python leaderboards/pull_request.py BASE AUTHOR.
 
 The entries of an author are those whose card names the author's GitHub account (`account`), before the change and after
-it. BASE is the commit that the pull request is to be merged into. Prints the folders of the entries that are there
-afterwards, for `crowdbench verify`. It needs Python and git alone, and is run as it is in BASE.
+it. BASE is the commit that the pull request is to be merged into. Prints the folders of the entries that exist
+after the change, for `crowdbench verify`. It needs only Python and git. The script of BASE is run.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import tomllib
 
 PATH = re.compile(r"(leaderboards/[a-z0-9_]+)(/entries/[a-z0-9][a-z0-9_]{1,49})/.+", re.ASCII | re.DOTALL)
 PLAIN = {"000000", "100644", "100755"}
-"""The modes of files, and of files that are not there; all others are links and other repositories."""
+"""The modes of files, and of missing files; all others are links and other repositories."""
 
 
 def git(*arguments: str) -> str:
-    """Return what git prints. Raises CalledProcessError where it fails."""
+    """Return the output of git. Raises CalledProcessError if it fails."""
     return subprocess.run(
         ["git", *arguments], check=True, capture_output=True, text=True, errors="surrogateescape"
     ).stdout
@@ -30,7 +30,7 @@ def is_there(commit: str, path: str) -> bool:
 
 
 def owner(commit: str, folder: str) -> str:
-    """Return the account that an entry belongs to in a commit; empty where its card names none."""
+    """Return the account of the owner of an entry in a commit; empty if the card has none."""
     try:
         account = tomllib.loads(git("show", f"{commit}:{folder}/card.toml")).get("account")
     except (subprocess.CalledProcessError, ValueError):
@@ -39,13 +39,13 @@ def owner(commit: str, folder: str) -> str:
 
 
 def changed_entries(base: str, author: str) -> list[str]:
-    """Return the folders of the entries that are there after the change. Raises ValueError where it is not allowed."""
+    """Return the folders of the changed entries that exist in HEAD. Raises ValueError if the change is not allowed."""
     fields = git("diff", "--raw", "-z", "--no-renames", "--abbrev=40", f"{base}...HEAD").split("\0")
     folders = set()
     for change, path in zip(fields[::2], fields[1::2], strict=False):
         match = PATH.fullmatch(path)
         if not match or not is_there(base, f"{match[1]}/board.toml"):
-            raise ValueError(f"{path!a} is no file of an entry, which alone may change")
+            raise ValueError(f"{path!a} is not a file of an entry, and only entries may change")
         if change.split()[1] not in PLAIN:
             raise ValueError(f"{path!a} is not a plain file")
         folders.add(match[1] + match[2])

@@ -1,6 +1,6 @@
-"""The option `--shard` of studies, and the functions that make their runs and print their tables.
+"""The option `--shard` of studies, and the functions that execute their runs and print their tables.
 
-A function imports what takes long when it is called, after the number of threads is set.
+Slow modules are imported when a function is called, after the number of threads is set.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ ShardOption = Annotated[
 
 
 def make_runs(runs: Sequence[Run], out: Path, shard: str | None) -> None:
-    """Make the runs that the folder `out` lacks; exits after an interrupt, and where runs of others are missing.
+    """Execute the runs that the folder `out` lacks. Exit after an interrupt, or if runs of other shards are missing.
 
     Args:
-        runs: The runs, some perhaps twice.
+        runs: The runs, possibly with duplicates.
         out: The folder.
-        shard: Which share of them is made, such as 2/8.
+        shard: The share of the runs to execute, such as 2/8.
     """
     from crowdbench.runs.folder import make_in_folder, run_directory
     from crowdbench.runs.shards import Shard
@@ -43,7 +43,7 @@ def make_runs(runs: Sequence[Run], out: Path, shard: str | None) -> None:
             changes = "".join(f", {key}={value}" for key, value in run.spec.overrides.items())
             named = f"{run.label} on {run.scenario.name}{changes}, cases {run.spec.cases}"
             say(f"run {number} of {len(lacking)}: {named}")
-            # The time left is that of this run: a case of another planner may take a hundred times as long.
+            # The remaining time is given per run: a case of another planner may take a hundred times as long.
             cases = len(run.spec.cases)
             with progress(cases, f"of {cases} cases of run {number}") as report:
                 make_in_folder(run, out, report)
@@ -58,10 +58,10 @@ def print_study(contents: object, grids: Sequence[Grid], page: str, format: Form
     """Print the tables of a study.
 
     Args:
-        contents: All of it, as JSON.
+        contents: All contents, for JSON.
         grids: Its tables, for LaTeX and CSV.
         page: The page, in Markdown.
-        format: How it is printed.
+        format: The output format.
     """
     if format is Format.JSON:
         print(json.dumps(plain(contents), indent=2))

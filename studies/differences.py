@@ -12,7 +12,7 @@ from crowdbench.metrics.summary import UNDEFINED, Estimate
 
 
 def gain_in_success(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
-    """Return the difference in success, with an interval that has a width even where both succeed in the same cases.
+    """Return the difference in success, with an interval that has a width even if both succeed in the same cases.
 
     One discordant case is added to each side, one that only `ours` solves and one that only `theirs` solve, as in
     Bonett and Price, "Adjusted Wald confidence interval for a difference of binomial proportions based on paired data",

@@ -1,4 +1,4 @@
-"""The runs of a study: load them, find those that its folder lacks, and read them."""
+"""The runs of a study: load them, find the ones that its folder lacks, and read them."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ def missing_runs(runs: Iterable[Run], out: Path, shard: Shard = WHOLE) -> list[R
     """Return the runs that are not in the folder, each once.
 
     Args:
-        runs: The runs that are needed, some perhaps twice.
+        runs: The runs that are needed, possibly with duplicates.
         out: The folder.
-        shard: Which share of the runs is looked at. It is the same whichever of them are there.
+        shard: The share of the runs to check. It does not depend on the runs that exist.
     """
     distinct = list({run_directory(run, out): run for run in runs}.values())
     return [run for run in shard.select(distinct) if not is_complete(run, out)]
 
 
 def read_episodes(run: Run, out: Path) -> Episodes:
-    """Read the episodes of a run in the folder. Raises InputError where it is not there."""
+    """Read the episodes of a run in the folder. Raises InputError if it is missing."""
     return Episodes.read(run_directory(run, out) / EPISODES)

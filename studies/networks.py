@@ -1,4 +1,4 @@
-"""`[[networks]]`: planners on the same cases, each with one network or several, beside what others report of them."""
+"""`[[networks]]`: planners on the same cases, each with one network or several, beside published results."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from studies.pages import NOTES, SUCCESS, SUCCESS_RATE, values_of
 from studies.schema import CasesText
 
 SHOWN = (SUCCESS_RATE, "navigation_time", "max_velocity_change", "jerk")
-"""Metrics that a table shows unless its file says otherwise."""
+"""Default metrics of a table."""
 
 PLANNER_MEASURES = {name: info_of(name) for name in (*SHOWN, "stopped_time", "success_path_length")}
 """Metrics that a table may show."""
@@ -45,7 +45,7 @@ def _known(measures: list[str]) -> list[str]:
 
 
 class ReportedSpec(TomlTable):
-    """`reported`: what somebody else measured, by metric, in the metrics' own units."""
+    """`reported`: published results, by metric, in the units of the metrics."""
 
     success_rate: float | None = number(None, least=0.0, below=1000.0)
     navigation_time: float | None = number(None, least=0.0, below=1000.0)
@@ -56,8 +56,8 @@ class ReportedSpec(TomlTable):
 class RowSpec(TomlTable):
     """`[[networks.rows]]`: a planner, with each of several networks or without any, and its label.
 
-    The first network, which is the shipped one, is run on the cases of `second_reading` too, where there are any: cases
-    that nobody has looked at, while the cases of the table have been looked at often.
+    The first network, which is the shipped one, is run on the cases of `second_reading` too, if there are any: held-out
+    cases, while the cases of the table have been evaluated often.
     """
 
     label: Text = ""
@@ -101,7 +101,7 @@ class PlannerRow:
         weights: The weights of its networks; none for a planner without a choice of them.
         reported: Published results, by metric.
         runs: A run with each of the weights, or the one run without any.
-        variant: Runs under the table's variant, with all the weights or the first; none where there is no variant.
+        variant: Runs under the table's variant, with all the weights or the first; none without a variant.
         second_reading: The run with the first weights on the cases of the second reading, if the row has one.
     """
 
@@ -139,7 +139,7 @@ class PlannerRow:
 
     @property
     def networks(self) -> list[str]:
-        """The network of each run: its weights, their digest where they are the planner's own, or "" without any."""
+        """The network of each run: its weights, their digest if the planner has fixed ones, or "" without any."""
         return self.weights or [self.runs[0].driver.facts.get("weights", "")]
 
     @property
@@ -191,7 +191,7 @@ class NetworksTable:
 
         Args:
             spec: The table of the file.
-            location: Where in the file.
+            location: Its location in the file, for errors.
 
         Raises:
             InputError: A planner, its weights or the scenario do not exist, two rows have the same label, or a claim is
@@ -205,12 +205,11 @@ class NetworksTable:
 
     @property
     def runs(self) -> list[Run]:
-        """All runs that it needs, some perhaps twice."""
+        """All runs that it needs, possibly with duplicates."""
         return [run for row in self.rows for run in row.all_runs]
 
     def fill(self, out: Path) -> FilledNetworksTable:
-        """Return the table with the figures of the runs in the folder `out`; raises InputError where one is not
-        there."""
+        """Return the table with the figures of the runs in the folder `out`; raises InputError if one is missing."""
         episodes = {row.label: row.episodes(out) for row in self.rows}
         run, variant = self.rows[0].runs[0], self.spec.variant
         of_first = " (first network)" if variant and variant.networks == "first" else ""
@@ -226,7 +225,7 @@ class NetworksTable:
 
 @dataclass(frozen=True)
 class SecondReading:
-    """Success rate and navigation time of the first network of a row alone, on the table's cases and on others.
+    """Success rate and navigation time of only the first network of a row, on the table's cases and on others.
 
     Attributes:
         cases: The other cases.
@@ -245,8 +244,8 @@ class FilledPlannerRow:
 
     Attributes:
         planner: Name of the planner in the table.
-        privileged: True if it uses what no vehicle could know.
-        weights: The weights of its networks, where it was given any.
+        privileged: True if it uses information that no vehicle can measure.
+        weights: The weights of its networks, if it was given any.
         networks: Number of its networks; 0 for a planner without any.
         reported: Published results, by metric.
         measured: Results of the networks, by metric.
@@ -267,13 +266,13 @@ class FilledPlannerRow:
 
     @property
     def name(self) -> str:
-        """The planner, with an asterisk where it is privileged."""
+        """The planner, with an asterisk if it is privileged."""
         return f"{self.planner} *" if self.privileged else self.planner
 
 
 @dataclass(frozen=True)
 class FilledNetworksTable:
-    """A table of planners with its figures. Its fields are what `--format json` prints.
+    """A table of planners with its figures. `--format json` prints its fields.
 
     The metrics of `with_maximum` have a column with the maximum over networks and cases, beside their mean.
     """
@@ -287,7 +286,7 @@ class FilledNetworksTable:
     rows: list[FilledPlannerRow]
 
     def markdown(self) -> str:
-        """Return the table as GitHub shows it, under its heading."""
+        """Return the table in GitHub's Markdown, under its heading."""
         (planners,) = self.grids()
         every = "".join(f", {key}={value}" for key, value in self.replanning.items())
         on = f"On {self.scenario}{every}, cases {self.cases}."
@@ -300,7 +299,7 @@ class FilledNetworksTable:
         return "\n\n".join(parts)
 
     def grids(self) -> list[Grid]:
-        """Return the one part of it that has a row for each planner."""
+        """Return its only grid, with a row for each planner."""
         columns = [
             ["planner", *(row.name for row in self.rows)],
             ["networks", *(str(row.networks) if row.networks else "" for row in self.rows)],
@@ -308,7 +307,7 @@ class FilledNetworksTable:
         for metric in self.rows[0].measured:
             info = PLANNER_MEASURES[metric]
             if any(metric in row.reported for row in self.rows):
-                # With as many digits as others give.
+                # With as many digits as in the publication.
                 numbers = (row.reported.get(metric) for row in self.rows)
                 reported = ["" if number is None else f"{info.factor * number:.6g}" for number in numbers]
                 columns.append([f"reported {info.heading}", *reported])

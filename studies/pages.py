@@ -1,4 +1,4 @@
-"""Helpers of several studies: read a TOML file of tables, make its runs, print its page, keep results for a figure."""
+"""Helpers of several studies: read a TOML file of tables, execute its runs, print its page, store results."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ NOTES = {
 Head = TypeVar("Head", bound=StudyHead)
 
 MakeRuns = Callable[[Sequence[Run]], None]
-"""Makes the runs that a folder lacks."""
+"""Function that executes the runs that a folder lacks."""
 
 
 class FilledTable(Protocol):
     """A table with its figures."""
 
     def markdown(self) -> str:
-        """Return the table as GitHub shows it, under its heading."""
+        """Return the table in GitHub's Markdown, under its heading."""
 
     def grids(self) -> list[Grid]:
         """Return its parts, for LaTeX and CSV."""
 
     def notes(self) -> list[str]:
-        """Return the notes that a page has below its tables."""
+        """Return the notes for a page, below its tables."""
 
 
 class Table(Protocol):
@@ -55,17 +55,17 @@ class Table(Protocol):
 
     @property
     def runs(self) -> list[Run]:
-        """The runs that it needs, some perhaps twice."""
+        """The runs that it needs, possibly with duplicates."""
 
     def fill(self, out: Path) -> FilledTable:
-        """Fill the table from the runs in the folder `out`. Raises InputError where one is not there."""
+        """Fill the table from the runs in the folder `out`. Raises InputError if one is missing."""
 
 
 class TwoSteps(Table, Protocol):
-    """A table of a study, some of whose runs follow from others."""
+    """A table of a study with a second step of runs, which depend on the results of the first."""
 
     def second(self, out: Path) -> list[Run]:
-        """Return the runs that follow from those in the folder `out`."""
+        """Return the runs of the second step, which depend on the runs in the folder `out`."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +86,11 @@ class Page:
 
     @property
     def runs(self) -> list[Run]:
-        """All runs that its tables need, some perhaps twice."""
+        """All runs that its tables need, possibly with duplicates."""
         return [run for table in self.tables for run in table.runs]
 
     def fill(self, out: Path) -> list[FilledTable]:
-        """Fill the tables from the runs in the folder `out`. Raises InputError where one is not there."""
+        """Fill the tables from the runs in the folder `out`. Raises InputError if one is missing."""
         return [table.fill(out) for table in self.tables]
 
     def markdown(self, tables: Sequence[FilledTable], command: str) -> str:
@@ -106,22 +106,22 @@ class Page:
 
 
 def read_file(file: Path, spec: type[Head]) -> Head:
-    """Read the TOML file of a study. Raises InputError where something in it is wrong."""
+    """Read the TOML file of a study. Raises InputError if something in it is wrong."""
     return parse_table(spec, read_toml(file, "study"), Location(file.name))
 
 
 def print_page(
     head: StudyHead, tables: Sequence[Table], command: str, out: Path, make: MakeRuns, format: Format, name: str = ""
 ) -> None:
-    """Make the runs of a study that are not there yet, and print its page.
+    """Execute the missing runs of a study, and print its page.
 
     Args:
         head: The description and the references of the study.
         tables: Its tables.
         command: The command that prints the page.
-        out: The folder that keeps the runs.
-        make: Makes runs in that folder.
-        format: How the tables are printed.
+        out: The folder for the runs.
+        make: Executes runs in that folder.
+        format: The output format of the tables.
         name: The name of the study, if not that of the folder.
     """
     page = Page(name or out.name.removeprefix("study-"), head.description, tables, head.sources)
@@ -138,7 +138,7 @@ def print_filled(found: object, tables: Sequence[FilledTable], page: str, format
 def print_two_steps(
     head: StudyHead, tables: Sequence[TwoSteps], command: str, out: Path, make: MakeRuns, format: Format
 ) -> None:
-    """Make the runs of both steps, and print the page; see `print_page` for the arguments."""
+    """Execute the runs of both steps, and print the page; see `print_page` for the arguments."""
     make([run for table in tables for run in table.runs])
     make([run for table in tables for run in table.second(out)])
     print_page(head, tables, command, out, make, format)
@@ -156,7 +156,7 @@ def read_kept(path: Path, command: str, *keys: tuple[str | int, ...]) -> dict[st
     Args:
         path: The file.
         command: The command that wrote it.
-        keys: Where there must be something in it.
+        keys: Paths of keys that the content must have.
 
     Returns:
         Its content.
@@ -179,7 +179,7 @@ def read_kept(path: Path, command: str, *keys: tuple[str | int, ...]) -> dict[st
 
 
 def read_successes(run: Run, out: Path) -> Bool[np.ndarray, "case"]:
-    """Return in which cases a run in the folder `out` succeeds; raises InputError where it is not there."""
+    """Return the successes of a run in the folder `out`, by case; raises InputError if the run is missing."""
     return np.asarray(read_episodes(run, out).columns[SUCCESS_RATE], bool)
 
 
@@ -193,5 +193,5 @@ BAR = 20
 
 
 def draw_bar(rate: float) -> str:
-    """Draw a bar as long as a rate is high."""
+    """Draw a bar with a length proportional to a rate."""
     return "█" * round(BAR * rate)

@@ -26,7 +26,7 @@ def publish(page: str) -> tuple[str, dict[str, str]]:
     """Split a printed page.
 
     Args:
-        page: Markdown, as a study prints it.
+        page: The Markdown that a study prints.
 
     Returns:
         The page with a link in place of the tables of each subsection, and CSV files by name.
@@ -89,7 +89,7 @@ def _csv(records: Sequence[dict[str, str]]) -> str:
 
 @help_from_docstring
 def write(folder: Path) -> None:
-    """Write the page that standard input has into the folder of a study.
+    """Write the page from standard input into the folder of a study.
 
     Args:
         folder: The folder, such as studies/suite.

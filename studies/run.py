@@ -26,18 +26,18 @@ def page(
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Make the runs of a study that are not there yet, and print its page.
+    """Execute the missing runs of a study, and print its page.
 
     Args:
         file: A study, such as studies/crowds/study.toml.
-        out: Folder that keeps its runs.
+        out: Folder for its runs.
     """
     use_threads(threads)
     from studies.pages import print_page
     from studies.tables import read_tables
 
     head, tables = read_tables(file, data.absolute() if data else None)
-    # A file that has a folder of its own is called study.toml.
+    # A file in a separate folder of its study is named study.toml.
     name = file.absolute().parent.name if file.name == "study.toml" else file.stem
     folder = out or Path("runs") / f"study-{name}"
     make = functools.partial(make_runs, out=folder, shard=shard)

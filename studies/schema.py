@@ -1,6 +1,6 @@
 """The content of a study's TOML file: its tables, their keys, and the default of each key.
 
-Planners, options, scenarios and overrides are what one would give to `crowdbench run`.
+Planners, options, scenarios and overrides have the same values as for `crowdbench run`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ CasesText = Annotated[
 
 
 class PlannerSpec(TomlTable):
-    """A planner with its options; a name or a file stands for one without options. Each of its `weights` is a run."""
+    """A planner with its options; a name or a file means a planner without options. Each of its `weights` is a run."""
 
     planner: Name
     weights: Names = Field(default=[])
@@ -49,7 +49,7 @@ Planners = Annotated[
 
 
 class TableSpec(TomlTable):
-    """`[[tables]]`: planners in several scenarios; "all" stands for all built-in ones without `[tracks]`."""
+    """`[[tables]]`: planners in several scenarios; "all" means all built-in scenarios without `[tracks]`."""
 
     title: Name
     planners: Planners

@@ -31,13 +31,13 @@ from studies.pages import NOTES, SUCCESS, SUCCESS_RATE, values_of
 from studies.schema import TableSpec
 
 OVER_SOLVED = ("navigation_time", "discomfort", "jerk", "minimum_gap")
-"""Metrics over solved cases: each planner's own, or the ones that both of a pair solve."""
+"""Metrics over cases that a planner solves, or that both planners of a pair solve."""
 
 FAILURES = ("collision_rate", "at_fault_rate", "wall_collision_rate", "timeout_rate")
-"""Of the other cases."""
+"""Metrics of failures."""
 
 FAULTS = (0.05, 0.1, 0.2, 0.5)
-"""Shares of the vehicle in a collision from which it counts as at fault, in a table of how much this matters."""
+"""Shares of the vehicle in a collision from which it counts as at fault, for a table of the effect of this choice."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class FilledCrowd:
     """All planners in one crowd, and all pairs of them.
 
     Attributes:
-        scenario: The scenario, with what is changed in it.
+        scenario: The scenario, with its overrides.
         planners: Rows of the first table: the planner, and an estimate of each metric.
         at_fault: By planner, the share of cases in which it is at fault, by each of `FAULTS`.
         pairs: The planners compared with each other.
-        blocks: The number of blocks of time of recorded people.
+        blocks: The number of blocks of time of recorded pedestrians.
     """
 
     scenario: str
@@ -64,7 +64,7 @@ class FilledCrowd:
         ((scenario, runs),) = table.columns.items()
         each = iter(runs.values())
         rows = dict(_label([next(each) for _ in range(number)]) for number in networks or [1] * len(runs))
-        # Collisions with walls are shown where there are any.
+        # Collisions with walls are shown if there are any.
         walls = any(run.episodes.columns["wall_collision_rate"].any() for run in table.runs)
         infos = table.infos([SUCCESS_RATE, *(name for name in FAILURES if walls or "wall" not in name), *OVER_SOLVED])
         records = []
@@ -85,29 +85,28 @@ class FilledCrowd:
         return "\n\n".join([f"### {self.scenario}{of_time}", *(markdown(each.header, each.rows) for each in grids)])
 
     def grid(self) -> Grid:
-        """Return the result."""
+        """Return the table of the measurements."""
         infos = {name: info_of(name) for name in self.planners[0] if name != "planner"}
         return estimate_grid(self.scenario, self.planners, infos, brief=FAILURES)
 
 
 @dataclass(frozen=True)
 class FilledCrowdsTable:
-    """All crowds with their figures. Its fields are what `--format json` prints."""
+    """All crowds with their figures. `--format json` prints its fields."""
 
     title: str
     cases: str
     crowds: list[FilledCrowd]
 
     def markdown(self) -> str:
-        """Return the tables as GitHub shows them, under their headings; success comes first where there are several
+        """Return the tables in GitHub's Markdown, under their headings; success comes first if there are several
         crowds."""
         success = [self.success()] if len(self.crowds) > 1 else []
         parts = [f"Cases {self.cases}.", *success, self.faults(), *map(FilledCrowd.markdown, self.crowds)]
         return "\n\n".join([f"## {self.title}", *parts])
 
     def success(self) -> str:
-        """Return successes by crowd and planner, a row for each crowd, as GitHub shows it; the highest of each row is
-        bold."""
+        """Return success by crowd and planner in GitHub's Markdown, a row for each crowd, with its highest in bold."""
         rows = []
         for crowd in self.crowds:
             rates = [row[SUCCESS_RATE].mean for row in crowd.planners]
@@ -117,14 +116,13 @@ class FilledCrowdsTable:
         return markdown([SUCCESS.heading, *(row["planner"] for row in self.crowds[0].planners)], rows)
 
     def faults(self) -> str:
-        """Return how often each planner is at fault by different thresholds, in all crowds together, as GitHub shows
-        it."""
+        """Return the at-fault rate of each planner by threshold, over all crowds, in GitHub's Markdown."""
         means = {name: np.mean([crowd.at_fault[name] for crowd in self.crowds], 0) for name in self.crowds[0].at_fault}
         header = ["at fault from a share of", *(f"{least:g}" for least in FAULTS)]
         return markdown(header, [[name, *map(SUCCESS.amount, shares.tolist())] for name, shares in means.items()])
 
     def grids(self) -> list[Grid]:
-        """Return the parts of it that have a row for each planner."""
+        """Return its grids with a row for each planner."""
         return [crowd.grid() for crowd in self.crowds]
 
     def notes(self) -> list[str]:
@@ -162,7 +160,7 @@ class SideBySide:
 
         Args:
             spec: The table in the file.
-            location: Where in the file.
+            location: Its location in the file, for errors.
             data: The folder with the recorded tracks that its scenarios need.
 
         Raises:
@@ -184,7 +182,7 @@ class SideBySide:
         return [run for runs in self.by_scenario for run in runs]
 
     def fill(self, out: Path) -> FilledCrowdsTable:
-        """Fill the table from the runs in the folder `out`. Raises InputError where one is not there."""
+        """Fill the table from the runs in the folder `out`. Raises InputError if one is missing."""
         tables = [RunTable.read([run_directory(run, out) for run in runs]) for runs in self.by_scenario]
         return FilledCrowdsTable(self.title, str(self.cases), [FilledCrowd.of(each, self.networks) for each in tables])
 
@@ -209,7 +207,7 @@ def comparisons(rows: Mapping[str, Sequence[RunResult]]) -> list[Comparison]:
 
 
 def _compare_networks(names: tuple[str, str], one: Sequence[RunResult], two: Sequence[RunResult]) -> Comparison:
-    """Compare planners, of which one has several networks at least."""
+    """Compare two planners, of which at least one has several networks."""
     networks = [[run.result["run"]["planner"]["options"].get("weights") for run in runs] for runs in (one, two)]
     runs, paired = [[run.episodes for run in row] for row in (one, two)], networks[0] == networks[1]
     solved = values_of(SUCCESS_RATE, [*runs[0], *runs[1]]).min(axis=0) > 0.0
@@ -228,7 +226,7 @@ def _compare_networks(names: tuple[str, str], one: Sequence[RunResult], two: Seq
 
 
 def verdict_grid(found: Sequence[Comparison]) -> Grid:
-    """Return in which metrics the planner of a row is significantly better or worse than that of a column.
+    """Return in which metrics the planner of a row is significantly better or worse than the planner of a column.
 
     Args:
         found: The return value of `comparisons` for two runs or more.

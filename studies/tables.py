@@ -31,7 +31,7 @@ def read_tables(file: Path, data: Path | None = None) -> tuple[StudyHead, Sequen
 
     Raises:
         InputError: It cannot be read, or something in it is wrong; the file and the key are named. That includes
-            planners, weights and scenarios that do not exist, so that nobody learns of them hours later.
+            planners, weights and scenarios that do not exist, so that they do not fail hours later.
     """
     spec, location = read_file(file, StudySpec), Location(file.name)
     tables: list[Table] = [

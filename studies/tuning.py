@@ -1,4 +1,4 @@
-"""Try random options of a planner on validation cases, and print what each reaches: `python studies/tuning.py dwa`."""
+"""Try random options of a planner on validation cases, and print their results: `python studies/tuning.py dwa`."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ RANGES: dict[str, dict[str, Any]] = {
 
 @help_from_docstring
 def tune(planner: str, trials: int = 30, cases: int = 20, out: Path = Path("runs/tuning")) -> None:
-    """Print the mean success, share at fault and time of each trial. Runs that are kept are not repeated.
+    """Print the mean success, share at fault and time of each trial. Existing runs are not repeated.
 
     Args:
         planner: One of `RANGES`.
         trials: Number of configurations.
         cases: Validation cases of each scenario.
-        out: Folder that keeps the runs.
+        out: Folder for the runs.
     """
     if planner not in RANGES:
         raise InputError(f"planner is {planner}, but must be one of {', '.join(RANGES)}")

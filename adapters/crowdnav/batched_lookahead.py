@@ -14,7 +14,7 @@ PREDICT, ROTATE = "d21c7e7d7250", "2ae0be6c7e92"
 
 
 def batch_lookahead() -> None:
-    """Let CrowdNav's `MultiHumanRL` predict by `predict`, where the script has imported it and its code is known."""
+    """Replace `MultiHumanRL.predict` of CrowdNav by `predict` if the script has imported it and its code is known."""
     module = sys.modules.get("crowd_nav.policy.multi_human_rl")
     policy = getattr(module, "MultiHumanRL", None)
     if policy is not None and fingerprint(policy.predict) == PREDICT and fingerprint(policy.rotate) == ROTATE:
@@ -22,9 +22,9 @@ def batch_lookahead() -> None:
 
 
 def predict(policy: Any, state: Any) -> Any:
-    """Return the action with the largest reward and discounted value of the next state, or an explored one.
+    """Return the action with the largest reward plus discounted value of the next state, or a random exploratory one.
 
-    Values differ by rounding from CrowdNav, which calls its network for one action after the other.
+    Values differ by rounding from CrowdNav's, because CrowdNav evaluates its network for one action at a time.
 
     Args:
         policy: The policy.
@@ -40,7 +40,7 @@ def predict(policy: Any, state: Any) -> Any:
     actions = policy.action_space
     if policy.reach_destination(state):
         return type(actions[0])(0, 0)
-    # CrowdNav's generator is NumPy's legacy one, and it draws in every phase.
+    # CrowdNav draws from NumPy's legacy generator in every phase.
     drawn = np.random.random()  # noqa: NPY002
     if policy.phase == "train" and drawn < policy.epsilon:
         chosen = actions[np.random.choice(len(actions))]  # noqa: NPY002
@@ -67,7 +67,7 @@ def _values(policy: Any, state: Any) -> list[float]:
             ahead = ahead or [_straight(human, policy.time_step, kind) for human in state.human_states]
             reward = policy.compute_reward(own, ahead)
         rewards.append(reward)
-        # A network keeps the attention of the first state of a batch, and CrowdNav that of the last action.
+        # Reversed below: a network stores the attention of a batch's first state, and CrowdNav that of the last action.
         rows.append([own + human for human in ahead])
     joint = torch.tensor(rows[::-1], dtype=torch.float32, device=policy.device)
     count, people, numbers = joint.shape

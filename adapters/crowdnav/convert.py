@@ -1,4 +1,4 @@
-"""Convert the value network that CrowdNav or a fork of it has trained, `rl_model.pth`, into weights of crowdbench.
+"""Convert a value network trained by CrowdNav or a fork of it, `rl_model.pth`, into weights of crowdbench.
 
     python adapters/crowdnav/convert.py CrowdNav/crowd_nav/data/output/rl_model.pth mine.safetensors
     crowdbench run --planner sarl --option weights=mine.safetensors
@@ -26,30 +26,30 @@ LAYERS = {
     "lstm_rl": {"lstm": "lstm", "mlp": "value"},
     "cadrl": {"value_network": "pair"},
 }
-"""By network, the name of each group of layers in CrowdNav and here."""
+"""Groups of layers of each network: their names in CrowdNav, and their names in crowdbench."""
 
 ATTENTION = {
     f"{theirs}.{part}": f"{ours}.{part}"
     for theirs, ours in (("0", "attention_own"), ("2", "attention.0"), ("4", "attention.2"))
     for part in ("weight", "bias")
 }
-"""SARL's layers of attention. Of the first one, columns 0 to 99 take an embedding, and 100 to 199 the mean of all."""
+"""SARL's attention layers. In the first, columns 0 to 99 multiply an embedding, columns 100 to 199 the mean of all."""
 
 
 def read_network(content: bytes, name: str) -> ValueNetwork:
-    """Return the value network that a file of CrowdNav holds.
+    """Return the value network in a file of CrowdNav.
 
     Args:
-        content: The content of `rl_model.pth`. Nothing but tensors is unpickled.
+        content: The content of `rl_model.pth`. Only tensors are unpickled.
         name: The name of the file, for errors.
 
     Raises:
-        InputError: It holds no weights, or its layers belong to none of the three networks.
+        InputError: The file contains no weights, or its layers belong to none of the three networks.
     """
     try:
         found = torch.load(io.BytesIO(content), "cpu", weights_only=True)
         tensors: dict[str, Tensor] = {key: torch.as_tensor(tensor) for key, tensor in found.items()}
-    except Exception:  # torch raises many kinds, and advises against `weights_only`
+    except Exception:  # torch raises many kinds of exceptions, and advises against `weights_only`
         right = "what torch.save(network.state_dict(), file) writes"
         raise InputError(f"{name} cannot be read, or holds something other than tensors: give {right}") from None
     groups = {key.partition(".")[0] for key in tensors}
@@ -75,7 +75,7 @@ def read_network(content: bytes, name: str) -> ValueNetwork:
 
 @help_from_docstring
 def convert(model: Path, out: Path) -> None:
-    """Write the weights of CrowdNav's value network as safetensors, with their card beside them.
+    """Write the weights of CrowdNav's value network as a safetensors file, and their card beside it.
 
     Args:
         model: The file rl_model.pth of CrowdNav or of a fork.

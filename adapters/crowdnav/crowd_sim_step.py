@@ -1,4 +1,4 @@
-"""The step of CrowdNav's `CrowdSim` (Chen et al. 2019) by crowdbench's compiled ORCA and collision test."""
+"""The step of CrowdNav's `CrowdSim` (Chen et al. 2019), computed by crowdbench's compiled ORCA and collision test."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from crowdbench.sim.pedestrians.orca_crowd import orca_in_one
 STEP, PREDICT, ACT = "53c1da4daf6a", "5695436930d6", "797fcc0c3e9b"
 """Fingerprints of CrowdNav's `CrowdSim.step`, since 2018, `ORCA.predict` and `Human.act`."""
 
-_log = logging.getLogger(__name__)  # the root's functions would set up logging before the script does
+_log = logging.getLogger(__name__)  # functions of the root logger would configure logging before the script does
 _NO_CODE = {getattr(tokenize, kind) for kind in ("COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENDMARKER")}
 
 
 @functools.cache
 def fingerprint(function: Any) -> str:
-    """Return twelve hexadecimal digits of a function's source without comments and blanks; none where it has none."""
+    """Return a 12-digit hexadecimal hash of a function's source without comments and blanks; empty without source."""
     try:
         source = textwrap.dedent(inspect.getsource(function))
     except (OSError, TypeError):
@@ -41,9 +41,9 @@ def fingerprint(function: Any) -> str:
 
 
 def faster(simulation: type) -> type:
-    """Return a class of `CrowdSim` with the step of `CompiledStep`, or the same one where its step is not CrowdNav's.
+    """Return a class of `CrowdSim` with the step of `CompiledStep`, or the same class if its step is not CrowdNav's.
 
-    Everything else is that of the given class: configuration, cases, `onestep_lookahead`, drawing.
+    Configuration, cases, `onestep_lookahead` and rendering are inherited from the given class.
     """
     file = inspect.getsourcefile(simulation)
     if fingerprint(getattr(simulation, "step", None)) != STEP:
@@ -57,13 +57,13 @@ def faster(simulation: type) -> type:
 
 
 class CompiledStep:
-    """Steps as CrowdNav's `CrowdSim` does, whose base class this is not: it stands before it, see `faster`.
+    """Mixin with the step of CrowdNav's `CrowdSim`: `faster` derives a class from this class and from `CrowdSim`.
 
-    Between two steps pedestrians decide once, whatever number of actions `onestep_lookahead` tries. Where a pedestrian
-    is not moved by CrowdNav's ORCA, the class's own step is taken.
+    Velocities of pedestrians are computed once per step, for any number of actions that `onestep_lookahead` tries. If a
+    pedestrian is not moved by CrowdNav's ORCA, the step of `CrowdSim` is called.
     """
 
-    # Classes are known only in a fork's program. The first two are CrowdNav's `ActionXY`, and its module `info`.
+    # These classes exist only in the process of a fork. The first two are CrowdNav's `ActionXY`, and its module `info`.
     action_kind: Any
     infos: Any
     robot: Any
@@ -74,14 +74,14 @@ class CompiledStep:
     _next: list[Any] | None
 
     def step(self, action: Any, update: bool = True) -> tuple[list[Any], float, bool, Any]:
-        """Take a step, or look one step ahead.
+        """Take a step, or simulate it without changing the state.
 
         Args:
             action: `ActionXY(vx, vy)` in m/s, or `ActionRot(v, r)`: a turn of r radians, then v in m/s.
             update: True if the step is taken.
 
         Returns:
-            The pedestrians' observable states after it, reward, whether the episode has ended, and how.
+            The pedestrians' observable states after the step, reward, whether the episode has ended, and info.
         """
         if self._crowd is not self.humans:
             self._crowd, self._is_known = self.humans, _follows_orca(self.humans)
@@ -102,13 +102,13 @@ class CompiledStep:
         return [human.get_observable_state() for human in self.humans], reward, done, info
 
     def _decide(self, state: np.ndarray) -> None:
-        """Find out what the pedestrians do next, from rows of the numbers in `step`, and prepare the collision test."""
+        """Compute the pedestrians' velocities from rows of the numbers in `step`, and prepare the collision test."""
         position, velocity, goal = (np.ascontiguousarray(state[None, :, k : k + 2]) for k in (0, 2, 4))
         radius, speed = np.ascontiguousarray(state[:, 6])[None], np.ascontiguousarray(state[:, 7])[None]
         everybody = np.ones(radius.shape, bool)
         everybody[0, 0] = self.robot.visible
         orca, taken = self.humans[0].policy, np.empty((1, len(state) - 1, 2))
-        # Whatever its preferred speed is, a pedestrian of CrowdNav walks towards its goal at 1 m/s at most.
+        # A pedestrian of CrowdNav walks towards its goal at 1 m/s at most, for any preferred speed.
         agents = goal, np.ones(radius.shape), per_agent(orca.safety_space), position, velocity, radius, speed, everybody
         limits = map(per_agent, (orca.neighbor_dist, orca.max_neighbors, orca.time_horizon))
         orca_in_one(*agents, self.time_step, *limits, taken)
@@ -118,7 +118,7 @@ class CompiledStep:
         self._discs = Discs(position[0], self.time_step * velocity[0], radius[0], np.ones(len(state), bool))
 
     def _judge(self, action: Any) -> tuple[float, bool, Any]:
-        """Return reward, whether the episode ends with an action, and CrowdNav's word for it."""
+        """Return the reward, whether the episode ends with an action, and CrowdNav's info object."""
         robot, dt, kinds = self.robot, self.time_step, self.infos
         if robot.kinematics == "holonomic":
             vx, vy = float(action.vx), float(action.vy)
@@ -142,7 +142,7 @@ class CompiledStep:
         return 0, False, kinds.Nothing()
 
     def _move(self, action: Any) -> None:
-        """Remember this state, as `render` needs it, and move everybody."""
+        """Store this state for `render`, and move the robot and the pedestrians."""
         robot, humans = self.robot, self.humans
         self.states.append([robot.get_full_state(), [human.get_full_state() for human in humans]])
         if hasattr(robot.policy, "action_values"):
@@ -157,7 +157,7 @@ class CompiledStep:
                 self.human_times[i] = self.global_time
 
     def render(self, *args: Any, **kwargs: Any) -> None:
-        """Draw the episode as the fork does, whose `plt.cm.get_cmap` newer versions of Matplotlib have elsewhere."""
+        """Draw the episode with the fork's method. Newer versions of Matplotlib have moved its `plt.cm.get_cmap`."""
         import matplotlib.pyplot as plt
 
         plt.cm.get_cmap = plt.get_cmap
@@ -165,7 +165,7 @@ class CompiledStep:
 
 
 def _follows_orca(humans: list[Any]) -> bool:
-    """Return whether everybody is moved by CrowdNav's ORCA with the same parameters."""
+    """Return whether all pedestrians are moved by CrowdNav's ORCA with the same parameters."""
     known = all(fingerprint(type(h).act) == ACT and fingerprint(type(h.policy).predict) == PREDICT for h in humans)
     names = "neighbor_dist", "max_neighbors", "time_horizon", "safety_space"
     return known and len({tuple(getattr(human.policy, name) for name in names) for human in humans}) == 1

@@ -1,7 +1,7 @@
-"""Let CrowdNav (Chen et al. 2019) and its forks simulate with crowdbench: import it first in `train.py` and `test.py`.
+"""Run CrowdNav (Chen et al. 2019) and its forks on crowdbench: import this file first in `train.py` and `test.py`.
 
-It stands in for the modules `gym` and `rvo2`, which need not be installed. `gym.make` returns the `CrowdSim` of the
-fork with a compiled step, and gives its policies a batched lookahead: see `crowd_sim_step` and `batched_lookahead`.
+It replaces the modules `gym` and `rvo2`, which need not be installed. `gym.make` returns the `CrowdSim` of the fork
+with a compiled step, and installs a batched lookahead in its policies: see `crowd_sim_step` and `batched_lookahead`.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ _entry_points: dict[str, str] = {}
 
 
 def register(id: str, entry_point: str, **kwargs: Any) -> None:
-    """Note where an environment is, as `package.module:Class`."""
+    """Store the entry point of an environment, `package.module:Class`."""
     _entry_points[id] = entry_point
 
 
 def make(id: str, **kwargs: Any) -> Any:
-    """Make an environment that was registered, without wrappers; others are made by Gymnasium."""
+    """Make a registered environment without wrappers; Gymnasium makes all others."""
     if id not in _entry_points:
         return gymnasium.make(id, **kwargs)
     batch_lookahead()

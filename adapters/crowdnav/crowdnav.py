@@ -1,10 +1,10 @@
-"""A network that CrowdNav (Chen et al. 2019) has trained as a planner, and any other policy in its manner.
+"""Planner of a network that CrowdNav (Chen et al. 2019) has trained, or of another policy with the same interface.
 
     git clone https://github.com/vita-epfl/CrowdNav
     crowdbench run --planner adapters/crowdnav/crowdnav.py --option clone=CrowdNav --isolated
 
-CrowdNav and CrowdNav++ (Liu et al. 2023) call `policy.predict(state)` with the state of one robot and what it sees of
-the humans. It returns a velocity, or a turn and a speed.
+CrowdNav and CrowdNav++ (Liu et al. 2023) call `policy.predict(state)` with the state of one robot and the
+humans in its sight. `predict` returns a velocity, or a turn and a speed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ STATES = "crowd_sim.envs.utils.state"
 """The module in which CrowdNav and CrowdNav++ define their states."""
 
 FAR = 20.0
-"""How far away somebody stands, in metres, where a policy is shown a pedestrian and the vehicle sees none."""
+"""Distance in metres of a substitute pedestrian, which the policy receives while the vehicle sees no pedestrian."""
 
 
 def planner(clone: str = "CrowdNav", output: str = "crowd_nav/data/output", policy: str = "sarl") -> CrowdNavPlanner:
@@ -47,7 +47,7 @@ def planner(clone: str = "CrowdNav", output: str = "crowd_nav/data/output", poli
     Returns:
         The planner.
     """
-    # Only its simulator needs these, which no longer install.
+    # Only CrowdNav's simulator needs these modules, which can no longer be installed.
     sys.modules |= {"rvo2": ModuleType("rvo2"), "gym": gymnasium, "gym.envs.registration": gymnasium.envs.registration}
     sys.path.insert(0, clone)
     chosen = importlib.import_module("crowd_nav.policy.policy_factory").policy_factory[policy]()
@@ -60,7 +60,7 @@ def planner(clone: str = "CrowdNav", output: str = "crowd_nav/data/output", poli
 
 
 class _Agent:
-    """Base of both states. They are tuples, because policies add them: a row of 14 numbers."""
+    """Base of both states. They are tuples, because policies concatenate them by `+`: a row of 14 numbers."""
 
     px: float
     py: float
@@ -105,39 +105,39 @@ class JointState:
 
 
 class CrowdNavPlanner(OneWorldPlanner):
-    """Drives with a policy object of CrowdNav or CrowdNav++, or with one that is written in their way.
+    """Planner of a policy object of CrowdNav or CrowdNav++, or of another object with the same interface.
 
-    Every episode has its own copy of the policy, as the policy was when it was given to the planner. So a policy may
-    remember its episode, and the object that was given is never changed. The copies share the weights of `model`.
+    Each episode has a separate copy of the policy in its initial state. So a policy may store the state of its episode,
+    and the given object is never changed. The copies share the weights of `model`.
 
-    A copy is prepared as CrowdNav's test does it: `set_phase("test")`, `set_device("cpu")` where no device was set, and
-    `time_step`, where the policy has these. `sim`, in which ORCA keeps a simulator of RVO2, starts as None in every
-    episode, so that radii of an earlier episode do not remain in it. States are of the classes that the policy's own
-    code uses, because CrowdNav's policies test for them.
+    Copies are prepared as in CrowdNav's test: `set_phase("test")`, `set_device("cpu")` if no device was set, and
+    `time_step`, if the policy has these. `sim`, the RVO2 simulator of ORCA, starts as None in every episode, so that
+    it does not contain radii of an earlier episode. States have the classes that the policy's module uses, because
+    CrowdNav's policies test for them.
 
-    A policy is shown the pedestrians that the vehicle sees. CrowdNav's networks fail where they are shown none: while
-    the vehicle sees none of those that there are, they are shown one who stands `FAR` behind it. `ActionRot` is a turn
-    in radians on the spot, then a speed in m/s along the new heading.
+    The input of a policy has the pedestrians that the vehicle sees. CrowdNav's networks fail without pedestrians: while
+    the vehicle sees none of them, the input has one that stands `FAR` behind the vehicle. `ActionRot` is a turn in
+    radians on the spot, then a speed in m/s along the new heading.
 
-    CrowdNav's CADRL, and all its value networks with `query_env`, need the true next step of the pedestrians, and so
-    they are refused. The networks of CrowdNav++ have no `predict`: of its policies, ORCA and social force can drive.
+    CrowdNav's CADRL, and all its value networks with `query_env`, need the true next step of the pedestrians. They are
+    rejected. The networks of CrowdNav++ have no `predict`: of its policies, ORCA and social force can drive.
 
     Args:
         policy: An object with `predict(state)`, configured and with its weights loaded.
 
     Raises:
-        InputError: The policy has no `predict` of its own, has `query_env` set, or cannot be copied. While it drives:
-            it asks for `env.onestep_lookahead`, or returns something other than an action.
+        InputError: The policy does not define `predict`, has `query_env` set, or cannot be copied. While it drives:
+            it calls `env.onestep_lookahead`, or returns something other than an action.
     """
 
     def __init__(self, policy: Any) -> None:
-        # One world after the other: `predict` takes one state, and policies build their tensors from its numbers.
+        # One world at a time: `predict` takes one state, and policies build their tensors from its numbers.
         super().__init__(self._command)
         self.name = type(policy).__name__
         _examine(policy, self.name)
         facts = {"policy": self.name}
         if (network := _network(policy)) is not None:
-            facts["weights"] = digest(network)  # no file that results name holds them
+            facts["weights"] = digest(network)  # results name no file with these weights
         self.facts = facts
         self._states = _state_classes(policy)
         self._policy = _prepare(policy, self.name)
@@ -145,14 +145,14 @@ class CrowdNavPlanner(OneWorldPlanner):
         self._headings: dict[int, float] = {}
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
-        """Give every world its own copy of the policy.
+        """Create a copy of the policy for every world.
 
         Args:
-            rows: The rows that `Observation.row` will have.
+            rows: The values of `Observation.row` in this batch.
         """
         network = _network(self._policy)
         weights = {} if network is None else {id(tensor): tensor for tensor in network.parameters()}
-        # Whatever is in this memo, `deepcopy` does not copy: hundreds of worlds need the weights only once.
+        # `deepcopy` does not copy the contents of this memo: hundreds of worlds share the weights.
         self._policies = {int(row): copy.deepcopy(self._policy, dict(weights)) for row in rows}
         self._headings = {}
 
@@ -162,18 +162,18 @@ class CrowdNavPlanner(OneWorldPlanner):
         policy = self._policies[row]
         if hasattr(policy, "time_step"):
             policy.time_step = obs.dt
-        # The policy's own turns count. A holonomic vehicle's heading would forget a turn on the spot, and would be
-        # the opposite one after driving backwards.
+        # The heading is the sum of the policy's turns. The heading of a holonomic vehicle does not include turns on the
+        # spot, and is reversed after driving backwards.
         heading = self._headings.get(row, float(obs.vehicle.heading)) % (2.0 * math.pi)
         first, second, rotates = _action(policy.predict(self._state(obs, heading)), self.name)
-        if not (rotates and math.isfinite(second)):  # a turn that is not finite is left to the driver, which refuses it
+        if not (rotates and math.isfinite(second)):  # the driver rejects a turn that is not finite
             return np.array([first, second])
         heading += second
         self._headings[row] = heading
         return np.array([first * math.cos(heading), first * math.sin(heading)])
 
     def _state(self, obs: Observation, heading: float) -> Any:
-        """Return the input of the policy for one world, in Python's own numbers."""
+        """Return the input of the policy for one world, in Python's number types."""
         full, observable, joint = self._states
         vehicle, crowd = obs.vehicle, obs.pedestrians
         own = [*vehicle.position, *vehicle.velocity, vehicle.radius, *vehicle.local_goal, vehicle.preferred_speed]
@@ -186,38 +186,37 @@ class CrowdNavPlanner(OneWorldPlanner):
 
 
 class _NoEnvironment:
-    """In the place of CrowdNav's simulator, which a policy could ask what will happen."""
+    """Substitute for CrowdNav's simulator, from which a policy could read the true next step."""
 
     def onestep_lookahead(self, action: object) -> None:
         raise InputError(
-            "the policy asks env.onestep_lookahead for the pedestrians' next step, which no vehicle can see: "
+            "the policy reads the pedestrians' true next step from env.onestep_lookahead, which no vehicle can see: "
             "crowdbench runs only policies that predict it themselves"
         )
 
 
 def _examine(policy: Any, name: str) -> None:
-    """Raise InputError where a policy cannot drive: see `CrowdNavPlanner`."""
+    """Raise InputError if a policy cannot drive: see `CrowdNavPlanner`."""
     if isinstance(policy, type):
         raise InputError(
             f"CrowdNavPlanner takes a policy object, but {policy.__name__} is a class: make an object of it"
         )
     predict = getattr(policy, "predict", None)
-    # CrowdNav's base class has an abstract one that returns None; CrowdNav++'s networks inherit it.
+    # CrowdNav's base class has an abstract `predict` that returns None; CrowdNav++'s networks inherit it.
     if not callable(predict) or getattr(predict, "__isabstractmethod__", False):
         raise InputError(f"a policy of CrowdNav has a method predict(state), but this {name} has none of its own")
     if getattr(policy, "query_env", False):
         raise InputError(
-            f"the policy {name} has query_env = {policy.query_env}, with which it asks CrowdNav's simulator for the "
-            "pedestrians' next step, which no vehicle can see: "
-            "set policy.query_env = False, and it assumes that they keep their velocities"
+            f"the policy {name} has query_env = {policy.query_env}: it would read the pedestrians' true next step from "
+            "CrowdNav's simulator, which no vehicle can see; with policy.query_env = False, it assumes constant velocity"
         )
 
 
 def _prepare(policy: Any, name: str) -> Any:
-    """Return a copy of a policy, ready to drive. Raises InputError where it cannot be copied."""
+    """Return a copy of a policy, ready to drive. Raises InputError if it cannot be copied."""
     with plugin_errors(f"the policy {name} cannot be copied or prepared, which every episode needs:"):
         own = copy.copy(policy)
-        # Neither can be copied: a whole simulator, and ORCA's simulator of RVO2, which the next `predict` makes again.
+        # The environment and ORCA's RVO2 simulator cannot be copied. The next `predict` creates the latter again.
         for attribute, instead in (("env", _NoEnvironment()), ("sim", None)):
             if hasattr(own, attribute):
                 setattr(own, attribute, instead)
@@ -230,11 +229,10 @@ def _prepare(policy: Any, name: str) -> Any:
 
 
 def _state_classes(policy: Any) -> tuple[Any, Any, Any]:
-    """Return the classes of full, observable and joint states that the policy knows; the ones above where it knows
-    none.
+    """Return the classes of full, observable and joint states in the policy's modules, or else the classes above.
 
-    CrowdNav's value networks ask `isinstance(state, FullState)`. Their modules are loaded where there is such a policy,
-    so that nothing is imported here.
+    CrowdNav's value networks test `isinstance(state, FullState)`. The modules of such a policy are already loaded, so
+    that nothing is imported here.
     """
     modules = [sys.modules.get(kind.__module__) for kind in type(policy).__mro__]
     named = [module.FullState for module in modules if isinstance(module, ModuleType) and hasattr(module, "FullState")]
@@ -245,7 +243,7 @@ def _state_classes(policy: Any) -> tuple[Any, Any, Any]:
 
 
 def _network(policy: Any) -> Any:
-    """Return the policy's network of torch; None where it has none."""
+    """Return the policy's torch network; None if it has none."""
     network = getattr(policy, "model", None)
     return network if hasattr(network, "state_dict") and hasattr(network, "parameters") else None
 
@@ -253,7 +251,7 @@ def _network(policy: Any) -> Any:
 def _action(action: Any, name: str) -> tuple[float, float, bool]:
     """Return the two numbers of an action, and whether it is an `ActionRot`, with a speed in m/s and a turn in radians.
 
-    Else they are a velocity in m/s. Raises InputError where it is neither, or has something other than numbers.
+    Otherwise they are a velocity in m/s. Raises InputError if the action is neither, or contains other values.
     """
     try:
         if hasattr(action, "vx") and hasattr(action, "vy"):

@@ -25,7 +25,7 @@ POINTS = "Position", "Velocity", "PrefVelocity"
 class PyRVOSimulator:
     """Agents that avoid each other by ORCA. Methods and their arguments equal Python-RVO2's.
 
-    Neighbours, lines and vertices of agents and obstacles cannot be read, nor is there `queryVisibility`.
+    Getters of neighbours, ORCA lines and obstacle vertices are missing, and so is `queryVisibility`.
 
     Args:
         timeStep: In seconds.
@@ -65,7 +65,7 @@ class PyRVOSimulator:
         max_speed: float,
         velocity: Point = (0.0, 0.0),
     ) -> None:
-        """Set what agents have that are added by their position alone."""
+        """Set the parameters of agents that are added with only a position."""
         self._defaults = neighbor_dist, max_neighbors, time_horizon, time_horizon_obst, radius, max_speed, velocity
 
     def addAgent(
@@ -94,27 +94,27 @@ class PyRVOSimulator:
         return self.getNumAgents() - 1
 
     def addObstacle(self, vertices: Sequence[Point]) -> int:
-        """Add a polygon whose corners are counter-clockwise, or a wall between two. Return its first corner's number.
+        """Add a polygon with counter-clockwise corners, or a wall between two. Return the first corner's number.
 
-        It is avoided after `processObstacles`.
+        Agents avoid it after `processObstacles`.
         """
         self._polygons.append(vertices)
         return sum(map(len, self._polygons[:-1]))
 
     def processObstacles(self) -> None:
-        """Let agents avoid the obstacles that were added."""
+        """Make agents avoid the added obstacles."""
         if self._polygons:
             self._obstacles = pad_arrays([np.asarray(polygon, float) for polygon in self._polygons], np.nan)[None]
 
     def doStep(self) -> None:
-        """Let all agents choose a velocity, and move by it."""
+        """Compute the velocities of all agents, and move the agents."""
         velocity = avoid(0, self._crowd, self._time_step, self._obstacles, self._avoidance)
         self._agents["Velocity"][:] = velocity
         self._agents["Position"] += self._time_step * velocity
         self._time += self._time_step
 
     def getNumAgents(self) -> int:
-        """Return how many agents there are."""
+        """Return the number of agents."""
         return self._agents["Radius"].shape[1]
 
     def getGlobalTime(self) -> float:

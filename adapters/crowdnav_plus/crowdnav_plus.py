@@ -1,14 +1,14 @@
-"""A network of CrowdNav++ (Liu et al. 2023) as a planner, from your own clone of its code and weights.
+"""Planner of a network of CrowdNav++ (Liu et al. 2023), from your clone of its code and weights.
 
     git clone https://github.com/Shuijing725/CrowdNav_Prediction_AttnGraph
     crowdbench run --planner adapters/crowdnav_plus/crowdnav_plus.py --option clone=CrowdNav_Prediction_AttnGraph \\
         --scenario crowdnav_plus_20 --isolated
 
-In a process of its own (`--isolated`), because its code has modules named `rl` and `arguments`, and takes whatever
-`sys.modules` has under these names.
+Run it in a separate process (`--isolated`): its code imports modules named `rl` and `arguments`, which may be other
+modules in `sys.modules`.
 
-Its evaluation calls `network.act(inputs, memory, masks, deterministic=True)` with what the robot sees of 20 people now
-and in five steps. It returns a velocity.
+Its evaluation calls `network.act(inputs, memory, masks, deterministic=True)` with the observed positions of 20
+pedestrians, and their predicted positions in the next five steps. `act` returns a velocity.
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ from crowdbench.planners.base import Planner
 from crowdbench.utils.errors import InputError
 
 STEPS = 5
-"""Steps that are predicted, and positions that a predictor sees."""
+"""Number of predicted steps, and of observed positions in the input of a predictor."""
 
 AWAY = 15.0
-"""Where somebody stands who is not seen, in metres from the robot along both axes."""
+"""Offset in metres from the robot, along both axes, of a pedestrian that is not seen."""
 
 UNKNOWN = -999.0
-"""The positions before the first one, for the predictor."""
+"""Coordinates before the first observation, in the input of the predictor."""
 
 CHECKPOINTS = {"GST_predictor_non_rand": "41200.pt", "GST_predictor_rand": "41665.pt"}
 """The weights of each trained model."""
 
 
 class Settings(pickle.Unpickler):
-    """Reads the predictor's settings, a pickled `argparse.Namespace`, and refuses everything else."""
+    """Unpickler of the predictor's settings, an `argparse.Namespace`, that rejects all other classes."""
 
     def find_class(self, module: str, name: str) -> type:
-        """Return the class of settings. Raises UnpicklingError for another one."""
+        """Return the class of settings. Raises UnpicklingError for another class."""
         if (module, name) != ("argparse", "Namespace"):
             raise pickle.UnpicklingError(f"{module}.{name} is no setting")
         return argparse.Namespace
@@ -62,13 +62,13 @@ def planner(clone: str = "CrowdNav_Prediction_AttnGraph", model: str = "GST_pred
 
     Args:
         clone: Your clone of CrowdNav++.
-        model: One of its trained models: GST_predictor_non_rand (people alike) or GST_predictor_rand (at random).
+        model: One of its trained models: GST_predictor_non_rand (identical pedestrians) or GST_predictor_rand (random).
 
     Returns:
         The planner.
     """
     root = Path(clone).resolve()
-    # Its network needs nothing of gym, baselines and rvo2, which no longer install: only its environments do.
+    # Only the environments of CrowdNav++ need gym, baselines and rvo2, which can no longer be installed.
     environments = ModuleType("rl.networks.envs")
     vars(environments)["VecNormalize"] = None
     sys.modules["rl.networks.envs"] = environments
@@ -83,7 +83,7 @@ def planner(clone: str = "CrowdNav_Prediction_AttnGraph", model: str = "GST_pred
         sys.argv = given
     weights = root / "trained_models" / model / "checkpoints" / CHECKPOINTS[model]
     state = torch.load(weights, map_location="cpu", weights_only=True)
-    # The environment says what a network is shown, and its saved arguments need not name the one of its training.
+    # `env_name` selects the input of a network, and the saved arguments need not have the value of the training.
     is_shown_predictions = state["base.spatial_attn.embedding_layer.0.weight"].shape[1] > 2
     arguments.env_name = "CrowdSimPred-v0" if is_shown_predictions else "CrowdSimVarNum-v0"
     arguments.no_cuda, arguments.num_processes = True, 1
@@ -94,7 +94,7 @@ def planner(clone: str = "CrowdNav_Prediction_AttnGraph", model: str = "GST_pred
     folder = root / config.pred.model_dir
     with (folder / "checkpoint" / "args.pickle").open("rb") as file:
         settings = Settings(file).load()
-    # Beside the predictor's weights its file has losses, which are NumPy's numbers.
+    # The file of the predictor's weights also contains losses, which are NumPy scalars.
     kinds = [type(np.dtype(kind)) for kind in (np.float32, np.float64)]
     harmless: list[Any] = [(scalar, "numpy.core.multiarray.scalar"), np.dtype, *kinds]
     with torch.serialization.safe_globals(harmless):
@@ -103,17 +103,17 @@ def planner(clone: str = "CrowdNav_Prediction_AttnGraph", model: str = "GST_pred
 
 
 class CrowdNavPlusPlanner(Planner):
-    """Drives with a network of CrowdNav++, in all worlds at once.
+    """Planner of a network of CrowdNav++, for all worlds at once.
 
-    Its robot sees people in the places where our observations have them, those in range alone, and faces upwards.
+    The input has the positions of the pedestrians that are seen in this step. The robot's heading is always pi/2.
 
     Args:
         network: Its `Policy`, with the weights loaded: `rl/networks/model.py`.
-        predictor: Its predictor: `gst_updated/scripts/wrapper/crowd_nav_interface_parallel.py`; without it people keep
-            their velocities.
+        predictor: Its predictor: `gst_updated/scripts/wrapper/crowd_nav_interface_parallel.py`; without it
+            pedestrians keep their velocities.
 
     Raises:
-        InputError: `network` is no such network. While it drives: there are more people than it takes.
+        InputError: `network` is not a network of CrowdNav++. While it drives: there are more pedestrians than it takes.
     """
 
     def __init__(self, network: Any, predictor: Any = None) -> None:
@@ -143,7 +143,7 @@ class CrowdNavPlusPlanner(Planner):
         inputs = {
             "robot_node": _tensor(np.column_stack(parts))[:, None],
             "temporal_edges": _tensor(vehicle.velocity)[:, None],
-            "spatial_edges": edges[..., : self.numbers],  # some networks are shown no predictions
+            "spatial_edges": edges[..., : self.numbers],  # the input of some networks has no predictions
             "visible_masks": seen,
             "detected_human_num": seen.sum(dim=1, keepdim=True).clamp(min=1),
         }
@@ -159,8 +159,8 @@ class CrowdNavPlusPlanner(Planner):
     def _edges(
         self, obs: Observation, row: Int[Tensor, "world"]
     ) -> tuple[Float[Tensor, "world human numbers"], Bool[Tensor, "world human"]]:
-        """Return the present and predicted positions of people relative to the robot, the nearest first, and the
-        visible ones."""
+        """Return present and predicted positions of pedestrians relative to the robot, the nearest first, and a mask of
+        the visible ones."""
         crowd, number = obs.pedestrians, obs.pedestrians.seen.shape[1]
         if number > self.people:
             raise InputError(f"the network was made for {self.people} people, but here are {number}")

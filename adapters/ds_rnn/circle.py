@@ -1,4 +1,4 @@
-"""The scene in which DS-RNN was trained: people cross a circle, and the vehicle goes somewhere else in its square."""
+"""The training scene of DS-RNN: pedestrians cross a circle, and the vehicle drives between two points of a square."""
 
 import numpy as np
 
@@ -7,16 +7,16 @@ from crowdbench.scenario.layouts.crossings import circle_crossing
 from crowdbench.scenario.placement import PerAgent, Placement
 
 TRIES = 2000
-"""How often all people are drawn before the layout counts as full."""
+"""Largest number of draws of all pedestrians before the layout counts as full."""
 
 RADIUS = 6.0
-"""Of the circle, and half of the side of the square, in metres."""
+"""Radius of the circle, and half of the side of the square, in metres."""
 
 LEAST_WAY = 6.0
 """Smallest distance in metres from the vehicle's start to its goal."""
 
 CLEARANCE = 0.25
-"""Smallest distance in metres from people's starts to the vehicle's start and goal, between rims."""
+"""Smallest distance in metres, between rims, from pedestrians' starts to the vehicle's start and goal."""
 
 
 def layout(
@@ -26,12 +26,12 @@ def layout(
     *,
     around_vehicle: float = 0.0,
 ) -> Placement:
-    """Let people walk from a point near a circle to the opposite side, and the vehicle from one point in its square to
-    another.
+    """Let pedestrians walk from a point near a circle to the opposite side, and the vehicle drive between two points of
+    a square.
 
     Args:
-        around_vehicle: For a vehicle that starts on the circle, smallest distance from people's starts to its start and
-            goal; 0 for one that starts anywhere in the square [m].
+        around_vehicle: For a vehicle that starts on the circle, smallest distance from pedestrians' starts to its start
+            and goal; 0 for a vehicle that starts anywhere in the square [m].
     """
     way = np.zeros((2, 2))
     while np.linalg.norm(way[1] - way[0]) < LEAST_WAY:

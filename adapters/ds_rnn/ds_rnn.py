@@ -25,7 +25,7 @@ MOST_CHANGE = 0.1
 """Largest change in one step of a unicycle's speed in m/s, and of its heading in radians."""
 
 HOLONOMIC_HEADING = math.pi / 2
-"""The heading that the network of a holonomic vehicle was shown in all of its training, in radians."""
+"""Heading in the input of a holonomic vehicle's network during all of its training, in radians."""
 
 LAYERS = {
     "robot_linear": "robot",
@@ -47,7 +47,7 @@ LAYERS = {
 
 
 class DSRNN(nn.Module):
-    """The network that acts: an RNN for each edge, attention over the spatial ones, and an RNN for the robot's node."""
+    """The actor network: an RNN for each edge, attention over the spatial edges, and an RNN for the robot's node."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -69,15 +69,15 @@ class DSRNN(nn.Module):
         node: Float[Tensor, "world 128"],
         edges: Float[Tensor, "world edge 256"],
     ) -> tuple[Float[Tensor, "world 2"], Float[Tensor, "world 128"], Float[Tensor, "world edge 256"]]:
-        """Return the mean action, and what is remembered of the node and of the edges.
+        """Return the mean action, and the hidden states of the node and of the edges.
 
         Args:
             robot: Position, radius, goal, preferred speed and heading of the robot, in metres, m/s and radians.
-            velocity: Of the robot in m/s: the temporal edge.
-            away: From the robot to each person in metres: the spatial edges.
-            known: Which people there are; the others have no influence.
-            node: Remembered of the node.
-            edges: Remembered of the temporal edge and of each spatial edge.
+            velocity: Velocity of the robot in m/s: the temporal edge.
+            away: Vector from the robot to each pedestrian in metres: the spatial edges.
+            known: True for pedestrians that have been seen; the others have no influence.
+            node: Hidden state of the node.
+            edges: Hidden states of the temporal edge and of each spatial edge.
         """
         temporal = self.temporal(self.temporal_embedding(velocity).relu(), edges[:, 0])
         embedded = self.spatial_embedding(away).relu().flatten(0, 1)
@@ -85,7 +85,7 @@ class DSRNN(nn.Module):
         spatial = torch.where(known[..., None], spatial, 0.0)
         sharpness = known.sum(dim=1, keepdim=True) / math.sqrt(64)
         scores = sharpness * (self.key(spatial) * self.query(temporal)[:, None]).sum(dim=2)
-        attention = torch.where(known, scores, -torch.inf).softmax(dim=1).nan_to_num(0.0)  # NaN where nobody is known
+        attention = torch.where(known, scores, -torch.inf).softmax(dim=1).nan_to_num(0.0)  # NaN if none is known
         attended = (attention[..., None] * spatial).sum(dim=1)
         around = self.edges_embedding(torch.cat([temporal, attended], dim=1)).relu()
         own = self.robot_embedding(self.robot(robot)).relu()
@@ -97,10 +97,9 @@ class DSRNN(nn.Module):
 def load_ds_rnn(weights: Path) -> DSRNN:
     """Return the network with the weights in a file: safetensors, or a checkpoint of the authors' repository (.pt).
 
-    It computes in float64. In float32, rounding depends on the number of worlds, and the memory of an episode adds it
-    up.
+    It computes in float64. In float32, rounding depends on the number of worlds, and the hidden states accumulate it.
 
-    Raises InputError where the file cannot be read or does not hold the layers of the network.
+    Raises InputError if the file cannot be read or does not contain the layers of the network.
     """
     network = DSRNN()
     try:
@@ -113,21 +112,21 @@ def load_ds_rnn(weights: Path) -> DSRNN:
             if layer in LAYERS:
                 state[f"{LAYERS[layer]}.{part.removesuffix('_l0')}"] = tensor
         network.load_state_dict(state)
-    except Exception as error:  # torch and safetensors raise many kinds
+    except Exception as error:  # torch and safetensors raise many kinds of exceptions
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"the weights {weights} do not belong to a DS-RNN: {reason}") from None
     return network.double().eval()
 
 
 class DSRNNPlanner(Planner):
-    """Drives with the mean action of a DS-RNN, in all worlds at once. It knows no walls.
+    """Planner that executes the mean action of a DS-RNN, for all worlds at once. Its input has no walls.
 
-    A person out of sight goes on at constant velocity, as in the authors' simulator. Differs from it in that somebody
-    who has not been seen yet has no influence, and is not shown far away.
+    A pedestrian out of sight is extrapolated at constant velocity, as in the authors' simulator. A pedestrian that has
+    not been seen yet has no influence, while that simulator places it far away.
 
     Args:
         network: The network.
-        unicycle: True if its actions are changes of speed and of heading in a step.
+        unicycle: True if its actions are changes of speed and of heading per step.
     """
 
     def __init__(self, network: DSRNN, unicycle: bool = False) -> None:

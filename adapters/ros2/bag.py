@@ -31,10 +31,10 @@ Poses = Float[np.ndarray, "message 3"]
 """x and y in metres, and the yaw in radians."""
 
 LARGEST_OFFSET = 1.0
-"""Seconds by which the clocks of two topics may differ, as the times at which their messages were recorded tell."""
+"""Largest difference in seconds between the clocks of two topics, measured by the recording times of their messages."""
 
 FASTEST = 4.0
-"""Speed in m/s above which a pedestrian's identity is taken to have passed to somebody else."""
+"""Speed in m/s above which an identity is assumed to have switched to another pedestrian."""
 
 
 class Trajectory(NamedTuple):
@@ -42,7 +42,7 @@ class Trajectory(NamedTuple):
 
     Attributes:
         time: Times of messages in seconds, ascending.
-        pose: The pose at each.
+        pose: The pose at each time.
     """
 
     time: Times
@@ -155,7 +155,7 @@ def _read(path: Path, drive: DriveFile) -> Bag:
 def _place(
     transforms: Transforms, found: tuple[float, float, Any], drive: DriveFile, pose: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Return a pose in a message's frame as one in the fixed frame, at the time of the message."""
+    """Transform a pose from a message's frame to the fixed frame, at the time of the message."""
     time, _, message = found
     frame = transforms.at(message.header.frame_id, np.array([time]), drive.max_gap)
     x, y, yaw = _compose(frame, np.array([pose]))[0].tolist()
@@ -163,7 +163,7 @@ def _place(
 
 
 def _goal(found: list[tuple[float, float, Any]], drive: DriveFile, transforms: Transforms) -> Float[np.ndarray, "2"]:
-    """Return the goal of a drive. Raises InputError where its topic has none, or different ones."""
+    """Return the goal of a drive. Raises InputError if its topic has no message, or different goals."""
     if drive.vehicle.goal:
         return np.array(drive.vehicle.goal)
     goals = np.array([_place(transforms, one, drive, _pose(one[2].pose))[:2] for one in found]).reshape(-1, 2)
@@ -181,10 +181,10 @@ def grid_obstacles(
 
     Args:
         message: The message. Cells with an occupancy above 65 % are occupied, unknown ones are not.
-        place: Returns the pose of its lower left corner in the fixed frame.
+        place: Transforms the pose of its lower left corner to the fixed frame.
 
     Raises:
-        InputError: Nothing is occupied, or there are too many corners.
+        InputError: No cell is occupied, or there are too many corners.
     """
     info = message.info
     cells = np.asarray(message.data).reshape(info.height, info.width).astype(np.int8).view(np.uint8)
@@ -207,7 +207,7 @@ def _messages(reader: AnyReader, begin: float, topic: str, offset: float) -> Ite
 
 
 def _check_clocks(delays: Mapping[str, float]) -> None:
-    """Raise InputError where the stamps of two topics are of different clocks."""
+    """Raise InputError if the stamps of two topics come from different clocks."""
     first, last = min(delays, key=delays.__getitem__), max(delays, key=delays.__getitem__)
     if delays[last] - delays[first] > LARGEST_OFFSET:
         raise InputError(
@@ -221,7 +221,7 @@ class Transforms:
 
     Args:
         fixed: The frame in which everything is scored.
-        links: The parent of each frame with its poses in it, and whether it never moves.
+        links: For each frame its parent, its poses in the parent, and whether the transform is static.
     """
 
     def __init__(self, fixed: str, links: Mapping[str, tuple[str, Trajectory, bool]]) -> None:
@@ -255,7 +255,7 @@ class Transforms:
         return self.links[frame][1].time
 
     def at(self, frame: str, time: Times, max_gap: float) -> Poses:
-        """Return the poses of a frame in the fixed one.
+        """Return the poses of a frame in the fixed frame.
 
         Raises:
             InputError: No chain of transforms leads to the fixed frame, or it has a gap.
@@ -273,7 +273,7 @@ class Transforms:
 
 
 def _compose(first: Poses, second: Poses) -> Poses:
-    """Return poses that are given in moving frames, whose poses are `first`."""
+    """Compose poses: `second` is given in moving frames with the poses `first`."""
     cos, sin = np.cos(first[:, 2]), np.sin(first[:, 2])
     x, y, yaw = second.T
     return np.stack([first[:, 0] + cos * x - sin * y, first[:, 1] + sin * x + cos * y, first[:, 2] + yaw], axis=1)
@@ -287,7 +287,7 @@ def _pose(message: Any, position: str = "position", rotation: str = "orientation
 
 
 def _field(message: Any, path: str) -> Any:
-    """Return a field by its dotted path. Raises InputError where there is none."""
+    """Return a field by its dotted path. Raises InputError if there is none."""
     for name in path.split("."):
         if not hasattr(message, name):
             fields = ", ".join(name for name in vars(message) if not name.startswith("_"))

@@ -1,4 +1,4 @@
-"""Makes a trace of a robot's drives, one per bag, which every metric of crowdbench measures as a simulated episode."""
+"""Converts a robot's drives, one per bag, to a trace, on which all metrics of crowdbench can be computed."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from crowdbench.utils.errors import InputError
 
 
 class Drive(NamedTuple):
-    """The states of one drive at multiples of dt, and how it ended.
+    """The states of one drive at multiples of dt, and its outcome.
 
     Attributes:
         robot: x, y and yaw at each state.
         people: Positions of pedestrians at each state; NaN where they are not observed.
-        goal: Of the robot, in metres.
+        goal: Goal of the robot in metres.
         walls: The obstacles of the drive.
-        gap: Smallest distance in metres between rims in each step.
-        wall_gap: The same to obstacles.
+        gap: Smallest distance in metres between the rims of robot and pedestrians in each step.
+        wall_gap: Smallest distance in metres to obstacles in each step.
         outcome: An `Outcome`.
     """
 
@@ -44,7 +44,7 @@ def trace_of(drive: DriveFile) -> tuple[Trace, list[str]]:
     """Read the bags of a drive file.
 
     Returns:
-        The trace, case 0 for the first bag, and sentences on what was decided while reading.
+        The trace, with case 0 for the first bag, and notes on decisions made while reading.
 
     Raises:
         InputError: A bag cannot be read or used.
@@ -92,7 +92,7 @@ def _drive(bag: Bag, drive: DriveFile, walls: Float[np.ndarray, "polygon corner 
 def _gaps(
     robot: Float[np.ndarray, "time 2"], people: Float[np.ndarray, "time pedestrian 2"]
 ) -> Float[np.ndarray, "step pedestrian"]:
-    """Return the smallest distance between centres in each step, in which everybody moves straight; see `swept`."""
+    """Return the smallest distance between centres in each step, for straight motion within a step; see `swept`."""
     apart = people - robot[:, None]
     start, change = apart[:-1], np.diff(apart, axis=0)
     squared = np.maximum((change**2).sum(axis=2), 1e-12)
@@ -118,7 +118,7 @@ def _join(drives: list[Drive], drive: DriveFile) -> Trace:
     heading = pad_arrays([each.robot[:, 2] for each in drives], np.nan, most + 1)
     gap, wall_gap = (pad_arrays([getattr(each, name) for each in drives], np.nan) for name in ("gap", "wall_gap"))
     velocity = np.diff(position, axis=1, prepend=position[:, :1]) / drive.dt
-    velocity[:, 0] = velocity[:, 1]  # before the first step nothing is known
+    velocity[:, 0] = velocity[:, 1]  # the velocity before the first step is unknown
     velocity = np.where(np.isnan(velocity) & np.isfinite(position), 0.0, velocity)
     present = np.isfinite(position[..., 0])
     present[:, :, 0] = True

@@ -1,4 +1,4 @@
-"""The TOML file that says what is in which topic of a robot's bags."""
+"""The TOML file that describes the topics of a robot's bags."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class RobotTable(TomlTable):
         frame: Frame of the robot in `/tf`.
         offset: Added to the stamps of the odometry in seconds.
         radius: In metres.
-        preferred_speed: Largest speed that it is meant to drive in m/s.
-        goal: x and y of its goal in metres, in the fixed frame; empty for that of `goal_topic`.
+        preferred_speed: Largest intended speed in m/s.
+        goal: x and y of its goal in metres, in the fixed frame; empty to use `goal_topic`.
         goal_topic: Topic of `geometry_msgs/PoseStamped` with one goal in each bag.
         goal_tolerance: Distance in metres to its goal below which it has arrived.
     """
@@ -46,7 +46,7 @@ class PeopleTable(TomlTable):
         id: Field of a pedestrian with its identity.
         frame: Frame of the positions; empty for the one in the message's header.
         offset: Added to the stamps of the messages in seconds.
-        radius: Of each pedestrian in metres.
+        radius: Radius of each pedestrian in metres.
     """
 
     topic: str = Field(default="/people", description="the name of a topic")
@@ -66,7 +66,7 @@ class DriveFile(TomlTable):
         bags: The bags, each of which is a case.
         fixed_frame: Frame in which everything is scored.
         dt: Length of a step in seconds.
-        max_gap: Longest time in seconds without a message between which poses are interpolated.
+        max_gap: Longest time in seconds without a message over which poses are interpolated.
         map: File `map.yaml` of `map_server`; empty for the map of `map_topic`, or for no obstacles.
         map_topic: Topic of `nav_msgs/OccupancyGrid`, whose last message counts.
         messages: Files `PACKAGE/msg/NAME.msg` with the definitions of messages that the bags do not hold.
@@ -96,7 +96,7 @@ class DriveFile(TomlTable):
 
 
 def read_drive_file(path: Path) -> DriveFile:
-    """Read the file; paths in it become absolute. Raises InputError where a key is missing, unknown or wrong."""
+    """Read the file; paths in it become absolute. Raises InputError if a key is missing, unknown or wrong."""
     drive, folder = parse_table(DriveFile, read_toml(path, "drive"), Location(str(path))), path.resolve().parent
     vehicle = drive.vehicle
     if len(vehicle.goal) == 1 or bool(vehicle.goal) == bool(vehicle.goal_topic):

@@ -1,4 +1,4 @@
-"""Scores the drives of a real robot: writes the run of its bags, and the tracks of the pedestrians that it met.
+"""Converts the bags of a real robot to a run for `crowdbench score`, and the observed pedestrians to tracks.
 
 python adapters/ros2/score_bags.py drive.toml --out runs/drive --tracks tracks
 """
@@ -26,16 +26,16 @@ from crowdbench.runs.store import write_run
 from crowdbench.utils.files import new_directory
 
 FRAME, STEP = 10, 0.4
-"""Difference of the numbers of two frames of tracks, and the seconds between them, as in ETH/UCY."""
+"""Difference of the numbers of consecutive frames of tracks, and the seconds between them, as in ETH/UCY."""
 
 
 def convert(file: Path, out: Path = Path("runs/drive"), tracks: Path | None = None) -> None:
-    """Write the run of the bags that a drive file names.
+    """Write the run of the bags in a drive file.
 
     Args:
         file: The drive file, see `drive_file.py`.
         out: Directory of the run, for `crowdbench score`, `table`, `view` and `render`.
-        tracks: Folder in which the pedestrians of each bag become a file for scenarios with a table [tracks].
+        tracks: Folder for a file with the pedestrians of each bag, for scenarios with a table [tracks].
     """
     drive = read_drive_file(file)
     trace, notes = trace_of(drive)
@@ -97,7 +97,7 @@ def write(trace: Trace, planner: str, scenario: str, digest: str, out: Path) -> 
 
 
 def write_tracks(trace: Trace, row: int, path: Path) -> None:
-    """Write the pedestrians of a drive in the format of ETH/UCY, every 0.4 s, between its states on straight lines."""
+    """Write the pedestrians of a drive in the format of ETH/UCY: positions every 0.4 s, by linear interpolation."""
     position = trace.position[row, : trace.steps[row] + 1, 1:]
     time = trace.rules.dt * np.arange(len(position))
     frames = np.arange(0.0, time[-1] + 1e-9, STEP)

@@ -49,9 +49,9 @@ ROOT = PACKAGE_ROOT / "leaderboards"
 class BoardSpec(TomlTable):
     """The contents of `board.toml`.
 
-    `position` orders boards in lists. `recorded` says that the scenarios need recorded tracks. `ranked` says whether
-    entries have ranks. `public_cases` is the number of known cases of each scenario, and `cases` the number of cases of
-    a season, which rank entries by success.
+    `position` orders boards in lists. `recorded` is true if the scenarios need recorded tracks, and `ranked` if entries
+    have ranks. `public_cases` is the number of public cases of each scenario. `cases` is the number of cases in a
+    season, on which entries are ranked by success.
     """
 
     title: Name
@@ -87,7 +87,7 @@ class Board:
 
     @functools.cached_property
     def parts(self) -> dict[str, Any]:
-        """Return what figures and ranks depend on: rules, scenarios, metrics, and the simulator's code."""
+        """Everything that results and ranks depend on: rules, scenarios, metrics, and the simulator's code."""
         if self.spec.recorded:
             scenarios = {name: _recorded_digest(name) for name in self.scenarios}
         else:
@@ -101,47 +101,47 @@ class Board:
 
     @property
     def digest(self) -> str:
-        """Return the sha256 of `parts`."""
+        """The sha256 of `parts`."""
         return digest(self.parts)
 
     @functools.cached_property
     def _public(self) -> Sequence[Scenario]:
-        """Return the scenarios with the public cases."""
+        """The scenarios with the public cases."""
         return self._load(None)
 
     @property
     def metrics(self) -> Mapping[str, Metric]:
-        """Return the metrics that an entry's runs measure."""
+        """The metrics that are computed for an entry's runs."""
         return {name: METRICS[name] for name in MEASURED}
 
     @property
     def cases(self) -> Cases:
-        """Return the cases of each scenario in a season."""
+        """The cases of each scenario in a season."""
         return Cases("test", 0, self.spec.cases)
 
     @property
     def public_cases(self) -> Cases:
-        """Return the public cases of each scenario."""
+        """The public cases of each scenario."""
         return Cases("test", 0, self.spec.public_cases)
 
     @property
     def replanning(self) -> Replanning:
-        """Return the steps at which entries observe."""
+        """The steps at which entries observe."""
         return Replanning(self.spec.replan_every, self.spec.look_first)
 
     @property
     def scenarios(self) -> list[str]:
-        """Return the names of the scenarios, family by family."""
+        """The names of the scenarios, family by family."""
         return [name for names in self.spec.families.values() for name in names]
 
     @property
     def weights(self) -> Float[np.ndarray, "scenario"]:
-        """Return the weights of the scenarios, of sum 1: equal for all families, and in a family for all scenarios."""
+        """The weights of the scenarios, with sum 1: equal for all families, and equal for all scenarios of a family."""
         families = self.spec.families
         return np.array([1.0 / (len(families) * len(names)) for names in families.values() for _ in names])
 
     def overrides(self, seed: int | None) -> dict[str, Any]:
-        """Return the changes of scenarios by the board, for the cases of a seed; None for the public ones."""
+        """Return the scenario keys that the board sets, for the cases of a seed; None for the public cases."""
         rules: dict[str, Any] = {"collision": self.spec.collision}
         return rules if seed is None else {**rules, "seed": seed, "crowdnav_cases": 0}
 
@@ -163,7 +163,7 @@ class Board:
             data: The folder that the user gave, or None.
 
         Raises:
-            InputError: The scenarios need recorded tracks that are missing or differ, or they need none.
+            InputError: Recorded tracks are needed but are missing or differ, or `data` is given but not needed.
         """
         if data is None:
             if self.spec.recorded:
@@ -180,7 +180,7 @@ def read_board(folder: Path) -> Board:
     """Read a board from its folder.
 
     Raises:
-        InputError: `board.toml` is missing or wrong, or a scenario does not exist. Scenarios with recorded people are
+        InputError: `board.toml` is missing or wrong, or a scenario does not exist. Scenarios with recorded tracks are
             checked by `with_data`.
     """
     file = Location(f"{folder.name}/{FILE}")

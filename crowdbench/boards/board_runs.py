@@ -45,7 +45,7 @@ class EntryPlanner:
 
     Attributes:
         folder: The folder of the entry.
-        planner: As `crowdbench run --planner` takes it; a file is relative to the folder.
+        planner: Name or file of the planner, as for `crowdbench run --planner`; a file is relative to the folder.
         options: The planner's options; files are relative to the folder.
     """
 
@@ -55,7 +55,7 @@ class EntryPlanner:
 
     @contextlib.contextmanager
     def start(self, scenario: Scenario, cores: Sequence[int] | None = None) -> Iterator[IsolatedPlanner]:
-        """Start the planner in a process of its own, which can read the frozen files of the entry alone.
+        """Start the planner in a separate process that can read only the frozen files of the entry.
 
         Args:
             scenario: The scenario that it drives.
@@ -92,7 +92,7 @@ class CaseSet:
 
     @property
     def scenarios(self) -> Sequence[Scenario]:
-        """Load the scenarios, see `Board.load`."""
+        """The scenarios, see `Board.load`."""
         return self.board.load(self.seed)
 
 
@@ -103,10 +103,10 @@ def drive(planner: EntryPlanner, case_set: CaseSet, out: Path, progress: Progres
         planner: The planner.
         case_set: The cases.
         out: The folder of the runs.
-        progress: Called after each step with what it added to the episodes, in parts of an episode.
+        progress: Called after each step with the progress of the step, as a fractional number of episodes.
 
     Returns:
-        The errors by scenario, where the planner breaks its contract or a limit. Such scenarios have no run.
+        The error of each scenario in which the planner breaks its contract or a limit. Such scenarios have no run.
 
     Raises:
         InputError: The planner fails in all scenarios.
@@ -128,7 +128,7 @@ def make_each(scenarios: Collection[str], make: Callable[[str], None]) -> dict[s
         make: Makes the run of a scenario.
 
     Returns:
-        The errors by scenario, where the planner breaks its contract or a limit.
+        The error of each scenario in which the planner breaks its contract or a limit.
 
     Raises:
         InputError: The planner fails in all scenarios.

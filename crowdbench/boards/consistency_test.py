@@ -1,4 +1,4 @@
-"""Tests if an entry does worse on held-out cases than it reports of the public ones, beyond chance."""
+"""Tests if an entry is significantly worse on held-out cases than on the public cases, as it reports them."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ CRITERIA = ("success_rate", "collision_rate", "sct")
 
 
 def lower_than_claimed(public: Mapping[str, Episodes], held_out: Mapping[str, Episodes]) -> list[str]:
-    """Return where a planner does worse on held-out cases than on the public ones, beyond chance.
+    """Return the scenarios and metrics in which a planner is significantly worse on held-out cases than on public ones.
 
-    The test is one-sided, for each scenario and each metric of `CRITERIA`: Fisher's exact test for rates, and that of
-    Mann and Whitney (1947) for success weighted by completion time. `ALPHA` is divided by the number of tests
+    The test is one-sided, for each scenario and each metric of `CRITERIA`: Fisher's exact test for rates, and the test
+    of Mann and Whitney (1947) for success weighted by completion time. `ALPHA` is divided by the number of tests
     (Bonferroni).
 
     Args:
@@ -46,7 +46,7 @@ def _mean(episodes: Episodes, metric: str) -> float:
 
 
 def p_value(public: Float[np.ndarray, "case"], held_out: Float[np.ndarray, "held_out_case"]) -> float:
-    """Return the probability of public values larger by as much, or more, if both have the same distribution.
+    """Return the p-value of the one-sided test that public values are larger than held-out values.
 
     Args:
         public: Values of the public cases; larger ones are better.

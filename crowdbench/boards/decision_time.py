@@ -1,9 +1,9 @@
-"""The time that an entry's planner takes for a decision, in one world alone and on one core.
+"""Measures the time per decision of an entry's planner, in a single world and on one core.
 
-The time of a decision never changes a command. The planner drives ranked cases again, one world at a time, and must
-decide the same. It is shown none of its earlier commands, and its process and all that it starts stay on one core,
-where their processor time counts. The time on other machines is estimated by a fixed piece of work, the calibration
-kernel, which is timed on the same core while the planner does not run.
+The time of a decision never changes a command. The planner drives ranked cases again, one world at a time, and its
+commands must be the same. It does not receive its earlier commands. Its process and all child processes run on one
+core, and their processor time is measured. The time on other machines is estimated with a fixed workload, the
+calibration kernel. It is timed on the same core while the planner does not run.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ import numpy as np
 from crowdbench.boards.board_runs import CaseSet, EntryPlanner, driven_scenarios
 from crowdbench.boards.verdict import DecisionTime
 from crowdbench.isolation.limits import usable_cores
-from crowdbench.runs.decision_time import SAME, decide_alone
+from crowdbench.runs.decision_time import SAME, time_single_world
 from crowdbench.runs.recording import COMMANDS, read_commands
 from crowdbench.scenario.cases import Cases
 
 KERNEL = "python-loop-and-sort-1"
-"""The name of the calibration kernel. Another kernel or machine of reference gets another name."""
+"""The name of the calibration kernel. Another kernel or reference machine gets another name."""
 
 REFERENCE_MS = 25.0
-"""Milliseconds of the kernel on the machine of reference, by definition: about one core of a rented server of 2026."""
+"""Milliseconds of the kernel on the reference machine, by definition: about one core of a rented server of 2026."""
 
 TIMED = 11
-"""How many cases are timed; the first one warms up and does not count."""
+"""Number of timed cases; the first one is a warm-up and does not count."""
 
 MIN_SAME = 0.99
-"""The share of decisions that must be as in the ranked cases."""
+"""Smallest share of decisions that must be the same as in the ranked cases."""
 
 
 class NotTimed(Exception):
-    """The decisions of a planner cannot be timed. The message says why."""
+    """Raised if the decisions of a planner cannot be timed. The message states the reason."""
 
 
 def time_decisions(planner: EntryPlanner, case_set: CaseSet, runs: Path) -> DecisionTime:
@@ -46,12 +46,12 @@ def time_decisions(planner: EntryPlanner, case_set: CaseSet, runs: Path) -> Deci
 
     Args:
         planner: The planner.
-        case_set: The cases that rank, of which the first `TIMED` are timed.
+        case_set: The ranked cases, of which the first `TIMED` are timed.
         runs: The folder of the planner's runs of these cases.
 
     Raises:
-        NotTimed: The planner decides otherwise than in the runs.
-        InputError: See `decide_alone`.
+        NotTimed: The planner's decisions differ from those in the runs.
+        InputError: See `time_single_world`.
     """
     board, cases = case_set.board, case_set.cases
     name = driven_scenarios(board, runs)[0]
@@ -62,7 +62,7 @@ def time_decisions(planner: EntryPlanner, case_set: CaseSet, runs: Path) -> Deci
     before = kernel_seconds(core)
     with planner.start(scenario, core) as isolated:
         asked = isolated, isolated.name, scenario, board.replanning, timed, recorded
-        seconds, is_same = decide_alone(*asked, processor=isolated.process.usage.seconds)
+        seconds, is_same = time_single_world(*asked, processor=isolated.process.usage.seconds)
     kernel_ms = 1e3 * (before + kernel_seconds(core)) / 2.0
     same = float(np.mean(is_same)) if len(is_same) else 0.0
     if same < MIN_SAME:

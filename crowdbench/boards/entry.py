@@ -42,7 +42,7 @@ ENTRY = "entry.json"
 PUBLIC = "public"
 
 NAMES = re.compile("[a-z0-9][a-z0-9_]{1,49}")
-"""The pattern of an entry's name, which is a folder and a part of addresses."""
+"""The pattern of an entry's name, which is the name of a folder and a part of URLs."""
 
 NAMING = "its name must be 2 to 50 lower-case letters, digits and underscores"
 
@@ -52,10 +52,10 @@ _FILES = re.compile(
 """The files that an entry may have."""
 
 SUBMITTER = r"^[A-Za-z0-9][A-Za-z0-9_ .'\-]{0,99}$"
-"""The pattern of a submitter's name: ASCII, so that no two names look alike. Upper case and signs tell none apart."""
+"""The pattern of a submitter's name: ASCII, so that no two names look alike. Case and signs distinguish no names."""
 
 MAINTAINERS = "crowdbench"
-"""The submitter of the planners that ship, of which any number is ranked."""
+"""The submitter of the planners that ship with crowdbench. The number of its ranked entries is not limited."""
 
 SHIPPED = f"{MAINTAINERS}=="
 """The beginning of the distribution of a planner that ships."""
@@ -66,11 +66,11 @@ SCHEMA = 1
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Texts = Annotated[list[Text], Field(description="a list of texts in quotes")]
 Means = dict[str, dict[str, float | None]]
-"""By scenario and metric, the mean over the cases."""
+"""Means over the cases, by scenario and metric."""
 
 
 class CardSpec(TomlTable):
-    """The contents of `card.toml`: what the authors declare.
+    """The contents of `card.toml`: declarations of the authors.
 
     `method` is the same for all entries of one method. `crowd_model` is the model of pedestrians inside the planner,
     such as "ORCA", or "none". `validation_runs` is the number of variants that were compared on validation cases.
@@ -109,19 +109,19 @@ class EntrySpec(Record):
     Attributes:
         format: Version of the format, `SCHEMA`.
         board: Name of the board.
-        board_digest: Its digest, see `crowdbench.boards.board.Board.digest`.
+        board_digest: Digest of the board, see `crowdbench.boards.board.Board.digest`.
         submitted_by: The submitter.
-        planner: As `crowdbench run --planner` takes it, relative to the entry.
-        package: For a planner that is no file: the distribution with its version, such as `crowdbench==0.1.0`.
-        package_files: For such a planner, the sha256 of the Python files that it consists of, by path.
+        planner: Name or file of the planner, as for `crowdbench run --planner`; a file is relative to the entry.
+        package: For a planner that is not a file: the distribution with its version, such as `crowdbench==0.1.0`.
+        package_files: For such a planner, the sha256 of its Python files, by path.
         code: The digest of the code of crowdbench that the planner imports.
         facts: The facts that the planner states in each scenario, such as the digest of its weights.
         options: The planner's options; files are relative to the entry.
-        networks: The options in which other networks of the same method differ, trained with other seeds.
-        privileged: True if the planner uses what no vehicle could see.
+        networks: The options in which other networks of the same method differ. They are trained with other seeds.
+        privileged: True if the planner uses information that no sensor of a vehicle could measure.
         environment: Versions of packages, and the machine, of the run on the public cases.
         files: The sha256 of every other file of the entry, by its path in it.
-        reported: Results of its authors on the public cases.
+        reported: Results on the public cases, as reported by the authors.
     """
 
     format: int
@@ -146,7 +146,7 @@ class Entry:
     """An entry that was read from its directory.
 
     Attributes:
-        directory: The directory. Its name is that of the entry.
+        directory: The directory. Its name is the name of the entry.
         spec: The contents of `entry.json`.
         card: The contents of `card.toml`.
     """
@@ -157,22 +157,22 @@ class Entry:
 
     @property
     def name(self) -> str:
-        """Return the name."""
+        """The name of the entry."""
         return self.directory.name
 
     @property
     def public(self) -> Path:
-        """Return the folder of the runs on the public cases."""
+        """The folder of the runs on the public cases."""
         return self.directory / PUBLIC
 
     @property
     def submitter(self) -> str:
-        """Return what entries of one submitter have in common."""
+        """The normalized name of the submitter, which is the same for all entries of one submitter."""
         return fold(self.card.account or self.spec.submitted_by)
 
     @property
     def digest(self) -> str:
-        """Return the sha256 of what is frozen when a season closes: planner, options, files and card."""
+        """The sha256 of everything that is frozen when a season closes: planner, options, files and card."""
         spec = self.spec
         frozen = {path: digest for path, digest in spec.files.items() if not path.startswith(f"{PUBLIC}/")}
         code = [spec.package, spec.package_files, spec.code, frozen]
@@ -210,7 +210,7 @@ def read_card(path: Path) -> CardSpec:
 
 
 def read_entries(board: Board, root: Path) -> list[Entry]:
-    """Read the entries of a board by name. Raises InputError if an entry is damaged, see `read_entry`."""
+    """Read the entries of a board, sorted by name. Raises InputError if an entry is damaged, see `read_entry`."""
     entries = [read_entry(path.parent) for path in sorted((root / board.name).glob(f"{ENTRIES}/*/{ENTRY}"))]
     for entry in entries:
         check_board_name(entry, board)
@@ -225,7 +225,7 @@ def check_board_name(entry: Entry, board: Board) -> None:
 
 
 def fold(name: str) -> str:
-    """Return the letters and digits of a name in lower case, where 0, 1 and i are o, l and l: others look alike."""
+    """Return the letters and digits of a name in lower case, with o, l and l for the similar 0, 1 and i."""
     return re.sub("[^a-z0-9]", "", name.lower()).translate(str.maketrans("01i", "oll"))
 
 
@@ -252,7 +252,7 @@ def check_names(name: str, planner: str, card: CardSpec, submitter: str, folder:
 
 
 def check_submitter(name: str, package: str) -> None:
-    """Raise InputError if a name is not allowed, or is that of the maintainers and the planner does not ship.
+    """Raise InputError if a name is invalid, or if only maintainers may use it and the planner does not ship.
 
     Args:
         name: The submitter of an entry.
@@ -269,7 +269,7 @@ def check_networks(options: Mapping[str, Any], networks: Sequence[Mapping[str, A
 
     Args:
         options: Options of the planner.
-        networks: Options of further networks, which are added to those.
+        networks: Options of further networks, which are added to `options`.
         folder: Folder of the files that options name.
     """
     found = contents([options, *({**options, **network} for network in networks)], folder)
@@ -304,7 +304,7 @@ def is_pending(entry: Entry, board: Board) -> bool:
 
 
 def file_digests(directory: Path) -> dict[str, str]:
-    """Return the sha256 of all files of an entry but `entry.json`, by path."""
+    """Return the sha256 of all files of an entry except `entry.json`, by path."""
     check_files(directory)
     paths = [path for path in sorted(directory.rglob("*")) if path.is_file()]
     return {path.relative_to(directory).as_posix(): files.sha256(path) for path in paths if path != directory / ENTRY}
@@ -324,7 +324,7 @@ def _check_digests(directory: Path, digests: Mapping[str, str]) -> None:
 
 
 def write_entry(directory: Path, spec: EntrySpec) -> None:
-    """Write `entry.json` into the folder of an entry, whole."""
+    """Write `entry.json` into the folder of an entry, completely or not at all."""
     with files.whole(directory / ENTRY) as partial:
         write_record(partial, spec)
 

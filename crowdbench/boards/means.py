@@ -41,7 +41,7 @@ def board_figures(board: Board, scenarios: Estimates) -> dict[str, Estimate]:
     """Return the means over the scenarios of a board by metric.
 
     A mean is undefined if it is undefined in a scenario. Metrics that compare with the undisturbed crowd are means over
-    the scenarios in which pedestrians see the vehicle.
+    the scenarios with cooperative pedestrians, which see the vehicle.
 
     Args:
         board: The board.
@@ -84,9 +84,9 @@ def method_cases(cases: Cases) -> Cases:
 
 
 def other_networks(entry: Entry, board: Board) -> list[EntryPlanner]:
-    """Return the planners with the other networks of a method; none on boards of several scenarios.
+    """Return the planners with the other networks of a method.
 
-    None are returned either if the method has fewer than `MIN_NETWORKS` networks.
+    The list is empty on boards of several scenarios, and if the method has fewer than `MIN_NETWORKS` networks.
     """
     spec = entry.spec
     if len(spec.networks) + 1 < MIN_NETWORKS or len(board.scenarios) > 1:
@@ -95,7 +95,7 @@ def other_networks(entry: Entry, board: Board) -> list[EntryPlanner]:
 
 
 def check_networks_differ(board: Board, folders: Sequence[Path], cases: Cases) -> None:
-    """Raise InputError if two networks of a method drive nine of ten cases alike: networks of other seeds do not.
+    """Raise InputError if two networks of a method drive 90 % of cases alike, which networks of other seeds do not.
 
     Args:
         board: The board, of one scenario.
@@ -113,7 +113,7 @@ def check_networks_differ(board: Board, folders: Sequence[Path], cases: Cases) -
 
 
 def summarize_method(board: Board, folders: Sequence[Path], cases: int) -> Method:
-    """Return the means over the networks of a method, with intervals for other networks and cases.
+    """Return the means over the networks of a method, with intervals that account for both networks and cases.
 
     Args:
         board: The board, of one scenario.
@@ -128,7 +128,7 @@ def summarize_method(board: Board, folders: Sequence[Path], cases: int) -> Metho
 
 def range_over_networks(shares: Float[np.ndarray, "network case"]) -> Estimate:
     """Return the mean of shares over networks, with its interval within 0 and 1."""
-    # Networks and cases that do not differ are no certainty: then the interval is Wilson's for the cases of a network.
+    # Equal values in all networks and cases do not imply certainty: use Wilson's interval for the cases of one network.
     is_constant = (shares == shares[0, 0]).all()
     estimate = wilson(shares[0].astype(bool)) if is_constant else mean_over_networks(shares)
     return Estimate(estimate.mean, max(estimate.low, 0.0), min(estimate.high, 1.0), estimate.n, estimate.max)

@@ -30,7 +30,7 @@ _ARCHIVES = b"\x1f\x8b", b"\x1f\x9d", b"BZh", b"\xfd7zXZ\0", b"7z\xbc\xaf\x27\x1
 """The first bytes of archives other than zip and tar."""
 
 _ARRAYS = {".npz": {".npy"}, ".pt": {"", ".pkl"}, ".pth": {"", ".pkl"}}
-"""Archives that an entry may have, which hold arrays, and the suffixes of what is in them."""
+"""Suffixes of the archives that an entry may contain, which hold arrays, and suffixes of the files in them."""
 
 
 def copy_named_files(value: Any, folder: Path) -> Any:
@@ -117,7 +117,7 @@ def _is_free(folder: Path, source: Path, names: list[str]) -> bool:
 def check_files(folder: Path) -> None:
     """Raise InputError if a file of an entry is no plain file, too large, compiled, or an archive.
 
-    The files must show what the planner does. The only archives are archives of arrays.
+    A reader must be able to inspect the planner. The only allowed archives are archives of arrays.
     """
     paths = [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
     for path in paths:
@@ -154,9 +154,9 @@ def _why_refused(path: Path) -> str:
 
 
 def contents(value: Any, folder: Path) -> Any:
-    """Return the value of an option of an entry with digests in the place of the files that it names.
+    """Return the value of an option of an entry, with the names of files replaced by their digests.
 
-    Two files of weights with the same tensors have the same digest, whatever else is in them.
+    Two files of weights with the same tensors have the same digest, even if their other contents differ.
     """
 
     def digest(text: str) -> str:
@@ -186,9 +186,9 @@ def package(planner: str) -> str:
 
 
 def package_files(planner: str) -> dict[str, str]:
-    """Return the sha256 of the Python files of such a planner, by path; none if its files are in the entry.
+    """Return the sha256 of the Python files of a package's planner, by path; none if its files are in the entry.
 
-    The planner is not loaded: an entry may name anything.
+    The planner is not loaded, because an entry may name any planner.
 
     Raises:
         InputError: There is no planner of that name.

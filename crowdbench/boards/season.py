@@ -1,7 +1,7 @@
 """A season: entries are frozen, and the seed of their cases follows from a later round of a public beacon.
 
-The seed is computed from the randomness of the round and from the digests of all entries. Nobody can know the cases
-before the round is published, or choose them.
+The seed is computed from the randomness of the round and from the digests of all entries. The cases cannot be known
+before the round is published, and cannot be chosen.
 """
 
 from __future__ import annotations

@@ -26,14 +26,14 @@ def sign(path: Path, key: Path) -> None:
 
     Args:
         path: The file.
-        key: A private key of OpenSSH, or a public one whose private half an agent holds.
+        key: A private key of OpenSSH, or a public key whose private key is in an SSH agent.
 
     Raises:
         InputError: The key is missing or cannot sign.
     """
     if not key.is_file():
         raise InputError(f"there is no key {key}: give a private key of OpenSSH, such as one that ssh-keygen makes")
-    path.with_name(path.name + SIGNATURE).unlink(missing_ok=True)  # ssh-keygen would ask whether to replace it
+    path.with_name(path.name + SIGNATURE).unlink(missing_ok=True)  # otherwise ssh-keygen prompts before replacing it
     done = _run_ssh_keygen("sign", ["-f", str(key), str(path)])
     if done.returncode != 0:
         raise InputError(f"the key {key} does not sign: {_last_line(done)}")
@@ -90,4 +90,4 @@ def _run_ssh_keygen(action: str, arguments: list[str], content: bytes = b"") -> 
 
 
 def _last_line(done: subprocess.CompletedProcess[bytes]) -> str:
-    return (done.stderr.decode(errors="replace").strip().splitlines() or ["it said nothing"])[-1]
+    return (done.stderr.decode(errors="replace").strip().splitlines() or ["no error message"])[-1]

@@ -58,7 +58,7 @@ class Submission:
     Attributes:
         board: The board.
         name: The name of the entry.
-        planner: As `crowdbench run --planner` takes it.
+        planner: Name or file of the planner, as for `crowdbench run --planner`.
         options: The planner's options.
         networks: The options in which other networks of the same method differ.
         card: The file of the card.
@@ -79,7 +79,7 @@ class Submission:
 
     @property
     def cases(self) -> CaseSet:
-        """Return the public cases of the board."""
+        """The public cases of the board."""
         return CaseSet(self.board, self.board.public_cases)
 
     def directory(self, root: Path) -> Path:
@@ -104,10 +104,10 @@ class Submission:
         check_names(self.name, self.planner, card, self.by, directory.parent.parent)
 
     def copy_to(self, folder: Path) -> tuple[EntryPlanner, list[dict[str, Any]]]:
-        """Copy the card, and the files of the planner and those that its options name, into the folder of an entry.
+        """Copy the card, the planner's files and the files that its options name into the folder of an entry.
 
         Returns:
-            The planner and the options of the other networks, as the entry has them.
+            The planner and the options of the other networks, with the paths in the entry.
 
         Raises:
             InputError: A file cannot be read, files are too large, a network is entered twice, or the name of the
@@ -133,7 +133,7 @@ def submit(
         submission: The entry to make.
         root: The folder of boards, in which the entry gets its folder.
         work: The folder that keeps finished runs until the entry is made.
-        progress: Called after each step with what it added to the episodes, in parts of an episode.
+        progress: Called after each step with the progress of the step, as a fractional number of episodes.
 
     Returns:
         The entry, and the errors by scenario that its planner cannot drive.

@@ -1,4 +1,4 @@
-"""The verdict on an entry in a season: how it is written, and when it counts.
+"""The verdict on an entry in a season: its files, and the conditions for its validity.
 
 verifications/<entry>/<season>/verification.json       a `Verification`, with the sha256 of all other files
 verifications/<entry>/<season>/verification.json.sig   the signature of the maintainer who has verified the entry
@@ -37,24 +37,24 @@ class Verdict(enum.StrEnum):
     """The result of a verification."""
 
     RERUN = "re-run"
-    """The recorded commands lead to the reported figures, and the planner does about as well on unknown cases."""
+    """The recorded commands reproduce the reported results, and the planner performs similarly on held-out cases."""
     NOT_REPRODUCED = "not reproduced"
-    """The recorded commands do not lead to what the entry's public runs say."""
+    """The recorded commands do not reproduce the entry's public runs."""
     LOWER = "lower than claimed"
-    """On unknown cases the planner is worse than chance explains."""
+    """The planner is significantly worse on held-out cases."""
     REFUSED = "refused"
     """The planner breaks its contract or a limit."""
 
 
 class DecisionTime(Record):
-    """The time of a planner's decisions in one world alone, on one core: see `decision_time`.
+    """The time of a planner's decisions in a single world, on one core: see `decision_time`.
 
     Attributes:
         p99_ms: The 99th percentile over decisions, in milliseconds.
         kernel: Name of the calibration kernel.
         kernel_ms: Time of the kernel on the same core, in milliseconds.
-        calibrated_p99_ms: The 99th percentile, scaled to the machine of reference.
-        is_real_time: True if that is at most the time step.
+        calibrated_p99_ms: The 99th percentile, scaled to the reference machine.
+        is_real_time: True if `calibrated_p99_ms` is at most the time step.
     """
 
     p99_ms: float
@@ -65,7 +65,7 @@ class DecisionTime(Record):
 
 
 Rounded = Annotated[float | None, AfterValidator(lambda value: None if value is None else float(f"{value:.6g}"))]
-"""A number with six digits; None where it is undefined."""
+"""A number with six digits; None if it is undefined."""
 
 
 class Figure(Record):
@@ -79,7 +79,7 @@ class Figure(Record):
 
     @property
     def estimate(self) -> Estimate:
-        """Return the estimate."""
+        """The estimate."""
         return read_estimate(self.model_dump())
 
 
@@ -87,9 +87,9 @@ class Method(Record):
     """Means over networks that were trained with other seeds.
 
     Attributes:
-        networks: The number of networks, that of the entry included.
+        networks: The number of networks, including the entry's network.
         cases: The number of cases that each network drives.
-        metrics: The means by metric, with intervals for other networks on other cases.
+        metrics: The means by metric, with intervals that account for both networks and cases.
     """
 
     networks: int
@@ -98,24 +98,24 @@ class Method(Record):
 
 
 class Verification(Record):
-    """The verdict on an entry, and what was measured.
+    """The verdict on an entry, and the measurements.
 
     Attributes:
-        by: The maintainer who has signed it; empty if nobody signs it.
+        by: The maintainer who has signed it; empty if it is not signed.
         on: The day, such as 2027-01-31.
         board: The name of the board.
-        board_digest: Its digest, of which the digest of the simulator's code is a part.
+        board_digest: The digest of the board, which includes the digest of the simulator's code.
         entry: The name of the entry.
-        entry_digest: Its digest.
-        season: The season of the seed; empty for a seed that was drawn for this verification alone.
+        entry_digest: The digest of the entry.
+        season: The season of the seed; empty for a seed that was drawn only for this verification.
         seed: The seed of the cases.
         level: The level of isolation, see `crowdbench.isolation.sandbox.level`.
         verdict: The verdict.
-        reason: Why, in a sentence.
-        figures: The estimates on these cases by scenario and metric; empty if the verdict came before.
+        reason: The reason for the verdict, in a sentence.
+        figures: The estimates on these cases by scenario and metric; empty if the verdict was reached before this run.
         decision_time: The time of decisions; None if it was not measured.
-        untimed: Why it was not measured, in a sentence; empty if it was, or if the verdict came before.
-        method: The means of its method; None if the entry has too few networks.
+        untimed: The reason why decisions could not be timed, in a sentence; otherwise empty.
+        method: The means over the networks of the method; None if the entry has too few networks.
         files: The sha256 of each file of the runs, by its path beside `verification.json`.
     """
 
@@ -138,7 +138,7 @@ class Verification(Record):
 
 
 class Unverified(InputError):
-    """No verification of an entry counts. The message says why."""
+    """Raised if no verification of an entry is valid. The message states the reason."""
 
 
 def verification_folder(entry: Entry, season: Season) -> Path:
@@ -174,11 +174,11 @@ def write_verification(folder: Path, verification: Verification, board: Board, r
 def read_verification(entry: Entry, board: Board, season: Season) -> Verification:
     """Read the verification of an entry in a season.
 
-    It counts for the entry as it was frozen, for the board's present digest, for the seed of the season, with the runs
-    that it was signed with, and if a maintainer has signed it.
+    A verification is valid for the frozen entry, the board's current digest and the seed of the season. A maintainer
+    must have signed it, and its runs must be unchanged since then.
 
     Raises:
-        Unverified: No verification counts.
+        Unverified: No verification is valid.
     """
     folder = verification_folder(entry, season)
     path = folder / VERIFICATION

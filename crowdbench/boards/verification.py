@@ -1,7 +1,7 @@
 """Verifies an entry: replays its public runs, runs its planner on held-out cases, and compares.
 
 The public cases are simulated from their recorded commands in this process, which never loads the planner. The planner
-drives the held-out cases in a process of its own. docs/trust.md lists the attacks that a verification cannot detect.
+drives the held-out cases in a separate process. docs/trust.md lists the attacks that a verification cannot detect.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ MAX_MEMORY = 4e9
 
 
 class NotReproduced(InputError):
-    """The public runs of an entry do not follow from their commands. The message says where."""
+    """Raised if commands do not reproduce the public runs of an entry. The message states the difference."""
 
 
 def count_cases(entry: Entry, board: Board, cases: Cases) -> int:
@@ -77,12 +77,12 @@ def verify(
         board: Its board.
         work: The folder of temporary files.
         cases: The cases of each scenario; as many as in a season if None.
-        progress: Called after each step with what it added to the episodes, in parts of an episode.
+        progress: Called after each step with the progress of the step, as a fractional number of episodes.
 
     Raises:
         MachineFault: `work` cannot be written, or crowdbench has changed meanwhile.
-        InputError: The entry is of another board, of another digest of the board, or has a name that is taken; or
-            there is no sandbox.
+        InputError: The entry belongs to another board or to another digest of the board, its name is taken, or no
+            sandbox is available.
     """
     _check_board(entry, board)
     work.mkdir(parents=True, exist_ok=True)
@@ -106,8 +106,8 @@ def verify_in_season(
 
     Raises:
         MachineFault: `work` or the verdict cannot be written, or crowdbench has changed meanwhile.
-        InputError: The entry is of another board, takes no part in the season or was verified in it before, the key is
-            no maintainer's, or there is no sandbox.
+        InputError: The entry belongs to another board, takes no part in the season or was verified in it before, the
+            key belongs to no maintainer, or no sandbox is available.
         KeyboardInterrupt: The user interrupted it. The same call goes on with finished batches.
     """
     by = find_signer(key, season.root)
@@ -148,7 +148,7 @@ def _check_season(entry: Entry, board: Board, season: Season) -> None:
 
 
 def is_verified(entry: Entry, board: Board, season: Season) -> bool:
-    """Check if an entry has a verification in a season that counts.
+    """Check if an entry has a valid verification in a season.
 
     Args:
         entry: The entry.
@@ -178,7 +178,7 @@ def _verify(
         measured = {"verdict": Verdict.NOT_REPRODUCED, "reason": str(error)}
     except InputError as error:
         measured = {"verdict": Verdict.REFUSED, "reason": str(error)}
-    assert case_set.seed is not None  # it is None for public cases alone
+    assert case_set.seed is not None  # it is None only for public cases
     return Verification(
         by=by,
         on=datetime.datetime.now(datetime.UTC).date().isoformat(),
@@ -249,10 +249,10 @@ def _run_again(entry: Entry, case_set: CaseSet, runs: Path, progress: Progress |
     """Run the planner on held-out cases, and compare with the public ones.
 
     Returns:
-        The verdict and its reason, and what was measured, see `Verification`.
+        The verdict, its reason and the measurements, see `Verification`.
 
     Raises:
-        InputError: The planner breaks its contract or a limit, or is not the planner that was entered.
+        InputError: The planner breaks its contract or a limit, or differs from the submitted planner.
     """
     board, spec = case_set.board, entry.spec
     check_unchanged(entry)
@@ -264,7 +264,7 @@ def _run_again(entry: Entry, case_set: CaseSet, runs: Path, progress: Progress |
     for name, result in results.items():
         is_same = result["run"]["planner"]["facts"] == spec.facts.get(name) or name not in spec.reported
         if not is_same or result["stated"]["privileged"] != spec.privileged:
-            raise InputError(f"{name}: the planner says other facts of itself than as entered")
+            raise InputError(f"{name}: the planner's facts differ from the facts of the entry")
     measured: dict[str, Any] = {"figures": {name: result["metrics"] for name, result in results.items()}}
     if networks := other_networks(entry, board):
         cases = CaseSet(board, method_cases(case_set.cases), case_set.seed)

@@ -1,4 +1,4 @@
-"""One check of plug-ins of every kind: drive again, alone, in other batches and orders, and compare all answers."""
+"""Check plug-ins of every kind: drive again, with single cases, other batches and orders, and compare all answers."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from crowdbench.utils.resources import FairLimit
 Answer = TypeVar("Answer")
 
 ROUNDING, TIES = 1e-6, 0.01
-"""Of neural networks: largest difference that counts as rounding, and share of the answers that may differ by more.
+"""For neural networks: largest difference that counts as rounding, and share of the answers that may differ by more.
 
-The size of the batch changes how values are rounded, which decides ties.
+The batch size influences rounding, which decides ties.
 """
 
 EXTRA = 3
@@ -41,7 +41,7 @@ RULES = {
     "independent": "the answer for a case may not depend on the cases beside it, their order, padding or unseen "
     "pedestrians",
 }
-"""The checks that compare answers, and what the contract says."""
+"""The checks that compare answers, and the rules of the contract."""
 
 
 class Broken(InputError):
@@ -54,7 +54,7 @@ class CheckResult:
 
     Attributes:
         name: Name of the check.
-        passed: True if the plug-in passes; None where the check could not be made.
+        passed: True if the plug-in passes; None if the check could not be performed.
         observation: The observation, in a sentence.
     """
 
@@ -86,13 +86,13 @@ class WithPadding(Scenario):
 
 @dataclass
 class Record:
-    """Record of the answers of a plug-in that it calls.
+    """Record of the answers of a plug-in, with a method that calls the plug-in.
 
     Attributes:
         limit: Seconds that a call may take.
-        expected: The answers of an earlier drive, which the worlds follow so that the plug-in sees the same again.
+        expected: The answers of an earlier drive, which the worlds follow so that the inputs are the same again.
         repeat: Number of times that the plug-in gets each input.
-        where: Begins names and errors.
+        where: Prefix of names and errors.
         answers: The answer for each world and step, by their name, such as `case 2, step 3`.
         seconds: Duration of each call.
         remark: A further observation.
@@ -110,7 +110,7 @@ class Record:
         """Call the plug-in.
 
         Args:
-            call: Calls it, and raises InputError where the answer is invalid.
+            call: Calls the plug-in, and raises InputError if the answer is invalid.
             names: The name of each world.
             inputs: The plug-in's arguments, by name: dataclasses or mappings with arrays `[world, ...]`.
 
@@ -147,13 +147,12 @@ class Procedure(NamedTuple):
     """Procedure by which plug-ins of a kind are driven.
 
     Attributes:
-        drive: Drives a plug-in through cases of a scenario, and records all answers. Raises Broken where the contract
-            is broken.
+        drive: Drives a plug-in through cases of a scenario, and records all answers. Raises Broken if the contract is
+            broken.
         answers: Name of the answers.
-        repeat: Number of times that the plug-in gets each input when it is called again. A plug-in that may not keep
-            anything gets it twice.
-        padding: How errors describe padding; empty where answers are not compared with more absent pedestrians.
-        further: Makes further checks of a plug-in that keeps its contract.
+        repeat: Number of times that the plug-in gets each input in the repeated drive; 2 for plug-ins without a state.
+        padding: Description of padding in errors; empty if answers are not compared with more absent pedestrians.
+        further: Performs further checks of a plug-in that fulfils its contract.
     """
 
     drive: Callable[[Subject, Any, Scenario, Cases, Record], None]
@@ -168,12 +167,13 @@ class Subject:
     """A plug-in that is checked.
 
     Attributes:
-        procedure: How plug-ins of its kind are driven.
+        procedure: The procedure for its kind.
         make: Makes a new plug-in.
         name: Name of the plug-in.
-        scenarios: The scenarios, by what begins their names and errors. Only a few cases of all but the first count.
+        scenarios: The scenarios, by the prefix of their names and errors. All but the first are used with a few cases
+            only.
         limit: Seconds that a call may take.
-        neural: True if a neural network computes the values; if None, whether torch or ONNX is imported.
+        neural: True if a neural network computes the values; None to test whether torch or ONNX is imported.
     """
 
     procedure: Procedure
@@ -188,7 +188,7 @@ class Drive(NamedTuple):
     """A drive of a plug-in.
 
     Attributes:
-        when: The circumstances.
+        when: Description of the conditions.
         batches: The cases of each batch.
         make: Makes the plug-in for each batch.
         padding: True if the arrays have more absent pedestrians.
@@ -205,7 +205,7 @@ class Drive(NamedTuple):
 def check_plugin(subject: Subject, cases: Cases) -> list[CheckResult]:
     """Check a plug-in against the contract of its kind.
 
-    Raises InputError where something other than the plug-in breaks its contract, or it cannot be made.
+    Raises InputError if another part than the plug-in breaks its contract, or the plug-in cannot be constructed.
     """
     plugin, numbers, first = subject.make(), cases.indices.tolist(), Record(subject.limit)
     try:
@@ -218,8 +218,8 @@ def check_plugin(subject: Subject, cases: Cases) -> list[CheckResult]:
         f"{len(first.answers)} {subject.procedure.answers} are valid{first.remark}, the input is unchanged; {time}"
     )
     repeatable = [
-        Drive("when it is asked again", [numbers], lambda: plugin, repeat=subject.procedure.repeat),
-        Drive("when a new one is made", [numbers], subject.make),
+        Drive("when repeated", [numbers], lambda: plugin, repeat=subject.procedure.repeat),
+        Drive("with a new instance", [numbers], subject.make),
     ]
     independent = [
         Drive("when a case is driven alone", [[number] for number in numbers], subject.make),
@@ -276,7 +276,7 @@ def with_padding(scenario: Scenario) -> Scenario:
 
 
 def _find_difference(first: np.ndarray | None, second: np.ndarray | None, rounding: float = 0.0) -> int | None:
-    """Return the first row in which two arrays differ, None where they are the same."""
+    """Return the first row in which two arrays differ; None if they are the same."""
     if first is None or second is None or first.shape != second.shape:
         return 0
     same = (first == second) | ((first != first) & (second != second))

@@ -1,4 +1,4 @@
-"""The kinds of plug-ins: how one is found by its name or in a file, and how it is checked."""
+"""The kinds of plug-ins, with the loading and the check of each kind."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ KINDS: Mapping[str, Kind] = {
     "layouts": catalog.LAYOUTS,
     "rewards": REWARDS,
 }
-"""The kinds by the names that `crowdbench check --kind` and `crowdbench list` know them by."""
+"""The kinds by their names in `crowdbench check --kind` and `crowdbench list`."""
 
 
 def limited_sight(dt: float) -> dict[str, Any]:
-    """Return what changes in a scenario with steps of `dt` seconds so that the vehicle does not see everybody."""
+    """Return the changes of a scenario with steps of `dt` seconds that limit the vehicle's sensor."""
     noise = {"position": 0.05, "velocity": 0.1}
     return {"sensor": {"range": 3.0, "occlusion": True, "noise": noise, "missed": 0.1, "delay": dt, "remember": 1.0}}
 
@@ -43,7 +43,7 @@ PROCEDURES: Mapping[str, Procedure] = {
     "rewards": subjects.REWARD,
     "scenarios": subjects.SCENARIO,
 }
-"""How `crowdbench check` checks plug-ins, and scenarios, which are no functions."""
+"""Procedures of `crowdbench check` for plug-ins, and for scenarios, which are not functions."""
 
 
 def load_subject(
@@ -55,7 +55,7 @@ def load_subject(
         kind: A key of `PROCEDURES`.
         plugin: Its name, `file.py` or `file.py:function`.
         options: Its options.
-        scenario: Name or file of the scenario; None for the one that its kind is checked in.
+        scenario: Name or file of the scenario; None for the default scenario of its kind.
         limit: Seconds that it may take for one answer.
         data: The folder with the recorded tracks that the scenario needs, if any.
 
@@ -81,7 +81,7 @@ def load_subject(
             changes["pedestrians.arrival"] = "respawn"
     policy = plugin if kind == "pedestrians" else None
     load_scenario = functools.partial(catalog.load_scenario, spec, pedestrians=policy, data=data)
-    scenarios = {"": load_scenario(copy.deepcopy(changes))}  # a copy, because loading puts a map in its place
+    scenarios = {"": load_scenario(copy.deepcopy(changes))}  # a copy, because loading replaces a map by its obstacles
     scenarios[""].check_data(data)
     if kind in ("planners", "predictors"):
         scenarios["with limited sight: "] = load_scenario(changes | limited_sight(scenarios[""].rules.dt))
@@ -95,7 +95,7 @@ def load_subject(
 
 
 def find_kind(plugin: str) -> str:
-    """Return what a file defines, by its name in `PROCEDURES`; planners for a name or a function of another name."""
+    """Return the kind of a plug-in, as in `PROCEDURES`; planners for a name, or for a function of another name."""
     if plugin.endswith(".toml"):
         return "scenarios"
     file, function = file_and_function(plugin)

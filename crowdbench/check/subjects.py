@@ -1,4 +1,4 @@
-"""How each kind of plug-in is driven, and what else its contract says."""
+"""Procedures that drive each kind of plug-in, and further rules of its contract."""
 
 from __future__ import annotations
 
@@ -45,20 +45,20 @@ from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.toml import Location
 
 PLAN_AHEAD = Replanning(8, look_first=1)
-"""How `plan_ahead` is called."""
+"""Replanning of the check of `plan_ahead`."""
 
 INTERVAL, MAX_STEPS = 3, 8
-"""A predictor predicts at every third step, 1, 2, ... and at most 8 steps in turn."""
+"""A predictor is called at every third step, for 1, 2, ..., 8 steps and then from 1 again."""
 
 Futures = Float[np.ndarray, "world mode time pedestrian 4"]
 """Positions in metres and velocities in m/s."""
 
 UNLIMITED = 1e5
-"""Seconds that planners may take which are not checked."""
+"""Decision limit in seconds of planners that are not checked."""
 
 
 def _drive_planner(subject: Subject, plugin: Planner, scenario: Scenario, cases: Cases, record: Record) -> None:
-    """Drive a planner by its own commands, at every step and, where it has `plan_ahead`, several steps at once."""
+    """Drive a planner with its commands, at every step and, if it has `plan_ahead`, for several steps at once."""
     record.limit = UNLIMITED  # the driver measures the time
     driver = _RecordingDriver(plugin, subject.name, subject.limit, record)
     rollout(driver, scenario, cases, undisturbed=False)
@@ -94,7 +94,7 @@ class _RecordingDriver(Driver):
 
 
 def _drive_policy(subject: Subject, plugin: PedestrianPolicy, scenario: Scenario, cases: Cases, record: Record) -> None:
-    """Let a pedestrian policy move its pedestrians, with a vehicle that they see and without."""
+    """Move pedestrians with a pedestrian policy, with a vehicle that they see and without."""
     policies = {**scenario.policies, subject.name: _RecordingPolicy(plugin, subject.name, record)}
     _drive_test(_TestVehicle(cases), dataclasses.replace(scenario, policies=policies), cases)
 
@@ -128,7 +128,7 @@ class _RecordingPolicy(PolicyWithMemory):
 
 
 def _drive_predictor(subject: Subject, plugin: Predictor, scenario: Scenario, cases: Cases, record: Record) -> None:
-    """Let a predictor predict what the test vehicle sees; with padding, unseen pedestrians have NaN everywhere."""
+    """Call a predictor with observations of the test vehicle; with padding, unseen pedestrians have only NaN."""
 
     def predict(obs: Observation) -> None:
         done, between = divmod(int(obs.step[0]), INTERVAL)
@@ -151,9 +151,9 @@ def _predict(plugin: Predictor, name: str, obs: Observation, steps: int) -> Futu
 
 
 def _drive_metric(subject: Subject, plugin: Metric, scenario: Scenario, cases: Cases, record: Record) -> None:
-    """Let a metric measure the episodes of the test vehicle, also without an undisturbed crowd."""
+    """Measure the episodes of the test vehicle with a metric, also without an undisturbed crowd."""
     whole = rollout(Driver(_TestVehicle(cases), "test", UNLIMITED), scenario, cases)
-    # A scenario whose pedestrians do not see the vehicle has traces of the second kind.
+    # Scenarios with non-cooperative pedestrians have traces of the second kind.
     for trace, which in ((whole, ""), (dataclasses.replace(whole, undisturbed=None), ", no undisturbed crowd")):
         names = [f"case {case}{which}" for case in trace.case]
         values = record.query(functools.partial(measure, subject.name, plugin, trace), names, trace=trace)
@@ -161,7 +161,7 @@ def _drive_metric(subject: Subject, plugin: Metric, scenario: Scenario, cases: C
 
 
 def _drive_reward(subject: Subject, plugin: Reward, scenario: Scenario, cases: Cases, record: Record) -> None:
-    """Let a reward judge steps in which every third vehicle stands and the others go straight on."""
+    """Compute a reward for steps in which every third vehicle stands and the others drive straight ahead."""
     checked = CheckedReward(subject.name, plugin)
     view, world = View(scenario, "flat", "world", NEAREST), scenario.worlds(cases)
     while len(world):
@@ -173,7 +173,7 @@ def _drive_reward(subject: Subject, plugin: Reward, scenario: Scenario, cases: C
 
 
 def _drive_scenario(subject: Subject, plugin: Scenario, scenario: Scenario, cases: Cases, record: Record) -> None:
-    """Start the cases of a scenario, and have ORCA drive. A layout is checked as a part of its scenario."""
+    """Start the cases of a scenario, and drive with ORCA. A layout is checked as a part of its scenario."""
     for number in cases.indices.tolist():
         names = [f"case {number}"]
         record.keep(names, [record.query(functools.partial(_start, plugin, cases.split, number), names)])
@@ -186,7 +186,7 @@ def _drive_scenario(subject: Subject, plugin: Scenario, scenario: Scenario, case
 def _start(scenario: Scenario, split: str, case: int) -> np.ndarray:
     """Start a case and return all points of the start in metres.
 
-    Raises InputError where agents overlap, are at their goal, or are led into a wall.
+    Raises InputError if agents overlap, are at their goal, or have a route into a wall.
     """
     world = scenario.draw(split, np.array([case]))
     present = world.present[0]
@@ -209,7 +209,7 @@ def _start(scenario: Scenario, split: str, case: int) -> np.ndarray:
 
 
 def _drive_orca(scenario: Scenario, cases: Cases) -> Trace:
-    """Have ORCA drive through cases. Raises InputError where a layout places somebody new on top of others."""
+    """Drive ORCA through cases. Raises InputError if a layout places a new pedestrian on top of others."""
     trace = rollout(Driver(ORCAPlanner(), "orca"), scenario, cases, undisturbed=False)
     changes = np.argwhere(np.diff(trace.person, axis=1) != 0) if scenario.layout is not None else ()
     for row, step, pedestrian in changes:
@@ -218,14 +218,16 @@ def _drive_orca(scenario: Scenario, cases: Cases) -> Trace:
         gap[1 + pedestrian] = np.inf
         if (gap < 0.0).any():
             where = f"case {cases.split}/{trace.case[row]}, step {step + 1}"
-            raise InputError(f"in {where}, somebody new at {position[1 + pedestrian].tolist()} overlaps with somebody")
+            raise InputError(
+                f"in {where}, a new pedestrian at {position[1 + pedestrian].tolist()} overlaps another agent"
+            )
     return trace
 
 
 class _TestVehicle(Planner):
     """Planner that avoids pedestrians in every third case, drives straight in another third, and stands in the rest.
 
-    So that all outcomes occur.
+    In this way, all outcomes occur.
 
     Args:
         cases: The cases.

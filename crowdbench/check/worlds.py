@@ -1,4 +1,4 @@
-"""Check the worlds of a scenario for ways out of their walls, people who never arrive, and exact symmetry."""
+"""Check the worlds of a scenario for gaps in their walls, pedestrians that never arrive, and exact symmetry."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from crowdbench.sim.visibility_graph import find_routes
 from crowdbench.utils.errors import InputError
 
 ARRIVALS = 0.5
-"""Smallest share of people who must arrive in a world without the vehicle."""
+"""Smallest share of pedestrians that must arrive in a world without the vehicle."""
 
 MOST_TURNS = 24
-"""Symmetry is searched for up to a 24th of a turn."""
+"""The smallest rotation in the search for symmetry is a 24th of a turn."""
 
 _TOLERANCE = 1e-6
 
 
 def check_worlds(subject: Subject, cases: Cases) -> list[CheckResult]:
-    """Check the worlds of a scenario; nothing where people are recorded."""
+    """Check the worlds of a scenario; no checks if pedestrians are recorded."""
     scenario = subject.scenarios[""]
     if scenario.layout is None:
         return []
@@ -37,7 +37,7 @@ def check_worlds(subject: Subject, cases: Cases) -> list[CheckResult]:
 
 
 def _check_bounds(world: World) -> CheckResult:
-    """Look for a way that leads the vehicle out of the walls around its start."""
+    """Search for a path of the vehicle out of the walls around its start."""
     enclosed = 0
     for row, walls in enumerate(world.obstacles):
         start, corners = world.position[row, :1], walls[np.isfinite(walls[:, :, 0])]
@@ -45,7 +45,7 @@ def _check_bounds(world: World) -> CheckResult:
         if not hull.contains(shapely.Point(start[0])):
             continue
         outside = corners.max(axis=0, keepdims=True) + 2.0 * world.radius[row, 0] + 1.0
-        with contextlib.suppress(InputError):  # there is no way
+        with contextlib.suppress(InputError):  # there is no path
             way = np.concatenate([find_routes(start, outside, world.radius[row, :1], walls)[0], outside])
             x, y = way[~shapely.contains_xy(hull, *way.T)][0]
             found = f"in case {world.case[row]}, the vehicle can leave the walls around it, at ({x:.3g}, {y:.3g})"
@@ -55,7 +55,7 @@ def _check_bounds(world: World) -> CheckResult:
 
 
 def _check_arrivals(scenario: Scenario, world: World) -> CheckResult:
-    """Let the people of all cases walk without a vehicle until the time limit, and count who arrives."""
+    """Simulate the pedestrians of all cases without a vehicle until the time limit, and count arrivals."""
     world = init_memories(world.replace(rules=dataclasses.replace(world.rules, visible=False)), scenario.policies)
     case, everywhere, rule = world.case, np.ones(len(world), bool), scenario.post_step_rule
     walking = find_walking(world, everywhere) & ~scenario.crowd.stands[world.policy]
@@ -73,20 +73,22 @@ def _check_arrivals(scenario: Scenario, world: World) -> CheckResult:
 
 
 def _check_symmetry(world: World) -> CheckResult:
-    """Look for a turn that maps starts and goals of all agents, or of all pedestrians, onto each other.
+    """Search for a rotation that maps starts and goals of all agents, or of all pedestrians, onto each other.
 
-    Two who meet head-on do not count: rounding decides on which side they pass.
+    Two agents that meet head-on do not count: rounding decides on which side they pass.
     """
     for row, first in np.ndindex(len(world), 2):
         agents = np.flatnonzero(world.present[row])[first:]
         if len(agents) > 2 and (order := _find_order(world, row, agents)):
             found = f"in case {world.case[row]}, a turn by {360.0 / order:.3g} degrees maps {len(agents)} agents onto"
-            return CheckResult("symmetry", False, f"{found} each other, who may stand for ever: draw some noise")
+            return CheckResult(
+                "symmetry", False, f"{found} each other, and they may stand forever: add noise to their starts"
+            )
     return CheckResult("symmetry", True, "no turn maps starts and goals onto each other")
 
 
 def _find_order(world: World, row: int, agents: Int[np.ndarray, "agent"]) -> int:
-    """Return the number of such turns in a full one, 0 where there are none."""
+    """Return the order of the rotational symmetry; 0 if there is none."""
     start, goal = (points[row, agents] @ [1.0, 1.0j] for points in (world.position, world.goal))
     traits = [start - start.mean(), goal - start.mean(), world.radius[row, agents], world.preferred_speed[row, agents]]
     one = np.stack(traits, axis=1)

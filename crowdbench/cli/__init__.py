@@ -1,6 +1,6 @@
-"""The command line: reads options, calls the modules that do the work, prints.
+"""The command line: reads options, calls the modules that do the work, and prints results.
 
-Only the module of the command that is asked for is imported, and it imports what it needs when it runs, so that the
+Only the module of the requested command is imported. It imports further modules when the command runs, so that the
 command line starts fast.
 """
 
@@ -37,7 +37,7 @@ COMMANDS = {
     "submit": ("Boards", "boards", "submit"),
     "verify": ("Boards", "boards", "verify"),
 }
-"""The commands in the order of --help: the group of each there, its module in this folder, and the function there."""
+"""The commands in the order of --help, with their group in --help, their module in this folder, and their function."""
 
 
 def _print_version(is_wanted: bool | None) -> None:
@@ -91,10 +91,10 @@ def main(script: Callable[..., None] | None = None) -> None:
     """Run the command line. For an error print one sentence, and exit with a status other than 0.
 
     Args:
-        script: The only command, of a script that is run; None for the commands of crowdbench.
+        script: The command of a script that has only one; None for the commands of crowdbench.
     """
-    # Read when the threads of the simulator and of torch start. They would wait for each other busily, which takes many
-    # times as long where another program wants the cores: ORCA 4 times, an update of a training 30 times.
+    # This is read when the threads of the simulator and of torch start. With active waiting they are much slower if
+    # another program uses the cores: ORCA takes 4 times as long, an update of a training 30 times.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     debug = DEBUG in sys.argv
     arguments = [argument for argument in sys.argv[1:] if argument != DEBUG]

@@ -1,4 +1,4 @@
-"""The commands of those who enter a leaderboard: write a planner, submit it, verify entries."""
+"""The commands for leaderboards: write a planner, submit it, and verify entries."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def new_planner(name: str, out: Path = Path()) -> None:
 
     Args:
         name: A name of lower-case letters, digits and underscores.
-        out: Folder in which it gets a folder.
+        out: Folder in which the planner's folder is created.
     """
     from crowdbench.catalog import PLANNERS
     from crowdbench.plugins.new_planner import make_planner
@@ -63,10 +63,10 @@ def submit(
     Args:
         planner: Name of a planner, or a file of your own: ./mine.py, ./mine.py:factory or policy.onnx.
         board: The name of a board: one in the folder of boards, or one that ships.
-        card: The card that says what the planner is. Its first author submits the entry.
+        card: Card that describes the planner. Its first author is the submitter of the entry.
         name: The name of the entry.
         network: Another network of the same method: key=value, such as weights=b.safetensors. Repeatable.
-        dry_run: Check planner and card, say how long the public cases will take, and make no entry.
+        dry_run: Check planner and card, and estimate the time for the public cases, but make no entry.
     """
     use_threads(threads)
     from crowdbench.boards.board import find_board
@@ -145,7 +145,7 @@ def _check_contract(planner: str, options: Sequence[str]) -> None:
     """Raise InputError if a planner breaks its contract, which is checked in another process."""
     flags = [word for option in options for word in ("--option", option)]
     check = subprocess.run(
-        # Not a folder crowdbench/ that happens to be here.
+        # -P: do not import a folder crowdbench/ of the current directory.
         [sys.executable, "-P", "-m", "crowdbench", "check", planner, *flags],
         capture_output=True,
         text=True,
@@ -174,7 +174,7 @@ def verify(
         entry: The folder of an entry.
         season: Drive the cases of the season, and record and sign the verdict.
         key: For --season, the private key of a maintainer, made by ssh-keygen.
-        cases: Fewer cases than the board has, without --season.
+        cases: Number of cases, if fewer than the board has; not with --season.
     """
     use_threads(threads)
     from crowdbench.boards.board import FILE, find_board, read_board
@@ -186,7 +186,7 @@ def verify(
     from crowdbench.scenario.cases import Cases
 
     if season and cases:
-        raise InputError("--cases does not go with --season, whose cases the board says")
+        raise InputError("--cases does not go with --season: the board defines the cases of a season")
     if season != (key is not None):
         raise InputError("--season and --key go together: a verdict of a season is signed by a maintainer")
     entry = entry.resolve()
@@ -243,6 +243,6 @@ def _print_verification(entry: Entry, board: str, verification: Verification) ->
         print(verification.untimed)
     if entry.spec.privileged:
         print("The planner is privileged: it is shown, and has no rank.")
-    print("This does not tell whether the planner knew more than a vehicle can see while it was trained.")
+    print("Verification does not detect privileged information in training.")
     if not verification.season:
         print("Nothing of this is kept: until its season, the entry is shown with the figures that you report.")

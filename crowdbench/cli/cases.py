@@ -1,4 +1,4 @@
-"""The command `view`, and how the commands that show a case of a run choose it and find, or make, its recording."""
+"""The command `view`, and functions that choose a case of a run and find, or make, its recording."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def view(
     A case that was not recorded is simulated again from its commands.
 
     Args:
-        run: Directory of a run, or an .rrd file, all of whose cases are shown.
+        run: Directory of a run, or an .rrd file. Without --case, all cases of an .rrd file are shown.
         case: Show this case: val/37, or its number.
         worst: Show the case in which this metric, such as jerk, is worst.
         web: Open it in a browser.
@@ -42,13 +42,13 @@ def view(
 def open_case(
     runs: Sequence[Path], case: str | None, worst: str | None, data: Path | None
 ) -> Iterator[tuple[list[Path], int | None]]:
-    """Choose a case of runs, and yield a recording of each run with the case, and its number.
+    """Choose a case of runs, and yield a recording of the case for each run, and the number of the case.
 
     Args:
         runs: Directories of runs, or .rrd files.
         case: The name or the number of the case; None for the first failure of the first run, or else its first case.
-        worst: A metric: the case in which it is worst in the first run.
-        data: Folder with recorded tracks, where the case has to be simulated again among them.
+        worst: A metric, to choose the case of the first run in which it is worst.
+        data: Folder with recorded tracks, if the case must be simulated again with them.
 
     Yields:
         The recordings, and the number: None for all cases of .rrd files.
@@ -74,7 +74,7 @@ def open_case(
 
 
 def _choose(runs: Sequence[RunResult], case: str | None, worst: str | None) -> int:
-    """Return the number of the case, see `open_case`. Print it, unless the user did, with the cases of each outcome."""
+    """Return the number of the case, see `open_case`. Unless the user gave it, print it and the outcomes."""
     import numpy as np
 
     from crowdbench.core.types import Outcome
@@ -106,7 +106,7 @@ def _choose(runs: Sequence[RunResult], case: str | None, worst: str | None) -> i
 
 
 def _record(run: Path, case: int, path: Path, data: Path | None) -> Path:
-    """Return a recording with a case of a run: that of the run, or else one of a replay, which is written to `path`."""
+    """Return a recording with a case of a run: the run's recording, or else a replay that is written to `path`."""
     from crowdbench.record.cases import recorded_cases
     from crowdbench.runs.replay import record_case
     from crowdbench.runs.store import RunResult

@@ -30,11 +30,11 @@ def check(
     data: Path | None = None,
     decision_limit: float = DECISION_LIMIT,
 ) -> None:
-    """Check a plug-in against the contract of its kind: valid answers, the same again and in any batch.
+    """Check a plug-in against the contract of its kind: valid outputs, equal when repeated and in any batch.
 
     Args:
-        plugin: A file, ./mine.py, ./mine.py:function or a scenario's, ./mine.toml, or a name: a planner's, without
-            --kind.
+        plugin: A file (./mine.py, ./mine.py:function, or ./mine.toml for a scenario), or a name. A name without
+            --kind is a planner.
         kind: planners, pedestrians, predictors, metrics, layouts, rewards or scenarios.
         scenario: A name or ./mine.toml.
         cases: The cases of the scenario.
@@ -51,13 +51,13 @@ def check(
     options = assignments(option or [], "--option")
     subject = load_subject(kind, plugin, options, scenario, decision_limit, data)
     results = check_plugin(subject, Cases.parse(cases))
-    print_table(check_table(subject.name, results), {"kept": "green", "broken": "red", "?": "yellow"})
+    print_table(check_table(subject.name, results), {"passed": "green", "failed": "red", "?": "yellow"})
     if not all(result.passed for result in results):
         raise typer.Exit(1)
 
 
 def check_table(name: str, results: Sequence[CheckResult]) -> Grid:
     """Return the table of the checks of a plug-in."""
-    verdicts = {True: "kept", False: "broken", None: "?"}
+    verdicts = {True: "passed", False: "failed", None: "?"}
     rows = [(verdicts[result.passed], result.name, result.observation) for result in results]
-    return Grid(f"The contract, as {name} keeps it", ("", "check", "seen"), rows, align="lll")
+    return Grid(f"Contract checks of {name}", ("", "check", "observation"), rows, align="lll")

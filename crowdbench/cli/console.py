@@ -28,7 +28,7 @@ INTERNAL = 3
 """The exit status after an error of crowdbench itself."""
 
 LONGEST = 1000
-"""Characters of a sentence that are shown: what was wrong may be a text of any length."""
+"""Largest number of characters of a printed sentence: a wrong value may be a text of any length."""
 
 
 class Failure(NamedTuple):
@@ -39,7 +39,7 @@ class Failure(NamedTuple):
 
 
 def failure(error: BaseException) -> Failure | None:
-    """Return the report of an exception; None for an exit with a status other than 0, which has said it already.
+    """Return the report of an exception; None for an exit with a status other than 0, already reported.
 
     Args:
         error: The exception of a command.
@@ -70,7 +70,7 @@ def failure(error: BaseException) -> Failure | None:
 
 
 def with_notes(sentence: str, error: BaseException) -> str:
-    """Return the sentence on an error with its notes, which say what it leaves behind."""
+    """Return the sentence on an error with its notes, which report files that are kept."""
     return ": ".join([sentence, *getattr(error, "__notes__", [])])
 
 
@@ -81,11 +81,11 @@ def _one_line(text: str) -> str:
 
 @contextlib.contextmanager
 def exit_on_interrupt(message: str | Callable[[], str] = "") -> Iterator[None]:
-    """Say what an interrupted command has kept, and exit. Typer would end the command without a word.
+    """Report the kept files of an interrupted command, and exit. Typer would exit without a message.
 
     Args:
         message: A note on kept files, or a function that returns it after the interrupt. If empty, the text of the
-            interrupt is printed; an interrupt that says nothing is passed on.
+            interrupt is printed; an interrupt without text is raised again.
     """
     try:
         yield
@@ -98,15 +98,15 @@ def exit_on_interrupt(message: str | Callable[[], str] = "") -> Iterator[None]:
 
 
 def prepare_streams() -> None:
-    """Open standard streams that were closed, and let characters that an encoding lacks appear as escapes.
+    """Open closed standard streams, and print characters that the encoding does not contain as escapes.
 
-    Paths may hold bytes that are no text, and tables hold characters that ASCII lacks.
+    Paths may contain bytes that are not text, and tables contain characters outside of ASCII.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            # It gets the lowest number, which else the next file would get, with all that is printed in it.
+            # It gets the lowest free number. Otherwise the next opened file would get it, and all printed text.
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
         stream = getattr(sys, name)
         if stream is None:
@@ -116,7 +116,7 @@ def prepare_streams() -> None:
 
 
 def flush_output() -> None:
-    """Write what was printed. Raises OSError where it cannot be written, once: not again when Python ends."""
+    """Flush standard output. Raises OSError if it cannot be written, but not a second time when Python exits."""
     try:
         sys.stdout.flush()
     except OSError:

@@ -18,7 +18,7 @@ from crowdbench.utils.tables import Format, floating, format_tables
 METRIC = "metric"
 
 OF_A_COLUMN = ("success_rate", "collision_rate", "navigation_time", "jerk")
-"""The metrics of a LaTeX table where none are asked for: they fit a column of a paper."""
+"""The default metrics of a LaTeX table: they fit a column of a paper."""
 
 
 class Kind(StrEnum):
@@ -44,13 +44,13 @@ def table(
     Args:
         directories: Directories of runs.
         columns: metric: a column for each metric. scenario, or an option or key such as weights: a column for each
-            scenario or value, with one metric in the cells, the best of a column bold, and those marked that cannot be
-            told from it.
-        metric: A metric. Repeatable where metrics are columns; else those that most papers have (in LaTeX, those that
-            fit a column of a paper), or success_rate.
+            scenario or value, with one metric in the cells. The best value of a column is bold, and values that do not
+            differ significantly from it are marked.
+        metric: A metric. Repeatable if metrics are columns. By default, the metrics of most papers (in LaTeX, those
+            that fit a column of a paper), or success_rate.
         all_metrics: Print all metrics, a row for each; the runs are columns.
-        names: Names of the runs, such as "old,new"; else their planners, and versions of one planner their
-            folders.
+        names: Names of the runs, such as "old,new". By default, the names of their planners, or of their folders for
+            versions of one planner.
         caption: With --format latex, the caption of a floating table.
         label: With --format latex, its label.
     """
@@ -83,8 +83,8 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
     """Draw a figure of runs, or of trainings, as wide as a column of a paper.
 
     Args:
-        kind: success: cases solved over time. metric: the distribution of --metric. training: --metric, a column of
-            their curve.csv such as reward, or else success, while they trained.
+        kind: success: cases solved over time. metric: the distribution of --metric. training: --metric over training,
+            a column of curve.csv such as reward; by default success.
         directories: Directories of runs; for training, of trainings.
         metric: The metric of a figure of kind metric.
         out: The figure: a .pdf, .svg or .png file.
@@ -122,8 +122,8 @@ def render(
         what: Directories of runs, .rrd files, or one scenario: a name, or ./mine.toml.
         case: The case: val/37, or its number; else the first failure of a run, or the first test case of a scenario.
         worst: The case of the (first) run in which this metric, such as minimum_gap, is worst.
-        strip: Draw so many moments of one run side by side instead of the whole path.
-        zoom: Show so many metres around the vehicle; a film and moments follow it.
+        strip: Number of moments of one run that are drawn side by side, instead of the whole path.
+        zoom: Number of metres around the vehicle that are shown; a film and moments follow the vehicle.
         out: A figure (.pdf, .svg or .png) or a film (.gif, .webp, or .mp4 with ffmpeg).
     """
     from crowdbench.cli.cases import open_case

@@ -1,4 +1,4 @@
-"""The command that lists what there is, and explains one thing with its options."""
+"""The command that lists named items, such as planners, and explains one of them with its options."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ WORDS: dict[Any, str] = {
     str: "text",
     types.NoneType: "false",
 }
-"""How types are called; a dataclass is a table."""
+"""Names of types for users; a dataclass is a table."""
 
 
 def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> None:
-    """List planners, scenarios, boards and whatever else has a name, or explain one of them.
+    """List planners, scenarios, boards and other named items, or explain one of them.
 
     Args:
         kind: planners, pedestrians, predictors, weights, scenarios, layouts, metrics or boards.
-        name: One of them, to be explained with its options.
+        name: Name of the item to explain, with its options.
     """
     if kind not in LISTED:
         *others, last = LISTED
@@ -56,11 +56,11 @@ def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> No
 
 
 class OptionRow(NamedTuple):
-    """An option as a user sees it.
+    """A row of a table of options.
 
     Attributes:
-        name: Its name, indented where it is a parameter of the table above.
-        default: Its value where it is not given, as it would be written; empty where it must be given.
+        name: Its name, indented if it is a parameter of the table above.
+        default: Its default, as a user would write it; empty if the option is required.
         type: Type of its value.
         unit: The unit of a number, 1 for a number without one.
         meaning: Its meaning.
@@ -120,15 +120,15 @@ def _find_text(kind: str, name: str) -> Path:
 
 
 def _plugin_page(kind: str, name: str) -> tuple[str, str, list[OptionRow]]:
-    """Return what the file of a plug-in says, or its function where a file may define several, and its options.
+    """Return the description of a plug-in, the title of its options, and the options.
 
-    The options come after their title.
+    The description is the docstring of its file, or of its function if a file may define several plug-ins.
     """
     from crowdbench.check.kinds import KINDS
 
     plugins = KINDS[kind]
     if kind == "metrics":
-        find_named("metric", name, plugins.functions)  # a file says nothing of its metrics
+        find_named("metric", name, plugins.functions)  # metrics of a user's file are not described
     plugin, factory = plugins.find(name)
     text = parse_docstring(factory.__doc__)[0] if plugins.functions else plugins.docstring(name)
     text = text or f"{name} has no docstring: its file says nothing about the {plugins.word}."
@@ -148,12 +148,12 @@ def _plugin_page(kind: str, name: str) -> tuple[str, str, list[OptionRow]]:
 
 
 def option_rows(factory: Callable[..., object], prefix: str = "", keyword_only: bool = False) -> list[OptionRow]:
-    """Return the options of a plug-in's function or class, each followed by the parameters of the table that it may be.
+    """Return the options of a plug-in's function or class. The parameters of an option that is a table follow it.
 
     Args:
-        factory: Its docstring has an `Args:` section; a dataclass has `Attributes:`. Each entry ends with the unit in
-            brackets. Of a partial, it is the function's docstring that counts.
-        prefix: Begins the names.
+        factory: The function or class. Its docstring has `Args:`, or `Attributes:` for a dataclass. Each entry ends
+            with the unit in brackets. For a partial, the docstring of its function is used.
+        prefix: The beginning of each name.
         keyword_only: True if parameters that are not keyword-only are left out.
 
     Returns:
@@ -171,7 +171,7 @@ def option_rows(factory: Callable[..., object], prefix: str = "", keyword_only: 
 
 
 def parameter_rows(name: str, factory: Callable[..., object]) -> list[OptionRow]:
-    """Return what a scenario may set of a pedestrian policy.
+    """Return the parameters of a pedestrian policy that a scenario may set.
 
     Args:
         name: The policy's name.
@@ -191,7 +191,7 @@ def parameter_rows(name: str, factory: Callable[..., object]) -> list[OptionRow]
 
 
 def _read_entries(documented: Any) -> dict[str, tuple[str, str]]:
-    """Return what the docstring of a function or class says of each parameter: meaning and unit."""
+    """Return the meaning and unit of each parameter from the docstring of a function or class."""
     entries = {}
     for name, text in parse_docstring(documented.__doc__)[1].items():
         match = re.fullmatch(r"(.*?)\s*\[([^\[\]]+)\]\.?", text)
@@ -207,7 +207,7 @@ def _row(option: Option, entries: dict[str, tuple[str, str]], prefix: str) -> Op
 
 
 def _format_default(option: Option) -> str:
-    """Return an option's default as one would write it."""
+    """Return an option's default as a user would write it."""
     if option.default is REQUIRED:
         return ""
     if type(option.default) in option.parts:

@@ -1,4 +1,4 @@
-"""How commands say what their options are, and the options that several commands have."""
+"""Help of options from docstrings, and options that several commands have."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ SHARED = {
     "threads": "Number of threads.",
     "work": "Folder that keeps finished runs until an entry or a verdict is made.",
 }
-"""Help of parameters that several commands have, by name, where the docstring of a command has none."""
+"""Help of parameters that several commands have, by name, if the docstring of a command has none."""
 
 FLAGS = {"as_json": "--json", "overrides": "--set"}
-"""The options of parameters that are not called like their option."""
+"""The options of parameters whose option has another name."""
 
 Command = TypeVar("Command", bound=Callable[..., None])
 
 
 def help_from_docstring(command: Command) -> Command:
-    """Move what the `Args:` of a command's docstring, or else `SHARED`, say of its parameters into their help.
+    """Set the help of a command's parameters from the `Args:` of its docstring, or else from `SHARED`.
 
-    A parameter without a default is an argument, another one an option, unless its annotation says otherwise. Nothing
-    changes where this was done before.
+    A parameter without a default is an argument, and one with a default is an option, unless its annotation states
+    otherwise. A second call changes nothing.
     """
     if hasattr(command, "__signature__"):
         return command
@@ -61,7 +61,7 @@ def help_from_docstring(command: Command) -> Command:
 def parse_docstring(docstring: object) -> tuple[str, dict[str, str]]:
     """Return a docstring without its sections, and the texts of its `Args:` or `Attributes:` by name.
 
-    Whatever else a plug-in has put in the place of a docstring says nothing.
+    A `__doc__` of a plug-in that is not a text counts as empty.
     """
     parsed = parse(docstring if isinstance(docstring, str) else "", DocstringStyle.GOOGLE)
     entries = {entry.arg_name: " ".join((entry.description or "").split()) for entry in parsed.params}
@@ -104,7 +104,7 @@ def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
     """Return the keys and values of options such as `--set key=value`.
 
     Args:
-        texts: The given texts. A value is TOML; what is not valid TOML is a text.
+        texts: The given texts. A value is TOML; a value that is not valid TOML is a text.
         flag: The option, for the error.
 
     Returns:
@@ -126,7 +126,7 @@ def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
 
 
 def _parse_value(text: str) -> Any:
-    """Return a value as it is written in TOML; a text where it is none."""
+    """Return the value of a text in TOML; the text itself if it is not valid TOML."""
     from crowdbench.utils.toml import toml
 
     try:

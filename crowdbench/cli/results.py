@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 def compare(reference: Path, others: list[Path], metric: list[str] | None = None, format: Format | None = None) -> None:
     """Compare runs with one of them, paired by case.
 
-    Runs of several scenarios are compared in each of them, with the planner of the first run, and in all together.
+    Runs in several scenarios are compared with the planner of the first run, in each scenario and in all together.
 
     Args:
         reference: Directory of the run that others are compared with.
         others: Directories of other runs on the same cases.
-        metric: A metric. Repeatable; else all for two runs, some for more.
-        format: Write the comparison alone, as a table; latex needs the package booktabs.
+        metric: A metric. Repeatable. By default, all metrics for two runs, and some for more runs.
+        format: Write only the comparison, as a table; latex needs the package booktabs.
     """
     from crowdbench.runs.compare import compare_to, comparison_grid
     from crowdbench.runs.result_file import STATED
@@ -70,10 +70,10 @@ def score(
 
     Args:
         recording: Directory of a run, or an .rrd file.
-        replay: Simulate all cases again from the recorded commands, without the planner, and say what in the run's
-            files differs.
-        pedestrians: With --replay: the file of a pedestrian policy of your own that the run had, ./mine.py. Repeatable.
-        layout: With --replay: the file of a layout of your own that the run had, ./mine.py.
+        replay: Simulate all cases again from the recorded commands, without the planner, and report differences from
+            the run's files.
+        pedestrians: With --replay: your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
+        layout: With --replay: your file of a layout that the run used, ./mine.py.
     """
     if replay:
         from crowdbench.metrics.load import load_metrics
@@ -85,7 +85,7 @@ def score(
         return
     given = {"--layout": layout, "--data": data, "--pedestrians": pedestrians}
     if wrong := [flag for flag, value in given.items() if value]:
-        raise InputError(f"{wrong[0]} is for --replay: a recording says where everybody started and walked")
+        raise InputError(f"{wrong[0]} is for --replay: a recording contains all tracks")
     from crowdbench.metrics.load import load_metrics
     from crowdbench.record.contents import read
     from crowdbench.runs.replay import check_recorded
@@ -102,7 +102,7 @@ def score(
             say(f"crowdbench: {warning}")
         say(STATED)
         check_recorded(checked, episodes, metrics)
-    # The rates of a part would be biased, because failures are preferred.
+    # Rates over some of the cases would be biased, because failures have priority in recordings.
     summary = episodes.summary() if len(episodes) == (contents.cases if checked is None else len(checked.cases)) else {}
     if as_json:
         about = {"planner": contents.planner, "scenario": contents.scenario, "cases": contents.cases}
@@ -117,7 +117,7 @@ def score(
 
 
 def _episodes_table(cases: int, episodes: Episodes) -> Grid:
-    """Return the episodes of a recording that lacks some of `cases`: no means, which would be biased."""
+    """Return the episodes of a recording that lacks some of `cases`, without means, which would be biased."""
     from crowdbench.core.types import Outcome
     from crowdbench.metrics import METRICS
 
@@ -133,7 +133,7 @@ def _episodes_table(cases: int, episodes: Episodes) -> Grid:
 
 
 def _replay(run: RunResult, scenario: Scenario, metrics: Mapping[str, Metric], as_json: bool) -> None:
-    """Print what a replay finds, and exit with 1 if anything differs."""
+    """Print the result of a replay, and exit with status 1 if anything differs."""
     from crowdbench.runs.replay import replay
 
     with progress(len(run.commands.case)) as report:
@@ -160,14 +160,14 @@ def export(
     Args:
         runs: Directory of a run; of several runs for a replay.
         out: Directory to write: `tracks/` has a file for each case, with a line `frame person x y` for each position
-            in metres; the vehicle is person 0, and a frame is a step. `steps.parquet` has a row for each step, with the
+            in metres. The vehicle is person 0, and a frame is a step. `steps.parquet` has a row for each step, with the
             observation of the environments, the command, CrowdNav's reward, and whether the episode ends.
-        format: Format of the tracks. socnav: JSON files of SocNav3 (arXiv:2509.01251), whose metric predicts how people
-            would rate a trajectory. Nobody was asked about these runs. rosbag2: ROS 2 bags (MCAP) for RViz and
-            Foxglove, with the extra ros. replay: a page, `index.html`, that plays the cases of the runs, with several
-            planners side by side, and needs no server.
-        pedestrians: The file of a pedestrian policy of your own that the run had, ./mine.py. Repeatable.
-        layout: The file of a layout of your own that the run had, ./mine.py.
+        format: Format of the tracks. socnav: JSON files of SocNav3 (arXiv:2509.01251), whose metric predicts human
+            ratings of a trajectory. These runs have no human ratings. rosbag2: ROS 2 bags (MCAP) for RViz and Foxglove,
+            with the extra ros. replay: a page, `index.html`, that plays the cases of the runs, with several planners
+            side by side, and needs no server.
+        pedestrians: Your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
+        layout: Your file of a layout that the run used, ./mine.py.
     """
     from crowdbench.runs.export import STEPS
     from crowdbench.runs.export import export as write

@@ -1,4 +1,4 @@
-"""The commands that drive a planner through cases and score it, and that make one run of several."""
+"""The commands that drive a planner through cases and score it, and that merge several runs."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ RECORD_HELP = (
     "the cases again, or none."
 )
 
-UNHEEDED = (
-    "Recorded people do not react: they walk into a vehicle that they would have gone around, and never wait for one. "
-    "So there are more collisions than among real people, and a planner that pushes its way through is not penalised."
+NON_REACTIVE_NOTE = (
+    "Recorded pedestrians do not react: they never wait for the vehicle, and walk into it where they would have "
+    "avoided it. So there are more collisions than among real people, and pushing through is not penalised."
 )
-"""Meaning of a score where people do not react."""
+"""Meaning of a score if pedestrians do not react."""
 
 
 def run(
@@ -63,9 +63,9 @@ def run(
         cases: 500 (the first 500 test cases), 2000:2500, test/37 (one case), val:100 (validation cases).
         pedestrians: Move all pedestrians by one policy: a name or ./mine.py.
         replan_every: Commands per observation; above 1 the planner drives open loop.
-        look_first: With --replan-every, decide at every step until so many positions of the pedestrians are seen; 1
-            starts with several commands at once.
-        isolated: Run the planner in a process of its own, which sees observations only.
+        look_first: With --replan-every, decide at every step until this number of positions of the pedestrians is
+            observed; 1 starts with several commands at once.
+        isolated: Run the planner in a separate process, which receives only observations.
         out: Directory for the results; with --board, folder that keeps the runs of its scenarios.
         batch: Cases that are simulated at once.
         shard: Run one share of the batches, such as 2/8; the last shard to finish merges the run.
@@ -104,13 +104,13 @@ def run(
 
 
 def make_one_run(spec: RunSpec, out: Path | None, shard: str | None, overwrite: bool) -> tuple[Run, Path]:
-    """Make a run, or a shard of it, and print warnings; say what is missing, and exit, where parts are missing.
+    """Make a run, or a shard of it, and print warnings. If cases are missing, print how many are finished, and exit.
 
     Args:
         spec: The run.
-        out: Its directory; in `runs/`, named after the run, if None.
-        shard: Which share of its parts is made, such as 2/8.
-        overwrite: True if an earlier run in its directory is replaced.
+        out: The directory of the run; if None, a directory in `runs/` that is named after the run.
+        shard: The share of the run's parts to make, such as 2/8.
+        overwrite: True to replace an earlier run in the directory.
 
     Returns:
         The run and its directory.
@@ -135,7 +135,7 @@ def make_one_run(spec: RunSpec, out: Path | None, shard: str | None, overwrite: 
 
 
 def warn_if_trained_otherwise(run: Run) -> None:
-    """Print a warning where a scenario has more pedestrians or another dt than its planner was trained with."""
+    """Print a warning if a scenario has more pedestrians, or another dt, than its planner was trained with."""
     planner, name, dt = run.driver.planner, run.scenario.name, run.scenario.rules.dt
     trained, most = planner.trained_pedestrians, run.scenario.max_agents - 1
     differences = []
@@ -155,7 +155,7 @@ def merge(
     all_metrics: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Make one run of several, whose cases follow each other.
+    """Merge several runs with consecutive cases into one run.
 
     Args:
         runs: Directories of runs, or of parts of one (runs/NAME.parts-.../*).
@@ -174,12 +174,12 @@ def merge(
 
 
 def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_json: bool, all_metrics: bool) -> None:
-    """Print the table of a run, how to see its failures, and where its files are, or its result as JSON.
+    """Print the table of a run, commands to view its failures, and its directory; or print its result as JSON.
 
     Args:
         title: The title of the table.
-        directory: Where the run's files are.
-        metrics: The metrics that it has, by name.
+        directory: The directory of the run's files.
+        metrics: The metrics of the run, by name.
         as_json: True to print JSON.
         all_metrics: True if all metrics are printed.
     """
@@ -203,7 +203,7 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         policy = result["scenario"]["pedestrians"]["policy"]
         print(f"\nIntervals are over the {result['blocks']} blocks of recorded time that the cases are from.")
         if RECORDED in (policy if isinstance(policy, dict) else [policy]):
-            print(UNHEEDED)
+            print(NON_REACTIVE_NOTE)
     number = result["recorded"]
     recorded = f"{number} episodes are recorded (crowdbench view shows them)" if number else "no episode is recorded"
     print(f"\nKept in {directory}; {recorded}")

@@ -34,9 +34,9 @@ def train(
 ) -> None:
     """Train a value network or a policy for planners.
 
-    A value network imitates demonstrations by ORCA, then learns from its own episodes. In validation the lookahead
-    predicts with constant velocity, whichever predictor is used in training. The checkpoint that is kept is the
-    quickest one whose success on validation cases is within noise of the best.
+    A value network first imitates demonstrations by ORCA, then learns from its own episodes. In validation, the
+    lookahead always predicts constant velocity. Of the checkpoints whose success on validation cases is within noise of
+    the best, the one with the shortest time to the goal is kept.
 
     Args:
         scenario: Name of the scenario to train in, or a file: ./mine.toml.
@@ -61,7 +61,7 @@ def run_training(
     out: Path | None,
     methods: Mapping[str, type[Config]] = METHODS,
 ) -> None:
-    """Start a training or resume one, train to the end with progress, and print where the weights are.
+    """Start or resume a training, train to the end with progress, and print the path of the weights.
 
     Args:
         network: The name of the network.
@@ -100,7 +100,7 @@ def run_training(
 
 
 def _run(runner: Runner) -> None:
-    """Train to the end with progress, and print where the weights are."""
+    """Train to the end with progress, and print the path of the weights."""
     training = runner.training
     with exit_on_interrupt(f"continue with {training.config.program} --resume {runner.directory}"):
         with progress(1.0, "trained") as advance:

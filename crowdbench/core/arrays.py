@@ -1,4 +1,4 @@
-"""Types of the arrays that many functions take: floats are numbers, points or vectors, in that order of their axes."""
+"""Types of arrays that many functions share: numbers, points, vectors and flags."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 Numbers = Float[np.ndarray, "*batch"]
 Vectors = Float[np.ndarray, "*batch 2"]
-"""Points too."""
+"""Vectors or points."""
 
 PerAgent = Float[np.ndarray, "agent"]
 """A number per agent, the vehicle first."""

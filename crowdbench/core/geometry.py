@@ -20,7 +20,7 @@ class Discs(NamedTuple):
         position: Centres before the step in metres.
         motion: Displacements in the step in metres.
         radius: In metres.
-        counts: Which agents others can collide with.
+        counts: True for agents with which others can collide.
     """
 
     position: Float[np.ndarray, "agent 2"]
@@ -34,15 +34,15 @@ class Discs(NamedTuple):
 def nearest_in_step(i, discs):
     """Return the smallest distance between an agent's rim and any other agent's during a step. Compiled.
 
-    This is the only test of moving discs.
+    No other function tests moving discs.
 
     Args:
         i (int): Index of the agent.
         discs (Discs): All agents.
 
     Returns:
-        distance (float): In metres, negative where discs overlap; infinite where no agent counts.
-        nearest (int): Index of the nearest agent; -1 where no agent counts.
+        distance (float): In metres, negative if discs overlap; infinite if no agent counts.
+        nearest (int): Index of the nearest agent; -1 if no agent counts.
     """
     position, motion, radius, counts = discs
     least, nearest = np.inf, -1
@@ -143,7 +143,7 @@ def pad_points(points: Sequence[Any]) -> Float[np.ndarray, "row point 2"]:
 
 
 def pad_arrays(arrays: Sequence[np.ndarray], fill: Any, rows: int | None = None) -> Shaped[np.ndarray, "array row ..."]:
-    """Return arrays of different sizes in one, each with as many rows as the longest or with `rows`, padded."""
+    """Return arrays of different sizes as one padded array, with `rows` rows or as many as the longest."""
     shape = np.max([array.shape for array in arrays], axis=0)
     padded = np.full((len(arrays), shape[0] if rows is None else rows, *shape[1:]), fill)
     for row, array in zip(padded, arrays, strict=True):
@@ -157,7 +157,7 @@ def local_goals(
     """Return the local goals of agents on their routes.
 
     A local goal lies in the direction of the next waypoint, as far away as the goal is along the route. An agent that
-    heads for it turns at waypoints without slowing down. Where no waypoint is left, it is the goal itself.
+    heads for it turns at waypoints without slowing down. If no waypoint is left, the local goal is the goal.
 
     Args:
         position: Positions in metres.

@@ -30,7 +30,7 @@ DISCOMFORT = 0.5
 DISCOUNT = 0.9
 """Discount per metre at preferred speed: a step has the factor `DISCOUNT ** (dt * preferred_speed)`."""
 
-# Plain numbers, because reading a member of an enum takes as long as the rest of a reward.
+# Plain numbers, because reading a member of an enum takes as long as the rest of the computation.
 _RUNNING = int(Outcome.RUNNING)
 _FINAL = np.zeros(len(Outcome))
 _FINAL[[Outcome.SUCCESS, Outcome.COLLISION, Outcome.WALL_COLLISION]] = SUCCESS, COLLISION, WALL_COLLISION
@@ -40,7 +40,7 @@ def reward(outcome: Int[np.ndarray, "*batch"], gap: Numbers, dt: float) -> Numbe
     """Return the reward of a step (Chen et al. 2019, equation 3). A time-out has reward 0.
 
     Args:
-        outcome: How the step ended, an `Outcome`.
+        outcome: The `Outcome` after the step.
         gap: Smallest distance to a pedestrian's rim during the step, in metres.
         dt: The length of the step in seconds.
 
@@ -56,7 +56,7 @@ def reward(outcome: Int[np.ndarray, "*batch"], gap: Numbers, dt: float) -> Numbe
 @no_type_check
 @njit
 def fill_reward(outcome, gap, dt, rewards):
-    """Fill `rewards [step]`, see `reward`. Compiled, because NumPy takes as long for one world as a step does."""
+    """Fill `rewards [step]`, see `reward`. Compiled, because for one world NumPy would take as long as a step."""
     for i in range(len(rewards)):
         if outcome[i] == _RUNNING:
             rewards[i] = min(gap[i] - DISCOMFORT_GAP, 0.0) * DISCOMFORT * dt
@@ -72,7 +72,7 @@ def episode_rewards(trace: Trace) -> Float[np.ndarray, "world step"]:
 
 
 def discount(preferred_speed: Numbers, dt: float) -> Numbers:
-    """Return the factor by which a reward that comes one step later counts less.
+    """Return the discount factor for a reward that is one step later.
 
     Args:
         preferred_speed: The vehicle's preferred speed in m/s.

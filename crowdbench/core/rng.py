@@ -1,8 +1,8 @@
 """Random numbers keyed by seed, split, case and purpose, so that a case is the same in any batch and order.
 
 All of them come from Philox 4x64-10 (Salmon et al. 2011), a counter-based generator: a function of a key and a counter.
-`generator` uses NumPy's; noise for whole batches is drawn by the same function compiled here, since a NumPy generator
-per case is slow to make.
+`generator` uses NumPy's implementation. Noise for whole batches is drawn by a compiled implementation in this module,
+because the construction of a NumPy generator per case is slow.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ LEADING, LEADING_BITS = 3, 21
 """Axes of noise before the last two, and bits of an index along one of them: all fit in 64 bits of a counter."""
 
 MOST_NORMAL = math.sqrt(2.0 * 53.0 * math.log(2.0))
-"""No normal number that is drawn by compiled code is larger, because its radius is of a number of 53 bits."""
+"""Largest normal number that compiled code can draw: its radius is computed from a number of 53 bits."""
 
 SPLITS = ("train", "val", "test")
-"""The splits of a scenario's cases. Each has the cases 0, 1, 2, ... without an end."""
+"""The splits of a scenario's cases. Each has the cases 0, 1, 2, ... without an upper limit."""
 
 
 def case_keys(seed: int, split: str, cases: Int[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:
-    """Return the key of every case, from which all its random numbers follow.
+    """Return the key of every case, which determines all its random numbers.
 
     Args:
         seed: The seed of the scenario.
@@ -49,22 +49,22 @@ def generator(key: np.uint64, purpose: str, step: int = 0, person: int = 0) -> n
 
     Args:
         key: The key of a case.
-        purpose: A name for what is drawn. Other purposes of the same case have independent random numbers.
+        purpose: Name of the drawn quantity. Other purposes of the same case have independent random numbers.
         step: The step for which it is drawn.
         person: Number of the person.
 
     Returns:
-        The generator, at its start.
+        The generator in its initial state.
     """
-    # A generator counts in the counter's first half.
+    # A generator increments the first half of the counter.
     counter = np.array([0, 0, person, step], np.uint64)
     return np.random.Generator(np.random.Philox(key=np.array([key, purpose_bits(purpose)], np.uint64), counter=counter))
 
 
 def noise_keys(keys: UInt[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:
-    """Return the keys of the noise that planners are given.
+    """Return the keys of the planners' noise.
 
-    They follow from the keys of the cases by a cryptographic hash (BLAKE2), and so do not reveal them: the key of a
+    They are cryptographic hashes (BLAKE2) of the keys of the cases, and so do not reveal these keys: the key of a
     case determines the whole case.
 
     Args:
@@ -78,12 +78,12 @@ def noise_keys(keys: UInt[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:
 
 
 def other_chance(keys: UInt[np.ndarray, "world"], step: int, number: int) -> UInt[np.ndarray, "world"]:
-    """Return the keys of cases that go on from a step as by other chance.
+    """Return the keys of cases that continue from a step with other random numbers.
 
     Args:
         keys: The keys of the cases.
         step: The step.
-        number: Which of several such futures.
+        number: Index of the continuation.
 
     Returns:
         64-bit keys.
@@ -96,11 +96,11 @@ def other_chance(keys: UInt[np.ndarray, "world"], step: int, number: int) -> UIn
 def normal(
     key: UInt[np.ndarray, "world"], purpose: str, step: Int[np.ndarray, "world"], shape: tuple[int, ...]
 ) -> Float[np.ndarray, "world *shape"]:
-    """Return standard normal numbers. Each depends only on key, purpose, step and its own indices, not on the shape.
+    """Return standard normal numbers. Each depends only on key, purpose, step and its indices, not on the shape.
 
     Args:
         key: The key of every world.
-        purpose: A name for what is drawn. Other purposes with the same key have independent random numbers.
+        purpose: Name of the drawn quantity. Other purposes with the same key have independent random numbers.
         step: The step of every world.
         shape: Shape of the numbers of one world, with at most five axes. `(n,)` gives the first row of `(m, n)`.
 
@@ -132,7 +132,7 @@ def uniforms(
 
     Args:
         key: The key of every world.
-        purpose: A name for what is drawn. Other purposes with the same key have independent random numbers.
+        purpose: Name of the drawn quantity. Other purposes with the same key have independent random numbers.
         step: The step of every world.
         person: Numbers of the persons.
     """
@@ -143,14 +143,14 @@ def uniforms(
 
 @functools.cache
 def purpose_bits(name: str) -> np.uint64:
-    """Return the 64 bits that stand for a purpose: the second half of the generator's key."""
+    """Return the 64 bits that represent a purpose: the second half of the generator's key."""
     return np.uint64(int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little"))
 
 
 _LOW = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)
 
-# The multipliers of Philox 4x64, and the constants by which its key grows each round.
+# The multipliers of Philox 4x64, and the constants added to its key in each round.
 _MULTIPLIERS = (np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157))
 _WEYL = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B))
 
@@ -231,10 +231,10 @@ def uniform(row, step, key, purpose):
     """Return a number that is uniform in [0, 1). Compiled.
 
     Args:
-        row (int): For what it is drawn, in a step.
+        row (int): Index of the number within a step.
         step (int): The step.
         key (uint64): The key of the world.
-        purpose (uint64): The `purpose_bits` of a purpose that draws nothing else.
+        purpose (uint64): The `purpose_bits` of a purpose that is used only for such numbers.
 
     Returns:
         number (float): The number.

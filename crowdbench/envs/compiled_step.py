@@ -1,7 +1,7 @@
 """A whole step of one world in one compiled call: pedestrians decide, agents move, the step is checked and observed.
 
-It is for the usual case (see `CompiledStep.fits`). It calls the kernels that other steps call one after another from
-Python, so that results are the same to the last bit. In one world, to enter a kernel takes longer than what it does.
+It covers the usual case (see `CompiledStep.fits`) with the same kernels that other steps call one by one from Python.
+Results are identical to the last bit. In a single world, entering a kernel takes longer than its computation.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ class Exchange(NamedTuple):
     Attributes:
         visible: Agents that pedestrians see.
         action: Velocities in m/s, NaN for agents that do not act.
-        observed: Filled: observations.
-        outcome: Filled: an `Outcome` for each observer.
-        gap: Filled: smallest distances in metres.
-        reward: Filled.
+        observed: Observations, filled by the kernel.
+        outcome: An `Outcome` for each observer, filled by the kernel.
+        gap: Smallest distances in metres, filled by the kernel.
+        reward: Rewards, filled by the kernel.
     """
 
     visible: Bool[np.ndarray, "1 agent"]
@@ -52,17 +52,17 @@ class Exchange(NamedTuple):
 
 
 class CompiledStep:
-    """Steps of one world between two states that take turns, so that nothing is allocated.
+    """Compiled steps of one world, which alternate between two preallocated states.
 
     Attributes:
-        world: The world as it is now. The step after the next one changes it.
+        world: The current world. The step after the next one overwrites it.
         outcome: The `Outcome` of the last step, for the vehicle or for each agent: see `outcomes_of_agents`.
-        gap: The smallest distance in metres between its rim and another's in it.
-        reward: Its reward, that of CrowdNav.
+        gap: The smallest distance in metres between its rim and another agent's rim in that step.
+        reward: Its reward in that step, as in CrowdNav.
 
     Args:
         world: The world at its start; see `fits`.
-        everybody: True if every agent observes and has a reward, and not the vehicle alone.
+        everybody: True if every agent observes and has a reward; False if only the vehicle does.
     """
 
     def __init__(self, world: World, everybody: bool) -> None:
@@ -90,7 +90,7 @@ class CompiledStep:
 
     @staticmethod
     def fits(world: World, view: View, reward: CheckedReward) -> bool:
-        """Return whether a step takes nothing but what is compiled here.
+        """Return True if the compiled step supports a world, a view and a reward.
 
         Args:
             world: One world.
@@ -113,11 +113,11 @@ class CompiledStep:
         """Simulate a step.
 
         Args:
-            columns: Which agents act; others follow the scenario's policy.
+            columns: Indices of the agents that act; others follow the scenario's policy.
             actions: Their velocities in m/s.
 
         Returns:
-            The observation after it.
+            The observation after the step.
         """
         self._action.fill(np.nan)
         self._action[columns] = actions

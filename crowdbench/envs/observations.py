@@ -1,8 +1,8 @@
 """The environments' observations: a vector of `6 * agents` float64 numbers per observing agent.
 
-The first six numbers are of the observing agent, the next six of each other agent, in metres and m/s. Positions are
-relative to the observing agent; the axes are the world's axes, not turned with the agent. The goal is the local goal
-(`crowdbench.core.geometry.local_goals`):
+The first six numbers describe the observing agent. Six more follow for each other agent, in metres and m/s. Positions
+are relative to the observing agent; the axes are the world's axes, not turned with the agent. The goal is the local
+goal (`crowdbench.core.geometry.local_goals`):
 
     observing agent: goal x, goal y, velocity x, velocity y, radius, preferred speed
     other agent:     position x, position y, velocity x, velocity y, radius, 1.0
@@ -34,7 +34,7 @@ _OF_AGENTS = ("position", "velocity", "origin", "goal", "route", "waypoint", "ra
 
 
 def flatten(obs: Observation) -> Float[np.ndarray, "world features"]:
-    """Return what a planner sees, as the vector that the environments return for the vehicle."""
+    """Return a planner's observation as the vector that the environments return for the vehicle."""
     position, velocity, radius, seen = obs.everybody()
     goal, speed = obs.vehicle.local_goal[:, None], obs.vehicle.preferred_speed[:, None]
     out = np.zeros((len(obs), 1, AGENT_FEATURES * radius.shape[1]))
@@ -43,7 +43,7 @@ def flatten(obs: Observation) -> Float[np.ndarray, "world features"]:
 
 
 def flatten_vehicle(world: World) -> Float[np.ndarray, "world features"]:
-    """Return `flatten(observe(world))`, without the copies that an observation has where the vehicle sees everybody."""
+    """Return `flatten(observe(world))`, without copies of arrays if the vehicle sees all agents."""
     worlds, agents = world.radius.shape
     sensor = world.rules.sensor
     if sensor.nearest or not sensor.sees_all:
@@ -56,8 +56,8 @@ def flatten_vehicle(world: World) -> Float[np.ndarray, "world features"]:
 def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]:
     """Return the observation of each agent; zeros for agents that are not present.
 
-    Row 0 is `flatten(observe(world))`: only the vehicle's sight can be limited. Pedestrians do not see a vehicle that
-    is not visible. Where each agent sees the nearest others only, these are in their order.
+    Row 0 is `flatten(observe(world))`: only the vehicle's sensor can be limited. Pedestrians do not see an invisible
+    vehicle. If each agent observes only the nearest others, they are sorted by index.
     """
     worlds, agents = world.radius.shape
     states, sensor = states_of(world), world.rules.sensor
@@ -73,7 +73,7 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
 
 
 def states_of(world: World) -> tuple[np.ndarray, ...]:
-    """Return the arrays that `flatten_agents` takes: agents as others see them, and the ones that pedestrians see."""
+    """Return the input arrays of `flatten_agents`, with the smallest disc around the vehicle's body as the vehicle."""
     bounded, seen = with_bounding_disc(world), world.present
     if not world.rules.visible:
         seen = seen.copy()
@@ -85,10 +85,10 @@ def states_of(world: World) -> tuple[np.ndarray, ...]:
 def ego_views(world: World) -> World:
     """Return a world for each agent of each world, in which that agent is agent 0 and the others follow in their order.
 
-    So what is written for the vehicle serves pedestrians too. A pedestrian's world lacks a vehicle that is not visible.
-    Everybody sees everybody exactly and at once: a sensor is the vehicle's alone. Headings, histories, persons, groups,
-    policies, parameters and memories are unchanged: they are of the vehicle and of the pedestrians
-    in their own order.
+    Functions for the vehicle can thus be applied to pedestrians. An invisible vehicle is absent from a pedestrian's
+    world. Every agent observes all others exactly and without delay, because only the vehicle has a sensor. Headings,
+    histories, persons, groups, policies, parameters and memories are not reordered: they belong to the vehicle and the
+    pedestrians in the original order.
     """
     agents = world.radius.shape[1]
     order = np.arange(agents)
@@ -105,7 +105,7 @@ def ego_views(world: World) -> World:
 @no_type_check
 @njit
 def flatten_agents(position, velocity, radius, goal, preferred_speed, present, seen, out):
-    """Write the observations `[world, agent, features]`, which are zeros before.
+    """Write observations into an array `[world, agent, features]` of zeros.
 
     Args:
         position (ndarray): `[world, agent, 2]`, in metres.
@@ -115,7 +115,7 @@ def flatten_agents(position, velocity, radius, goal, preferred_speed, present, s
         preferred_speed (ndarray): `[world, observer]`, in m/s.
         present (ndarray): `[world, agent]`, True for observing agents.
         seen (ndarray): `[world, agent]`, True for agents that pedestrians see.
-        out (ndarray): Filled.
+        out (ndarray): The array to fill.
     """
     for w in range(out.shape[0]):
         for i in range(out.shape[1]):
@@ -132,8 +132,8 @@ def flatten_agents(position, velocity, radius, goal, preferred_speed, present, s
 @no_type_check
 @njit
 def _flatten_nearest(position, velocity, radius, goal, preferred_speed, present, seen, cells, number, out):
-    """Flatten as `flatten_agents` does, for the nearest of some other agents; `cells` are `Cells` of those seen, or
-    None."""
+    """Write observations as `flatten_agents`, but of the `number` nearest other agents; `cells`: `Cells` of seen
+    agents, or None."""
     neighbor, distance = np.empty(number, np.int64), np.empty(number)
     for w in range(out.shape[0]):
         for i in range(out.shape[1]):
@@ -154,7 +154,7 @@ def _flatten_nearest(position, velocity, radius, goal, preferred_speed, present,
 @no_type_check
 @njit
 def _write(row, slot, here, point, velocity, radius, last):
-    """Write the six numbers of one agent into a slot of the observation of the agent that is `here`."""
+    """Write the six numbers of one agent into a slot of the observation of the agent at position `here`."""
     k = AGENT_FEATURES * slot
     row[k], row[k + 1] = point[0] - here[0], point[1] - here[1]
     row[k + 2], row[k + 3] = velocity[0], velocity[1]

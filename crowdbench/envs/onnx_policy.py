@@ -1,9 +1,9 @@
-"""Drives with the policy in an ONNX file, `--planner policy.onnx`, which is read without running code.
+"""Drives with the policy in an ONNX file, `--planner policy.onnx`. Reading the file runs no code.
 
-`crowdbench.export_policy` writes such files, whose metadata say how the policy was trained. In files of others, the
-batch axis of each input must be dynamic. There is one input, or one for each key of an observation `dict`. Inputs whose
-name begins with `state` are the memory of a recurrent policy. The first output is the action, the others are the new
-memory, in the order of these inputs.
+`crowdbench.export_policy` writes such files, with the training conditions of the policy as metadata. In files from
+other programs, the batch axis of each input must be dynamic. There is one input, or one for each key of an observation
+`dict`. Inputs whose name begins with `state` are the memory of a recurrent policy. The first output is the action, the
+others are the new memory, in the order of these inputs.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ def load_onnx(
 
     Args:
         file: The file.
-        observation: Observation of the policy: flat, goal_frame or dict; left out: as the file says.
-        action: Frame of its actions: world, goal_frame or native; left out: as the file says.
-        nearest: How many pedestrians it observes, at most; left out: as the file says, or 10.
-        dynamics: The vehicles that it may drive: holonomic, unicycle or bicycle; left out: as the file says, or any.
+        observation: Observation of the policy: flat, goal_frame or dict; by default as in the metadata.
+        action: Frame of its actions: world, goal_frame or native; by default as in the metadata.
+        nearest: Largest number of pedestrians that it observes; by default as in the metadata, or 10.
+        dynamics: The vehicles that it may drive: holonomic, unicycle or bicycle; by default as in the metadata, or any.
 
     Raises:
         InputError: The file cannot be read, or an option is missing.
@@ -68,7 +68,7 @@ def load_onnx(
     trained |= {name: value for name, value in given.items() if value is not None}
     if missing := [name for name in ("observation", "action") if name not in trained]:
         options = " ".join(f"--option {name}=goal_frame" for name in missing)
-        raise InputError(f"{file} does not say how it was trained: give {options}; see crowdbench list planners {file}")
+        raise InputError(f"{file} has no metadata of its training: give {options}; see crowdbench list planners {file}")
     state = [tuple(one.shape[1:]) for one in session.get_inputs() if one.name.startswith(STATE)]
     view = trained["observation"], trained["action"], trained.get("nearest", NEAREST)
     planner = PolicyPlanner(_function(file, session), *view, state, trained.get("dynamics"), trained.get("rays", 0))
@@ -78,7 +78,7 @@ def load_onnx(
 
 
 def _read(file: Path) -> tuple[InferenceSession, dict[str, Any]]:
-    """Read a file and its metadata. Data beside it are not read: results have the digest of this file alone."""
+    """Read a file and its metadata. External data are not read, because results have only the digest of this file."""
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # otherwise it sends usage data
     try:
         import onnxruntime

@@ -16,11 +16,11 @@ from crowdbench.sim.episode import StepCheck, gaps_on_arc, step_outcome
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells
 from crowdbench.utils.compiled import njit
 
-_MOST = 64
-"""Of an agent with more others in reach, all are looked at."""
+_MAX_NEIGHBORS = 64
+"""Largest number of neighbours in reach; an agent with more is compared with all agents."""
 
 _SLACK = 1e-6
-"""By how much the reach is larger than it must be, in metres, because of rounding."""
+"""Margin in metres that is added to the reach because of rounding."""
 
 
 def outcomes_of_agents(before: World, after: World, check: StepCheck) -> tuple[Int[np.ndarray, "agent"], PerAgent]:
@@ -35,7 +35,7 @@ def outcomes_of_agents(before: World, after: World, check: StepCheck) -> tuple[I
         check: Result of the check of the step for the vehicle.
 
     Returns:
-        The `Outcome` of the step for each agent, and the smallest distance in metres between its rim and another's.
+        The `Outcome` of the step for each agent, and the smallest distance in metres between its rim and another rim.
     """
     agents, rules = before.radius.shape[1], before.rules
     outcomes, gaps = np.empty(agents, np.int64), np.empty(agents)
@@ -55,7 +55,7 @@ def outcomes_of_agents(before: World, after: World, check: StepCheck) -> tuple[I
 @no_type_check
 @njit
 def _chosen(i, others, agents):
-    """Return agent i and then the other ones of some indices, as `Discs` of which all count."""
+    """Return agent i, followed by the agents with the indices `others`, as `Discs` that all count."""
     index = np.empty(len(others) + 1, np.int64)
     index[0], index[1:] = i, others
     return Discs(agents.position[index], agents.motion[index], agents.radius[index], np.ones(len(index), np.bool_))
@@ -64,29 +64,29 @@ def _chosen(i, others, agents):
 @no_type_check
 @njit
 def _gap_in_cells(i, position, agents, cells, widest, fastest):
-    """Return the gap of `nearest_in_step`, to the last bit, by cells.
+    """Compute the gap of `nearest_in_step` with a grid of cells; results are identical to the last bit.
 
-    The gap to the others cannot be less than their distance before the step, less both radii and both motions. So only
-    those count for which this is less than the gap to the nearest before the step.
+    The gap to an agent is at least the distance before the step minus both radii and both displacements. Only agents
+    for which this bound is less than the gap to the agent nearest before the step are compared.
 
     Args:
         i: The agent's index.
         position: `[world, agent, 2]`, before the step, in metres.
         agents: The same agents as `Discs`.
-        cells: `Cells` of those who count.
+        cells: `Cells` of the agents that count.
         widest: The largest of their radii in metres.
         fastest: The longest of their displacements in metres.
 
     Returns:
-        gap: In metres; infinite where no agent counts.
+        gap: In metres; infinite if no agent counts.
     """
-    neighbor, distance = np.empty(_MOST, np.int64), np.empty(_MOST)
+    neighbor, distance = np.empty(_MAX_NEIGHBORS, np.int64), np.empty(_MAX_NEIGHBORS)
     n = nearest_in_cells(0, i, position, cells, np.inf, 1, None, neighbor, distance)
     gap, _ = nearest_in_step(0, _chosen(i, neighbor[:n], agents))
     size = agents.radius[i] + math.hypot(agents.motion[i, 0], agents.motion[i, 1])
     reach = gap + size + widest + fastest + _SLACK
-    n = nearest_in_cells(0, i, position, cells, reach, _MOST, None, neighbor, distance)
-    gap, _ = nearest_in_step(i, agents) if n == _MOST else nearest_in_step(0, _chosen(i, neighbor[:n], agents))
+    n = nearest_in_cells(0, i, position, cells, reach, _MAX_NEIGHBORS, None, neighbor, distance)
+    gap, _ = nearest_in_step(i, agents) if n == _MAX_NEIGHBORS else nearest_in_step(0, _chosen(i, neighbor[:n], agents))
     return gap
 
 
@@ -102,10 +102,10 @@ def check_pedestrians(position, end, goal, radius, counts, arc, cells, outcomes,
         radius (ndarray): `[1, agent]`.
         counts (ndarray): `[1, agent]`, True for agents that pedestrians see and that move straight, unlike a vehicle on
             wheels.
-        arc (tuple or None): How a vehicle on wheels drives that pedestrians see, the first arguments of `gaps_on_arc`.
+        arc (tuple or None): Motion of a visible vehicle on wheels: the first arguments of `gaps_on_arc`.
         cells (Cells or None): Cells of the agents that count.
-        outcomes (ndarray): `[agent]`, filled but for the vehicle's: an `Outcome`.
-        gaps (ndarray): `[agent]`, filled but for the vehicle's, in metres.
+        outcomes (ndarray): `[agent]`, filled for pedestrians: an `Outcome`.
+        gaps (ndarray): `[agent]`, filled for pedestrians, in metres.
     """
     motion = end[0] - position[0]
     widest, fastest = 0.0, 0.0

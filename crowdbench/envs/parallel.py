@@ -29,7 +29,7 @@ from crowdbench.utils.errors import InputError
 VEHICLE = "vehicle"
 """The name of the vehicle as an agent. The others are `pedestrian_0`, `pedestrian_1`, ..."""
 
-# As numbers, because access to members of an enumeration is slow, and trainings call `step` most of the time.
+# As integers, because access to members of an enumeration is slow, and training spends most of its time in `step`.
 _RUNNING, _SUCCESS, _TIMEOUT = (int(o) for o in (Outcome.RUNNING, Outcome.SUCCESS, Outcome.TIMEOUT))
 
 Observations = dict[str, Float[np.ndarray, "features"]]
@@ -51,8 +51,8 @@ def parallel_env(
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
         observation: `flat` or `goal_frame`.
-        action: `world` or `goal_frame`, the axes of a velocity, or `native`, where the vehicle gives commands.
-        nearest: How many other agents are seen in the frame of the goal, at most.
+        action: `world` or `goal_frame`, the axes of a velocity, or `native`, commands of the vehicle's dynamics.
+        nearest: Largest number of other agents in an observation in the frame of the goal.
 
     Raises:
         InputError: Scenario, render mode, reward, observation or action do not exist.
@@ -65,31 +65,31 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
     """One world of a scenario as a PettingZoo `ParallelEnv`. Make it with `parallel_env`.
 
     - Agents: `vehicle`, and `pedestrian_0`, `pedestrian_1`, ... for the pedestrians of the case. In a scenario with
-      recorded people, the vehicle alone.
-    - Observations: see `crowdbench.envs.views`. The vehicle sees by the scenario's sensor, pedestrians see everybody.
-    - Actions: velocities `(vx, vy)` in m/s, along the axes of the world or in the frame of the agent's goal. An action
-      faster than the agent's preferred speed is slowed down to it, and a pedestrian changes its velocity no faster than
-      the scenario's `limits` allow. A pedestrian without an action, or with None, follows the scenario's policy. The
-      vehicle must have an action.
-    - Rewards: see `crowdbench.envs.rewards`, of each agent's own outcome and gap (`crowdbench.envs.outcomes`) in its
-      own world (`crowdbench.envs.observations.ego_views`).
-    - Starting state: the case that `reset` is asked for, or else a training case drawn from the seed.
-    - Terminations: a pedestrian terminates when it reaches its goal; it is no agent any more, but stays in the world
-      and follows the scenario's policy, unless the scenario's `arrival` lets it leave. Where pedestrians get new goals
-      or are replaced on arrival, the agent goes on with the new goal or as the new person. All agents terminate when
-      the vehicle reaches its goal or collides.
+      recorded pedestrians, only the vehicle.
+    - Observations: see `crowdbench.envs.views`. The vehicle uses the scenario's sensor, pedestrians observe all agents.
+    - Actions: velocities `(vx, vy)` in m/s, along the axes of the world or in the frame of the agent's goal. A speed
+      above the agent's preferred speed is reduced to it. The scenario's `limits` bound changes of a pedestrian's
+      velocity. A pedestrian without an action, or with None, follows the scenario's policy. The vehicle must have an
+      action.
+    - Rewards: see `crowdbench.envs.rewards`, computed from each agent's outcome and gap (`crowdbench.envs.outcomes`) in
+      its ego view (`crowdbench.envs.observations.ego_views`).
+    - Starting state: the case in the options of `reset`, or else a training case drawn from the seed.
+    - Terminations: a pedestrian terminates when it reaches its goal; it is no longer an agent, but stays in the world
+      and follows the scenario's policy, unless the scenario's `arrival` removes it. If pedestrians get new goals or are
+      replaced on arrival, the agent continues with the new goal or as the new pedestrian. All agents terminate when the
+      vehicle reaches its goal or collides.
     - Truncations: all agents, at the scenario's time limit.
     - Infos: `case`, its name such as `test/37`; after a step also `outcome`, the name of the agent's `Outcome`, and
       `gap`, the smallest distance in metres between the rims of the agent and another one during the step.
 
     Args:
-        view: The scenario, what agents see, and what their actions mean.
+        view: The scenario, the agents' observations, and the interpretation of their actions.
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
 
     Raises:
-        InputError: There is no such reward; the view is `dict`: worlds keep no history of the vehicle; or agents see
-            the nearest others only (`Sensor.nearest`), and the view is not `flat` or the reward not `crowdnav`.
+        InputError: The reward does not exist; the view is `dict`, but worlds store no history of the vehicle; or agents
+            see only the nearest others (`Sensor.nearest`), and the view is not `flat` or the reward not `crowdnav`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -110,7 +110,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
                 f"observation is {view.observation!r} and reward {self.reward.name!r}, but in a scenario with up "
                 f"to {most} pedestrians, of which {nearest} are shown, they must be 'flat' and 'crowdnav'"
             )
-        # Recorded people come and go at their own times, and are no agents.
+        # Recorded pedestrians appear and leave at recorded times, and are not agents.
         pedestrians = 0 if scenario.tracks else scenario.max_agents - 1
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
         self.agents: list[str] = []
@@ -143,7 +143,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         Raises:
             InputError: There is no such case, or an option is unknown.
         """
-        # PettingZoo's own test gives an option called "options", only to see that options are taken.
+        # PettingZoo's API test passes an option named "options" to test that options are accepted.
         given = {name: value for name, value in (options or {}).items() if name != "options"}
         case = stepping.check_options(given, "case").get("case")
         if seed is not None or self._generator is None:
@@ -165,7 +165,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
             Observations, rewards, terminations, truncations and infos by agent, of the agents before the step.
 
         Raises:
-            InputError: The vehicle has no action, an action belongs to no current agent, or is no finite velocity.
+            InputError: The vehicle has no action, an action belongs to no current agent, or is not a finite velocity.
         """
         if not self.agents and not actions:
             return {}, {}, {}, {}, {}
@@ -186,14 +186,14 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
     def _advance(
         self, acting: list[int], velocities: Float[np.ndarray, "n 2"]
     ) -> tuple[Int[np.ndarray, "agent"], Float[np.ndarray, "agent"], list[float], Float[np.ndarray, "agent features"]]:
-        """Go on by a step.
+        """Advance the world by one step.
 
         Args:
-            acting: The acting agents.
+            acting: Columns of the acting agents.
             velocities: Their velocities in m/s.
 
         Returns:
-            Outcomes, gaps in metres, rewards, and what each agent observes then.
+            Outcomes, gaps in metres, rewards, and the observation of each agent after the step.
         """
         if (compiled := self._compiled) is not None:
             views = compiled.step(acting, velocities)
@@ -201,13 +201,13 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
             return compiled.outcome, compiled.gap, compiled.reward.tolist(), views
         before, world = self._world, self._world
         chosen = np.zeros(world.velocity.shape)
-        # A policy with a memory sees every step, also those in which nobody follows it.
+        # A policy with a memory is updated at every step, even if no pedestrian follows it.
         if len(acting) < self._bodies or any(world.memory.values()):
             chosen[:, 1:], world = crowd_decisions(world, self.scenario.policies)
         chosen[0, acting] = velocities
         moved, check = move(world, self.view.to_command(world, chosen[:, 0]), chosen[:, 1:])
         outcomes, gaps = outcomes_of_agents(before, moved, check)
-        if self.reward.reward is crowdnav:  # which needs no worlds of the agents' own
+        if self.reward.reward is crowdnav:  # it needs no ego views
             rewards = reward(outcomes, gaps, before.rules.dt)
         else:
             rewards = self.reward(Step(self._ego_views(before), self._ego_views(moved), outcomes, gaps))
@@ -215,7 +215,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         return outcomes, gaps, rewards.tolist(), self._observe()
 
     def _ego_views(self, world: World) -> World:
-        """Return `ego_views`, made once for each world."""
+        """Return `ego_views` of a world, computed once per world."""
         if self._ego is None or self._ego[0] is not world:
             self._ego = world, ego_views(world)
         return self._ego[1]
@@ -224,7 +224,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         if self.view.observation == "flat":
             return flatten_everybody(self._world)[0]
         views = cast("Float[np.ndarray, 'agent features']", self.view.observe(self._ego_views(self._world)))
-        if not self._world.rules.sensor.sees_all:  # only the vehicle's sight can be limited
+        if not self._world.rules.sensor.sees_all:  # only the vehicle's sensor can be limited
             views[0] = cast("np.ndarray", self.view.observe(self._world))[0]
         return views
 
@@ -232,8 +232,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         return {agent: views[self._column[agent]] for agent in self.agents}
 
     def _check_actions(self, actions: Mapping[str, np.ndarray | None]) -> tuple[list[int], Float[np.ndarray, "n 2"]]:
-        """Return the acting agents, and the velocities in m/s of their actions. Raises InputError where `step` says
-        so."""
+        """Return the columns of the acting agents, and their velocities in m/s. Raises InputError as `step` does."""
         given = {agent: action for agent, action in actions.items() if action is not None}
         if not self.agents:
             raise InputError("the episode is over: call reset()")

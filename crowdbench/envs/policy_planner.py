@@ -23,18 +23,18 @@ class PolicyPlanner(Planner):
     """Planner that drives with the actions of a function, such as the mean action of a trained policy.
 
     An action is clipped to the action space of the vehicle, and its velocity limited to the preferred speed, as in the
-    environments. Nothing is corrected along walls.
+    environments. Velocities are not corrected along walls.
 
     Attributes:
-        function: Returns the actions `[world, 2]` of many worlds for what they show: an array `[world, features]`, or
-            a dictionary of arrays `[world, ...]`. With a `state`, it is called as `function(observed, *state)` and
+        function: Returns the actions `[world, 2]` of many worlds for their observations: an array `[world, features]`
+            or a dictionary of arrays `[world, ...]`. With a `state`, it is called as `function(observed, *state)` and
             returns `(actions, *state)`.
         observation: Its observation: `flat`, `goal_frame` or `dict`, see `crowdbench.envs.views`.
         action: Frame of its actions: `world`, `goal_frame` or `native`.
-        nearest: How many pedestrians it observes in the frame of the goal, at most.
-        state: The shapes of the arrays that a recurrent policy remembers of one world; zeros where an episode starts.
+        nearest: Largest number of pedestrians that it observes in the frame of the goal.
+        state: Shapes of the memory arrays of a recurrent policy for one world, which are zeros when an episode starts.
         dynamics: The dynamics of the vehicles that it may drive, such as `holonomic`; any if None.
-        rays: How many rays to walls it observes in the frame of the goal.
+        rays: Number of rays to walls that it observes in the frame of the goal.
 
     Raises:
         InputError: There is no such observation or action.
@@ -67,7 +67,7 @@ class PolicyPlanner(Planner):
             )
         action = validate_array(answer := self._act(obs), len(obs))
         if isinstance(action, Fault) or not np.isfinite(action).all():
-            return answer  # for the driver, which names the case
+            return answer  # the driver raises an error that names the case
         speed, dynamics = vehicle.preferred_speed, vehicle.dynamics if self.native else FREE
         action = np.clip(action, *dynamics.space(speed))
         if dynamics.name != FREE.name:
@@ -77,11 +77,11 @@ class PolicyPlanner(Planner):
         return in_disc(action, speed)
 
     def _act(self, obs: Observation) -> Any:
-        """Return what the function answers, and keep its state."""
+        """Return the actions of the function, and store its state."""
         observed = encode(obs, self.observation, self.nearest, self.rays)
         if not self.state:
             return self.function(observed)
-        if len(self.memory[0]) <= obs.row.max():  # asked without a reset
+        if len(self.memory[0]) <= obs.row.max():  # called without a reset
             self.reset(np.arange(obs.row.max() + 1))
         answer, *states = self.function(observed, *(memory[obs.row] for memory in self.memory))
         for memory, state in zip(self.memory, states, strict=True):

@@ -39,7 +39,7 @@ SIZE = 600
 """Width and height of the picture in pixels."""
 
 POINT = 2.4
-"""Pixels per point, in which the widths of lines and the sizes of texts are given."""
+"""Pixels per point, the unit of line widths and text sizes."""
 
 MARGIN = 1.0
 """Margin in metres around all starts, goals and obstacles."""
@@ -144,12 +144,12 @@ class Renderer:
 
 
 def rasterize(shapes: Iterable[Shape], bounds: Float[np.ndarray, "2 2"], inch: float, dpi: float) -> Image:
-    """Return an image with shapes, each over those before it.
+    """Return an image with shapes, each drawn over the previous ones.
 
     Args:
         shapes: The shapes, in metres.
         bounds: The smallest and the largest x and y in metres that it shows.
-        inch: How many metres are an inch.
+        inch: Metres per inch.
         dpi: Pixels per inch.
     """
     from PIL import Image, ImageDraw
@@ -185,7 +185,7 @@ def rasterize(shapes: Iterable[Shape], bounds: Float[np.ndarray, "2 2"], inch: f
 
 @functools.lru_cache
 def _font(pixels: float) -> Any:
-    """Return the font of Matplotlib's figures, which has signs such as a tick, in a size."""
+    """Return the font of Matplotlib's figures, which contains symbols such as a check mark, in a size in pixels."""
     import matplotlib
     from PIL import ImageFont
 

@@ -1,7 +1,7 @@
-"""The rewards of the environments, by name: what a policy learns from. Scores never depend on them.
+"""The rewards of the environments by name, for the training of policies. Scores never depend on them.
 
-A reward is a function of a step that gives one number per world. To add one of your own, write a file with a function
-`reward(step)` and name it where an environment takes a reward: `reward="./mine.py"`.
+A reward is a function of a step that returns one number per world. To add a reward, write a file with a function
+`reward(step)` and pass its path to an environment: `reward="./mine.py"`.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.errors import InputError, plugin_errors
 
 PROGRESS = 0.2
-"""Of `progress`: reward per metre that the vehicle comes closer to its goal."""
+"""Reward of `progress` per metre that the vehicle comes closer to its goal."""
 
 COLLISION = -0.5
-"""Of `progress`: reward for a collision."""
+"""Reward of `progress` for a collision."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step of many worlds, as a reward sees it.
+    """A step of many worlds, the argument of a reward.
 
     Attributes:
         before: The worlds before the step. Agent 0 is the vehicle.
         after: The worlds after it.
-        outcome: How the step ended, an `Outcome`.
+        outcome: The `Outcome` of the step.
         gap: The smallest distance in metres between the rims of the vehicle and a pedestrian during the step; infinite
             without pedestrians.
     """
@@ -58,22 +58,22 @@ class Step:
 
     @property
     def progress(self) -> Float[np.ndarray, "world"]:
-        """By how many metres the vehicle has come closer to its goal, along its route."""
+        """Decrease of the vehicle's distance to its goal along its route, in metres."""
         return _distance_left(self.before) - _distance_left(self.after)
 
     @property
     def ended(self) -> Bool[np.ndarray, "world"]:
-        """Where the step ended the episode."""
+        """True for worlds whose episode ended in the step."""
         return self.outcome != Outcome.RUNNING
 
     @property
     def collided(self) -> Bool[np.ndarray, "world"]:
-        """Where the step ended in a collision, with a pedestrian or an obstacle."""
+        """True for worlds in which the step ended in a collision, with a pedestrian or an obstacle."""
         return np.isin(self.outcome, (Outcome.COLLISION, Outcome.WALL_COLLISION))
 
 
 def _distance_left(world: World) -> Float[np.ndarray, "world"]:
-    """Return the length in metres of the vehicle's way to its goal."""
+    """Return the vehicle's distance in metres to its local goal, see `crowdbench.core.geometry.local_goals`."""
     return norm(goals_on_way(world)[:, 0] - world.position[:, 0])
 
 
@@ -81,34 +81,34 @@ Reward = Callable[[Step], Float[np.ndarray, "world"]]
 
 
 def crowdnav(step: Step) -> Float[np.ndarray, "world"]:
-    """Return the reward of CrowdNav (Chen et al. 2019, equation 3), which also measures planners."""
+    """Return the reward of CrowdNav (Chen et al. 2019, equation 3), which is also used to evaluate planners."""
     return reward(step.outcome, step.gap, step.dt)
 
 
 def progress(step: Step) -> Float[np.ndarray, "world"]:
     """Return CrowdNav's reward with 0.2 for every metre closer to the goal, and -0.5 for a collision.
 
-    CrowdNav's reward says nothing until the goal is reached, which a policy that begins at random never does.
+    CrowdNav's reward gives no information on progress to the goal, which an untrained policy never reaches.
     """
     return np.where(step.collided, COLLISION, crowdnav(step)) + PROGRESS * step.progress
 
 
 def safe_progress(step: Step) -> Float[np.ndarray, "world"]:
-    """Return the reward `progress` with -3 for a collision, and less for a jerky drive.
+    """Return the reward `progress` with -3 for a collision and a penalty for changes of velocity.
 
-    A collision costs three times what the goal gives (twice in CrowdNav++, Liu et al. 2023). A change of velocity
-    costs 0.02 times its square in m/s.
+    The penalty for a collision is three times the reward for the goal (twice in CrowdNav++, Liu et al. 2023). The
+    penalty for a change of velocity is 0.02 times its square, with velocities in m/s.
     """
     change = step.after.velocity[:, 0] - step.before.velocity[:, 0]
     return np.where(step.collided, -3.0, crowdnav(step)) + PROGRESS * step.progress - 0.02 * (change**2).sum(axis=1)
 
 
 def crowdnav_plus(step: Step) -> Float[np.ndarray, "world"]:
-    """Return the reward of CrowdNav++ (Liu et al. 2023, equations 3 to 5), with its code's numbers.
+    """Return the reward of CrowdNav++ (Liu et al. 2023, equations 3 to 5), with the values of its code.
 
-    10 for the goal, -20 for a collision; else 2 for every metre closer to the goal or, within 0.25 m of somebody, 10
-    times what is missing to that distance, per second. Where somebody who goes on at constant velocity would touch the
-    vehicle where it is now in k of the next five steps, also -20 / 2^(k+1), the worst of these.
+    It is 10 for the goal and -20 for a collision. Otherwise it is 2 per metre of progress, or 10 (gap - 0.25 m) per
+    second if the gap is below 0.25 m. A penalty -20 / 2^(k+1) is added if a pedestrian at constant velocity would touch
+    the vehicle at its present position after k steps, k = 1 to 5. Only the largest penalty counts.
     """
     closer = np.where(step.gap < 0.25, 10.0 * (step.gap - 0.25) * step.dt, 2.0 * step.progress)
     paid = np.select([step.collided, step.outcome == Outcome.SUCCESS, step.ended], [-20.0, 10.0, 0.0], closer)
@@ -116,7 +116,7 @@ def crowdnav_plus(step: Step) -> Float[np.ndarray, "world"]:
 
 
 def _predicted_contact(world: World) -> Float[np.ndarray, "world"]:
-    """Return the penalty of `crowdnav_plus` for the first of the next five steps in which somebody would touch the
+    """Return the penalty of `crowdnav_plus` for the first of the next five steps in which a pedestrian would touch the
     vehicle."""
     ahead = np.arange(1, 6)
     position = world.position[:, None, 1:] + world.rules.dt * ahead[:, None, None] * world.velocity[:, None, 1:]
@@ -134,7 +134,7 @@ REWARDS = Kind(
 
 @dataclass(frozen=True)
 class CheckedReward:
-    """A reward whose answers are checked.
+    """A reward whose return values are checked.
 
     Attributes:
         name: Its name.
@@ -145,7 +145,7 @@ class CheckedReward:
     reward: Reward
 
     def __call__(self, step: Step) -> Float[np.ndarray, "world"]:
-        """Return the reward of a step. Raises InputError where it raises, or does not give one finite number per
+        """Return the reward of a step. Raises InputError if the reward raises, or does not return one finite number per
         world."""
         with plugin_errors(f"reward {self.name} raised"):
             values = np.asarray(self.reward(step))

@@ -33,13 +33,13 @@ LABELS = tuple(outcome.label for outcome in Outcome)
 def as_scenario(scenario: str | Path | Scenario) -> Scenario:
     """Load a scenario by its name or by the path of its file, or return the given one.
 
-    Raises InputError where there is no such scenario.
+    Raises InputError if the scenario does not exist.
     """
     return scenario if isinstance(scenario, Scenario) else load_scenario(str(scenario))
 
 
 def check_options(options: Mapping[str, Any] | None, *names: str) -> Mapping[str, Any]:
-    """Return the options of a `reset`, none if it was given None. Raises InputError where one is not among `names`."""
+    """Return the options of a `reset`, an empty table for None. Raises InputError if one is not among `names`."""
     options = options or {}
     for name in options:
         if name not in names:
@@ -48,8 +48,7 @@ def check_options(options: Mapping[str, Any] | None, *names: str) -> Mapping[str
 
 
 def choose_case(case: object, generator: np.random.Generator) -> str:
-    """Return the case of a new episode: the one that `reset` was asked for, such as `test/37`, or else a training
-    case."""
+    """Return the case of a new episode: the given case, such as `test/37`, or else a random training case."""
     return f"train/{generator.integers(TRAINING_CASES)}" if case is None else str(case)
 
 
@@ -64,7 +63,7 @@ def start(scenario: Scenario, cases: Sequence[str]) -> World:
         A world per case, in the given order.
 
     Raises:
-        InputError: A name is not that of a case.
+        InputError: A name is not the name of a case.
     """
     splits, numbers = zip(*map(parse_case, cases), strict=True)
     number = np.array(numbers, np.int64)
@@ -79,7 +78,7 @@ class OneWorld:
     """Shared parts of the environments of one world: its scenario, its case, its state and its picture.
 
     Args:
-        view: The scenario, what a policy sees, and what its actions mean.
+        view: The scenario, the observations of a policy, and the interpretation of its actions.
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
 
@@ -99,14 +98,14 @@ class OneWorld:
         self._compiled: CompiledStep | None = None
 
     def _start(self, case: object, generator: np.random.Generator, *, everybody: bool) -> None:
-        """Start a case, or else a drawn one. `everybody` is whether pedestrians observe too."""
+        """Start a case, or a random training case if None. `everybody` is True if pedestrians observe too."""
         self._case = choose_case(case, generator)
         self._enter(start(self.scenario, [self._case]))
         fits = CompiledStep.fits(self._world, self.view, self.reward)
         self._compiled = CompiledStep(self._world, everybody) if fits else None
 
     def _enter(self, world: World) -> None:
-        """Go on with a world, and draw it where there is a window."""
+        """Set the current world, and draw it if there is a window."""
         self._world = world
         self._renderer.show(world, self._case)
 
@@ -125,7 +124,7 @@ class OneWorld:
 
 
 def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*shape"]:
-    """Return actions as float64. Raises InputError where they are not finite numbers in that shape."""
+    """Return actions as float64. Raises InputError if they are not finite numbers of that shape."""
     checked = np.asarray(actions, np.float64)
     # A sum is finite only if all its terms are, and takes half the time of a test of each.
     if checked.shape != shape or not (math.isfinite(checked.sum()) or np.isfinite(checked).all()):
@@ -134,7 +133,7 @@ def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, 
 
 
 def drive(view: View, before: World, actions: Float[np.ndarray, "world 2"]) -> Step:
-    """Drive worlds for one step, in which the vehicle acts and the pedestrians follow the scenario's policies.
+    """Simulate one step of worlds, in which the vehicle acts and the pedestrians follow the scenario's policies.
 
     Args:
         view: Interpretation of actions, and the scenario.

@@ -33,10 +33,10 @@ class Driven(NamedTuple):
 
 
 class TrainingWorlds:
-    """Many worlds of a scenario. Their episodes start from training cases that are drawn once; each comes by chance.
+    """Many worlds of a scenario. Each episode starts from a random one of the training cases, which are drawn once.
 
     Attributes:
-        worlds: The worlds as they are now. There are none before `start`.
+        worlds: The current worlds, which exist from the first `start` on.
 
     Args:
         number: How many worlds there are.
@@ -52,7 +52,7 @@ class TrainingWorlds:
         self._returned, self._length = np.zeros(number), np.zeros(number, np.int64)
 
     def seed(self, seed: int | None) -> None:
-        """Have training cases and their order drawn again at the next `start`; by chance where the seed is None."""
+        """Set the seed with which the next `start` draws training cases and their order; None for a random seed."""
         self._order, self._starts = np.random.default_rng(seed), None
 
     def start(self) -> World:
@@ -65,7 +65,7 @@ class TrainingWorlds:
         return self.worlds
 
     def step(self, actions: Float[np.ndarray, "world 2"]) -> Driven:
-        """Simulate one step in all worlds. Where it ends an episode, `worlds` are at the start of the next one.
+        """Simulate one step in all worlds. If a world's episode ends, its next episode starts.
 
         Args:
             actions: The vehicles' actions, checked.
@@ -79,6 +79,6 @@ class TrainingWorlds:
         return driven
 
     def _draw(self, number: int) -> World:
-        """Return starts that are drawn by chance."""
+        """Return random starting states."""
         assert self._starts is not None  # drawn by `start`
         return self._starts.take(self._order.integers(len(self._starts), size=number))

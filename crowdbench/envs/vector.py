@@ -32,18 +32,18 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
     with the same seed.
 
     All worlds are simulated at once. `vectorization_mode="sync"` steps them one after the other: with 128 worlds this
-    takes about twice as long where observations are `flat`, and eight times as long elsewhere; only that mode renders.
+    takes about twice as long if observations are `flat`, and otherwise eight times as long. Only that mode renders.
     With stable-baselines3, `CrowdVecEnv` of examples/stable_baselines.py is as fast as this environment.
 
     Args:
         num_envs: Number of worlds.
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         autoreset_mode: When worlds whose episode is over are reset, as in Gymnasium's `SyncVectorEnv`.
-        reward: As for `VehicleEnv`, and so are the next three.
+        reward: As for `VehicleEnv`, and so are the next four.
         observation: `flat`, `goal_frame` or `dict`.
         action: `world`, `goal_frame` or `native`.
-        nearest: How many pedestrians are seen in the frame of the goal, at most.
-        rays: How many rays to walls are seen in the frame of the goal.
+        nearest: Largest number of pedestrians in an observation in the frame of the goal.
+        rays: Number of rays to walls in an observation in the frame of the goal.
 
     Raises:
         InputError: Scenario, reward, observation or action do not exist.
@@ -81,8 +81,8 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         """Start new episodes.
 
         Args:
-            seed: A seed per world, or the seed of the first world, which the others count up from. Each world draws
-                training cases from its seed. None continues with the same generators.
+            seed: A seed per world, or the seed of the first world; the others get the following integers. Each world
+                draws training cases from its seed. None continues with the same generators.
             options: `case`, the name of a case for all worlds or a list with one per world, instead of drawn ones.
                 `reset_mask`, a bool per world: only these worlds are reset.
 
@@ -128,7 +128,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         restarted = self._over
         rewards = self._rewards(step)
         if restarted.any():
-            # NEXT_STEP: this step is the reset of these worlds. They were simulated with the rest, for nothing.
+            # NEXT_STEP: this step is the reset of these worlds. The result of their simulated step is discarded.
             worlds = self._restart(worlds, restarted)
             outcome[restarted], gap[restarted] = Outcome.RUNNING, np.inf
         truncated = outcome == Outcome.TIMEOUT
@@ -154,8 +154,8 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         return rewards
 
     def _restart(self, worlds: World | None, mask: _Flags, cases: Sequence[str | None] | None = None) -> World:
-        """Return all worlds, with new episodes where the mask says so: of the cases that are given, or else of drawn
-        ones."""
+        """Return all worlds, with new episodes in the masked ones: of the given cases, or else of random training
+        cases."""
         rows = np.flatnonzero(mask)
         names = []
         for row in rows.tolist():

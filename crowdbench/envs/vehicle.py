@@ -22,9 +22,9 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
     `gymnasium.make("crowdbench:crowdbench/Vehicle-v0")` also works in a program that does not import crowdbench.
 
     - Observation: see `crowdbench.envs.views`.
-    - Action: a velocity `(vx, vy)` in m/s. If it is faster than the vehicle's preferred speed, it is slowed down to it.
+    - Action: a velocity `(vx, vy)` in m/s. A speed above the vehicle's preferred speed is reduced to it.
     - Reward: see `crowdbench.envs.rewards`.
-    - Starting state: the case that `reset` is asked for, or else a training case drawn from the seed.
+    - Starting state: the case in the options of `reset`, or else a training case drawn from the seed.
     - Termination: success or collision.
     - Truncation: the scenario's time limit.
     - Info: `case`, its name such as `test/37`; after a step also `outcome`, the name of its `Outcome`, and `gap`, the
@@ -36,8 +36,8 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         reward: The name of a reward, `./mine.py`, or a function of a step.
         observation: `flat`, `goal_frame` or `dict`.
         action: `world` or `goal_frame`: the axes of a velocity; or `native`: commands of the vehicle's dynamics.
-        nearest: How many pedestrians are seen in the frame of the goal, at most.
-        rays: How many rays to walls are seen in the frame of the goal.
+        nearest: Largest number of pedestrians in an observation in the frame of the goal.
+        rays: Number of rays to walls in an observation in the frame of the goal.
 
     Raises:
         InputError: Scenario, render mode, reward, observation or action do not exist.

@@ -1,20 +1,20 @@
-"""How a policy sees the worlds of a scenario and acts in them: observations, actions and their spaces.
+"""Observations and actions of a policy in the worlds of a scenario, and their spaces.
 
 Observations, of the vehicle:
 
 - `flat`: a vector along the axes of the world, see `crowdbench.envs.observations`.
-- `goal_frame`: a vector in the frame of the goal, see `crowdbench.networks.features`: the vehicle's numbers,
-  then the numbers of each pedestrian and 1 where there is one. With `rays`, also the parts `motion` and `rays`.
-- `dict`: the same as a dictionary of `vehicle`, `pedestrians`, `mask` (1 where there is a pedestrian), and `history`,
-  the last 8 positions of each pedestrian; `lidar` where the vehicle has one, as `Observation.lidar`; and with `rays`,
-  `motion` and `rays`: how the vehicle moves and its next two waypoints, and the distances to walls along so many rays,
+- `goal_frame`: a vector in the frame of the goal, see `crowdbench.networks.features`: the vehicle's numbers, then for
+  each pedestrian its numbers and 1 (zeros if it is missing). With `rays`, also the parts `motion` and `rays`.
+- `dict`: the same as a dictionary of `vehicle`, `pedestrians`, `mask` (1 for a pedestrian, else 0), and `history`, the
+  last 8 positions of each pedestrian; `lidar` if the vehicle has one, as `Observation.lidar`; and with `rays`, `motion`
+  (the motion of the vehicle and its next two waypoints) and `rays` (the distances to walls along that number of rays),
   see `crowdbench.networks.features_ahead`.
 
-The vehicle sees by the scenario's sensor.
+The vehicle observes through the scenario's sensor.
 
 Actions are velocities in m/s, along the axes of the world (`world`) or in the frame of the goal (`goal_frame`), which a
-vehicle on wheels follows as far as it can; or commands of the vehicle's dynamics (`native`),
-see `crowdbench.core.dynamics`.
+vehicle on wheels follows as closely as its dynamics allow; or commands of the vehicle's dynamics (`native`), see
+`crowdbench.core.dynamics`.
 
 Spaces are of float64, so that nothing is rounded. Their bounds follow from the scenario.
 """
@@ -54,10 +54,10 @@ OBSERVATIONS = ("flat", "goal_frame", "dict")
 ACTIONS = ("world", "goal_frame", "native")
 
 KEYS = ("vehicle", "pedestrians", "mask", "lidar", "motion", "rays", "history")
-"""The keys of a dictionary that is observed, in its order; that of its space is alphabetical."""
+"""The keys of an observation `dict`, in its order; the order of its space is alphabetical."""
 
 NEAREST = 10
-"""Pedestrians that are seen in the frame of the goal, where the scenario has more."""
+"""Default for the largest number of pedestrians in an observation in the frame of the goal."""
 
 Observed = Any
 """An array `[world, features]`, or a dictionary of arrays `[world, ...]`."""
@@ -71,8 +71,8 @@ class View:
         scenario: The scenario.
         observation: One of `OBSERVATIONS`.
         action: One of `ACTIONS`.
-        nearest: How many pedestrians are seen in the frame of the goal, at most.
-        rays: How many rays to walls are seen in the frame of the goal; 0 for none, and for no part `motion`.
+        nearest: Largest number of pedestrians in an observation in the frame of the goal.
+        rays: Number of rays to walls in the frame of the goal; 0 for neither rays nor the part `motion`.
 
     Raises:
         InputError: There is no such observation or action.
@@ -125,17 +125,17 @@ class View:
         return encode(observe(worlds), self.observation, self.nearest, self.rays)
 
     def commands(self, position: Vectors, goal: Vectors, action: Vectors) -> Vectors:
-        """Return the velocities in m/s, along the axes of the world, of actions; native actions as they are.
+        """Return actions as velocities in m/s along the axes of the world; native actions are unchanged.
 
         Args:
-            position: Where the vehicles are, in metres.
+            position: Positions of the vehicles in metres.
             goal: Their goals in metres.
             action: The actions.
         """
         return to_world(action, direction(position, goal)) if self.action == "goal_frame" else action
 
     def to_command(self, worlds: World, velocity: Vectors) -> Vectors:
-        """Return the commands that drive the vehicles of worlds at velocities in m/s; native commands as they are."""
+        """Return the commands that drive the vehicles of worlds at velocities in m/s; native commands unchanged."""
         if self.action == "native":
             return velocity
         state = State(worlds.position[:, 0], worlds.velocity[:, 0], worlds.heading, worlds.angular_speed)
@@ -143,7 +143,7 @@ class View:
 
 
 def check_view(observation: str, action: str, nearest: int, rays: int) -> None:
-    """Raise InputError where there is no such observation or action, or a number is impossible."""
+    """Raise InputError unless the observation and the action exist and the numbers are valid."""
     for name, value, known in (("observation", observation, OBSERVATIONS), ("action", action, ACTIONS)):
         if value not in known:
             raise InputError(f"{name} is {value!r}, but must be one of {', '.join(known)}")
@@ -154,13 +154,13 @@ def check_view(observation: str, action: str, nearest: int, rays: int) -> None:
 
 
 def encode(obs: Observation, observation: str, nearest: int, rays: int = 0) -> Observed:
-    """Return what a policy is shown of what a planner sees.
+    """Return the observation of a policy, computed from a planner's observation.
 
     Args:
         obs: The observation.
         observation: One of `OBSERVATIONS`.
-        nearest: How many pedestrians are shown in the frame of the goal, at most.
-        rays: How many rays to walls are shown.
+        nearest: Largest number of pedestrians in an observation in the frame of the goal.
+        rays: Number of rays to walls.
     """
     if observation == "flat":
         return flatten(obs)
@@ -189,8 +189,7 @@ def _box(*shape: int) -> Box:
 
 
 def pedestrian_action_space(scenario: Scenario) -> Box:
-    """Return velocities of a pedestrian in m/s, each axis within the largest preferred speed that the scenario
-    draws."""
+    """Return the space of a pedestrian's velocities in m/s, bounded by the largest preferred speed of the scenario."""
     speed = scenario.crowd.preferred_speed.high
     return Box(-speed, speed, (2,), np.float64)
 
@@ -219,9 +218,9 @@ def flat_space(scenario: Scenario) -> Box:
 def layout_bound(scenario: Scenario) -> float:
     """Return a bound in metres on the coordinates of starts and goals, loose enough to hold for every layout.
 
-    Of a built-in layout it is twice the sum of the numbers in its options, plus the way of one second at the highest
-    speed, because layouts shift starts by up to half of it. Of a layout of points, and of one that is not built in, it
-    is what any layout must keep, and of recorded people the largest coordinate of anybody.
+    For a built-in layout it is twice the sum of the numbers in its options, plus the distance of one second at the
+    highest speed, because layouts shift starts by up to half of it. For a layout of points, or one that is not built
+    in, it is the bound for all layouts. For recorded pedestrians it is the largest recorded coordinate.
     """
     if scenario.tracks:
         return scenario.tracks.extent
@@ -235,7 +234,7 @@ def layout_bound(scenario: Scenario) -> float:
 
 
 def position_bound(scenario: Scenario) -> float:
-    """Return a bound in metres on all coordinates of positions: of a start, plus the way until the time limit."""
+    """Return a bound in metres on positions: the bound on starts, plus the longest path until the time limit."""
     return layout_bound(scenario) + _max_speed(scenario) * scenario.rules.max_steps * scenario.rules.dt
 
 

@@ -43,22 +43,22 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 Picture = tuple[list[Shape], Float[np.ndarray, "2 2"], float]
-"""The shapes of a picture, the smallest and the largest x and y in metres, and how many metres are an inch."""
+"""The shapes of a picture, the smallest and the largest x and y in metres, and the metres per inch."""
 
 SIDE = 3.5
 """Length in inches of the longer side of a picture of the plane."""
 
 WHOLE = 7.0
-"""Width in inches of both columns of a paper, the most for pictures side by side."""
+"""Width in inches of both columns of a paper, the largest width of pictures side by side."""
 
 FILMS = {".gif": 144, ".webp": 144, ".mp4": 288}
-"""The endings of films, and how many dots per inch their pictures have: a .gif would be too large with more."""
+"""The endings of films, and the dots per inch of their pictures. With more, a .gif file would be too large."""
 
 RATE = 20
 """Pictures of a film per second."""
 
 HOLD = 2 * RATE
-"""How many pictures show the end of a film."""
+"""Number of pictures that show the end of a film."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ class Episode:
     Attributes:
         trace: The trace.
         row: The row of the episode.
-        zoom: How many metres around the vehicle are shown, which pictures of a moment follow; None for all that
-            matters.
+        zoom: Size in metres of the shown part around the vehicle, which is the centre of pictures of a moment; None for
+            the whole scene.
         paths: Paths that the planner predicted, considered and planned, by the number of the state.
         title: A title of its pictures; empty for none.
         side: Length in inches of the longer side of its pictures.
@@ -84,7 +84,7 @@ class Episode:
 
     @property
     def end(self) -> int:
-        """The last state."""
+        """The number of the last state."""
         return int(self.trace.steps[self.row])
 
     @property
@@ -98,10 +98,10 @@ class Episode:
         return f"\N{BALLOT X} {failure}{seconds}", LIGHT.contact
 
     def bounds(self, centre: Float[np.ndarray, "2"] | None = None) -> Float[np.ndarray, "2 2"]:
-        """Return the smallest and the largest x and y that are shown of the plane.
+        """Return the smallest and the largest x and y of the shown part of the plane.
 
         Args:
-            centre: Where the vehicle is, which a zoomed picture follows, in metres; None for the whole episode.
+            centre: Position in metres of the vehicle, the centre of a zoomed picture; None for the whole episode.
         """
         trace, row, states = self.trace, self.row, slice(self.end + 1)
         if self.zoom is None:  # the pedestrians' goals may be outside
@@ -131,17 +131,17 @@ class Episode:
 def draw_case(
     recordings: Sequence[Path], case: int, out: Path, moments: int | None = None, zoom: float | None = None
 ) -> None:
-    """Draw a recorded case of one run, or of several side by side, as a film where the file is one.
+    """Draw a recorded case of one run, or of several side by side, as a film or a figure.
 
     Args:
         recordings: The recordings.
         case: The number of the case.
         out: A file of `FILMS`, or a figure.
-        moments: How many moments a figure shows side by side, of one recording; None for the whole episode.
+        moments: Number of moments of one recording that a figure shows side by side; None for the whole episode.
         zoom: See `Episode`.
 
     Raises:
-        InputError: The case is not recorded, or does not start alike in all recordings.
+        InputError: The case is not recorded, or its starting states differ between the recordings.
     """
     recorded = read_same_case(recordings, case)
     alone, columns = len(recorded) == 1, count_columns(len(recorded))
@@ -159,7 +159,7 @@ def draw_case(
 
 
 def count_columns(number: int) -> int:
-    """Return how many of several pictures stand side by side: all three, but four in two rows."""
+    """Return the number of pictures side by side: up to three in one row, more in two rows."""
     return number if number < 4 else math.ceil(number / 2)
 
 
@@ -168,7 +168,7 @@ def draw_pictures(pictures: Sequence[Picture], columns: int, out: Path) -> None:
 
     Args:
         pictures: The pictures.
-        columns: How many stand side by side.
+        columns: Number of pictures side by side.
         out: The figure's file.
 
     Raises:
@@ -182,7 +182,7 @@ def draw_pictures(pictures: Sequence[Picture], columns: int, out: Path) -> None:
 
 
 def draw_start(scenario: Scenario, split: str, number: int, out: Path) -> None:
-    """Draw a case before anything has happened: the starts and the routes of all agents.
+    """Draw a case at its start: the positions and the routes of all agents.
 
     Args:
         scenario: The scenario.
@@ -217,7 +217,7 @@ def draw_strip(episode: Episode, moments: int, out: Path) -> None:
 
     Args:
         episode: The episode.
-        moments: How many.
+        moments: Number of moments.
         out: The figure's file.
 
     Raises:
@@ -230,12 +230,12 @@ def draw_strip(episode: Episode, moments: int, out: Path) -> None:
 
 
 def film(episodes: Sequence[Episode], out: Path, speed: float = 1.0) -> None:
-    """Make a film of an episode, or of several side by side, which wait for the longest one.
+    """Make a film of an episode, or of several side by side. Shorter episodes stop at their end.
 
     Args:
         episodes: The episodes, whose steps are equally long.
         out: A .gif, .webp or .mp4 file; for the latter the program ffmpeg is needed.
-        speed: How many seconds of the episode are a second of the film.
+        speed: Seconds of the episode per second of the film.
 
     Raises:
         InputError: The file cannot be written, or ffmpeg is missing.
@@ -249,17 +249,17 @@ def film(episodes: Sequence[Episode], out: Path, speed: float = 1.0) -> None:
         dpi = FILMS[out.suffix]
         frames, last = _frames(episodes, dpi, speed), _frame(episodes, max(episode.end for episode in episodes), dpi)
         if out.suffix != ".mp4":
-            # Pillow keeps all pictures in memory: with the colours of the last one, a pixel needs one byte.
+            # Pillow stores all pictures in memory: with the palette of the last one, a pixel needs one byte.
             palette = last.quantize()
-            # The ground stays white, where a mean with the smooth rims of what stands on it would be grey.
+            # Keep the background white: its mean with the smooth edges of shapes would be grey.
             palette.putpalette([255 if channel > 249 else channel for channel in palette.getpalette() or ()])
             few = (frame.quantize(palette=palette, dither=Images.Dither.NONE) for frame in frames)
             options: dict[str, Any] = {"save_all": True, "append_images": few, "duration": 1000 // RATE, "loop": 0}
-            next(few).save(partial, format=out.suffix[1:], lossless=True, method=2, **options)  # as a .webp has it
+            next(few).save(partial, format=out.suffix[1:], lossless=True, method=2, **options)  # lossless, method: webp
             return
         size = "x".join(map(str, last.size))
         command = f"ffmpeg -loglevel error -y -f rawvideo -pixel_format rgb24 -video_size {size} -framerate {RATE} -i -"
-        # Players take films for BT.709, and need even sizes.
+        # Players assume BT.709, and need even sizes.
         command += " -vf pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white,scale=out_color_matrix=bt709 -colorspace bt709"
         command += " -pix_fmt yuv420p -movflags +faststart -f mp4"
         with subprocess.Popen([*command.split(), str(partial)], stdin=PIPE, stderr=PIPE) as process:

@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 CURVE, CARD = "curve.csv", "weights.json"
-"""The files of a training that figures are drawn of."""
+"""The files of a training with the data for figures."""
 
 _POWERS = str.maketrans({"^": "", "2": "²", "3": "³"})
 
 MOMENTS = 60
-"""Times at which the interval of a curve of success is computed."""
+"""Number of times at which the interval of a success curve is computed."""
 
 
 def success_over_time(directories: Sequence[Path], out: Path) -> None:
-    """Draw the share of cases that are solved by a time, with 95 % intervals from the first success on.
+    """Draw the share of solved cases over time, with 95 % intervals from the first success on.
 
     Args:
         directories: Directories of the runs.
@@ -58,7 +58,7 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
 
 
 def _label_ends(ax: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
-    """Write names at the right of lines, below each other where lines end close together.
+    """Write names at the right of lines, below each other if lines end close together.
 
     Args:
         ax: The axes, whose values begin at 0.
@@ -108,7 +108,7 @@ def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "suc
     """Draw the curves of trainings: a thin line for each, a thick one for the mean over seeds.
 
     Args:
-        directories: Directories of the trainings. Trainings of one network in one scenario belong together.
+        directories: Directories of the trainings. Trainings of the same network in the same scenario form a group.
         out: The figure's file.
         quantity: A column of their curves, such as `reward`.
 
@@ -180,7 +180,7 @@ def _training_label(directory: Path) -> str:
 
 
 def _line(number: int) -> dict[str, Any]:
-    """Return how the line of a series is drawn. Raises InputError where series could not be told apart any more."""
+    """Return the style of the line of a series. Raises InputError if there are more series than colours."""
     if number >= len(COLOURS):
         raise InputError(f"more than {len(COLOURS)} series cannot be told apart in one figure")
     return {"color": COLOURS[number], "linestyle": DASHES[number % len(DASHES)]}

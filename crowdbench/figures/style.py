@@ -1,4 +1,4 @@
-"""The style of figures for a column of a paper, how shapes are drawn in one, and how a figure is written."""
+"""The style of figures for a column of a paper, and functions that draw shapes and write figures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 SUFFIXES = (".pdf", ".png", ".svg")
 
 WIDTH, HEIGHT = 3.5, 2.5
-"""Size of a figure in inches: a column of a paper of two."""
+"""Size of a figure in inches: one column of a paper with two columns."""
 
 STYLE = {
     "svg.fonttype": "none",
@@ -53,12 +53,12 @@ def axes(out: Path, height: float = HEIGHT, caption: str = "") -> Iterator[Axes]
     """Yield axes to draw on. The figure is written when the `with` statement ends without an error.
 
     Args:
-        out: The file, whose ending says its format.
+        out: The file, whose ending determines its format.
         height: In inches.
         caption: The title, which states the cases of the figure.
 
     Raises:
-        InputError: The ending is another one, or the folder does not exist.
+        InputError: The ending is not supported, or the folder does not exist.
     """
     with canvas(out, WIDTH, height) as figure:
         figure.add_subplot().set_title(caption, loc="right", pad=2)
@@ -70,12 +70,12 @@ def canvas(out: Path, width: float, height: float) -> Iterator[Figure]:
     """Yield a figure, which is written when the `with` statement ends without an error.
 
     Args:
-        out: The file, whose ending says its format.
+        out: The file, whose ending determines its format.
         width: In inches.
         height: In inches.
 
     Raises:
-        InputError: The ending is another one, or the folder does not exist.
+        InputError: The ending is not supported, or the folder does not exist.
     """
     check_file(out, SUFFIXES)
     import matplotlib.figure
@@ -89,11 +89,11 @@ def canvas(out: Path, width: float, height: float) -> Iterator[Figure]:
 
 
 def _write(figure: Figure, file: Path, kind: str) -> None:
-    """Write a figure, without the time at which it is made: the same figure has the same bytes.
+    """Write a figure without its creation time, so that the same figure has the same bytes.
 
     Args:
         figure: The figure.
-        file: Where to.
+        file: The file to write.
         kind: Its format.
     """
     stamp = {"Date": None} if kind == "svg" else {"CreationDate": None} if kind == "pdf" else {}
@@ -101,7 +101,7 @@ def _write(figure: Figure, file: Path, kind: str) -> None:
 
 
 def check_file(out: Path, endings: Sequence[str]) -> None:
-    """Refuse a file that a figure or a film cannot be written to.
+    """Raise InputError unless a figure or a film can be written to a file.
 
     Args:
         out: The file.
@@ -112,13 +112,13 @@ def check_file(out: Path, endings: Sequence[str]) -> None:
     """
     if out.suffix not in endings or not out.parent.is_dir():
         listed = f"{', '.join(endings[:-1])} or {endings[-1]}"
-        raise InputError(f"a picture goes to a file in a folder that exists, with the ending {listed}, not {out}")
+        raise InputError(f"a picture is written to a file in an existing folder, with the ending {listed}, not {out}")
 
 
 def draw_panel(
     figure: Figure, place: tuple[int, int, int], bounds: Float[np.ndarray, "2 2"], shapes: Iterable[Shape]
 ) -> Axes:
-    """Draw shapes in a panel of a figure that shows a part of the plane, in metres, and nothing else.
+    """Draw shapes in a panel of a figure that shows a part of the plane, in metres, without axes.
 
     Args:
         figure: The figure.
@@ -134,7 +134,7 @@ def draw_panel(
 
 
 def draw(axes: Axes, shapes: Iterable[Shape]) -> None:
-    """Draw shapes on axes, which are in metres: each over those before it."""
+    """Draw shapes on axes in metres, each over the previous ones."""
     from matplotlib.patches import Circle
     from matplotlib.patches import Polygon as Patch
 
@@ -155,5 +155,5 @@ def draw(axes: Axes, shapes: Iterable[Shape]) -> None:
 
 
 def _rgb(color: Color | None) -> tuple[float, ...] | str:
-    """Return a colour as Matplotlib takes it."""
+    """Return a colour in Matplotlib's format."""
     return "none" if color is None else tuple(channel / 255.0 for channel in color)

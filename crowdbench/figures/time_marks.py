@@ -1,4 +1,4 @@
-"""Where the vehicle was when: marks along its way, with times beside them where nothing else is drawn."""
+"""Marks of time along the vehicle's path, with times beside them at free positions."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ Points = Float[np.ndarray, "point 2"]
 Pairs = Float[np.ndarray, "*_ 2 2"]
 
 SECONDS = (2.0, 5.0, 10.0, 20.0)
-"""The times between two marks, of which the shortest is taken that makes no more than `MOST` marks."""
+"""Possible times between two marks. The shortest one with at most `MAX_MARKS` marks is used."""
 
-MOST = 8
+MAX_MARKS = 8
 
 LETTER = np.array([0.075, 0.12])
 """Width and height in inches of a letter of a time."""
 
 DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)], float)
-"""Where a time can stand beside its mark, the first choice first."""
+"""Possible directions from a mark to its time, in order of preference."""
 
 AWAY = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 """The same, as unit vectors."""
 
 
 def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: float) -> list[Shape]:
-    """Return discs where the vehicle was at equal times, each with the time, or with two times where the vehicle waits.
+    """Return discs at positions of the vehicle at equal time intervals, each with its time, or two times if it waits.
 
     A time that would cover another one is left out.
 
@@ -38,10 +38,10 @@ def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: f
         trace: The trace with the episode.
         row: Its row.
         bounds: The smallest and the largest x and y that the picture shows, in metres.
-        inch: How many metres are an inch of the picture.
+        inch: Metres per inch of the picture.
     """
     end, radius = int(trace.steps[row]), float(trace.radius[row, 0, 0])
-    seconds = next((each for each in SECONDS if end * trace.rules.dt <= MOST * each), SECONDS[-1])
+    seconds = next((each for each in SECONDS if end * trace.rules.dt <= MAX_MARKS * each), SECONDS[-1])
     step = max(round(seconds / trace.rules.dt), 1)
     waits = list(_group(trace.position[row, :end:step, 0], radius))
     positions = np.array([trace.position[row, first * step, 0] for first, _ in waits])
@@ -63,7 +63,7 @@ def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: f
 
 
 def _group(position: Float[np.ndarray, "mark 2"], radius: float) -> Iterator[tuple[int, int]]:
-    """Return the first and the last of marks that are within a radius of the first."""
+    """Yield the first and the last mark of each group of marks within a radius of the first one."""
     first = 0
     for mark in range(1, len(position) + 1):
         if mark == len(position) or np.linalg.norm(position[mark] - position[first]) > radius:
@@ -72,7 +72,7 @@ def _group(position: Float[np.ndarray, "mark 2"], radius: float) -> Iterator[tup
 
 
 def _spread(position: Float[np.ndarray, "time agent 2"], apart: float) -> Float[np.ndarray, "point 2"]:
-    """Return points along all ways, no farther apart than a length in metres."""
+    """Return points along all paths, no farther apart than a length in metres."""
     longest = np.nanmax(np.linalg.norm(np.diff(position, axis=0), axis=-1), initial=0.0)
     parts = np.linspace(0.0, 1.0, max(int(np.ceil(longest / apart)), 1), endpoint=False)
     between = [(1.0 - part) * position[:-1] + part * position[1:] for part in parts]
@@ -81,13 +81,13 @@ def _spread(position: Float[np.ndarray, "time agent 2"], apart: float) -> Float[
 
 
 def _free_place(mark: Point, radius: float, half: Point, taken: Points, boxes: Pairs, bounds: Pairs) -> Point | None:
-    """Return where a text is centred that covers no other one, and the fewest points that are taken.
+    """Return the centre of a text that covers no other text and the fewest taken points; None if there is no space.
 
     Args:
-        mark: The disc of which it tells the time.
+        mark: The centre of the disc to which the time belongs.
         radius: Its radius in metres.
         half: Half the width and the height of the text.
-        taken: Points where something is drawn.
+        taken: Points of other shapes.
         boxes: Centre, and half the size, of the texts before it.
         bounds: The smallest and the largest x and y of the picture.
     """

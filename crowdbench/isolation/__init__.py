@@ -1,5 +1,5 @@
-"""A planner in a process of its own: it is sent observations, sends back commands, and reaches nothing else.
+"""Planners in separate processes: they receive observations, return commands, and have access to nothing else.
 
-The parent (`planner`) starts the process (`process`), in a sandbox where there is one (`sandbox`), and speaks with it
-in a binary format (`protocol`). In the process, `client` constructs the planner and answers.
+The parent (`planner`) starts the process (`process`), in a sandbox if one is available (`sandbox`), and exchanges
+messages with it in a binary format (`protocol`). In the process, `client` constructs the planner and answers messages.
 """

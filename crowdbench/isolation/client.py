@@ -1,4 +1,4 @@
-"""The side of the planner: `python -m crowdbench.isolation.client` makes a planner and answers what the parent asks."""
+"""The planner's process: `python -m crowdbench.isolation.client` makes a planner and answers the parent's messages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from crowdbench.catalog import load_planner
 from crowdbench.isolation.protocol import (
     VERSION,
     Broken,
-    How,
+    FailureKind,
     Kind,
     from_json,
     read_observation,
@@ -33,7 +33,7 @@ from crowdbench.utils.errors import InputError, describe_error, plugin_errors
 def main() -> None:
     """Answer messages until the pipe is closed."""
     _die_with_parent()
-    interrupts.handle()  # so that a planner's own KeyboardInterrupt is told from Ctrl-C
+    interrupts.handle()  # to distinguish Ctrl-C from a KeyboardInterrupt of the planner
     server = PlannerServer()
     with _own_streams() as (source, sink):
         try:
@@ -45,7 +45,7 @@ def main() -> None:
 
 @contextlib.contextmanager
 def _own_streams() -> Iterator[tuple[FileIO, FileIO]]:
-    """Keep the standard input and output for messages: what the planner prints goes to the standard error."""
+    """Reserve standard input and output for messages: text that the planner prints goes to standard error."""
     with FileIO(os.dup(0)) as source, FileIO(os.dup(1), "w") as sink, open(os.devnull) as nothing:
         os.dup2(nothing.fileno(), 0)
         os.dup2(2, 1)
@@ -55,7 +55,7 @@ def _own_streams() -> Iterator[tuple[FileIO, FileIO]]:
 
 
 def _die_with_parent() -> None:
-    """Have the kernel end this process where its parent ends, also while the planner is deciding."""
+    """Let the kernel end this process if its parent ends, also during a decision of the planner."""
     if sys.platform == "linux":
         set_parent_death_signal = 1
         ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
@@ -73,15 +73,15 @@ class PlannerServer:
         try:
             return answer(content)
         except InputError as error:
-            return _failed(How.REFUSED, str(error))
+            return _failed(FailureKind.REFUSED, str(error))
         except OneStepOnly:
-            return _failed(How.ONE_STEP, "")
-        except BaseException as error:  # whatever the planner raises, even SystemExit
-            return _failed(How.FAULTY, f"raised {describe_error(error)}", getattr(error, "row", None))
+            return _failed(FailureKind.ONE_STEP, "")
+        except BaseException as error:  # any exception of the planner, even SystemExit
+            return _failed(FailureKind.FAULTY, f"raised {describe_error(error)}", getattr(error, "row", None))
 
     def _start(self, content: bytearray) -> tuple[Kind, bytes]:
         request = from_json(content)
-        if request["version"] != VERSION:  # for the parent to say
+        if request["version"] != VERSION:  # the parent reports the difference
             return Kind.READY, to_json({"version": VERSION})
         self.name, self.planner = load_planner(request["planner"], request["options"])
         if request.get("scene"):
@@ -105,14 +105,14 @@ class PlannerServer:
         obs, steps = read_observation(content)
         max_speed = obs.vehicle.preferred_speed.copy()
         answer: object = self.planner.plan(obs) if steps == 1 else self.planner.plan_ahead(obs, steps)
-        # Numbers are checked outside, where the dynamics are known.
+        # The parent process checks the numbers against the dynamics.
         commands = validate_array(answer, len(max_speed), *([steps] if steps > 1 else []))
         if isinstance(commands, Fault):
-            return _failed(How.FAULTY, commands.what, commands.row)
+            return _failed(FailureKind.FAULTY, commands.what, commands.row)
         return Kind.COMMANDS, np.ascontiguousarray(commands, "<f8").tobytes()
 
 
-def _failed(how: How, what: str, row: int | None = None) -> tuple[Kind, bytes]:
+def _failed(how: FailureKind, what: str, row: int | None = None) -> tuple[Kind, bytes]:
     return Kind.FAILED, to_json({"how": how, "what": what, "row": row})
 
 

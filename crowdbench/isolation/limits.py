@@ -1,9 +1,9 @@
-"""Resources of a process and of all that it has started: limited by a control group where there is one, and measured.
+"""Measures the resources of a process and its descendants, and limits them by a control group if possible.
 
-A group of cgroup v2 is made in a group that is delegated to this user: that of this process, or one above it. In it the
-kernel counts processor time, of children too that nobody has waited for, and with the controllers `memory` and `pids`
-all memory and all processes. Without these, memory is the sum of the proportional set sizes (PSS) and of temporary
-folders with `BYTES_OF_FILE` for each file, and of files in memory without a name.
+A group of cgroup v2 is made in a group that is delegated to this user: the group of this process, or one above it. The
+kernel counts the processor time of the group, including children that no process has waited for. With the controllers
+`memory` and `pids`, it also counts memory and processes. Without them, memory is the sum of proportional set sizes
+(PSS), temporary folders with `BYTES_OF_FILE` for each file, and files in memory without a name.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ BYTES_OF_FILE = 1024
 """Memory that the kernel takes for a file, even for an empty one."""
 
 TICK, SHORTEST = 0.1, 0.01
-"""Seconds between two looks at a process, at most and, close to a limit, at least."""
+"""Longest and shortest time in seconds between two checks of a process; the shortest applies close to a limit."""
 
 _BYTES_A_SECOND, _FILES_A_SECOND = 1e10, 4e5
-"""More than a process can take."""
+"""Upper bounds on the rates at which a process can take memory and make files."""
 
 
 class Exceeded(Exception):
-    """A process takes more than it may. The message is what comes after its name."""
+    """Raised if a process exceeds a limit. The message continues a sentence that begins with the planner's name."""
 
 
 def usable_cores() -> list[int]:
-    """Return the processors that this process may use; none where the system does not say."""
+    """Return the processors that this process may use; an empty list if the system does not report them."""
     return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
 
 
@@ -57,7 +57,7 @@ def launcher(settings: Mapping[str, Any], command: Sequence[str]) -> tuple[str, 
 
 @functools.cache
 def describe() -> str:
-    """Return how memory, processes and processor time of planners are limited on this machine, for a sentence."""
+    """Return a phrase on how memory, processes and processor time of planners are limited on this machine."""
     home = _home()
     if home is None:
         return "memory by PSS, processes by count, and time by that of processes and the children they have waited for"
@@ -66,7 +66,7 @@ def describe() -> str:
 
 @functools.cache
 def _home() -> Path | None:
-    """Return the folder of a group of cgroup v2 in which groups can be made, one with controllers if there is any."""
+    """Return the folder of a group of cgroup v2 in which groups can be made, preferably one with controllers."""
     with contextlib.suppress(OSError, StopIteration, IndexError):
         mounts = Path("/proc/self/mountinfo").read_text().splitlines()
         place = Path(next(line.split()[4] for line in mounts if " - cgroup2 " in line))
@@ -77,12 +77,12 @@ def _home() -> Path | None:
 
 
 def _limits(home: Path) -> bool:
-    """Return whether groups in a group can limit memory and processes."""
+    """Return whether the subgroups of a group can limit memory and processes."""
     return {"memory", "pids"} <= set((home / "cgroup.subtree_control").read_text().split())
 
 
 def _is_home(home: Path) -> bool:
-    """Return whether this process can make a group in a group, and put processes into it."""
+    """Return whether this process can make a subgroup of a group, and put processes into it."""
     with contextlib.suppress(OSError):
         trial = _make_group(home)
         done = subprocess.run(launcher({"group": str(trial)}, ["true"]), capture_output=True)
@@ -98,17 +98,17 @@ def _make_group(home: Path) -> Path:
 
 
 class Usage:
-    """Resources of a process and of all that it has started, with their limits.
+    """Resources of a process and its descendants, with their limits.
 
     Attributes:
-        pid: The number of the process, once it is started.
+        pid: The id of the process; 0 before it is started.
         processors: The number of processors that it may use.
-        memory: The largest memory in bytes that it was seen to have.
+        memory: The largest memory in bytes that was measured.
 
     Args:
-        most_memory: Bytes that it may take.
-        cores: The processors that it may use; empty where it cannot be kept on some.
-        temporary: Folders in memory that it alone sees: what lies in them counts as its memory.
+        most_memory: The limit of memory in bytes.
+        cores: The processors that it may use; empty if the system cannot restrict them.
+        temporary: Folders in memory that only this process can access: their contents count as its memory.
     """
 
     def __init__(self, most_memory: float, cores: Sequence[int], temporary: Sequence[str]) -> None:
@@ -130,7 +130,7 @@ class Usage:
         return launcher(settings, command)
 
     def processes(self) -> list[int]:
-        """Return the numbers of the process and of those that it has started and that still run."""
+        """Return the ids of the process and of its descendants that still run."""
         if grouped := self._read("cgroup.procs"):
             return [pid for pid in map(int, grouped.split()) if pid]
         found = [self.pid]
@@ -140,13 +140,13 @@ class Usage:
         return found
 
     def seconds(self) -> float:
-        """Return the processor time that all of them have taken so far, with those that have ended."""
+        """Return the processor time in seconds of all processes so far, including ended ones."""
         if counted := re.match(r"usage_usec (\d+)", self._read("cpu.stat")):
             return int(counted[1]) / 1e6
         return self._sum(_processor_seconds)
 
     def check(self) -> None:
-        """Look at what they take, if it is time. Raises Exceeded where it is too much."""
+        """Measure the resources if a check is due. Raises Exceeded if a limit is exceeded."""
         if (now := time.monotonic()) < self._soon:
             return
         self._soon, tasks = now + SHORTEST, self._read("cgroup.threads").count("\n")
@@ -169,11 +169,11 @@ class Usage:
         self._next = time.monotonic() + min(max(left, SHORTEST), TICK)
 
     def kill(self) -> None:
-        """End all of them. They may have ended before."""
-        with contextlib.suppress(OSError):  # at once, so that none can start another one meanwhile
+        """Kill all processes. They may have ended before."""
+        with contextlib.suppress(OSError):  # all at once, so that no process can start another one meanwhile
             if self._group:
                 (self._group / "cgroup.kill").write_text("1")
-        # The group of processes has what it started and what has another parent now.
+        # The process group also contains descendants that have another parent now.
         for kill, pid in [*((os.kill, pid) for pid in self.processes()), (os.killpg, self.pid)]:
             with contextlib.suppress(OSError):
                 kill(pid, signal.SIGKILL)
@@ -187,7 +187,7 @@ class Usage:
             time.sleep(1e-3)
 
     def _sum(self, measure: Callable[[psutil.Process], float]) -> float:
-        """Return a sum over all of them; 0 for those that have just ended."""
+        """Return the sum of a measure over all processes; processes that have just ended count 0."""
         total = 0.0
         for pid in self.processes():
             with contextlib.suppress(psutil.Error, OSError):
@@ -195,7 +195,7 @@ class Usage:
         return total
 
     def _read(self, name: str) -> str:
-        """Return a file of the control group; empty where there is none."""
+        """Return the text of a file of the control group; empty if there is none."""
         with contextlib.suppress(OSError):
             return (self._group / name).read_text() if self._group else ""
         return ""
@@ -204,7 +204,7 @@ class Usage:
 def _children(pid: int) -> list[int]:
     with contextlib.suppress(OSError):
         lists = [path.read_text() for path in Path(f"/proc/{pid}/task").glob("*/children")]
-        if lists:  # elsewhere it takes a hundred times as long to find them
+        if lists:  # the general method takes a hundred times as long
             return [int(child) for children in lists for child in children.split()]
     return [child.pid for child in psutil.Process(pid).children()]
 
@@ -212,19 +212,19 @@ def _children(pid: int) -> list[int]:
 def _processor_seconds(process: psutil.Process) -> float:
     """Return the processor time of a process, and of its children that it has waited for."""
     own, system, *children = process.cpu_times()[:4]
-    # Linux counts to the nanosecond, and shows only hundredths of a second elsewhere.
+    # This clock of Linux counts nanoseconds; `cpu_times` counts only hundredths of a second.
     return sum(children) + (time.clock_gettime(~process.pid << 3 | 2) if sys.platform == "linux" else own + system)
 
 
 def _memory(process: psutil.Process) -> int:
-    with contextlib.suppress(OSError):  # it may keep others from reading it
+    with contextlib.suppress(OSError):  # the process may prevent others from reading it
         found = re.search(r"^Pss: +(\d+)", Path(f"/proc/{process.pid}/smaps_rollup").read_text(), re.MULTILINE)
         return 1024 * int(found[1]) if found else 0
     return int(process.memory_info().rss)
 
 
 def _nameless(pid: int) -> Iterator[tuple[tuple[int, int], int]]:
-    """Yield the bytes of the files in memory without a name that a process has open, by what tells them apart."""
+    """Yield device, inode and size in bytes of each file in memory without a name that a process has open."""
     with contextlib.suppress(OSError):
         for file in Path(f"/proc/{pid}/fd").iterdir():
             if os.readlink(file).startswith("/memfd:"):
@@ -232,11 +232,11 @@ def _nameless(pid: int) -> Iterator[tuple[tuple[int, int], int]]:
 
 
 def _room(pid: int, folders: Sequence[str]) -> tuple[int, int]:
-    """Return the bytes and the number of files in folders as a process in a sandbox sees them."""
+    """Return the bytes and the number of files in folders inside the sandbox of a process."""
     size = count = 0
     for folder in folders:
         with contextlib.suppress(OSError):
-            # Opened once: while the sandbox is being made the path leads to the machine's own folder.
+            # Opened once: until the sandbox is complete, the path leads to the folder of the machine itself.
             inside = os.open(f"/proc/{pid}/root{folder}", os.O_RDONLY | os.O_DIRECTORY)
             try:
                 if os.fstat(inside).st_dev != os.stat(folder).st_dev:

@@ -1,4 +1,4 @@
-"""A planner that runs in a process of its own, as the planner that its parent asks."""
+"""Planner that runs in a separate process, with the interface of a planner for the parent process."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from crowdbench.isolation.process import Process, TooSlow
 from crowdbench.isolation.protocol import (
     VERSION,
     Broken,
-    How,
+    FailureKind,
     Kind,
     from_json,
     observation_parts,
@@ -40,10 +40,10 @@ class Limits:
     """Limits of a planner's process.
 
     Attributes:
-        construction: Seconds until the planner is made, starting Python included.
+        construction: Seconds for the construction of the planner, including the start of Python.
         decision: Seconds for a decision of a whole batch, and for `reset`.
-        total: Seconds for all that it is asked together.
-        memory: Bytes of memory, that of the processes which it starts included.
+        total: Seconds for all answers together.
+        memory: Bytes of memory, including the memory of its child processes.
     """
 
     construction: float = 120.0
@@ -55,36 +55,36 @@ class Limits:
 Answer = TypeVar("Answer")
 
 LIMITS = Limits()
-"""The limits where no others are given."""
+"""The default limits."""
 
 
 class IsolatedPlanner(AheadPlanner):
-    """A planner in a process of its own. Its logs are not recorded.
+    """A planner in a separate process. Its logs are not recorded.
 
-    Its code is never loaded by the process that makes this, which it could change.
+    The parent process never loads the planner's code, which could change the parent.
 
     Attributes:
         name: Its name in errors.
         limits: Its limits.
         process: Its process.
-        usage: How well it is kept apart, and what it has taken so far, for results.
+        usage: Its level of isolation, and the resources that it has used so far, for results.
 
     Args:
-        spec: The name of a planner, `file.py` or `file.py:function`, or a program that speaks the messages of
-            `crowdbench.isolation.protocol`.
-        options: Arguments of the planner's function, as they are written in TOML.
+        spec: The name of a planner, `file.py` or `file.py:function`, or a program that reads and writes the messages
+            of `crowdbench.isolation.protocol`.
+        options: Arguments of the planner's function, as written in TOML.
         limits: Its limits.
-        readable: Files that it may read in its sandbox beside Python and crowdbench; if None, the files that it
-            consists of and what its options name.
+        readable: Files that it may read in its sandbox in addition to Python and crowdbench; if None, its files and
+            the files that its options name.
         folder: Its working directory; the present one if None.
-        hidden: Folders that it must not see, also where they lie in a folder that it may read.
+        hidden: Folders that it must not read, even if they are in a folder that it may read.
         scene: The recorded scene that it must not have been trained on, if any: see `Planner.for_held_out_scene`.
-        decimals: Its commands are rounded towards 0 to so many decimal places, before anybody uses them; None to leave
-            them as they are. Their low digits would be a channel between two processes of one planner.
-        cores: The processors that it may use; by default all of this process.
+        decimals: Number of decimal places to which its commands are rounded towards 0 before they are used; None for no
+            rounding. Otherwise the low digits can be a hidden channel between two processes of one planner.
+        cores: The processors that it may use; by default all processors of this process.
 
     Raises:
-        InputError: The planner cannot be made, or takes longer or more memory than it may.
+        InputError: The planner cannot be constructed, or exceeds its limit of time or memory.
         MachineFault: Its process runs another version of crowdbench.
     """
 
@@ -118,19 +118,19 @@ class IsolatedPlanner(AheadPlanner):
         self.usage["construction_seconds"] = self.process.seconds
 
     def _start(self, spec: str, options: Mapping[str, Any], scene: str | None) -> dict[str, Any]:
-        """Have the planner made. The driver checks its facts, except for the version."""
+        """Construct the planner, and return its properties. The driver checks them, except for the version."""
         request = {"version": VERSION, "planner": spec, "options": dict(options)} | ({"scene": scene} if scene else {})
         limit = self.limits.construction
         properties = self._ask(from_json, "in its construction", limit, Kind.START, to_json(request))
         version = properties.get("version")
         if version != VERSION and program(spec) is None:
             raise MachineFault(
-                f"crowdbench has changed since this command started, so that planner {self.name} cannot be asked: "
+                f"crowdbench has changed since this command started, so that planner {self.name} cannot be used: "
                 f"its messages are of version {VERSION} here and of version {version!r} there; start the command again"
             )
         if version != VERSION:
             raise InputError(
-                f"planner {self.name} speaks version {version!r} of the messages, but must speak version {VERSION}, "
+                f"planner {self.name} uses version {version!r} of the messages, but must use version {VERSION}, "
                 "which docs/isolation.md describes"
             )
         return properties
@@ -146,27 +146,27 @@ class IsolatedPlanner(AheadPlanner):
         if self.decimals is None:
             return commands
         unit = 10.0**self.decimals
-        # Towards 0, so that no command leaves the limits of the vehicle; what is rounded already stays as it is.
+        # Towards 0, so that no command exceeds the limits of the vehicle. Rounded commands do not change.
         return np.trunc(commands * unit * (1.0 + 1e-12)) / unit
 
     def close(self) -> None:
-        """End the process. The planner cannot be asked again."""
+        """End the process. The planner cannot be queried again."""
         self.process.end()
 
     def _ask(
         self, read: Callable[[bytearray], Answer], where: str, limit: float, kind: Kind, *parts: bytes | memoryview
     ) -> Answer:
-        """Return the answer to a message.
+        """Send a message to the process and return the answer.
 
         Args:
             read: Reads the content of the answer.
-            where: In what the planner is asked, for errors; empty for a decision.
-            limit: Seconds that it may take.
+            where: The call for which the message is sent, for errors; empty for a decision.
+            limit: Longest time for the answer in seconds.
             kind: Kind of the message.
             parts: Its content.
 
         Raises:
-            InputError: The planner failed in construction or `reset`, or says itself what is wrong.
+            InputError: The planner failed in construction or `reset`, or reports an error itself.
             FaultyAnswer: It failed in a decision.
             TimeLimit: It took too long in a decision.
             OneStepOnly: It decides one step at a time.
@@ -198,16 +198,15 @@ class IsolatedPlanner(AheadPlanner):
         """Return the exception for a planner that reports a failure. The report is not trusted."""
         how, what, row = failure.get("how"), str(failure.get("what", "")), failure.get("row")
         sentence = defuse(" ".join("".join(item if item.isprintable() else " " for item in what).split())[:LONGEST])
-        if how == How.REFUSED:
+        if how == FailureKind.REFUSED:
             return InputError(sentence)
-        if how == How.ONE_STEP:
+        if how == FailureKind.ONE_STEP:
             return OneStepOnly()
         return self._fault(sentence, where, row if isinstance(row, int) else None)
 
 
 def _files_named_in(value: Any) -> Iterator[Path]:
-    """Yield the files that a planner or the value of an option names: a folder, or a file with what it imports or has
-    beside it."""
+    """Yield the paths named in a planner or an option: a folder, or a file with its imports and accompanying files."""
     if isinstance(value, Mapping | list):
         for item in value.values() if isinstance(value, Mapping) else value:
             yield from _files_named_in(item)

@@ -1,4 +1,4 @@
-"""A process that is asked through pipes, under limits of time and memory that its parent measures and enforces."""
+"""A process that answers messages through pipes, under limits of time and memory that its parent enforces."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ PRINTED = 10_000
 
 
 class TooSlow(Exception):
-    """The process took longer than it may, and was ended."""
+    """Raised if the process exceeded its time limit; it was ended."""
 
 
 class Process:
-    """A process that speaks the messages of `crowdbench.isolation.protocol`.
+    """A process that reads and answers the messages of `crowdbench.isolation.protocol`.
 
-    Its standard error is shown line by line after its name, as ASCII that no terminal and no service that reads
-    logs takes for a command.
+    Its standard error is printed line by line after its name, as ASCII without commands for terminals and for services
+    that read logs.
 
     Args:
         name: Its name in its output.
@@ -41,9 +41,9 @@ class Process:
 
     Attributes:
         usage: Its resources.
-        seconds: Time in which it was waited for, so far.
-        spent: The same without time in which it waited for a processor itself, as far as answers took long; or its
-            processor time, shared by the processors that it may use, if that is more.
+        seconds: Total time in which the parent waited for its answers.
+        spent: The same without the time in which it waited for a processor, if answers took long. If that is less, its
+            processor time divided by the number of processors that it may use.
 
     Raises:
         InputError: This operating system has no such pipes, or the process cannot be started.
@@ -58,7 +58,7 @@ class Process:
         self.seconds = self.spent = 0.0
         self._before: float | None = None
         self._printed, self._line = 0, b""
-        # In a session of its own, so that Ctrl-C at a terminal reaches the parent alone, which then ends it.
+        # In a separate session, so that Ctrl-C at a terminal reaches only the parent, which then ends the process.
         self._process = subprocess.Popen(
             usage.command(settings, command),
             stdin=subprocess.PIPE,
@@ -76,16 +76,16 @@ class Process:
 
     @property
     def memory(self) -> int:
-        """Return the largest memory in bytes that it was seen to have."""
+        """The largest memory in bytes that was measured."""
         return self.usage.memory
 
     def ask(self, limit: float, kind: Kind, *parts: bytes | memoryview) -> tuple[Kind, bytearray]:
         """Send a message and wait for the answer.
 
-        Whatever is raised, the process is ended first, and everything that it has started as far as it can be found.
+        Before any exception is raised, the process is ended, and its descendants as far as they can be found.
 
         Args:
-            limit: Seconds that it may take; time in which it waits for a processor does not count.
+            limit: Longest time for the answer in seconds, without time in which it waits for a processor.
             kind: Kind of the message.
             parts: Its content.
 
@@ -93,8 +93,8 @@ class Process:
             Kind and content of the answer.
 
         Raises:
-            TooSlow: It took longer.
-            Broken: It has ended, took more memory than it may, or answered in another format.
+            TooSlow: The process exceeded the time limit.
+            Broken: The process has ended, exceeded its memory limit, or answered in another format.
         """
         self._start, self._before = time.monotonic(), None
         self._next_look = self._start + min(TICK, limit / 20)
@@ -123,7 +123,7 @@ class Process:
         return os.readv(self._source, [buffer])
 
     def _wait(self, pipe: int, event: int) -> None:
-        """Wait until a pipe is ready, and look at the process again and again meanwhile."""
+        """Wait until a pipe is ready, and check the limits of the process meanwhile."""
         poll = select.poll()
         poll.register(pipe, event)
         poll.register(self._output, select.POLLIN)
@@ -142,14 +142,14 @@ class Process:
                 raise TooSlow
 
     def _shared(self) -> float:
-        """Return its processor time since it was asked, shared by the processors that it may use."""
+        """Return its processor time since the message, divided by the number of processors that it may use."""
         now, taken = time.monotonic() - self._start, self.usage.seconds() / self.usage.processors
-        if self._before is None:  # at the first look it may have used all of them: short answers cost nothing
+        if self._before is None:  # full use is assumed until the first check: short answers cost nothing
             self._before = taken - now
         return taken - self._before
 
     def _show(self) -> bool:
-        """Show the lines that it has printed so far, and return whether there may be more."""
+        """Print the lines of its output so far, and return whether there may be more."""
         try:
             content = os.read(self._output, 65536)
         except BlockingIOError:
@@ -171,15 +171,15 @@ class Process:
         self.usage.kill()
         self._process.wait()
         self.usage.close()
-        for _ in range(16):  # what escaped from a process without a sandbox may print for ever
+        for _ in range(16):  # an escaped process without a sandbox may print forever
             if not select.select([self._output], [], [], 0.0)[0] or not self._show():
                 break
         for pipe in self._pipes:
             pipe.close()
 
     def _status(self) -> str:
-        """End it, and tell how it has ended by itself before; empty if it had not."""
-        with contextlib.suppress(subprocess.TimeoutExpired):  # where it has only closed its pipes
+        """End the process. Return how it had already ended; empty if it had not."""
+        with contextlib.suppress(subprocess.TimeoutExpired):  # raised if it has only closed its pipes
             self._process.wait(TICK)
         code = self._process.returncode
         self.end()

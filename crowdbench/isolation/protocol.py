@@ -1,4 +1,4 @@
-"""The messages between crowdbench and a planner in a process of its own.
+"""The messages between crowdbench and a planner in a separate process.
 
 A message is a header, `kind` (uint32) and `size` (uint64), and `size` bytes. All numbers are little-endian. The process
 reads messages from its standard input and writes an answer to each to its standard output. `docs/isolation.md` has a
@@ -40,25 +40,25 @@ class Kind(enum.IntEnum):
     """A file in the format of safetensors. Its answer is `COMMANDS`.
 
     The arrays have their names in `Observation`, such as `vehicle.position`. The metadata, each a text in JSON, are
-    `steps` (for how many steps to decide), `dt`, the vehicle's `dynamics`, `goal_tolerance` and `body`, and `sensor`.
+    `steps` (the number of steps to decide), `dt`, the vehicle's `dynamics`, `goal_tolerance` and `body`, and `sensor`.
     """
     READY = 11
     """After `START`, JSON: `version`, `privileged`, perhaps `native` (see `Planner`) and `facts` (texts by name)."""
     COMMANDS = 12
-    """float64 `[world, time, 2]`: velocities in m/s for the steps that were asked for, or commands, see `native`."""
+    """float64 `[world, time, 2]`: velocities in m/s for the requested steps, or native commands, see `native`."""
     FAILED = 13
-    """JSON in the place of any answer: `how` (see `How`) and `what`, a text; perhaps `row`, the world that it is in."""
+    """JSON instead of any answer: `how` (see `FailureKind`), `what`, a text, and optionally `row`, a world."""
 
 
-class How(enum.StrEnum):
-    """In which way a planner fails."""
+class FailureKind(enum.StrEnum):
+    """Kind of failure of a planner."""
 
     REFUSED = enum.auto()
-    """It cannot be made, or says itself what is wrong: `what` is the whole sentence."""
+    """The planner cannot be constructed, or reports an error itself: `what` is the whole sentence."""
     FAULTY = enum.auto()
-    """It raises, or answers something else than commands: `what` comes after the planner's name."""
+    """The planner raises an exception, or returns no valid commands: `what` follows the planner's name."""
     ONE_STEP = enum.auto()
-    """It decides one step at a time and was asked for several."""
+    """The planner decides one step at a time, and several were requested."""
 
 
 DTYPES = {"<f8": "F64", "<i8": "I64", "<u8": "U64", "|b1": "BOOL"}
@@ -72,14 +72,14 @@ _LENGTH = struct.Struct("<Q")
 
 
 Write = Callable[[memoryview], int | None]
-"""Writes as much as goes, and returns how much, as the method of a raw file does."""
+"""Writes as many bytes as possible, and returns their number, as the method of a raw file does."""
 
 ReadInto = Callable[[memoryview], int | None]
-"""Reads as much as is there, and returns how much; 0 at the end."""
+"""Reads the available bytes, and returns their number; 0 at the end."""
 
 
 class Broken(Exception):
-    """The other side has closed the pipe, or sent what is no message. The message is what comes after its name."""
+    """Raised if the other side closed the pipe or sent an invalid message. The text follows the planner's name."""
 
 
 def send(write: Write, kind: Kind, *parts: bytes | memoryview) -> None:
@@ -91,7 +91,7 @@ def send(write: Write, kind: Kind, *parts: bytes | memoryview) -> None:
         parts: Its content, in pieces.
 
     Raises:
-        Broken: Nobody reads it.
+        Broken: The other side does not read it.
     """
     try:
         for part in (_HEADER.pack(kind, sum(map(len, parts))), *parts):
@@ -112,7 +112,7 @@ def receive(readinto: ReadInto) -> tuple[Kind, bytearray]:
         Its kind and its content.
 
     Raises:
-        Broken: The pipe ends, or holds something else.
+        Broken: The pipe ends, or contains no valid message.
     """
     number, size = _HEADER.unpack(_read(readinto, _HEADER.size))
     if number not in set(Kind) or size > LARGEST:
@@ -137,7 +137,7 @@ def to_json(content: Mapping[str, Any]) -> bytes:
 
 
 def from_json(content: bytearray) -> dict[str, Any]:
-    """Return the object of JSON in a message. Raises Broken where it is no JSON object."""
+    """Return the JSON object in a message. Raises Broken if the message is no JSON object."""
     try:
         value = json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -152,7 +152,7 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
 
     Args:
         obs: The observation. Its logs are not sent.
-        steps: For how many steps the planner is to decide.
+        steps: The number of steps that the planner must decide.
     """
     parts: dict[str, Any] = {"": obs, "vehicle.": obs.vehicle, "pedestrians.": obs.pedestrians}
     fields = [(prefix + name, value) for prefix, part in parts.items() for name, value in vars(part).items()]
@@ -169,7 +169,7 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
 def _observation_header(
     layout: Layout, steps: int, dt: float, dynamics: Dynamics, goal_tolerance: float | None, body: Body, sensor: Sensor
 ) -> bytes:
-    """Return the header of the safetensors file, which seldom changes: to write it takes longer than the arrays."""
+    """Return the header of the safetensors file. It rarely changes, and writing it takes longer than the arrays."""
     limits = {name: limit for name, limit in dataclasses.asdict(dynamics).items() if math.isfinite(limit)}  # type: ignore[call-overload]
     constants = {
         "steps": steps,
@@ -196,7 +196,7 @@ def read_observation(content: bytearray) -> tuple[Observation, int]:
         content: The content of the message.
 
     Returns:
-        The observation, and for how many steps to decide.
+        The observation, and the number of steps to decide.
     """
     (length,) = _LENGTH.unpack_from(content)
     start = _LENGTH.size + length

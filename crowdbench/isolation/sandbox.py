@@ -1,8 +1,8 @@
-"""How a planner's process is started: in a sandbox of bubblewrap where it is there, or else as a plain process.
+"""Commands that start a planner's process: in a sandbox of bubblewrap if it is available, or else as a plain process.
 
-The sandbox shows Python, crowdbench, the system's libraries and the planner's own files, all read-only, and nothing
-else: no board, no season, no entry. It has no network, no other process and no capabilities, its temporary folders are
-limited, and some system calls fail in it: see `crowdbench.isolation.launch`.
+The sandbox contains only Python, crowdbench, the system's libraries and the planner's files, all read-only: no board,
+no season, no entry. It has no network, no other process and no capabilities. Its temporary folders are limited, and
+some system calls fail in it: see `crowdbench.isolation.launch`.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ from crowdbench.plugins.load import ROOT
 from crowdbench.utils.compiled import store
 
 CLIENT = (sys.executable, "-P", "-m", "crowdbench.isolation.client")
-"""Command that makes a planner of Python in its own process; `-P`, so that a file in the current folder replaces no
-module."""
+"""Command that makes a Python planner in its process. With `-P`, a file in the current folder replaces no module."""
 
 BUBBLEWRAP = "bubblewrap"
 PROCESS = "process"
@@ -42,14 +41,14 @@ _USER = ("--unshare-user", "--disable-userns", "--uid", "65534", "--gid", "65534
 
 _LIBRARIES = ("bin", "sbin", "lib", "lib32", "lib64", "libx32", "libexec")
 _SYSTEM = [f"{place}/{name}" for place in ("/usr", "/usr/local", "") for name in _LIBRARIES]
-"""Not all of /usr, where a checkout may lie."""
+"""Not all of /usr, because it may contain a checkout."""
 
 _SETTINGS = ("/etc/ld.so.cache", "/etc/alternatives", "/etc/localtime", "/sys/devices/system/cpu")
 _PACKAGE = Path(__file__).parent.parent
 
 _ENVIRONMENT = ("PATH", "HOME", "LANG", "LC_ALL", "PYTHONPATH", "XDG_CACHE_HOME", "LD_LIBRARY_PATH")
 _ENVIRONMENT_OF = ("OMP_", "OPENBLAS_", "MKL_", "NUMBA_")
-"""Variables of the environment that a planner gets: names, and how names begin. The rest may hold secrets."""
+"""Environment variables that a planner receives: names, and beginnings of names. Others may contain secrets."""
 
 
 def command(
@@ -58,11 +57,11 @@ def command(
     """Return the command that starts a planner's process.
 
     Args:
-        program: A planner that is a program of its own, or None for one that crowdbench can load.
-        readable: Files and folders that the planner may read beside Python and crowdbench. Without bubblewrap it can
-            read more.
+        program: A planner that is an executable program; None for one that crowdbench can load.
+        readable: Files and folders that the planner may read in addition to Python and crowdbench. Without bubblewrap
+            it can read more.
         folder: The working directory; the present one if None.
-        hidden: Folders of which nothing but `readable` is shown, also where they lie in folders of Python.
+        hidden: Folders that it may not read, except for `readable`, even if they are in folders of Python.
     """
     plain = CLIENT if program is None else (str(program.resolve()),)
     if level() == PROCESS:
@@ -73,21 +72,21 @@ def command(
 
 
 def settings() -> dict[str, Any]:
-    """Return the settings of `launch` for what `command` returns."""
+    """Return the settings of `launch` for the command that `command` returns."""
     return {} if level() == PROCESS else {"filter": _FILTER}
 
 
 def temporary() -> tuple[str, ...]:
-    """Return the folders in memory that only a planner's process sees; none without bubblewrap."""
+    """Return the folders in memory that only a planner's process can access; none without bubblewrap."""
     return () if level() == PROCESS else TEMPORARY
 
 
 @functools.cache
 def level() -> str:
-    """Return how well planners can be kept apart on this machine: see docs/isolation.md."""
+    """Return the level of isolation of planners on this machine: see docs/isolation.md."""
     if shutil.which("bwrap") is None or platform.machine() not in MACHINES:
         return PROCESS
-    # It may be there and not be allowed to make namespaces.
+    # bubblewrap may be installed, but not permitted to create namespaces.
     trial = launcher({"filter": _FILTER}, [*_bubblewrap((), Path("/"), ()), sys.executable, "-I", "-S", "-c", ""])
     done = subprocess.run(trial, stdin=subprocess.DEVNULL, capture_output=True)
     return PROCESS if done.returncode else BUBBLEWRAP
@@ -126,7 +125,7 @@ def _binds(paths: Iterable[Path]) -> list[str]:
 
 
 def _python() -> Iterator[Path]:
-    """Return the folders of Python, of its packages and of crowdbench."""
+    """Yield the folders of Python, of its packages and of crowdbench."""
     prefixes = dict.fromkeys((Path(sys.base_prefix), Path(sys.prefix)))
     python = [prefix / name for prefix in prefixes for name in (*_LIBRARIES, "pyvenv.cfg")]
     packages = [Path(path) for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]

@@ -1,8 +1,8 @@
 """The metrics: functions of a trace that give one value per episode, NaN where a metric is undefined.
 
-The first line of each docstring is what `crowdbench list metrics` shows; its unit stands in brackets.
-A metric with booleans is a rate. To add a metric, write its function in the module of its subject, describe it by
-`describe`, and name it in `SUBJECTS`.
+`crowdbench list metrics` prints the first line of each docstring, which contains the unit in brackets. A metric with
+boolean values is a rate. To add a metric, write its function in the module of its subject, describe it by `describe`,
+and name it in `SUBJECTS`.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ SUBJECTS: dict[str, tuple[Metric, ...]] = {
     "reward": (discounted_return,),
     "cost to pedestrians": (deflection, imposed_delay, imposed_delay_positive, imposed_detour),
 }
-"""The built-in metrics by what they measure, in the order of tables and of columns."""
+"""The built-in metrics by subject, in the order of tables and of columns."""
 
 METRICS: dict[str, Metric] = {metric.__name__: metric for metrics in SUBJECTS.values() for metric in metrics}
 """The built-in metrics by name."""
@@ -115,7 +115,7 @@ MAIN = (
     "jerk",
     "minimum_gap",
 )
-"""The metrics of a table where none are asked for."""
+"""The metrics of a table if none are requested."""
 
 
 def is_rate(values: Shaped[np.ndarray, "case"]) -> bool:
@@ -126,13 +126,13 @@ def is_rate(values: Shaped[np.ndarray, "case"]) -> bool:
 def info_of(name: str, is_rate: bool = False, metric: Metric | None = None) -> MetricInfo:
     """Return the description of a metric.
 
-    A metric of a user without a description has the title of its name and the unit of its docstring. It may read all
-    that a trace has.
+    A user's metric without a description has its name as title and the unit of its docstring. It may read all fields of
+    a trace.
 
     Args:
         name: Name of the metric.
-        is_rate: True where its values are booleans, which makes it a share.
-        metric: The metric, where it is at hand; built-in metrics are found by their name.
+        is_rate: True if its values are booleans, which makes it a share.
+        metric: The metric, if available; built-in metrics are looked up by name.
     """
     function = metric or METRICS.get(name)
     title, unit = name.removesuffix("_rate").replace("_", " "), read_unit(function) if function else ""
@@ -146,5 +146,5 @@ def need_undisturbed(metrics: Mapping[str, Metric]) -> bool:
 
 
 def no_metric(name: str, known: Collection[str]) -> str:
-    """Return the message on a run that lacks a metric: which of its metrics may be meant, and all of them."""
+    """Return the error message of a run without a metric, with similar names and the names of all its metrics."""
     return f"has no metric {name}{did_you_mean(name, known)}; it has {', '.join(known)}"

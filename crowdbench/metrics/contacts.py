@@ -1,4 +1,4 @@
-"""Metrics of contacts: how fast, and whose fault."""
+"""Metrics of contacts: relative speed and fault."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def contacts_of(trace: Trace) -> Contacts:
 def impact_speed(trace: Trace) -> Float[np.ndarray, "world"]:
     """Relative speed of the vehicle and the pedestrian that it touched, over collisions with pedestrians [m/s].
 
-    That of the point of the vehicle that was touched, in the last step.
+    The vehicle's velocity is that of its touched point. Both velocities are those in the last step.
     """
     return contacts_of(trace).speed
 
@@ -38,18 +38,18 @@ def at_fault_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
 
 @describe("at fault though seen", "less", share=True)
 def at_fault_seen_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
-    """Share of episodes in which the vehicle was at fault for a collision with somebody who saw it [1].
+    """Share of episodes in which the vehicle was at fault for a collision with a pedestrian that saw it [1].
 
-    It had a share of 0.1 or more in it, as in `at_fault_rate`.
+    The vehicle's share was 0.1 or more, as in `at_fault_rate`.
     """
     return at_fault_rate(trace) & contacts_of(trace).saw
 
 
 @describe("struck while standing", "less", share=True)
 def struck_standing_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
-    """Share of episodes that ended with a pedestrian touching the vehicle, which stood [1].
+    """Share of episodes that ended with a pedestrian touching the standing vehicle [1].
 
-    Its path in the last second was under 5 cm.
+    The vehicle's path in the last second was under 5 cm.
     """
     return contacts_of(trace).fault == Fault.STRUCK_STANDING
 
@@ -65,7 +65,7 @@ def struck_behind_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
 
 @describe("struck otherwise", "less", share=True)
 def struck_otherwise_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
-    """Share of episodes that ended with a pedestrian walking into the vehicle from the side or from before [1].
+    """Share of episodes that ended with a pedestrian walking into the vehicle from the side or from the front [1].
 
     The vehicle's share is under 0.1.
     """
@@ -74,9 +74,9 @@ def struck_otherwise_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
 
 @describe("hit alone", "less", share=True)
 def hit_alone_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
-    """Share of episodes that ended with the vehicle driving into somebody or something by itself [1].
+    """Share of episodes that ended with the vehicle driving into a pedestrian or an obstacle [1].
 
-    Its share is over 0.9.
+    The vehicle's share is over 0.9.
     """
     return contacts_of(trace).fault == Fault.ALONE
 

@@ -15,20 +15,20 @@ HALL_ZONES = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
 """Outer bounds in metres of the zones of Hall (1966)."""
 
 PERSONAL_SPACE = 0.5
-"""Gap in metres that keeps out of a pedestrian's personal space (Francis et al. 2023)."""
+"""Smallest gap in metres outside a pedestrian's personal space (Francis et al. 2023)."""
 
 INTRUSION_STEPS = 5
-"""So many steps ahead a pedestrian's own way is looked at, of CrowdNav++ (Liu et al. 2023)."""
+"""Number of future steps of a pedestrian that count as its path, as in CrowdNav++ (Liu et al. 2023)."""
 
 INTRUSION_DISTANCE = 0.6
-"""Distance between centres in metres below which the vehicle is in a pedestrian's way (Liu et al. 2023)."""
+"""Distance between centres in metres below which the vehicle is on a pedestrian's path (Liu et al. 2023)."""
 
 
 @describe("smallest gap", "more", of_successes=True)
 def minimum_gap(trace: Trace) -> Float[np.ndarray, "world"]:
     """Smallest gap between vehicle and pedestrians in the simulator's collision check, over successes [m].
 
-    The gap is the distance between the rims of two discs. Undefined where there are no pedestrians.
+    The gap is the distance between the rims of two discs. Undefined without pedestrians.
     """
     return finite_or_nan(np.nanmin(trace.gap, axis=1))
 
@@ -37,7 +37,7 @@ def minimum_gap(trace: Trace) -> Float[np.ndarray, "world"]:
 def clearing_distance(trace: Trace) -> Float[np.ndarray, "world"]:
     """Smallest distance between the vehicle's rim and the obstacles [m].
 
-    Francis et al. (2023). Undefined where there are no obstacles.
+    Francis et al. (2023). Undefined without obstacles.
     """
     return finite_or_nan(np.nanmin(trace.wall_gap, axis=1))
 
@@ -89,7 +89,7 @@ def personal_space_compliance(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @describe("intrusion time", "less", share=True, source="Liu et al. (2023)")
 def intrusion_time_ratio(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of steps in which a pedestrian that is seen will be within 0.6 m of where the vehicle is, in 5 steps [1].
+    """Share of steps in which a visible pedestrian comes within 0.6 m of the vehicle's current position in 5 steps [1].
 
     Liu et al. (2023): the distance is between centres, and the pedestrian's positions are its true ones in the next
     `INTRUSION_STEPS` steps. Differs from theirs because no position after the end of the episode is known. It is over
@@ -100,7 +100,7 @@ def intrusion_time_ratio(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @describe("social distance", "more", source="Liu et al. (2023)")
 def social_distance(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Smallest distance between centres in each step that `intrusion_time_ratio` counts, the mean of these [m].
+    """Mean of the smallest distance between centres, over the steps that `intrusion_time_ratio` counts [m].
 
     Liu et al. (2023). Undefined in an episode without an intrusion. It is over all episodes, as theirs is: an early end
     may improve it.
@@ -117,12 +117,12 @@ def group_intrusion(trace: Trace) -> Float[np.ndarray, "world"]:
 
     The space of a group is the convex hull of its members' centres, as in Katyal et al. (2022), and a disc of the
     vehicle must overlap it. A group counts while no two of its members are farther apart than Hall's social distance,
-    3.6 m: those who have parted leave room. Undefined in an episode without groups.
+    3.6 m: members farther apart leave room. Undefined in an episode without groups.
     """
     if trace.group is None:
         return np.full(len(trace), np.nan)
     first = trace.group[:, 0]
-    # People who come in the places of a group are a group again.
+    # Pedestrians that replace the members of a group form a group again.
     mates = ((first[:, :, None] == first[:, None]) & (first >= 0)[:, :, None]).any(axis=0)
     member, mate = np.nonzero(mates & ~np.eye(len(mates), dtype=bool))
     within = _find_within(trace, trace.group[:, 1:], member, mate) if len(member) else np.zeros(trace.gap.shape, bool)

@@ -18,8 +18,8 @@ from crowdbench.utils.compiled import njit
 NEAR_TIME = 1.0
 """Time to collision in seconds below which an encounter is a near miss.
 
-Measured: 2 % of the 14,766 encounters of two people in six recordings of ETH/UCY have a shorter one. They are
-defined as here, for discs of 0.3 m that do not overlap and mostly have a relative speed of 0.5 m/s or more.
+Measured: 2 % of the 14,766 encounters of two pedestrians in six recordings of ETH/UCY have a shorter time. Encounters
+are defined as here, for discs of 0.3 m that do not overlap and mostly have a relative speed of 0.5 m/s or more.
 """
 
 TINY = 1e-200
@@ -53,9 +53,9 @@ def near_misses(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @describe("near misses per hour", "less", digits=1, of_successes=True)
 def near_misses_per_hour(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Near misses, as in `near_misses`, per hour that a pedestrian is there, over successes [1/h].
+    """Near misses, as in `near_misses`, per hour of presence of a pedestrian, over successes [1/h].
 
-    n / (3600 sum_t P_t dt) with P_t the number of pedestrians in step t. Undefined where there are no pedestrians.
+    n / (3600 sum_t P_t dt) with P_t the number of pedestrians in step t. Undefined without pedestrians.
     """
     _, near, people = _count_encounters(trace)
     return near / np.where(people > 0, people * trace.rules.dt / 3600.0, np.nan)
@@ -63,20 +63,20 @@ def near_misses_per_hour(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @describe("post-encroachment time", "more", of_successes=True, source="Allen et al. (1978)")
 def post_encroachment_time(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Least time from when one body leaves a place until the other one comes there, over successes [s].
+    """Least time between one body leaving a point and the other one reaching it, over successes [s].
 
     min |t - s| over the times s and t at which the discs of the vehicle at s and of a pedestrian at t overlap. It is
-    the second's entry less the first's exit (Allen, Shin and Cooper 1978), with the bodies, and the least over all
-    places of the conflict area (Gettman et al. 2008). 0 would be a contact. It also counts where one follows the other.
-    Thresholds from road traffic, such as 5 s, do not apply to people on foot. Undefined in an episode in which nobody
-    was where the vehicle has been or will be: `paths_apart` is the share of these.
+    the entry time of the second body minus the exit time of the first (Allen, Shin and Cooper 1978), with the extent of
+    the bodies, and the least over all points of the conflict area (Gettman et al. 2008). 0 would be a contact. It also
+    counts if one follows the other. Thresholds from road traffic, such as 5 s, do not apply to pedestrians. Undefined
+    in an episode in which vehicle and pedestrians cover separate areas, see `paths_apart`.
     """
     return _encroach(trace)
 
 
 @describe("paths apart", share=True, of_successes=True)
 def paths_apart(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of successes without a `post_encroachment_time`: no pedestrian and the vehicle cover the same place [1]."""
+    """Share of successes without a `post_encroachment_time`: the vehicle and pedestrians cover separate areas [1]."""
     return 1.0 * np.isnan(_encroach(trace))
 
 
@@ -95,7 +95,7 @@ def speed_near_pedestrians(trace: Trace) -> Float[np.ndarray, "world"]:
 def _approach(trace: Trace) -> tuple[Pairs, Pairs]:
     """Return the smallest gap of each pedestrian in each step, in m, and the time to collision at its start, in s.
 
-    The gap is NaN where the pedestrian is not there or changes. The time is infinite where the two would never touch.
+    The gap is NaN if the pedestrian is absent or replaced. The time is infinite if the two would never touch.
     """
     discs = disc_centres(trace.rules.body, trace.position[:, :, 0], trace.heading)
     offset = trace.position[:, :, 1:, None] - discs[:, :, None]
@@ -152,7 +152,7 @@ def _find_least_lags(position, motion, radius, discs, longest, least):
         radius: `[world, disc, time]`, in metres.
         discs: The number of discs of the vehicle.
         longest: The longest displacement in metres.
-        least: `[world]`, changed; infinite where it is undefined.
+        least: `[world]`, changed; infinite if it is undefined.
     """
     for w in range(len(least)):
         for a in range(discs):
@@ -164,7 +164,7 @@ def _find_least_lags(position, motion, radius, discs, longest, least):
 @no_type_check
 @njit
 def _least_lag(position, motion, radius, first, second, longest, least):
-    """Return the steps from when the first disc leaves a place until the second one comes there, at most `least`."""
+    """Return the steps between the first disc leaving a point and the second one reaching it, at most `least`."""
     steps = position.shape[1]
     for lag in range(steps):
         if lag - 1 >= least:
@@ -189,7 +189,7 @@ def _least_difference(offset, first, second, reach):
     for end in (0.0, 1.0):
         least = min(least, _within(offset - end * first, second, reach)[0] - end)
         least = min(least, end - _within(offset + end * second, -first, reach)[1])
-    # Neither is at an end: the gap is smallest there, and so across the relative motion.
+    # If neither is at an end, the vector between the centres is perpendicular to the relative motion.
     area, relative = (first.conjugate() * second).imag, first - second
     if area != 0.0:
         for side in (-1j, 1j):
@@ -203,7 +203,7 @@ def _least_difference(offset, first, second, reach):
 @no_type_check
 @njit
 def _within(offset, motion, reach):
-    """Return between which shares s of a step |offset + s motion| <= reach; infinite and -infinite if nowhere."""
+    """Return the bounds of the shares s of a step with |offset + s motion| <= reach; infinite and -infinite if none."""
     a, b = max(abs(motion) ** 2, TINY), (offset.conjugate() * motion).real
     root = b * b - a * (abs(offset) ** 2 - reach**2)
     if not root >= 0.0:

@@ -1,6 +1,7 @@
 """Tools for metrics: their description, and a sum that does not depend on the batch.
 
-The description has the title, unit and direction of a metric, and what it needs. Tables and runs ask nothing else.
+The description contains the title, unit and direction of a metric, and its costly inputs. Tables and runs read nothing
+else.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ Metric = Callable[[Trace], Bool[np.ndarray, "world"] | Float[np.ndarray, "world"
 M = TypeVar("M", bound=Callable[..., Any])
 
 UNDISTURBED = "undisturbed"
-"""The need of a metric that reads `Trace.undisturbed`: the crowd is simulated a second time, without the vehicle."""
+"""The input of a metric that reads `Trace.undisturbed`: the crowd is simulated a second time, without the vehicle."""
 
 UNDEFINED = "-"
-"""Shown where a value is undefined."""
+"""Text of an undefined value."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +37,13 @@ class MetricInfo:
     Attributes:
         title: Its title in every table.
         unit: The SI unit of its values; empty for a number without a unit.
-        better: Which values are better; empty where neither more nor less is.
+        better: Which values are better; empty if neither more nor less is better.
         share: True for a share, which tables show in per cent.
         digits: Digits of its values after the decimal point; a share in per cent has two fewer.
         needs: Costly inputs of the metric: `UNDISTURBED`.
-        over_all: True where it counts failures: planners are compared in all cases, and not only in those both solve.
-        of_successes: True where it is undefined in failures: an early end would improve it.
-        pooled: True where it is averaged over the steps of all episodes, and not over episodes.
+        over_all: True if it counts failures: planners are compared in all cases, not only in cases that both solve.
+        of_successes: True if it is undefined in failures, because an early end would improve it.
+        pooled: True if it is averaged over the steps of all episodes, and not over episodes.
         source: The paper that defines it; empty for a definition of this benchmark.
     """
 
@@ -59,7 +60,7 @@ class MetricInfo:
 
     @property
     def sign(self) -> int:
-        """1 where more is better, -1 where less is, 0 otherwise."""
+        """1 if more is better, -1 if less is better, 0 otherwise."""
         return {"more": 1, "less": -1, "": 0}[self.better]
 
     @property
@@ -129,8 +130,7 @@ def _over_successes(metric: M) -> M:
 
 
 def read_unit(metric: object) -> str:
-    """Return the unit in brackets at the end of the first line of a docstring; empty for `[1]` and where there is
-    none."""
+    """Return the unit in brackets at the end of the first line of a docstring; empty for `[1]` and without brackets."""
     first = str(metric.__doc__ or "").partition("\n")[0]
     unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
     return "" if unit == "1" else unit

@@ -1,4 +1,4 @@
-"""Metrics by name or from a file, and what they may return: one number or boolean per episode. All are called here."""
+"""Load metrics by name or from a file, call them, and check their values: one number or boolean per episode."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ RESERVED = ("case", "outcome", "steps", "block")
 
 
 def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
-    """Return the built-in metrics and a user's own, by name.
+    """Return the built-in metrics and the metrics of a user by name.
 
     Args:
-        specs: For each metric of the user's own `file.py`, whose function is `metric`, or `file.py:function`.
+        specs: For each metric of the user: `file.py`, whose function is `metric`, or `file.py:function`.
 
     Returns:
-        Functions of a trace. A metric of the user's own has the name of its file or function.
+        Functions of a trace. A metric of the user has the name of its file or function.
 
     Raises:
         InputError: There is no such function, or its name is taken.
@@ -57,18 +57,18 @@ def measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case
         Booleans, or float64; NaN where the metric is undefined.
 
     Raises:
-        InputError: The metric raises, does not return one value per episode, or returns an infinite or huge one.
+        InputError: The metric raises an exception, or does not return one value per episode up to `LARGEST`.
     """
     with plugin_errors(f"metric {name} raised"):
         returned = metric(trace)
-        # A subclass may answer otherwise than its numbers.
+        # A subclass may override methods of ndarray.
         array = np.asarray(returned) if isinstance(returned, np.ndarray) else None
     if array is None or array.shape != (len(trace),) or array.dtype.kind not in "bfiu":
         kind = type(returned).__name__ if array is None else f"shape {list(array.shape)} of {array.dtype}"
         raise InputError(
             f"metric {name} returned {kind}, but must return one number or boolean per episode, [{len(trace)}]"
         )
-    with np.errstate(over="ignore"):  # where float64 holds less than the metric's type
+    with np.errstate(over="ignore"):  # if float64 has a smaller range than the metric's type
         values = np.array(array, bool if array.dtype == bool else np.float64)
     large = np.abs(values) > LARGEST
     if large.any():

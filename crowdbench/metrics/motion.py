@@ -1,4 +1,4 @@
-"""Metrics of the vehicle's path and of how it moves along it."""
+"""Metrics of the vehicle's path and of its motion along the path."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STANDSTILL = 0.05
 """Speed in m/s below which the vehicle counts as standing."""
 
 OPEN_TIME = 2.0
-"""For so many seconds the way ahead must be free where a vehicle that stands is frozen."""
+"""Seconds for which the path ahead of a standing vehicle must be free, so that the vehicle counts as frozen."""
 
 
 @describe("path length")
@@ -31,17 +31,17 @@ def path_length(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @describe("path length of successes", "less")
 def success_path_length(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Length of the vehicle's path, over successes: who collides early has a short path [m]."""
+    """Length of the vehicle's path, over successes: an early collision shortens the path [m]."""
     return np.where(success_rate(trace), path_length(trace), np.nan)
 
 
 @describe("path irregularity", "less", source="Biswas et al. (2022)", of_successes=True)
 def path_irregularity(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Rotation of the vehicle beyond that of its searched path, per metre of its path, over successes [rad/m].
+    """Rotation of the vehicle beyond that of its route, per metre of its path, over successes [rad/m].
 
     max(0, sum_t |dh_t| - R) / L, as in SocNavBench (Biswas et al. 2022). h is the heading in radians, see
     `cumulative_heading_change`; L is the length of the path in metres. R is the least rotation: from the first heading
-    along the vehicle's route to the goal. Undefined where the vehicle does not move.
+    along the vehicle's route to the goal. Undefined if the vehicle does not move.
     """
     goal = trace.goal[:, :1, 0]
     route = np.where(np.isfinite(trace.route), trace.route, goal)
@@ -55,10 +55,10 @@ def path_irregularity(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @describe("SPL", "more", over_all=True, source="Anderson et al. (2018)")
 def spl(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Success weighted by path length: shortest over real path, 0 for a failure [1].
+    """Success weighted by path length: shortest divided by actual path length, 0 for a failure [1].
 
-    Anderson et al. (2018). The shortest path is the way along the vehicle's route, the straight line where it has none,
-    to where the goal is nearer than its tolerance. It is 1 for a vehicle that starts within its goal.
+    Anderson et al. (2018). The shortest path follows the vehicle's route, or the straight line without a route, until
+    the goal is within its tolerance. SPL is 1 for a vehicle that starts within its goal.
     """
     shortest = _shortest_way(trace)
     longest = np.maximum(path_length(trace), shortest)
@@ -68,11 +68,11 @@ def spl(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @describe("SCT", "more", over_all=True, source="Yokoyama et al. (2021)")
 def sct(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Success weighted by completion time: least over real time, 0 for a failure [1].
+    """Success weighted by completion time: least divided by actual time, 0 for a failure [1].
 
     Yokoyama et al. (2021). The least time is that of the shortest path, as in `spl`, at the preferred speed, in whole
     steps. Differs from theirs because their least time is that of the fastest path under the agent's dynamics: here a
-    unicycle or a car cannot reach 1 where it must turn or accelerate first. SCT compares planners of one vehicle.
+    unicycle or a car cannot reach 1 if it must turn or accelerate first. SCT compares planners of one vehicle.
     """
     least = np.ceil(_shortest_way(trace) / (trace.preferred_speed[:, 0] * trace.rules.dt))
     return success_rate(trace) * np.maximum(least, 1.0) / np.maximum(trace.steps, np.maximum(least, 1.0))
@@ -82,7 +82,7 @@ def sct(trace: Trace) -> Float[np.ndarray, "world"]:
 def max_velocity_change(trace: Trace) -> Float[np.ndarray, "world"]:
     """Largest change of velocity from one step to the next, the start from rest included [m/s].
 
-    We take it for the "Max Acc" of Li et al. (2020), because their figures are of this size.
+    We assume that it is "Max Acc" of Li et al. (2020), because their values have this magnitude.
     """
     return np.nanmax(norm(np.diff(trace.velocity[:, :, 0], axis=1)), axis=1)
 
@@ -122,8 +122,8 @@ def max_turn(trace: Trace) -> Float[np.ndarray, "world"]:
 def cumulative_heading_change(trace: Trace) -> Float[np.ndarray, "world"]:
     """Sum of the sizes of the vehicle's changes of heading from one step to the next [rad].
 
-    HuNavSim (Pérez-Higueras et al. 2023). A holonomic vehicle faces where it last moved, and its goal before it has
-    moved.
+    HuNavSim (Pérez-Higueras et al. 2023). The heading of a holonomic vehicle is the direction of its last motion, and
+    that of its goal before it has moved.
     """
     return total(np.abs(wrap_angle(np.diff(trace.heading, axis=1))))
 
@@ -151,13 +151,13 @@ def success_stopped_time(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @describe("frozen time", "less", over_all=True)
 def frozen_time(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Time that the vehicle stood although its way was open for the next 2 s [s].
+    """Time for which the vehicle stood although its path was free for the next 2 s [s].
 
-    It stands below 0.05 m/s. Its way was open if at its preferred speed, straight ahead on its route and from then on,
-    it would have kept 0.2 m from all pedestrians, as they really walked, and touched no obstacle, for 2 s or up to its
-    goal. Where the route bends within these 2 s, the straight way often ends at a wall, and is not open. The last 2 s
-    of an episode do not count, because nobody knows where pedestrians would have walked after its end. Freezing is
-    described by Trautman and Krause (2010); this measure of it is ours.
+    It stands below 0.05 m/s. Its path was free if a straight motion along its route, from then on and at its preferred
+    speed, would have kept 0.2 m from the actual motion of all pedestrians and touched no obstacle, for 2 s or up to its
+    goal. If the route bends within these 2 s, the straight path often ends at a wall, and is not free. The last 2 s of
+    an episode do not count, because the motion of pedestrians after its end is unknown. Freezing is described by
+    Trautman and Krause (2010); this measure of it is ours.
     """
     ahead = math.ceil(OPEN_TIME / trace.rules.dt - 1e-9)
     stands = norm(trace.velocity[:, 1:, 0]) < STANDSTILL
@@ -174,7 +174,7 @@ def frozen_time(trace: Trace) -> Float[np.ndarray, "world"]:
 
 
 def _shortest_way(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Return the length in metres of the vehicle's route from its start to where it has arrived."""
+    """Return the length in metres of the vehicle's route from its start to its point of arrival."""
     near = trace.radius[:, 0, 0] if trace.rules.goal_tolerance is None else trace.rules.goal_tolerance
     start, none = trace.position[:, 0, 0], np.zeros(len(trace), np.int64)
     ahead = local_goals(start, trace.goal[:, 0, 0], trace.route, none)
@@ -184,14 +184,14 @@ def _shortest_way(trace: Trace) -> Float[np.ndarray, "world"]:
 @no_type_check
 @njit
 def _keep_clear(row, t, to_goal, stride, ahead, body, position, radius, person, obstacles, is_open):
-    """Keep the open states in which no wall is in the way and nobody comes near.
+    """Set `is_open` to False for states in which a wall blocks the path or a pedestrian comes near.
 
     Args:
         row: `[state]`, the world of each state.
         t: `[state]`, its time.
-        to_goal: `[state, 2]`, the straight way to the local goal in metres.
-        stride: `[state]`, the way of a step at the preferred speed in metres.
-        ahead: The number of steps for which the way must be open.
+        to_goal: `[state, 2]`, the vector to the local goal in metres.
+        stride: `[state]`, the length of a step at the preferred speed in metres.
+        ahead: The number of steps for which the path must be free.
         body: `[disc]`, see `crowdbench.core.dynamics.body`.
         position: `[world, time, agent, 2]`, in metres.
         radius: `[state, agent]`, in metres.

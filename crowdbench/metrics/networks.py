@@ -1,9 +1,9 @@
-"""The mean over networks that were trained alike, with an interval for other networks on other cases.
+"""The mean over networks of the same training, with an interval for other networks on other cases.
 
-Networks and cases are both drawn by chance, and all networks drive the same cases: a value is the sum of a mean, an
-effect of the network, an effect of the case, and a rest. The variance of the mean is the sum of two parts, which are
-estimated independently: from how the networks' means differ, and from how the cases' means differ. (The rest counts in
-both, which makes the interval rather too wide than too narrow.) There are few networks, and so each part has its own
+Networks and cases are both random samples, and all networks drive the same cases. A value is the sum of a mean, an
+effect of the network, an effect of the case, and a residual. The variance of the mean is the sum of two parts, which
+are estimated independently: from the variance of the networks' means, and from that of the cases' means. (The residual
+counts in both, so the interval is too wide rather than too narrow.) There are few networks, so each part has its own
 quantile of Student's t:
 
     mean +- sqrt((t_networks * error_networks)^2 + (t_cases * error_cases)^2)
@@ -32,11 +32,11 @@ def mean_over_networks(values: Values) -> Estimate:
     """Return the mean over networks of each network's mean over its cases, with its interval.
 
     Args:
-        values: A metric of each network in each case; NaN where it is not defined, which is left out.
+        values: A metric of each network in each case; undefined values are NaN and ignored.
 
     Returns:
-        The mean with its interval, which is for other cases alone where there is one network; the bounds are NaN where
-        there are too few cases to tell. `n` counts the values that are not NaN.
+        The mean with its interval, which is only for other cases if there is one network; the bounds are NaN if there
+        are fewer than two cases. `n` counts the values that are not NaN.
     """
     defined = values[~np.isnan(values)]
     return network_estimate(mean_of_means(values), [values], defined) if len(defined) else UNDEFINED
@@ -49,7 +49,7 @@ def network_estimate(
 
     Args:
         mean: The estimated value.
-        groups: Values of independent networks by network and case, whose means over networks add up to it.
+        groups: Values of independent groups of networks, by network and case. The sum of their means is `mean`.
         of_cases: Its values by case.
     """
     half = _half_width(groups)

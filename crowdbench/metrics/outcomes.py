@@ -1,4 +1,4 @@
-"""Metrics of how episodes end, and when."""
+"""Metrics of the outcomes and durations of episodes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from crowdbench.metrics.info import describe, total
 from crowdbench.sim.routes import goals_in_trace
 
 PROGRESS_DISTANCE = 0.5
-"""A vehicle that has not come so many metres nearer to its goal within `PROGRESS_TIME` fails to progress."""
+"""Metres that a vehicle must come nearer to its goal within `PROGRESS_TIME`, or it fails to progress."""
 
 PROGRESS_TIME = 5.0
 """In seconds."""
@@ -73,10 +73,10 @@ def navigation_time_or_limit(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @describe("failures to progress", "less", over_all=True, source="Francis et al. (2023)")
 def failures_to_progress(trace: Trace) -> Float[np.ndarray, "world"]:
-    """How often the vehicle did not come 0.5 m nearer to its goal within 5 s [1].
+    """Number of times that the vehicle did not come 0.5 m nearer to its goal within 5 s [1].
 
-    Francis et al. (2023), who leave both thresholds open. Distances are along the vehicle's route. The 5 s begin again
-    when it is 0.5 m nearer than it was when they began, and after each failure.
+    Francis et al. (2023), without values for the two thresholds. Distances are along the vehicle's route. The 5 s
+    restart when the vehicle is 0.5 m nearer than at their start, and after each failure.
     """
     remaining = norm(goals_in_trace(trace) - trace.position[:, :, 0])
     patience = math.ceil(PROGRESS_TIME / trace.rules.dt - 1e-9)

@@ -1,4 +1,4 @@
-"""Metrics of what the vehicle costs the pedestrians: how far and how long they give way, and the social work."""
+"""Metrics of the vehicle's cost to pedestrians: deflection, delay, detour, and social work."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STRENGTH = 2.1
 """Strength of the social force in m/s^2; it and the next four are taken from HuNavSim."""
 
 VELOCITY_WEIGHT = 2.0
-"""Moussaïd's lambda in s/m: how much a relative velocity counts beside the direction to the other."""
+"""Moussaïd's lambda in s/m: the weight of the relative velocity, compared with the direction to the other agent."""
 
 RANGE = 0.35
 """Moussaïd's gamma in m, times the length of the interaction vector."""
@@ -42,8 +42,8 @@ OBSTACLE_RANGE = 0.2
 def deflection(trace: Trace) -> Float[np.ndarray, "world"]:
     """Mean distance of pedestrians from where they would be without the vehicle, over successes [m].
 
-    Over pedestrians and steps, as long as the same people are there. Undefined where pedestrians do not see the
-    vehicle, or there are none.
+    Mean over pedestrians and steps, as long as the same pedestrians are present. Undefined if pedestrians do not see
+    the vehicle, or there are none.
     """
     if trace.undisturbed is None:
         return np.full(len(trace), np.nan)
@@ -56,24 +56,24 @@ def deflection(trace: Trace) -> Float[np.ndarray, "world"]:
 def imposed_delay(trace: Trace) -> Float[np.ndarray, "world"]:
     """Time that pedestrians lose to the vehicle per second of exposure, over successes [1].
 
-    sum_i (d_i - d'_i) / v_i / sum_i T_i over the trips i of pedestrians, from a start to a goal, that begin alike with
-    and without the vehicle. T_i is the matched time in seconds: from the start of a trip until the pedestrian arrives
-    in one of the two simulations, or the episode ends. d_i and d'_i are the straight distances to the goal then, in
-    metres, with and without the vehicle; v_i is the preferred speed. The definition is ours.
+    sum_i (d_i - d'_i) / v_i / sum_i T_i over the trips i of pedestrians, from start to goal, that begin at the same
+    position with and without the vehicle. T_i is the matched time in seconds: from the start of a trip until the
+    pedestrian arrives in one of the two simulations, or the episode ends. d_i and d'_i are the straight distances to
+    the goal after T_i, in metres, with and without the vehicle; v_i is the preferred speed. The definition is ours.
 
-    The mean is signed, because pedestrians may gain: `imposed_delay_positive` counts losses alone. Walls between a
-    pedestrian and its goal are ignored. A place in the arrays has the preferred speed of its first pedestrian.
-    Undefined where pedestrians do not see the vehicle, or there are none.
+    The mean is signed, because pedestrians may gain: `imposed_delay_positive` counts only losses. Walls between a
+    pedestrian and its goal are ignored. Each column of the arrays has the preferred speed of its first pedestrian.
+    Undefined if pedestrians do not see the vehicle, or there are none.
     """
     return _imposed(trace, lambda lost, detour: lost)
 
 
 @describe("imposed losses", "less", share=True, needs=frozenset({UNDISTURBED}), of_successes=True)
 def imposed_delay_positive(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Positive part of `imposed_delay`: pedestrians who gain time offset no loss, over successes [1].
+    """Positive part of `imposed_delay`: time gains do not offset losses, over successes [1].
 
-    sum_i max(0, d_i - d'_i) / v_i / sum_i T_i. It is above 0 wherever two simulations of a crowd diverge, whatever the
-    vehicle does: compare planners in the same scenario.
+    sum_i max(0, d_i - d'_i) / v_i / sum_i T_i. It is above 0 if two simulations of a crowd diverge, for any behaviour
+    of the vehicle: compare planners only in the same scenario.
     """
     return _imposed(trace, lambda lost, detour: np.maximum(lost, 0.0))
 
@@ -90,7 +90,7 @@ def imposed_detour(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @describe("social work", "less", source="Pérez-Higueras et al. (2023)", of_successes=True)
 def social_work(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Size of the social forces on the vehicle and by it on pedestrians, over time and over successes [m/s].
+    """Time integral of the social forces on the vehicle and of the vehicle on pedestrians, over successes [m/s].
 
     HuNavSim (Pérez-Higueras et al. 2023): the size of the sum of the forces of all pedestrians on the vehicle, that of
     the force of the nearest obstacle on it, and the sizes of the vehicle's forces on the pedestrians, with the social
@@ -111,7 +111,7 @@ def _imposed(trace: Trace, cost: Callable[[Trips, Trips], Trips], per_exposure: 
 
     Args:
         trace: The trace.
-        cost: The cost of trips from the time that each loses in seconds, and from its extra path in metres.
+        cost: Cost of trips, a function of the lost time in seconds and of the extra path in metres.
         per_exposure: True to divide by the matched time in seconds.
     """
     if trace.undisturbed is None:
@@ -148,28 +148,28 @@ def _imposed(trace: Trace, cost: Callable[[Trips, Trips], Trips], per_exposure: 
 
 
 def _end(remaining: Float[np.ndarray, "state"], start: Starts) -> Starts:
-    """Return the states in which trips end: that of the arrival, or the last one in which the pedestrian is there.
+    """Return the last state of each trip: the arrival, or the last state in which the pedestrian is present.
 
     Args:
-        remaining: Straight distance to where the pedestrian arrives in metres, NaN where nobody is.
+        remaining: Straight distance to the point of arrival in metres, NaN without a pedestrian.
         start: The first state of each trip, which lasts until that of the next one.
     """
     state, last = np.arange(len(remaining)), len(remaining)
     known = np.isfinite(remaining)
     arrived = np.minimum.reduceat(np.where(known & (remaining < 0.0), state, last), start)
     end = np.where(arrived < last, arrived, np.maximum.reduceat(np.where(known, state, -1), start))
-    return np.maximum(end, start)  # also of a trip of nobody, which is not compared
+    return np.maximum(end, start)  # also of a trip without a pedestrian, which is not compared
 
 
 def _social_force(between: Vectors, relative: Vectors) -> Vectors:
     """Return the force of another agent in m/s^2 (Moussaïd et al. 2009).
 
     Args:
-        between: The way to the other in metres.
-        relative: The agent's own velocity less the other's, in m/s.
+        between: The vector to the other agent in metres.
+        relative: The agent's velocity minus the other's, in m/s.
 
     Returns:
-        The force; 0 where the interaction vector vanishes.
+        The force; 0 if the interaction vector vanishes.
     """
     distance = norm(between)
     direction = between / np.maximum(distance, np.finfo(float).tiny)[..., None]

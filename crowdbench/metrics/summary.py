@@ -32,7 +32,7 @@ _MOST_DRAWN = 2_000_000
 class Estimate:
     """A mean over episodes, its 95 % interval, how many episodes have a value, and the largest value.
 
-    NaN throughout, with `n` 0, where no episode has a value.
+    If no episode has a value, `n` is 0 and all other fields are NaN.
     """
 
     mean: float
@@ -43,7 +43,7 @@ class Estimate:
 
 
 UNDEFINED = Estimate(np.nan, np.nan, np.nan, 0, np.nan)
-"""The estimate where no episode has a value."""
+"""The estimate if no episode has a value."""
 
 
 def summarize(columns: Mapping[str, Column], steps: Column, block: Column | None = None) -> dict[str, Estimate]:
@@ -52,7 +52,7 @@ def summarize(columns: Mapping[str, Column], steps: Column, block: Column | None
     Args:
         columns: The values of each metric, by its name; booleans are rates.
         steps: The number of steps of each episode, the weight of pooled metrics.
-        block: The block of each episode, where episodes of the same block are not independent.
+        block: The block of each episode, if episodes of the same block are not independent.
     """
     return {
         name: rate(values, block) if is_rate(values) else bootstrap(values.astype(float), weigh(name, steps), block)
@@ -70,9 +70,9 @@ def rate(values: Bool[np.ndarray, "case"], block: Column | None) -> Estimate:
 
     Args:
         values: One per episode.
-        block: The block of each episode, where episodes of the same block are not independent: then the interval is
-            that of a bootstrap over blocks, or Wilson's for as many episodes as blocks where all values are the same,
-            and the bootstrap would have no width.
+        block: The block of each episode, if episodes of the same block are not independent: then the interval is that
+            of a bootstrap over blocks. If all values are the same, it would have no width; then the interval is
+            Wilson's, with the number of blocks as number of episodes.
     """
     if block is None:
         return wilson(values)
@@ -99,7 +99,7 @@ def bootstrap(values: Values, weights: Values, block: Column | None = None) -> E
     Args:
         values: One per episode; those that are NaN are left out.
         weights: How much each episode counts.
-        block: The block of each episode, where episodes of the same block are not independent.
+        block: The block of each episode, if episodes of the same block are not independent.
     """
     defined = ~np.isnan(values)
     values, weights = values[defined], weights[defined]
@@ -107,7 +107,7 @@ def bootstrap(values: Values, weights: Values, block: Column | None = None) -> E
         return UNDEFINED
     mean = float(weighted_mean(values, weights))
     means, counts = by_block(values, weights, None if block is None else block[defined])
-    # Without weights it has the same bits in a fifth of the time.
+    # Without weights, `np.mean` returns the same bits in a fifth of the time.
     is_plain = bool((counts == 1.0).all())
     resampled = bootstrap_distribution(*((np.mean, means) if is_plain else (weighted_mean, means, counts)))
     low, high = around(mean, *interval(resampled))
@@ -120,7 +120,7 @@ def by_block(values: Values, weights: Values, block: Column | None) -> tuple[Blo
     Args:
         values: One per case.
         weights: How much each case counts.
-        block: The block of each case; None where each is one of its own.
+        block: The block of each case; None if each case is a separate block.
 
     Returns:
         Means and weights.
@@ -151,7 +151,7 @@ def bootstrap_distribution(
 ) -> Float[np.ndarray, "resample"]:
     """Return a statistic of `RESAMPLES` samples of the episodes, drawn with replacement.
 
-    The same number of episodes is always resampled alike.
+    The resamples depend only on the number of episodes.
 
     Args:
         statistic: A function of the columns `[resample, case]` and `axis`, over which it is taken.
@@ -175,7 +175,7 @@ def _draw_in_batches(n: int) -> Iterator[Int[np.ndarray, "resample case"]]:
 
 
 def around(mean: float, low: float, high: float) -> tuple[float, float]:
-    """Return the bounds of an interval that contains the mean: rounding may put a bound on its other side.
+    """Return bounds that contain the mean, which may be outside the interval because of rounding.
 
     Args:
         mean: The mean.

@@ -1,4 +1,4 @@
-"""Encodes who is around by attention from the vehicle to the pedestrians (Liu et al. 2023)."""
+"""Encodes pedestrians by attention from the vehicle to them (Liu et al. 2023)."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ HEADS = 4
 """Heads of the attention."""
 
 MEMORY = 64
-"""Numbers that a policy keeps from step to step."""
+"""Size of the memory of a policy."""
 
 VEHICLE_SCALE = [SCALE, *[1.0] * (VEHICLE_FEATURES - 1 + MOTION), *[SCALE] * 4, *[REACH] * RAYS]
 PEDESTRIAN_SCALE = [SCALE, SCALE, *[1.0] * 4, SCALE, 1.0, *[SCALE] * (2 * STEPS), REACH, 1.0]
-"""Divisors of what is shown, so that inputs are of the order of 1."""
+"""Divisors of the inputs, so that they are of the order of 1."""
 
 
 class AttentionEncoder(Encoder):
     """Encoder of the vehicle, walls and any number of pedestrians, whose order does not matter.
 
-    The vehicle alone attends, in several heads (Vaswani et al. 2017). Its queries are compared with the codes of the
-    pedestrians themselves: a matrix of keys would only be multiplied with that of the queries.
+    Only the vehicle attends, with several heads (Vaswani et al. 2017). Its queries are compared directly with the codes
+    of the pedestrians, because a key matrix could be merged into the query matrix.
 
-    Differs from Liu et al. because pedestrians do not attend to each other, which costs most of the time.
+    Unlike in Liu et al., pedestrians do not attend to each other, because that takes most of the time.
 
     Args:
         width: Numbers per pedestrian inside the network.
-        encoded: Numbers that come out.
+        encoded: Size of the output.
     """
 
     def __init__(self, width: int = 64, encoded: int = 128) -> None:
@@ -43,7 +43,7 @@ class AttentionEncoder(Encoder):
         self.joined = nn.Sequential(nn.Linear((HEADS + 2) * width, encoded), nn.ReLU())
 
     def forward(self, seen: Seen) -> Float[Tensor, "row encoded"]:
-        """Return the code of what is seen in each row, without units; see `crowdbench.networks.features_ahead`."""
+        """Return the code of the observation in each row, without units; see `crowdbench.networks.features_ahead`."""
         vehicle, pedestrians, mask = seen
         own = self.own(vehicle / vehicle.new_tensor(VEHICLE_SCALE))
         each = self.each(pedestrians / pedestrians.new_tensor(PEDESTRIAN_SCALE)) * mask[..., None]
@@ -51,5 +51,5 @@ class AttentionEncoder(Encoder):
         score = (query @ each.mT / query.shape[2] ** 0.5).masked_fill(~mask[:, None], -torch.inf)
         # Without any pedestrian there is nothing to weight, and softmax would be undefined.
         weight = torch.softmax(score.masked_fill(~mask.any(dim=1)[:, None, None], 0.0), dim=2)
-        # ReLU makes what is encoded 0 or more, so that 0 for those who are not seen is never a maximum of others.
+        # ReLU makes all codes 0 or more, so that the zeros of unseen pedestrians never exceed other codes.
         return self.joined(torch.cat([own, (weight @ each).flatten(1), each.amax(dim=1)], dim=1))

@@ -132,12 +132,12 @@ def rate(estimate: Mapping[str, Any]) -> str:
 
 
 def seconds(estimate: Mapping[str, Any]) -> str:
-    """Format a mean time with its 95 % interval, in seconds; empty where nothing was measured."""
+    """Format a mean time with its 95 % interval, in seconds; empty if nothing was measured."""
     return f"{estimate['mean']:.2f} s ({estimate['low']:.2f} to {estimate['high']:.2f})" if estimate["n"] else ""
 
 
 def driving_table(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Format the figures of a network that drives, in Markdown: rates, time, and the jerk where it was measured.
+    """Format the figures of a network that drives, in Markdown: rates, time, and the jerk if it was measured.
 
     Args:
         figures: By split, the cases and the metrics with their intervals.

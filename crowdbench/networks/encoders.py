@@ -1,4 +1,4 @@
-"""The policies that can be trained, and encoders (feature extractors) of one's own for them."""
+"""The policies that can be trained, and user-defined encoders (feature extractors) for them."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ POLICIES: dict[str, tuple[Callable[[], Encoder], int]] = {
     "ppo": (SetEncoder, 0),
     "ppo_attention": (AttentionEncoder, MEMORY),
 }
-"""The policies that can be trained, by the name of the network on cards: what makes their encoder, and the numbers that
-they remember."""
+"""The policies that can be trained, by the name of the network on cards: the class of their encoder, and the size of
+their memory."""
 
 
 def make_policy(network: str, encoder: str | None = None) -> Policy:
@@ -28,20 +28,20 @@ def make_policy(network: str, encoder: str | None = None) -> Policy:
 
     Args:
         network: One of `POLICIES`.
-        encoder: Another encoder than its own: a file.
+        encoder: The file of an encoder that replaces the default one.
 
     Returns:
         The policy.
 
     Raises:
-        InputError: There is no such encoder, or it is broken.
+        InputError: There is no such encoder, or it fails.
     """
     make_encoder, remembered = POLICIES[network]
     return Policy(make_encoder() if encoder is None else _load_encoder(encoder, bool(remembered)), remembered)
 
 
 def _load_encoder(spec: str, ahead: bool) -> Encoder:
-    """Return the encoder of a file, tried on rows of two and of one pedestrian; `ahead` for `features_ahead`."""
+    """Return the encoder of a file, tested on rows of two and of one pedestrian; `ahead` for `features_ahead`."""
     if file_and_function(spec)[0] is None:
         raise InputError(f"encoder is {spec!r}, but must be a file: ./mine.py")
     name, encoder = ENCODERS.load(spec)

@@ -1,8 +1,8 @@
 """Input of a policy: the vehicle and the nearest pedestrians in the frame of the goal.
 
-The frame has its origin at the vehicle and its x axis towards the local goal (`core.geometry.local_goals`), so
-that a policy need not learn what turning the whole scene changes. The pedestrians are the nearest that are seen,
-nearest first, so that a crowd of any size has features of the same size.
+The frame has its origin at the vehicle and its x axis towards the local goal (`core.geometry.local_goals`), so that the
+features do not change when the whole scene is rotated. The pedestrians are the nearest visible ones, nearest first, so
+that a crowd of any size has features of the same size.
 
     vehicle:     distance to the goal, velocity x, velocity y, preferred speed, radius
     pedestrian:  position x, position y, velocity relative to the vehicle x, y, velocity x, y, gap, radius
@@ -37,9 +37,9 @@ class Features(NamedTuple):
 
     Attributes:
         vehicle: About the vehicle.
-        pedestrians: About the nearest pedestrians, 0 where there are fewer.
-        seen: Which of these pedestrians there are.
-        which: Which pedestrian of the observation each of them is; -1 where there is none.
+        pedestrians: About the nearest pedestrians, 0 in empty rows.
+        seen: True for rows with a pedestrian, False for empty rows.
+        which: Index of each of these pedestrians in the observation; -1 in empty rows.
         axis: The direction of the goal, a unit vector along the axes of the world.
     """
 
@@ -55,7 +55,7 @@ def features(obs: Observation, nearest: int) -> Features:
 
     Args:
         obs: The observation.
-        nearest: How many pedestrians are shown, at most.
+        nearest: Largest number of pedestrians.
     """
     worlds, crowd = len(obs), obs.pedestrians
     filled = Features(
@@ -66,14 +66,14 @@ def features(obs: Observation, nearest: int) -> Features:
         axis=np.empty((worlds, 2)),
     )
     own = obs.vehicle
-    # One by one: numba takes longer to enter a kernel with tuples of arrays.
+    # As single arrays: numba takes longer to enter a kernel with tuples of arrays.
     vehicles = own.position, own.velocity, own.local_goal, own.radius, own.preferred_speed
     _fill(*vehicles, crowd.position, crowd.velocity, crowd.radius, crowd.seen, *filled)
     return filled
 
 
 def histories(obs: Observation, view: Features) -> Float[np.ndarray, "world time nearest 2"]:
-    """Return the last positions of the pedestrians in the frame of the goal, in metres; 0 where there is none.
+    """Return the last positions of the pedestrians in the frame of the goal, in metres; 0 in empty rows.
 
     Args:
         obs: The observation.
@@ -97,7 +97,7 @@ def to_goal_frame(vectors: Float[np.ndarray, "world *k 2"], axis: Vectors) -> Fl
 
 
 def direction(position: Vectors, goal: Vectors) -> Vectors:
-    """Return the direction of the goal, a unit vector along the axes of the world, as `features` has it.
+    """Return the direction of the goal, a unit vector along the axes of the world, as in `features`.
 
     Args:
         position: Positions of vehicles in metres.
@@ -114,7 +114,7 @@ def to_world(action: Vectors, axis: Vectors) -> Vectors:
 
     Args:
         action: Vectors in the frame of the goal.
-        axis: The direction of the goal, as `Features` has it.
+        axis: The direction of the goal, as in `Features`.
 
     Returns:
         The same vectors along the axes of the world.
@@ -124,7 +124,7 @@ def to_world(action: Vectors, axis: Vectors) -> Vectors:
 
 
 def in_disc(action: Vectors, radius: Float[np.ndarray, "world"]) -> Vectors:
-    """Return actions of a largest length: longer ones are shortened.
+    """Return actions of limited length: longer ones are shortened.
 
     Args:
         action: Vectors.
@@ -151,7 +151,7 @@ def _fill(position, velocity, goal, radius, speed, others, motion, radii, seen, 
         for p in range(len(gap)):
             dx, dy = others[w, p, 0] - position[w, 0], others[w, p, 1] - position[w, 1]
             gap[p] = np.sqrt(dx * dx + dy * dy) - radii[w, p] - radius[w] if seen[w, p] else np.inf
-        # Stable, so that pedestrians at the same distance stand in their own order in any batch.
+        # Stable, so that pedestrians with the same gap keep their order in any batch.
         order = np.argsort(gap, kind="mergesort")
         for k in range(min(len(order), rows.shape[1])):
             p = order[k]

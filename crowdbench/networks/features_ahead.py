@@ -1,13 +1,13 @@
-"""Further input of a recurrent policy: predicted positions of people, its way, walls, and how it moves.
+"""Further input of a recurrent policy: predicted positions of pedestrians, waypoints, walls, and the vehicle's motion.
 
 In the same frame of the goal, after the numbers of `crowdbench.networks.features`:
 
     vehicle:     heading as cosine and sine, turn rate, 1 for a unicycle, 1 for a bicycle, distance of its farthest disc
                  from its position, the next two waypoints x, y, and the distances to walls along `RAYS` rays
-    pedestrian:  position x, y after each of the next steps, time since it was seen, radius in which it may be
+    pedestrian:  position x, y after each of the next steps, time since it was seen, radius of its possible positions
 
-in metres, seconds and rad/s. The goal stands for a waypoint that is missing. The first ray lies along the x axis, the
-others follow counter-clockwise; a ray that meets no wall is `REACH` long.
+in metres, seconds and rad/s. The goal replaces a missing waypoint. The first ray lies along the x axis, the others
+follow counter-clockwise; a ray that meets no wall is `REACH` long.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ RAYS = 24
 """Rays along which the distance to walls is shown."""
 
 REACH = 5.0
-"""Length of a ray in metres, and the largest age in seconds of what was seen."""
+"""Length of a ray in metres, and the largest age of a measurement in seconds."""
 
 MOTION = 6
-"""Numbers about how the vehicle moves."""
+"""Numbers about the motion of the vehicle."""
 
 VEHICLE_AHEAD = VEHICLE_FEATURES + MOTION + 4 + RAYS
 PEDESTRIAN_AHEAD = PEDESTRIAN_FEATURES + 2 * STEPS + 2
@@ -57,7 +57,7 @@ def features_ahead(obs: Observation, nearest: int, ahead: Positions, walls: Floa
 
 
 def motion(obs: Observation, axis: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world numbers"]:
-    """Return how the vehicle moves, what it is, and its next two waypoints, in the frame of the goal."""
+    """Return the motion of the vehicle, its type, and its next two waypoints, in the frame of the goal."""
     own = obs.vehicle
     facing = to_goal_frame(np.stack([np.cos(own.heading), np.sin(own.heading)], axis=1), axis)
     kind = np.array([isinstance(own.dynamics, Unicycle), isinstance(own.dynamics, Bicycle), reach(own.body)], float)
@@ -70,7 +70,7 @@ def motion(obs: Observation, axis: Float[np.ndarray, "world 2"]) -> Float[np.nda
 
 
 def _ahead(obs: Observation, shown: Features, ahead: Positions) -> Float[np.ndarray, "world nearest numbers"]:
-    """Return the future of each shown pedestrian and how much is known of it; 0 where there is nobody."""
+    """Return the predicted positions of each shown pedestrian, with age and uncertainty; 0 in empty rows."""
     which, crowd = np.maximum(shown.which, 0), obs.pedestrians
     position = np.take_along_axis(ahead, which[:, None, :, None], axis=2).swapaxes(1, 2)
     position = to_goal_frame(position - obs.vehicle.position[:, None, None], shown.axis).reshape(*which.shape, -1)

@@ -50,7 +50,7 @@ class VehicleState(NamedTuple):
 
 
 class PedestrianStates(NamedTuple):
-    """The pedestrians around it: positions in metres, velocities in m/s, radii in metres, and who is there."""
+    """The pedestrians around it: positions in metres, velocities in m/s, radii in metres, and presence."""
 
     position: Float[np.ndarray, "pedestrian 2"]
     velocity: Float[np.ndarray, "pedestrian 2"]
@@ -89,7 +89,7 @@ def joint_states(
 
 
 def _flat(array: np.ndarray, axes: int) -> np.ndarray:
-    """Return an array with one batch axis instead of so many."""
+    """Return an array with one batch axis instead of `axes`."""
     return np.ascontiguousarray(array).reshape(-1, *array.shape[axes:])
 
 
@@ -99,7 +99,7 @@ def write_joint_states(out, own, others):
     """Write the joint states of one vehicle with all pedestrians. Compiled.
 
     Args:
-        out (array): `[row, 13]`, where they are written. Rows beyond the pedestrians belong to absent ones.
+        out (array): `[row, 13]`, the output. Rows beyond the pedestrians belong to absent ones.
         own (VehicleState): The vehicle.
         others (PedestrianStates): The pedestrians.
     """

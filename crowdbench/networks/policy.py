@@ -1,4 +1,4 @@
-"""Policies: networks that map what a vehicle sees, in the frame of its goal, to a velocity."""
+"""Policies: networks that map a vehicle's observation, in the frame of its goal, to a velocity."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ LOG_STD = -0.5
 
 
 Memory = Float[Tensor, "world remembered"]
-"""Memory of a policy of each episode so far, without units."""
+"""Memory of a policy of the current episode in each world, without units."""
 
 
 class Seen(NamedTuple):
-    """Input of a policy, as its network takes it. See `crowdbench.networks.features`.
+    """Input of the network of a policy. See `crowdbench.networks.features`.
 
     Attributes:
         vehicle: About the vehicle, in metres and m/s.
-        pedestrians: About the nearest pedestrians, likewise; 0 where there are fewer.
-        mask: Which of them there are.
+        pedestrians: About the nearest pedestrians, in metres and m/s; 0 in empty rows.
+        mask: True for rows with a pedestrian, False for empty rows.
     """
 
     vehicle: Float[Tensor, "*batch features"]
@@ -39,7 +39,7 @@ class Seen(NamedTuple):
 
     @classmethod
     def of(cls, shown: Features, device: str | torch.device = "cpu") -> Seen:
-        """Return features, in the numbers of the network, on a device."""
+        """Return features as tensors of a network, on a device."""
         numbers = shown.vehicle.astype(np.float32), shown.pedestrians.astype(np.float32), shown.seen
         return cls(*(torch.from_numpy(array).to(device) for array in numbers))
 
@@ -48,14 +48,14 @@ class Encoder(nn.Module, abc.ABC):
     """Encoder of observations.
 
     Attributes:
-        encoded: Numbers that come out.
+        encoded: Size of the output.
     """
 
     encoded: int
 
     @abc.abstractmethod
     def forward(self, seen: Seen) -> Float[Tensor, "row encoded"]:
-        """Return the code of what is seen in each row, without units."""
+        """Return the code of the observation in each row, without units."""
 
 
 class SetEncoder(Encoder):
@@ -66,7 +66,7 @@ class SetEncoder(Encoder):
 
     Args:
         width: Numbers per pedestrian inside the network.
-        encoded: Numbers that come out.
+        encoded: Size of the output.
     """
 
     def __init__(self, width: int = 64, encoded: int = 128) -> None:
@@ -79,7 +79,7 @@ class SetEncoder(Encoder):
         self.joined = nn.Sequential(nn.Linear(VEHICLE_FEATURES + 2 * width, encoded), nn.ReLU())
 
     def forward(self, seen: Seen) -> Float[Tensor, "world encoded"]:
-        """Return the code of what is seen in each world, without units."""
+        """Return the code of the observation in each world, without units."""
         vehicle, pedestrians, mask = seen
         vehicle = vehicle / vehicle.new_tensor([SCALE, 1.0, 1.0, 1.0, 1.0])
         pedestrians = pedestrians / pedestrians.new_tensor([SCALE, SCALE, 1.0, 1.0, 1.0, 1.0, SCALE, 1.0])
@@ -89,7 +89,7 @@ class SetEncoder(Encoder):
         # Without any pedestrian there is nothing to weight, and softmax would be undefined.
         weight = torch.softmax(score.masked_fill(~mask.any(dim=1, keepdim=True), 0.0), dim=1)
         crowd = (weight[..., None] * each).sum(dim=1)
-        # ReLU makes what is encoded 0 or more, so that 0 for those who are not seen is never a maximum of others.
+        # ReLU makes all codes 0 or more, so that the zeros of unseen pedestrians never exceed other codes.
         return self.joined(torch.cat([vehicle, crowd, each.amax(dim=1)], dim=1))
 
 
@@ -97,14 +97,14 @@ class Policy(nn.Module):
     """A trained policy for a planner: the mean action.
 
     Attributes:
-        encoder: Encodes what the vehicle sees.
-        memory: A gated recurrent unit (Cho et al. 2014) after the encoder; None in a policy that only sees the present.
+        encoder: Encoder of the observation.
+        memory: A gated recurrent unit (Cho et al. 2014) after the encoder; None in a policy without a memory.
         hidden: Layers between the code and the action.
-        action: The last layer: a velocity in the frame of the goal in m/s, or what `NetworkPlanner` makes of it.
+        action: The last layer: a velocity in the frame of the goal in m/s, see `NetworkPlanner`.
 
     Args:
         encoder: The encoder.
-        remembered: Numbers that are kept from step to step; 0 for none.
+        remembered: Size of the memory from step to step; 0 for none.
         hidden: Numbers in the hidden layer.
     """
 
@@ -130,7 +130,7 @@ class Policy(nn.Module):
         Args:
             seen: Input at each step in each world, on one axis.
             memory: The memory before the first step.
-            begins: Where a step is the first of an episode, before which nothing is remembered.
+            begins: True if a step is the first of an episode, before which the memory is empty.
 
         Returns:
             The code of each row, and the memory after the last step.
@@ -150,12 +150,12 @@ class Policy(nn.Module):
 
 
 class ActorCritic(nn.Module):
-    """A policy in training, and the value of what it knows. They share the encoder and the memory.
+    """A policy in training, and its value function. They share the encoder and the memory.
 
     Attributes:
-        policy: The policy. Its actions are the means of those that are tried.
-        value: From the code of what is known to the expected discounted sum of rewards.
-        log_std: The logarithm of the standard deviation of the actions that are tried, in m/s.
+        policy: The policy. Its actions are the means of the sampled actions.
+        value: Layers from the code to the expected discounted sum of rewards.
+        log_std: The logarithm of the standard deviation of the sampled actions, in m/s.
 
     Args:
         policy: The policy.
@@ -167,7 +167,7 @@ class ActorCritic(nn.Module):
         self.policy = policy
         self.value = nn.Sequential(nn.Linear(policy.coded, hidden), nn.Tanh(), nn.Linear(hidden, 1))
         self.log_std = nn.Parameter(torch.full((2,), LOG_STD))
-        # The first actions are small, so that what is tried at first is noise in all directions.
+        # The first mean actions are small, so that the first sampled actions are noise in all directions.
         gains = {self.policy.action: 0.01, self.value[2]: 1.0}
         for layer in self.modules():
             if isinstance(layer, nn.Linear):
@@ -177,13 +177,12 @@ class ActorCritic(nn.Module):
     def forward(
         self, seen: Seen, memory: Memory, begins: Bool[Tensor, "time world"]
     ) -> tuple[Float[Tensor, "row 2"], Float[Tensor, "row"], Memory]:
-        """Return the mean of the actions and the value in each row of what is seen, and the memory; see
-        `Policy.code`."""
+        """Return the mean action and the value in each row of observations, and the memory; see `Policy.code`."""
         code, memory = self.policy.code(seen, memory, begins)
         return self.policy.action(self.policy.hidden(code)), self.value(code)[:, 0], memory
 
     def log_probability(self, action: Float[Tensor, "row 2"], mean: Float[Tensor, "row 2"]) -> Float[Tensor, "row"]:
-        """Return the logarithm of the probability density with which actions of these means are tried.
+        """Return the logarithm of the probability density of sampled actions with the given means.
 
         Args:
             action: The actions in m/s.

@@ -1,8 +1,8 @@
 """The generator of futures of Social GAN (Gupta et al. 2018). The discriminator is in `studies/social_gan/training.py`.
 
-Differs from the paper, because it is trained faster so: the decoder's output is added to the last displacement instead
-of replacing it, and the network learns how pedestrians deviate from constant velocity. The sizes of the generator come
-from the published code; the encoder in section 3.6 of the paper is half as large.
+It differs from the paper to train faster: the decoder's output is added to the last displacement instead of replacing
+it, and the network learns how pedestrians deviate from constant velocity. The sizes of the generator come from the
+published code; the encoder in section 3.6 of the paper is half as large.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ class Encoder(nn.Module):
         self.lstm = nn.LSTM(EMBEDDING, hidden, batch_first=True)
 
     def forward(self, displacement: Float[Tensor, "row time 2"]) -> Float[Tensor, "row hidden"]:
-        """Return the last hidden state, of displacements from step to step in metres."""
+        """Return the last hidden state after displacements from step to step in metres."""
         state: Tensor = self.lstm(torch.relu(self.embed(displacement)))[1][0][0]
         return state
 
 
 class Pooling(nn.Module):
-    """The social pooling module (Gupta et al. 2018, section 3.4): what a pedestrian perceives of all others.
+    """The social pooling module (Gupta et al. 2018, section 3.4): the influence of all others on a pedestrian.
 
     A perceptron on relative position and hidden state of each of them, then the maximum of every component.
     """
@@ -65,9 +65,9 @@ class Pooling(nn.Module):
             present: True for pedestrians that exist.
 
         Returns:
-            The pooled vector of every pedestrian, who is among those pooled too.
+            The pooled vector of every pedestrian; the pedestrian itself is pooled too.
         """
-        # Pairs of a scene alone: crowds differ so much in size that nine of ten pairs of a padded batch are padding.
+        # Only pairs within a scene: crowds differ so much in size that nine of ten pairs of a padded batch are padding.
         scene, first, second = (present[:, :, None] & present[:, None]).nonzero(as_tuple=True)
         row = present.flatten().cumsum(0).sub(1).view(present.shape)
         own, other = row[scene, first], row[scene, second]

@@ -1,4 +1,4 @@
-"""Threads that share the work of networks, in each of which torch computes alone."""
+"""Threads that share the work of networks. In each of them, torch uses a single thread."""
 
 from __future__ import annotations
 
@@ -11,16 +11,15 @@ import torch
 from crowdbench.utils.threads import share
 
 CHUNK = 4096
-"""Rows that a network is given at once: few enough for its layers to stay in a core's cache, and enough work to be
-worth a thread."""
+"""Rows in one call of a network: few enough for its layers to stay in a core's cache, and enough work for a thread."""
 
 
 def in_chunks(work: Callable[[slice], None], rows: int, chunk: int) -> None:
-    """Work on all rows, in as many threads as torch uses; in the calling thread alone where there is one chunk.
+    """Process all rows in as many threads as torch uses; a single chunk is processed in the calling thread.
 
-    Each chunk is worked on by a single thread, so its bits do not depend on the number of threads. The threads also
-    wait for each other only once, asleep. Torch's own threads wait after every operation of a network, and wait busily,
-    which takes many times as long where another program wants the cores.
+    Each chunk is processed by a single thread, so its bits do not depend on the number of threads. The threads wait for
+    each other only once, and sleep meanwhile. Torch's own threads busy-wait after every operation of a network, which
+    takes many times as long if another program uses the cores.
 
     Args:
         work: Called with slices that together cover every row once.
@@ -33,7 +32,7 @@ def in_chunks(work: Callable[[slice], None], rows: int, chunk: int) -> None:
 
 
 class _Here(threading.local):
-    """True if torch computes in this thread alone."""
+    """Flag of a thread: True if torch uses only this thread."""
 
     is_alone = False
 
@@ -42,7 +41,7 @@ _here = _Here()
 
 
 def _compute_alone() -> None:
-    # Or else a new thread would get the number of torch's threads that was set last, by anybody.
+    # Otherwise a new thread would get the number of torch's threads that was set last in any thread.
     torch.set_num_threads(1)
     _here.is_alone = True
 
@@ -54,14 +53,14 @@ _number = 1
 
 @contextlib.contextmanager
 def one_torch_thread() -> Iterator[int]:
-    """Let torch compute in the calling thread alone, and yield the number of threads that it has otherwise."""
+    """Restrict torch to the calling thread, and yield the number of threads that it uses otherwise."""
     global _inside, _number
     if _here.is_alone:
         yield _number
         return
     with _lock:
-        # Only the first one inside finds the number that the user set: torch gives new threads of Python what was set
-        # last.
+        # Only the first thread reads the number that the user set: torch gives new threads of Python the number that
+        # was set last.
         if _inside == 0:
             _number = torch.get_num_threads()
         number = _number

@@ -1,7 +1,7 @@
 """The value networks: from the joint states of the vehicle with all pedestrians to the value of the state.
 
 All are called as `network(joint [..., pedestrian, 13], present [..., pedestrian]) -> [...]`. Absent pedestrians have no
-influence. Where no pedestrian is present, the value is known, and no network is used.
+influence. If no pedestrian is present, the value has a closed form, and no network is used.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ ValueAndAttention = tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestria
 
 
 HAS_ONEDNN = bool(torch._C._has_mkldnn) and hasattr(torch.ops.mkldnn, "_linear_pointwise")
-"""True if PyTorch comes with oneDNN, and its product with a ReLU after it."""
+"""True if PyTorch includes oneDNN, and its operation for a linear layer with a ReLU."""
 
 keep_freed_memory()
 
 
 def linear(layer: nn.Linear, x: Float[Tensor, "*batch in"], rectify: bool = False) -> Float[Tensor, "*batch out"]:
-    """Return a linear layer, and a ReLU after it if wanted.
+    """Return the output of a linear layer, with a ReLU after it if `rectify` is True.
 
     Under `torch.inference_mode`, on a CPU and in float32, both are one operation of oneDNN. On an AMD processor it
-    takes half the time of PyTorch's default, which is MKL. Results are the same up to rounding.
+    takes half the time of PyTorch's default, which is MKL. Results are equal except for rounding errors.
     """
     is_plain = x.device.type == "cpu" and x.dtype == torch.float32 and not torch.is_autocast_enabled("cpu")
     if HAS_ONEDNN and is_plain and torch.is_inference_mode_enabled():
@@ -86,7 +86,7 @@ class ValueNetwork(nn.Module, abc.ABC):
     """The name of the network on the cards of its weights."""
 
     trained_dt: float | None = None
-    """The length of a step in seconds that its weights were trained with; None where they are not trained."""
+    """The length of a step in seconds that its weights were trained with; None if they are not trained."""
 
     def forward(self, joint: Joint, present: Present) -> Values:
         """Return the value of each state.
@@ -132,7 +132,7 @@ class ValueNetwork(nn.Module, abc.ABC):
 
 
 def alone(joint: JointBatch) -> Float[Tensor, "batch"]:
-    """Return the value of a state without pedestrians: the reward of success, discounted over the straight way to the
+    """Return the value of a state without pedestrians: the reward of success, discounted over the straight path to the
     goal."""
     distance, radius = joint[:, 0, 0], joint[:, 0, 3]
     return SUCCESS * DISCOUNT ** (distance - radius).clamp(min=0.0)
@@ -167,7 +167,7 @@ class LSTMRL(ValueNetwork):
     def crowd(self, joint: JointBatch, present: PresentBatch) -> ValueAndAttention:
         """See `ValueNetwork`. The network has no attention: all pedestrians have the same weight."""
         far_first = torch.where(present, -joint[..., DISTANCE], float("inf")).argsort(dim=-1)
-        self.lstm.flatten_parameters()  # else cuDNN warns where the network is a copy of another
+        self.lstm.flatten_parameters()  # else cuDNN warns if the network is a copy of another
         states, _ = self.lstm(joint.gather(1, far_first[..., None].expand_as(joint)))
         number = present.sum(-1)
         last = states[torch.arange(len(states), device=states.device), (number - 1).clamp(min=0)]
@@ -213,12 +213,12 @@ NETWORKS: dict[str, type[ValueNetwork]] = {network.name: network for network in 
 
 
 def _gather(everybody: Float[Tensor, "batch pedestrian k"], present: PresentBatch) -> Float[Tensor, "present k"]:
-    """Return the rows of the pedestrians that are present; a view where all are."""
+    """Return the rows of the pedestrians that are present; a view if all are."""
     return everybody.flatten(0, 1) if present.all() else everybody[present]
 
 
 def _scatter(rows: Float[Tensor, "present *k"], present: PresentBatch, absent: float = 0.0) -> Tensor:
-    """Return the inverse of `_gather`: `[batch, pedestrian, *k]`, with a value for those who are absent."""
+    """Return the inverse of `_gather`: `[batch, pedestrian, *k]`, with the value `absent` for absent pedestrians."""
     if len(rows) == present.numel():
         return rows.reshape(*present.shape, *rows.shape[1:])
     everybody = rows.new_full((*present.shape, *rows.shape[1:]), absent)
@@ -283,9 +283,9 @@ def evaluate(
 def _fill_up(
     joint: Float[np.ndarray, "batch pedestrian 13"], present: Bool[np.ndarray, "batch pedestrian"]
 ) -> tuple[Float[np.ndarray, "filled pedestrian 13"], Bool[np.ndarray, "filled pedestrian"]]:
-    """Return the states with some of zeros after them, so that the numbers of states and of pedestrians are round.
+    """Return the states padded with zeros, so that the numbers of states and of present pedestrians are round.
 
-    OneDNN compiles a product for each number of rows that it has not had yet, which takes longer than the product.
+    OneDNN compiles a matrix product for each new number of rows, which takes longer than the product.
     """
     states, pedestrians = present.shape
     if present.all():
@@ -303,6 +303,6 @@ def _fill_up(
 
 
 def _round_up(number: int) -> int:
-    """Return the next number whose binary digits are 0 but for the first four."""
+    """Return the next number whose binary digits after the first four are 0."""
     unit = 1 << max(number.bit_length() - 4, 0)
     return -(-number // unit) * unit

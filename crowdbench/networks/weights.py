@@ -1,7 +1,7 @@
-"""Trained weights on disk: a safetensors file, and beside it a card, which says where the weights come from.
+"""Trained weights on disk: a safetensors file, and a card beside it with the origin of the weights.
 
-The card is JSON: `network`, the `sha256` of the weights file, how the network was trained, and what it was measured to
-do. No pickle is ever opened, because that would run code from the file.
+The card is JSON: `network`, the `sha256` of the weights file, the conditions of the training, and the measured results.
+No pickle is ever opened, because that would run code from the file.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ def built_in() -> list[Path]:
 
 
 def weights_file(weights: str) -> Path:
-    """Return the file of the built-in weights of that name; a path that ends in `.safetensors` is returned as it is.
+    """Return the file of the built-in weights of that name; a path that ends in `.safetensors` is returned unchanged.
 
-    Raises InputError where no weights have that name.
+    Raises InputError if no weights have that name.
     """
     if weights.endswith(SUFFIX):
         return Path(weights)
@@ -47,7 +47,7 @@ def weights_file(weights: str) -> Path:
 
 
 def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, Any]) -> dict[str, Any]:
-    """Write weights, and their card beside them. The weights come last: where they are, there is their card.
+    """Write weights, and their card beside them. The weights are written last, so that they never exist without a card.
 
     Args:
         network: The network.
@@ -71,7 +71,7 @@ def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, A
 
 
 def read_card(path: Path) -> dict[str, Any]:
-    """Return the card of the weights at `path`. Raises InputError where there is no card or it is not one."""
+    """Return the card of the weights at `path`. Raises InputError if the card does not exist or is invalid."""
     card = path.with_suffix(".json")
     try:
         table = read_json(card)
@@ -85,14 +85,14 @@ def read_card(path: Path) -> dict[str, Any]:
 
 
 def training_dt(card: Mapping[str, Any]) -> float:
-    """Return the length of a step in seconds in the scenario that a card names; 0.25 where it names none."""
+    """Return the length of a step in seconds in the scenario on a card; 0.25 if the card contains none."""
     scenario = card.get("training", {}).get("scenario")
     dt = scenario.get("dt") if isinstance(scenario, dict) else None
     return float(dt) if dt is not None and is_number(dt) else 0.25
 
 
 def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> Network:
-    """Give a network the weights in a file.
+    """Load the weights in a file into a network.
 
     Args:
         network: The network, with any weights.
@@ -104,7 +104,7 @@ def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> N
         The same network, on the device.
 
     Raises:
-        InputError: The weights are missing, altered, of another network, not finite, or no weights; or there is no
+        InputError: The weights are missing, altered, of another network, not finite, or not weights; or there is no
             such device.
     """
     try:
@@ -122,7 +122,7 @@ def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> N
         moved = network.to(torch.device(device))
         next(moved.parameters()).cpu()  # the device `meta` has no values to compute with
     except (SafetensorError, RuntimeError, AssertionError) as error:
-        # torch tells of all missing and unexpected tensors, one per line.
+        # torch lists all missing and unexpected tensors, one per line.
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"the weights {path} cannot be loaded on {device}: {reason}") from None
     for key, tensor in tensors.items():

@@ -1,1 +1,1 @@
-"""Planners: what decides the vehicle's velocity, and the parts that planners are composed of."""
+"""Planners, which decide the vehicle's velocity, and their components."""

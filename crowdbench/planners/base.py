@@ -17,27 +17,27 @@ from crowdbench.predict.base import Predictor
 
 
 class OneStepOnly(NotImplementedError):
-    """Raised by a planner that is asked for several steps at once and decides one at a time."""
+    """Raised by `plan_ahead` of a planner that can decide only one step at a time."""
 
 
 class Planner(abc.ABC):
-    """Base class of planners, which decide the vehicle's velocity in every world. Complete once it is constructed."""
+    """Base class of planners, which decide the vehicle's velocity in every world. Ready for use after construction."""
 
     privileged: bool = False
     """True if it calls `Observation.true_next`, which no vehicle could see. Such planners are never ranked."""
 
     native: bool | str = False
-    """True if it commands the vehicle's dynamics (`core.dynamics`) directly: any dynamics, or the one named.
+    """True if it returns commands of the vehicle's dynamics (`core.dynamics`), or the name of the only valid dynamics.
 
-    Otherwise they are velocities, which a vehicle on wheels follows as far as it can. For a holonomic vehicle, both are
-    the same. A planner for one dynamics, such as `native = "unicycle"`, is refused with other vehicles.
+    Otherwise it returns velocities, which a wheeled vehicle follows as closely as possible. For a holonomic vehicle,
+    both are the same. A planner for one dynamics, such as `native = "unicycle"`, is rejected for other vehicles.
     """
 
     trained_pedestrians: int | None = None
-    """The largest number of pedestrians that it was trained with. `crowdbench run` says where there are more."""
+    """The largest number of pedestrians that it was trained with. `crowdbench run` warns if there are more."""
 
     trained_dt: float | None = None
-    """The length of a step in seconds that it was trained with. `crowdbench run` says where the scenario's differs."""
+    """The length of a step in seconds that it was trained with. `crowdbench run` warns if the scenario's differs."""
 
     facts: Mapping[str, str] = MappingProxyType({})
     """Further facts for results, such as the digest of its weights."""
@@ -50,13 +50,13 @@ class Planner(abc.ABC):
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """Return the commands for the next steps.
 
-        Called instead of `plan` in runs with `replan_every` above 1, at every `steps`-th step after the planner has
-        looked first (`crowdbench.runs.spec`). The vehicle executes the commands without another observation
-        in between.
+        Called instead of `plan` in runs with `replan_every` above 1, at every `steps`-th step after its first
+        observations (`look_first` in `crowdbench.runs.spec`). The vehicle executes the commands without another
+        observation in between.
 
         Args:
             obs: The observation before the first of the steps.
-            steps: How many steps.
+            steps: Number of steps.
 
         Returns:
             Commands as `plan` returns them.
@@ -67,15 +67,15 @@ class Planner(abc.ABC):
         raise OneStepOnly
 
     def for_held_out_scene(self, scene: str) -> Planner:
-        """Return the planner for a recorded scene: one without a part that was trained on it.
+        """Return a planner for a recorded scene, without parts that were trained on this scene.
 
-        Called once, before anything else, where people are recorded.
+        Called once, before all other methods, if pedestrians are recorded.
 
         Args:
             scene: The name of the scene.
 
         Returns:
-            Another planner, or this one where nothing in it was trained on the scene.
+            Another planner, or this one if no part of it was trained on the scene.
 
         Raises:
             InputError: A part of it was trained on the scene, and there is no other.
@@ -83,7 +83,7 @@ class Planner(abc.ABC):
         return self
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:  # noqa: B027 (a hook, empty unless wanted)
-        """Forget earlier episodes: called before each batch of episodes, for planners with a memory of each episode.
+        """Clear the memory of earlier episodes, for planners that have one. Called before each batch of episodes.
 
         Args:
             rows: The rows that `Observation.row` will have: 0, 1, 2, ...
@@ -103,7 +103,7 @@ Predicting = TypeVar("Predicting", bound="PredictingPlanner")
 
 @dataclass(eq=False)
 class PredictingPlanner(Planner):
-    """Planner with predicted pedestrians, which gives commands of the vehicle's dynamics.
+    """Planner with predicted pedestrians, which returns commands of the vehicle's dynamics.
 
     Attributes:
         predictor: Predicts the pedestrians.
@@ -119,7 +119,7 @@ class PredictingPlanner(Planner):
 
 
 class OneWorldPlanner(Planner):
-    """Planner made of a function that is written for one world at a time.
+    """Planner that calls a function for one world at a time.
 
     Args:
         decide: Returns the command (vx, vy), in m/s, for an `Observation` whose arrays have no world axis.
@@ -137,7 +137,7 @@ class OneWorldPlanner(Planner):
         return command
 
     def _decide(self, obs: Observation, w: int, logs: dict[str, np.ndarray]) -> Float[np.ndarray, "2"]:
-        """Return the command of one world in m/s; what is logged is put into row `w` of `logs`."""
+        """Return the command of one world in m/s; its logs are stored in row `w` of `logs`."""
         world = obs.rows(lambda array: array[w, ...], None if obs.logs is None else {})
         try:
             command = self.decide(world)

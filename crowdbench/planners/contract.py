@@ -1,4 +1,4 @@
-"""The check of what a planner returned: dtype, shape, finite numbers, and limits."""
+"""Check of the return value of a planner: dtype, shape, finite numbers, and limits."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from crowdbench.utils.errors import is_interrupt
 
 
 class Decision:
-    """Facts of a decision that its check needs: kept apart, because the planner could change that.
+    """Copy of the data that the check of a decision needs, because the planner could change the observation.
 
     Attributes:
         case: Number of the case of each world.
         step: Steps done so far in each world.
         max_speed: The vehicle's maximum speed in m/s in each world.
         dt: Length of a step in seconds.
-        dynamics: How the vehicle moves.
+        dynamics: The vehicle's dynamics.
         state: Its state before the step.
 
     Args:
@@ -36,7 +36,7 @@ class Decision:
         self.state = State(*(array.copy() for array in vehicle.state))
 
     def to_commands(self, velocities: Float[np.ndarray, "world *time 2"]) -> Float[np.ndarray, "world *time 2"]:
-        """Return the commands by which the vehicle follows the velocities of a planner that thinks in velocities.
+        """Return the commands by which the vehicle follows velocities, for planners that return velocities.
 
         Args:
             velocities: For the next step or several, in m/s.
@@ -53,12 +53,12 @@ class Decision:
 
 @dataclass(frozen=True)
 class Fault:
-    """Breach of a point of the contract by an answer.
+    """Violation of the contract by a return value.
 
     Attributes:
         what: The fault.
-        row: Index of the world in the batch; None where it is not known.
-        ahead: The step, counted from the one that the planner was asked in.
+        row: Index of the world in the batch; None if it is not known.
+        ahead: The step of the command, counted from the step in which the planner was called.
     """
 
     what: str
@@ -66,7 +66,7 @@ class Fault:
     ahead: int = 0
 
     def at(self, decision: Decision) -> str:
-        """Return the fault with the case and the step that it is in."""
+        """Return the fault with its case and step."""
         if self.row is None and len(decision.case) > 1:
             return f"{self.what} (step {decision.step[0]}, one of {len(decision.case)} cases)"
         row = self.row or 0
@@ -76,12 +76,12 @@ class Fault:
 def validate_commands(
     answer: object, max_speed: Float[np.ndarray, "world"], *steps: int, dynamics: Dynamics = FREE
 ) -> Float[np.ndarray, "world *time 2"] | Fault:
-    """Check what a planner returned: dtype, shape, finite numbers, and the limits of the dynamics, in this order.
+    """Check the return value of a planner: dtype, shape, finite numbers, and the limits of the dynamics, in this order.
 
     Args:
         answer: Its return value.
         max_speed: The vehicle's maximum speed in m/s.
-        steps: The number of steps for which commands are due; left out where it is the next one alone.
+        steps: The number of steps for which commands are required; omitted if it is only the next step.
         dynamics: The dynamics of the commands; holonomic for velocities.
 
     Returns:
@@ -103,7 +103,7 @@ def validate_commands(
 
 
 def validate_array(answer: object, worlds: int, *steps: int) -> Float[np.ndarray, "world *time 2"] | Fault:
-    """Check dtype and shape alone, as `validate_commands` does; numbers may still not be finite."""
+    """Check only dtype and shape, as `validate_commands` does; numbers need not be finite."""
     array, is_array = _to_array(answer), issubclass(type(answer), np.ndarray)
     if not (is_array and array.dtype.kind == "f"):
         kind = f"{array.dtype} array" if is_array else type(answer).__name__
@@ -116,14 +116,13 @@ def validate_array(answer: object, worlds: int, *steps: int) -> Float[np.ndarray
 
 
 def _to_array(answer: object) -> np.ndarray:
-    """Return a copy of the answer as an array of NumPy's own, also where it is nested lists; else an array of one
-    object.
+    """Return a copy of the answer as a base-class NumPy array, also of nested lists; otherwise an array of one object.
 
-    A subclass of ndarray could do anything when it is used.
+    A subclass of ndarray could execute any code when it is used.
     """
     try:
         return np.array(answer, subok=False)
-    except BaseException as error:  # whatever an object of the planner's own raises
+    except BaseException as error:  # any exception of an object of the planner
         if is_interrupt(error):
             raise
         return np.array(None)

@@ -1,6 +1,6 @@
-"""Asks planners for commands, measures how long they take, and refuses what breaks their contract.
+"""Query planners for commands, measure their decision time, and reject commands that violate the contract.
 
-The only place that calls `plan` and `plan_ahead`.
+Runs call `plan` and `plan_ahead` only in this module.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ class DecisionLimitExceeded(InputError):
 
 
 class FaultyAnswer(Exception):
-    """Raised by a planner that stands for one in another process, where that one gave no commands.
+    """Raised by the proxy of a planner in another process, if that planner returned no commands.
 
     Attributes:
-        fault: Its fault.
+        fault: The fault of the planner.
     """
 
     def __init__(self, fault: Fault) -> None:
@@ -44,21 +44,21 @@ class FaultyAnswer(Exception):
 
 
 class TimeLimit(BaseException):
-    """Raised inside a planner that takes too long; no Exception, which planners may catch."""
+    """Raised inside a planner that takes too long. Not an Exception, which planners may catch."""
 
 
 class Driver:
-    """Driver that asks a planner for commands.
+    """Driver that queries a planner for commands.
 
     Attributes:
         planner: The planner.
         name: Its name in errors.
         decision_limit: Seconds that it may take for a decision, for all worlds of a batch together. Time in which it
             waits for a processor does not count: see `FairLimit`.
-        privileged: True if it is shown the pedestrians' next velocities. Read once, so that it cannot change.
-        native: True if it gives commands of the vehicle's dynamics; velocities are turned into such. Read once, too.
-        facts: Further facts for results. Read once, too.
-        seconds: Time that it has taken so far, for its decisions and in `reset`.
+        privileged: True if it observes the pedestrians' next velocities. Read once, so that it cannot change.
+        native: True if it returns commands of the vehicle's dynamics; velocities are converted to commands. Read once.
+        facts: Further facts for results. Read once.
+        seconds: Total time of its decisions and of `reset` so far.
 
     Raises:
         InputError: The decision limit is not positive, or `privileged`, `native` or `facts` of the planner are not
@@ -78,9 +78,9 @@ class Driver:
         self._cases = np.empty(0, np.int64)
 
     def reset(self, cases: Int[np.ndarray, "world"]) -> None:
-        """Tell the planner that episodes start, and keep their case numbers for errors.
+        """Reset the planner at the start of episodes, and store their case numbers for errors.
 
-        Raises InputError where the planner raises.
+        Raises InputError if the planner raises.
         """
         self._cases = cases.copy()
         start = time.perf_counter()
@@ -89,11 +89,11 @@ class Driver:
         self.seconds += time.perf_counter() - start
 
     def decide(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """Return the vehicle's commands, as its dynamics takes them. Call `reset` first.
+        """Return the commands of the vehicle's dynamics. Call `reset` first.
 
         Raises:
-            InputError: The planner raises, or returns anything but a finite command per world within the vehicle's
-                limits. The sentence names planner, case and step.
+            InputError: The planner raises, or does not return a finite command per world within the vehicle's limits.
+                The message contains planner, case and step.
             DecisionLimitExceeded: It takes longer than the decision limit.
         """
         return self._query(obs, self.planner.plan)
@@ -109,7 +109,7 @@ class Driver:
             The commands.
 
         Raises:
-            InputError: As in `decide`, naming the step that the command is for; or the planner has no `plan_ahead`.
+            InputError: As in `decide`, with the step of the command; or the planner has no `plan_ahead`.
             DecisionLimitExceeded: The planner takes longer than the decision limit.
         """
         return self._query(obs, self.planner.plan_ahead, steps)
@@ -125,7 +125,7 @@ class Driver:
         start = time.perf_counter()
         answer = self._answer(decision, lambda: plan(obs, *steps), limit)
         self.seconds += time.perf_counter() - start
-        # Nobody interrupts a planner in another thread, or one that catches the interrupt.
+        # A planner in another thread, or one that catches the exception, is not interrupted.
         if limit.over():
             raise self._too_slow(decision)
         dynamics = decision.dynamics if self.native else FREE
@@ -146,7 +146,7 @@ class Driver:
         except TimeLimit as error:
             raise self._too_slow(decision, getattr(error, "row", None)) from None
         except BaseException as error:
-            # Interrupted in a plug-in that it asked for something, such as a pedestrian policy.
+            # Interrupted in a plug-in that the planner called, such as a pedestrian policy.
             if isinstance(error.__cause__, TimeLimit):
                 raise self._too_slow(decision) from None
             if is_interrupt(error) or isinstance(error, InputError):
@@ -173,14 +173,14 @@ def _read_flag(planner: Planner, name: str, flag: str, words: tuple[str, ...] = 
 
 
 def _read_facts(planner: Planner, name: str) -> dict[str, Any]:
-    """Return a copy of the planner's facts, as it is read back from JSON."""
+    """Return a copy of the planner's facts, converted to JSON and back."""
     with plugin_errors(f"planner {name} has facts that a result cannot hold, which must be texts by name:"):
         return dict(json.loads(json.dumps(dict(planner.facts), allow_nan=False)))
 
 
 @contextlib.contextmanager
 def _interrupted_after(limit: FairLimit) -> Iterator[None]:
-    # Signals reach the main thread only; in a user's own threads nothing can interrupt a planner.
+    # Signals reach only the main thread; a planner in another thread cannot be interrupted.
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
         yield
         return
@@ -190,12 +190,12 @@ def _interrupted_after(limit: FairLimit) -> Iterator[None]:
             raise TimeLimit
 
     handler = signal.signal(signal.SIGALRM, interrupt)
-    # Repeated, until the limit is over, and for planners that catch everything and go on.
+    # Repeated until the limit is over, and because planners may catch the exception and continue.
     timer = signal.setitimer(signal.ITIMER_REAL, limit.head, min(0.5, limit.head))
     try:
         yield
     finally:
-        # The last alarm may still come in here.
+        # The last alarm may still arrive here.
         try:
             signal.setitimer(signal.ITIMER_REAL, *timer)
         finally:

@@ -1,4 +1,4 @@
-"""A filter before a planner: what limited sight has measured becomes an estimate of where people are now."""
+"""Filter of a planner's observations, which estimates the present states of pedestrians from limited measurements."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ Covariances = Float[np.ndarray, "world pedestrian 3"]
 Estimates = tuple[Means, Covariances]
 
 ACCELERATION = 0.1
-"""How people change their velocities: spectral density of white acceleration, in m^2/s^3."""
+"""Changes of the pedestrians' velocities: spectral density of white acceleration, in m^2/s^3."""
 
 MEMORY = 4.0
-"""Seconds for which a pedestrian without measurements is remembered."""
+"""Seconds for which a pedestrian without measurements is tracked."""
 
 EXACT = 1e-3
-"""Smallest standard deviation of a measurement, in metres and in m/s: where there is no noise, nothing is singular."""
+"""Smallest standard deviation of a measurement, in metres and in m/s. It avoids singular matrices without noise."""
 
 
 class _Tracks:
-    """The estimates of the people of a batch, by the row of a world and the place of a pedestrian.
+    """The estimates of the pedestrians of a batch, by the row of a world and the index of a pedestrian.
 
     Attributes:
-        mean: Position in metres and velocity in m/s at the last measurement that has arrived, or since then moved on.
-        covariance: Variances of position and velocity along each axis, and between them their covariance.
-        radius: In metres.
-        age: Seconds since the last measurement, its delay not counted; infinite where there is none.
-        time: Seconds from the start at which each world was looked at last.
+        mean: Position in metres and velocity in m/s at the last measurement that has arrived, or extrapolated from it.
+        covariance: Variance of the position, covariance, and variance of the velocity, along each axis.
+        radius: Radius in metres.
+        age: Seconds since the last measurement, without its delay; infinite if there is none.
+        time: Time of the last observation of each world, in seconds from the start of the episode.
     """
 
     def __init__(self, worlds: int, pedestrians: int) -> None:
@@ -47,28 +47,28 @@ class _Tracks:
 
 
 class KalmanFilter:
-    """A Kalman filter for each person, who keeps the velocity but for white acceleration (Bar-Shalom et al. 2001).
+    """A Kalman filter for each pedestrian: constant velocity with white acceleration (Bar-Shalom et al. 2001).
 
-    It knows the sensor's noise and delay from its data sheet, `Observation.sensor`. Positions and velocities are
-    measured as they were a delay ago; estimates are moved on to now. A pedestrian that is not measured is remembered
-    for `MEMORY` seconds with growing uncertainty.
+    `Observation.sensor` contains the noise and the delay of the sensor. Measurements refer to the time before the
+    delay; estimates are extrapolated to the present. A pedestrian without measurements is tracked for `MEMORY` seconds
+    with growing uncertainty.
     """
 
     def __init__(self) -> None:
         self.reset(np.arange(0))
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
-        """Forget everybody. See `Planner.reset`."""
+        """Delete all tracks. See `Planner.reset`."""
         self.worlds = len(rows)
         self.tracks: _Tracks | None = None
 
     def forget(self, rows: Int[np.ndarray, "world"]) -> None:
-        """Forget everybody in some worlds, in which another episode starts."""
+        """Delete all tracks in some worlds, in which another episode starts."""
         if self.tracks is not None:
             self.tracks.age[rows], self.tracks.time[rows] = np.inf, 0.0
 
     def filter(self, obs: Observation) -> Observation:
-        """Return the filtered observation: estimates of the present, with their deviation."""
+        """Return the filtered observation: estimates of the present, with their standard deviations."""
         if self.tracks is None:
             self.tracks = _Tracks(max(self.worlds, int(obs.row.max(initial=-1)) + 1), obs.pedestrians.seen.shape[1])
         tracks, row, delay = self.tracks, obs.row, obs.sensor.steps_delayed(obs.dt) * obs.dt
@@ -78,8 +78,8 @@ class KalmanFilter:
         age, radius = tracks.age[row] + elapsed[:, None], tracks.radius[row]
         crowd = obs.pedestrians
         measured = crowd.seen & (crowd.age <= delay + 1e-6)
-        # A place has another person where `observed` starts again, or where the person before was elsewhere; the
-        # second is False where nothing was measured in the last step.
+        # An index has another pedestrian if `observed` starts again, or if the previous position is not that of the
+        # last measurement; the second condition is False if nothing was measured in the last step.
         is_other = np.abs(crowd.history[:, -2] - tracks.last[row]).max(axis=-1) > 1e-9
         is_new = measured & (~np.isfinite(age) | (crowd.observed <= 1) | is_other)
         noise = obs.sensor.noise
@@ -124,7 +124,7 @@ def _measure(mean: Means, covariance: Covariances, values: Means, variance: Floa
 def _estimated(
     obs: Observation, mean: np.ndarray, covariance: np.ndarray, age: np.ndarray, radius: np.ndarray
 ) -> Pedestrians:
-    """Return the pedestrians as estimated, each with a history on the line on which it walks."""
+    """Return the estimated pedestrians, each with a history on a straight line at its velocity."""
     known = age <= MEMORY
     position, velocity = (np.where(known[..., None], part, 0.0) for part in (mean[..., :2], mean[..., 2:]))
     back = obs.dt * np.arange(1 - HISTORY, 1)[:, None, None]
@@ -141,14 +141,14 @@ def _estimated(
 
 
 RadiusInflation = Float[np.ndarray, "#world #time #pedestrian"]
-"""Enlargements of people's radii in metres, for uncertain future positions."""
+"""Enlargements of the pedestrians' radii in metres, for uncertain future positions."""
 
 NO_INFLATION = np.zeros((1, 1, 1))
 """The enlargement without uncertainty."""
 
 
 def radius_inflation(obs: Observation, steps: int, sigma_factor: float) -> RadiusInflation:
-    """Return `sigma_factor` standard deviations of people's positions in each of the next steps; 0 without a filter."""
+    """Return `sigma_factor` standard deviations of pedestrians' positions in the next steps; 0 without a filter."""
     if obs.pedestrians.deviation is None:
         return NO_INFLATION
     position, velocity = np.moveaxis(obs.pedestrians.deviation[:, None], -1, 0)
@@ -156,7 +156,7 @@ def radius_inflation(obs: Observation, steps: int, sigma_factor: float) -> Radiu
 
 
 class FilteredPlanner(AheadPlanner):
-    """A planner that is shown what a filter makes of observations.
+    """A planner that gets filtered observations.
 
     Args:
         planner: The planner.
@@ -178,7 +178,7 @@ class FilteredPlanner(AheadPlanner):
         self.planner.reset(rows)
 
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
-        """See `Planner`. Until the first measurements can have arrived, the vehicle stands."""
+        """See `Planner`. The vehicle stands until the first measurements can have arrived."""
         shown = obs if obs.sensor.sees_all else self.filter.filter(obs)
         commands = self.planner.plan_ahead(shown, steps) if steps > 1 else self.planner.plan(shown)[:, None]
         return np.where((obs.step < obs.sensor.steps_delayed(obs.dt))[:, None, None], 0.0, commands)

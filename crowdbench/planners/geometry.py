@@ -1,4 +1,4 @@
-"""The vehicle's way and its walls, for planners that sample trajectories."""
+"""The vehicle's route and its distance to walls, for planners that sample trajectories."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def distance_to_walls(
 
 
 def along_route(obs: Observation, length: Float[np.ndarray, "world time"]) -> Points:
-    """Return the points in metres at some lengths of the vehicle's way over its next waypoints to its goal."""
+    """Return the points in metres at given lengths along the vehicle's route through its next waypoints to its goal."""
     vehicle, route = obs.vehicle, obs.vehicle.route
     passed = np.arange(route.shape[1]) < vehicle.waypoint[:, None]
     ahead = np.where(passed[..., None], vehicle.position[:, None], route)

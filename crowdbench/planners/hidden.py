@@ -1,4 +1,4 @@
-"""A virtual pedestrian where the route leaves the vehicle's sight, without any information."""
+"""A virtual pedestrian at the first occluded point of the route, without any information on real pedestrians."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from crowdbench.sim.lines_of_sight import is_hidden
 from crowdbench.utils.compiled import njit
 
 RADIUS = 0.3
-"""Radius of the virtual pedestrian in metres; it may stand so far beside the route, too."""
+"""Radius of the virtual pedestrian in metres, and its largest distance from the route."""
 
 STEP = 0.1
-"""Distance in metres between the points of the route that are looked at."""
+"""Distance in metres between the points of the route that are checked."""
 
 
 def hidden_scene(obs: Observation, scene: Scene) -> Scene | None:
-    """Return the scene with somebody who may be hidden, and with nobody else.
+    """Return the scene with a virtual pedestrian that may be hidden, and without other pedestrians.
 
-    One person stands at the first point of the route where walls would hide it from the vehicle. It takes the room of a
-    disc that reaches `RADIUS` beyond it. In worlds where the whole route is in sight there is nobody.
+    The pedestrian stands at the first point of the route where walls would hide it from the vehicle. It occupies a disc
+    that extends `RADIUS` beyond its own disc. Worlds in which the whole route is visible have no pedestrian.
 
     Args:
         obs: The present observation.
-        scene: The scene with the people who are seen.
+        scene: The scene with the visible pedestrians.
 
     Returns:
-        The scene; None without walls, or where the vehicle's sensor sees through them.
+        The scene; None without walls, or if the vehicle's sensor sees through them.
     """
     if not obs.sensor.occlusion or obs.obstacles.shape[1] == 0:
         return None
@@ -48,7 +48,7 @@ def hidden_scene(obs: Observation, scene: Scene) -> Scene | None:
 @no_type_check
 @njit(error_model="numpy")
 def _find_hidden(position, goal, route, waypoint, obstacles, point, exists):
-    """Fill the first point on the way from each vehicle to its goal where a person is hidden, if there is one."""
+    """Fill in the first point on the route of each vehicle where a pedestrian would be hidden, if there is one."""
     pair, radius, present = np.empty((2, 2)), np.full(2, RADIUS), np.ones(2, np.bool_)
     for w in range(len(position)):
         x, y, k, ends = position[w, 0], position[w, 1], waypoint[w], False

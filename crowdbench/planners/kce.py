@@ -27,12 +27,12 @@ Shaping = Callable[[Outcomes, PerFuture, PerCommand], PerFuture]
 """Reward of a change of velocity in a step: see `ChangeCost`."""
 
 ROUNDING = 1e-9
-"""How far a command may be beyond a limit by rounding, in m/s or, where speeds are multiplied, m^2/s^2."""
+"""Tolerance of limits for rounding, in m/s or, for products of speeds, in m^2/s^2."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Which commands the vehicle can follow: equations 5 and 6, which bound speed and heading separately.
+    """Limits of the commands that the vehicle can follow (equations 5 and 6), which bound speed and heading separately.
 
     A vehicle that stands still has no heading: it may start in any direction, and stop from any. The defaults are the
     paper's limits (section V-A, experiment 3).
@@ -40,8 +40,8 @@ class Limits:
     Attributes:
         max_acceleration: Largest change of speed, per second [m/s^2].
         max_turn: Largest change of heading in a step, pi at most [rad].
-        max_velocity_change: Largest change of velocity in a step, which is not in the paper. From twice the preferred
-            speed on it excludes nothing [m/s].
+        max_velocity_change: Largest change of velocity in a step, which is not in the paper. It has no effect from
+            twice the preferred speed on [m/s].
 
     Raises:
         InputError: A limit is not positive, or `max_turn` is above pi.
@@ -69,7 +69,7 @@ class Limits:
         """
         velocity = velocity[:, None]
         before, after = norm(velocity), norm(commands)
-        # The cosine of the turn times both speeds: it bounds nothing where one of them is 0.
+        # The cosine of the turn times both speeds: it is no bound if one of them is 0.
         along = (velocity * commands).sum(axis=-1)
         return (
             (np.abs(after - before) <= self.max_acceleration * dt + ROUNDING)
@@ -99,8 +99,8 @@ class Limits:
 class ChangeCost:
     """A cost of every change of velocity.
 
-    Differs from equation 8, which ignores hard changes where nobody is near: see `PrintedShaping`. The cost is per m/s
-    of change, and so the same for the same path whatever the time step is.
+    Differs from equation 8, which ignores large changes if no pedestrian is near: see `PrintedShaping`. The cost is per
+    m/s of change, so that the cost of a path does not depend on the time step.
 
     Attributes:
         cost: Cost of a change of velocity by 1 m/s, in units of the reward [s/m].
@@ -132,14 +132,14 @@ class ChangeCost:
 class PrintedShaping:
     """Equation 8 as printed: `threshold` - |a_t - a_{t-1}|, added on collision, in discomfort and at the goal.
 
-    The rest of the reward, equation 7, is `core.reward.reward`. Differs from equation 7 in discomfort because
-    the paper prints -0.1 - d_min/2, which would punish a larger gap more. CrowdNav (Chen et al. 2019), where it comes
-    from, has (d_min - 0.2) / 2 = -0.1 + d_min/2, times dt, and so has crowdbench.
+    The rest of the reward, equation 7, is `core.reward.reward`. Differs from equation 7 in discomfort because the paper
+    prints -0.1 - d_min/2, which would penalize a larger gap more. As in CrowdNav (Chen et al. 2019), its source, the
+    term is (d_min - 0.2) / 2 = -0.1 + d_min/2, times dt.
 
-    Use it with care: a collision costs 0.25, and neither thresholds nor changes of velocity are small beside that.
-    With a threshold above 0.025 staying in discomfort can pay, and above 0.25 colliding can, as long as the velocity
-    is kept. With one below 0, waiting beside the goal can be worth more than arriving. Whatever the threshold, a swerve
-    near a pedestrian can cost more than a collision.
+    Use it with care: a collision costs 0.25, and thresholds and changes of velocity are not small in comparison. With a
+    threshold above 0.025, staying in discomfort can increase the reward, and above 0.25 a collision can, if the
+    velocity is constant. With a threshold below 0, waiting beside the goal can have a larger reward than arriving. With
+    any threshold, a swerve near a pedestrian can cost more than a collision.
 
     Attributes:
         threshold: The change of velocity above which the addition is negative [m/s].
@@ -163,8 +163,8 @@ class PrintedShaping:
 class Exploration:
     """Finer commands around a command a: a plus and minus m `epsilon`, m = 0 to `n` (equation 9).
 
-    Speed and heading are varied separately, which gives (2n + 1)^2 commands, a among them. Of a vehicle on wheels it is
-    speed and turn rate, or steering angle. The paper gives no values; the defaults are ours.
+    Speed and heading are varied separately, which gives (2n + 1)^2 commands, including a. For a wheeled vehicle, these
+    are speed and turn rate, or speed and steering angle. The paper gives no values; the defaults are ours.
 
     Attributes:
         epsilon: Distance from one speed, and from one heading, to the next [m/s and rad].
@@ -184,8 +184,8 @@ class Exploration:
     def __call__(self, scene: Scene, command: Velocities) -> Commands:
         """Return the commands around one command for each world.
 
-        Around standing still the headings are around the vehicle's heading, or where it stands, around the direction
-        of its local goal.
+        If the command is zero, the headings are around the vehicle's heading, or, if it stands still, around the
+        direction of its local goal.
 
         Args:
             scene: The vehicles before the step.

@@ -1,4 +1,4 @@
-"""The last plan of each world, from whose remaining steps the next decision starts."""
+"""The last plan of each world, whose remaining steps are the start of the next decision."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class LastPlans:
         self.reset(np.arange(0))
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
-        """Forget all plans. See `Planner.reset`."""
+        """Delete all plans. See `Planner.reset`."""
         self.plan = np.zeros((len(rows), self.horizon, 2))
         self.step = np.full(len(rows), -1)
-        """The step in which each plan was computed; -1 where there is none."""
+        """The step in which each plan was computed; -1 if there is none."""
 
     def check_length(self, steps: int) -> None:
         """Raise InputError unless a plan has commands for the steps of `Planner.plan_ahead`."""
@@ -33,10 +33,10 @@ class LastPlans:
         require("horizon", self.horizon, steps <= self.horizon, right)
 
     def guesses(self, obs: Observation, default: Sequence) -> Sequences:
-        """Return first guesses: the remaining steps of the last plan, and each command of the dynamics throughout.
+        """Return first guesses: the remaining steps of the last plan, and each command of the dynamics, held constant.
 
         Args:
-            obs: The present.
+            obs: The present observation.
             default: Replaces the last plan in worlds without one.
         """
         vehicle = obs.vehicle

@@ -31,7 +31,7 @@ Reward = Callable[[Int[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], float
 
 
 SHOWN = 8
-"""Steps of the futures that are logged: more than are decided upon, so that one sees where they lead."""
+"""Number of steps of the futures that are logged: more than are planned, to show where the futures lead."""
 
 
 class ScoredActions(NamedTuple):
@@ -40,9 +40,9 @@ class ScoredActions(NamedTuple):
     Attributes:
         commands: The commands.
         values: Reward of the step plus discounted value of the state after it, the mean over the futures; minus
-            infinity where the limits exclude the command.
-        later: The value of the state after the step, likewise; NaN where the command is excluded.
-        attention: The attention to each pedestrian in that state, likewise.
+            infinity if the limits exclude the command.
+        later: The value of the state after the step, the mean over the futures; NaN if the command is excluded.
+        attention: The mean attention to each pedestrian in that state over the futures; NaN if the command is excluded.
     """
 
     commands: Commands
@@ -51,7 +51,7 @@ class ScoredActions(NamedTuple):
     attention: Float[np.ndarray, "world action pedestrian"]
 
     def best(self) -> Velocities:
-        """Return the best command of each world; of several, the first."""
+        """Return the best command of each world; the first if several are equal."""
         return self.commands[np.arange(len(self.values)), self.values.argmax(axis=1)]
 
 
@@ -59,21 +59,20 @@ class ScoredActions(NamedTuple):
 class ValuePlanner(PredictingPlanner, AheadPlanner):
     """Planner of the command with the largest reward of the next step plus discounted value of the next state.
 
-    Its methods stand in the order in which a decision calls them.
+    Its methods are defined in the order in which a decision calls them.
 
     Attributes:
         value: The value network.
-        actions: Makes the commands to choose from, in m/s, from preferred speeds in m/s. A vehicle on wheels has the
-            commands of its dynamics instead.
+        actions: Returns the candidate commands in m/s for preferred speeds in m/s. A wheeled vehicle has the commands
+            of its dynamics instead.
         reward: The reward of a step, called like `crowdbench.core.reward.reward`.
-        shaping: Reward of a change of velocity, called like `kce.ChangeCost`; None for nothing.
-        limits: Which changes of velocity are allowed; None for all. With limits, braking as hard as they allow is one
-            more command, so that a holonomic vehicle always has one that they allow.
-        explore: Makes further commands around the best one, called like `kce.Exploration`; None for no more. The best
-            one is kept unless a further one is better.
-        shortlist: Number of commands that are valued under all futures: those that are best in a single future with
-            the mean predicted positions and velocities. None for all commands. It changes nothing where there is one
-            future.
+        shaping: Reward of a change of velocity, called like `kce.ChangeCost`; None for no such reward.
+        limits: The allowed changes of velocity; None for all. With limits, the hardest allowed braking is an additional
+            command, so that a holonomic vehicle always has an allowed command.
+        explore: Returns further commands around the best one, called like `kce.Exploration`; None for no further
+            commands. The best command is replaced only if a further one is better.
+        shortlist: Number of commands that are evaluated under all futures: those that are best in a single future with
+            the mean predicted positions and velocities. None for all commands. No effect if there is one future.
 
     Raises:
         InputError: `shortlist` is not a whole number above 0.
@@ -103,14 +102,14 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
         return commands
 
     def follow(self, obs: Observation, prediction: Prediction) -> tuple[Sequence, ScoredActions]:
-        """Return the commands for the steps of a prediction, each decided where the earlier ones have led.
+        """Return the commands for the steps of a prediction, each decided in the state after the earlier ones.
 
         Args:
             obs: The observation before the first step.
-            prediction: The pedestrians' motion in the meantime.
+            prediction: The pedestrians' motion during these steps.
 
         Returns:
-            The commands, and what was considered for the first of them.
+            The commands, and the candidates of the first step with their values.
         """
         steps = prediction.position.shape[2]
         commands = np.empty((len(obs), steps, 2))
@@ -123,14 +122,14 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
         return commands, scored[0]
 
     def choose(self, scene: Scene) -> ScoredActions:
-        """Return the commands that are considered in each world, with their values; the best one is taken."""
+        """Return the candidate commands in each world with their values; the vehicle executes the best one."""
         scored = self._score(scene, self.commands(scene.vehicle, scene.dt))
         if self.explore is None:
             return scored
         return self._score(scene, self.explore(scene, scored.best()), scored)
 
     def commands(self, vehicle: Vehicle, dt: float) -> Commands:
-        """Return the commands to choose from. Not all of them are within the limits; with limits, the last one brakes.
+        """Return the candidate commands. Not all of them are within the limits; with limits, the last one brakes.
 
         Args:
             vehicle: The vehicle before the step.
@@ -144,15 +143,15 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
         return np.concatenate([commands, brake[:, None]], axis=1)
 
     def unlimited_commands(self, vehicle: Vehicle, dt: float) -> Commands:
-        """Return the commands to choose from where there are no limits, see `commands`."""
+        """Return the candidate commands without limits, see `commands`."""
         if isinstance(vehicle.dynamics, Holonomic):
             return self.actions(vehicle.preferred_speed)
         return vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, dt)
 
     def _score(self, scene: Scene, commands: Commands, known: ScoredActions | None = None) -> ScoredActions:
-        """Return some commands with their values; with a shortlist, those that are best under the mean of the futures.
+        """Return commands with their values; with a shortlist, only the best commands under the mean of the futures.
 
-        Commands that have been scored before stand in front of them.
+        Commands that have been scored before come first.
         """
         if self.shortlist is not None and self.shortlist < commands.shape[1] and scene.crowd.velocity.shape[1] > 1:
             loss = -self.score(mean_future(scene), commands).values
@@ -162,12 +161,12 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
         return self.score(scene, commands, known)
 
     def score(self, scene: Scene, commands: Commands, known: ScoredActions | None = None) -> ScoredActions:
-        """Evaluate commands. Each state is evaluated once, also where several commands lead to it.
+        """Evaluate commands. Each state is evaluated once, also if several commands lead to it.
 
         Args:
             scene: The state before the step, and the predicted crowd.
             commands: The commands.
-            known: Commands that have been evaluated in this scene, which stand before the others in the result.
+            known: Commands that have been evaluated in this scene, which come first in the result.
         """
         allowed = np.ones(commands.shape[:2], bool)
         if self.limits is not None:
@@ -196,7 +195,8 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
     def _evaluate(
         self, scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[np.ndarray, "row"]
     ) -> tuple[Float[np.ndarray, "row"], Float[np.ndarray, "row"], Float[np.ndarray, "row pedestrian"]]:
-        """Return the rest of `ScoredActions` for commands, limits aside; `world` is the world of each command."""
+        """Return the other fields of `ScoredActions` for commands, without limits; `world` is the world of each
+        command."""
         result = try_commands(scene, commands, world)
         now = self.reward(result.outcome, result.gap, scene.dt)
         if self.shaping is not None:
@@ -218,7 +218,7 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
 
 
 def _chunk(scene: Scene) -> int:
-    """Return the number of commands that are valued at once, so that memory does not grow with worlds or modes."""
+    """Return the number of commands that are evaluated at once, so that memory does not grow with worlds or modes."""
     modes, pedestrians = scene.crowd.velocity.shape[1:3]
     return max(1, CHUNK // (modes * max(pedestrians, 1)))
 
@@ -234,7 +234,7 @@ def _present(scene: Scene, world: Int[np.ndarray, "row"]) -> Bool[np.ndarray, "r
 def _first_equal(commands: Commands) -> Int[np.ndarray, "world action"]:
     """Return the index of the first command of each world that equals a command up to rounding.
 
-    Several finer commands are equal where their speeds are clipped, and one is the command that they surround.
+    Several finer commands are equal if their speeds are clipped, and one of them is the command that they surround.
     """
     rounded = np.round(commands, 9)
     key = rounded[..., 0] + 1j * rounded[..., 1]

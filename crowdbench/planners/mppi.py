@@ -1,4 +1,4 @@
-"""Model predictive path integral control (MPPI): sampled sequences of commands, weighted by what they cost."""
+"""Model predictive path integral control (MPPI): sampled sequences of commands, weighted by their costs."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ SHOWN = 12
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """Settings of sampling. Commands are in parts of their range: from 0 to the preferred speed, or to a limit.
+    """Settings of the sampling. Commands are in fractions of their range: from 0 to the preferred speed, or to a limit.
 
     Attributes:
         samples: Number of sequences that are sampled in a round [1].
         rounds: Number of rounds, each around the result of the one before [1].
         spread: Standard deviation of the samples of the first round [1].
-        narrower: By what part the deviation is smaller in each further round [1].
-        correlation: Of the noise of a command with that of the one before [1].
-        temperature: Costs that are so much higher weigh 1 / e [s].
+        narrower: Factor by which the deviation is multiplied in each further round [1].
+        correlation: Correlation of the noise of a command with that of the previous command [1].
+        temperature: Increase of the costs that reduces the weight of a sequence to 1 / e [s].
 
     Raises:
         InputError: A number is impossible.
@@ -64,19 +64,19 @@ class Search:
 
 @dataclasses.dataclass(frozen=True)
 class Weights:
-    """Costs of a sequence, in seconds of a longer way.
+    """Costs of a sequence, as equivalent additional travel time in seconds.
 
     Attributes:
         contact: A collision with a pedestrian in the first step [s].
-        fading: By what factor contacts and gaps cost less for each step ahead, because the prediction is less certain
+        fading: Factor on the costs of contacts and gaps for each step ahead, because the prediction is less certain
             [1].
         wall: A collision with an obstacle [s].
-        near: A step with a gap of 0 inside the margin; less for larger gaps, with their square [s].
+        near: A step with a gap of 0; the cost decreases quadratically to 0 at the margin [s].
         margin: Width of the margin in the first step [m].
-        growth: By how much it is wider for each second ahead [m/s].
-        sigma_factor: Standard deviations of future positions by which a filter enlarges people's radii [1].
-        change: A change of a command by its whole range, squared [s].
-        jerk: A change of this change, squared [s].
+        growth: Increase of this width for each second ahead [m/s].
+        sigma_factor: Number of standard deviations of positions by which a filter enlarges pedestrians' radii [1].
+        change: A change of a command by its whole range; the cost is quadratic [s].
+        jerk: A change of this change; the cost is quadratic [s].
 
     Raises:
         InputError: A number is impossible.
@@ -103,18 +103,18 @@ SEARCH, WEIGHTS = Search(), Weights()
 
 @dataclasses.dataclass(eq=False)
 class MPPIPlanner(PredictingPlanner, AheadPlanner):
-    """Planner of the cost-weighted mean of sampled command sequences, or the best of them where that costs less.
+    """Planner of the cost-weighted mean of sampled command sequences, or of the best sample if it has a lower cost.
 
-    Each decision starts from the rest of the last plan, the way straight to the goal, and constant commands.
+    Each decision starts from the rest of the last plan, the straight path to the goal, and constant commands.
 
     Attributes:
-        search: How sequences are sampled.
+        search: Settings of the sampling.
         weights: Costs of sequences.
         horizon: Number of steps of a sequence [1].
-        worst: The share of the futures, the worst for a sequence, of which the mean counts (CVaR); 1 for all [1].
+        worst: Share of the futures over which costs are averaged, those with the highest costs (CVaR); 1 for all [1].
 
     Raises:
-        InputError: `horizon` is not a whole number above 0, or `worst` is no share.
+        InputError: `horizon` is not a whole number above 0, or `worst` is not in (0, 1].
     """
 
     search: Search = SEARCH
@@ -161,7 +161,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         return best[:, :steps]
 
     def first_guesses(self, obs: Observation) -> Sequences:
-        """Return the rest of the last plan, the way to the goal, and constant commands."""
+        """Return the rest of the last plan, the path to the goal, and constant commands."""
         vehicle, straight = obs.vehicle, np.empty((len(obs), self.horizon, 2))
         dynamics, speed = vehicle.dynamics, vehicle.preferred_speed
         for t in range(self.horizon):
@@ -182,12 +182,12 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
     def optimize(
         self, scene: Scene, inflation: RadiusInflation, hidden: Scene | None, guesses: Sequences, noise: Noise
     ) -> tuple[Sequence, Paths]:
-        """Return the sequence that is driven in each world, and where the samples of the last round lead.
+        """Return the selected sequence of each world, and the paths of the samples of the last round.
 
         Args:
             scene: The vehicles and the pedestrians.
             inflation: The enlargement of each pedestrian's radius in each step.
-            hidden: The scene with people that walls may hide.
+            hidden: The scene with the virtual pedestrian that walls may hide.
             guesses: Sequences of commands with which the search begins.
             noise: Noise of standard deviation 1.
         """
@@ -211,9 +211,9 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
     def costs(
         self, scene: Scene, commands: Sequences, inflation: RadiusInflation, hidden: Scene | None = None
     ) -> tuple[Costs, SequenceResult]:
-        """Return costs of sequences in seconds, see `Weights`, and how they would go.
+        """Return the costs of sequences in seconds, see `Weights`, and their simulated results.
 
-        The time to the goal, and what is to be avoided on the way.
+        The costs are the time to the goal, and penalties for events during the sequence.
 
         Args:
             scene: The vehicles and the pedestrians.
@@ -230,7 +230,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         return self._over_futures(cost) + self._roughness(scene, commands), result
 
     def _nearness(self, result: SequenceResult, dt: float) -> Float[np.ndarray, "world sequence mode"]:
-        """Return costs of small gaps to people and of contacts."""
+        """Return the costs of small gaps to pedestrians and of contacts."""
         weights, time = self.weights, np.arange(result.gap.shape[-1])
         inside = np.maximum(1.0 - np.maximum(result.gap, 0.0) / (weights.margin + weights.growth * dt * time), 0.0)
         near = weights.near * (weights.fading**time * inside**2).sum(axis=-1)
@@ -238,14 +238,14 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         return np.asarray(near + hit * weights.contact * weights.fading ** (result.steps - 1))
 
     def _over_futures(self, cost: Float[np.ndarray, "world sequence mode"]) -> Costs:
-        """Return the mean over the worst futures of each sequence."""
+        """Return the mean cost over the worst futures of each sequence."""
         number = int(np.ceil(self.worst * cost.shape[2]))
         if number < cost.shape[2]:
             cost = np.sort(cost, axis=2)[:, :, -number:]
         return cost.mean(axis=2)
 
     def _roughness(self, scene: Scene, commands: Sequences) -> Costs:
-        """Return costs of changes of the commands; the first one changes what the vehicle does now."""
+        """Return the costs of changes of the commands; the first change is from the vehicle's present motion."""
         vehicle = scene.vehicle
         if isinstance(vehicle.dynamics, Holonomic):
             now = vehicle.velocity
@@ -258,5 +258,5 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
 
 
 def _range(scene: Scene) -> Velocities:
-    """Return the largest value of each number of a command."""
+    """Return the largest value of each component of a command."""
     return scene.vehicle.dynamics.space(scene.vehicle.preferred_speed)[1]

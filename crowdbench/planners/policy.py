@@ -1,4 +1,4 @@
-"""Policies, which look no step ahead: a network maps what the vehicle sees to a velocity, and a planner asks it."""
+"""Policies, which are planners without lookahead: a network maps observations of the vehicle to velocities."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from crowdbench.sim.lines_of_sight import wall_distances
 from crowdbench.utils.errors import InputError, is_integer
 
 CHUNK = 4096
-"""Worlds that go through the network at once."""
+"""Largest number of worlds in one forward pass of the network."""
 
 
 @dataclass(frozen=True)
 class PolicyInterface:
     """Features that a policy observes, and the meaning of its actions.
 
-    A policy with a memory is shown where people are predicted to be, walls, and how it moves; one without is shown the
-    present. Actions are velocities in the frame of the goal, which vehicles on wheels follow as far as they can.
+    A policy with a memory observes predicted positions of pedestrians, walls, and the vehicle's motion; others observe
+    the present. Actions are velocities in the frame of the goal, which wheeled vehicles follow as closely as possible.
 
     Attributes:
-        nearest: How many pedestrians it is shown, at most: the nearest ones.
+        nearest: Largest number of pedestrians that it observes: the nearest ones.
         predictor: Predicts the pedestrians; None for a policy without a memory.
     """
 
@@ -57,14 +57,14 @@ class PolicyInterface:
         return features_ahead(obs, self.nearest, ahead, walls)
 
     def velocities(self, action: Vectors, obs: Observation, axis: Vectors) -> Vectors:
-        """Return the velocities in m/s that actions stand for, corrected along walls.
+        """Convert actions to velocities in m/s, corrected along walls.
 
         Args:
             action: The actions of a policy.
             obs: The observation.
-            axis: The direction of the goal, as `Features` has it.
+            axis: The direction of the goal, as in `Features`.
         """
-        return along_walls(obs, to_world(in_disc(action, obs.vehicle.preferred_speed), axis))  # the direction is kept
+        return along_walls(obs, to_world(in_disc(action, obs.vehicle.preferred_speed), axis))  # same direction
 
 
 @dataclass(eq=False)
@@ -75,8 +75,8 @@ class NetworkPlanner(Planner):
         policy: The trained network.
         interface: Its observation and its actions.
         network: The name of the network.
-        trained_pedestrians: The largest number of pedestrians that it was trained with; None where that is unknown.
-        trained_dt: The length of a step in seconds that it was trained with; None where that is unknown.
+        trained_pedestrians: The largest number of pedestrians that it was trained with; None if that is unknown.
+        trained_dt: The length of a step in seconds that it was trained with; None if that is unknown.
     """
 
     policy: Policy
@@ -109,7 +109,7 @@ class NetworkPlanner(Planner):
         shown = self.interface(obs)
         seen = Seen.of(shown, self.memory.device)
         action, row = np.empty((len(obs), 2)), torch.from_numpy(obs.row)
-        if len(self.memory) <= row.max():  # asked without a reset
+        if len(self.memory) <= row.max():  # called without a reset
             self.memory = self.policy.initial_memory(int(row.max()) + 1)
         before = self.memory[row]
 
@@ -133,7 +133,7 @@ def load_policy(
         weights: The name of built-in weights, or a file.
         device: `cpu` or `cuda`.
         predictor: Predictor of the pedestrians for a policy with a memory: a name or a file.
-        encoder: The file of the encoder that the policy was trained with; None for the network's own.
+        encoder: The file of the encoder that the policy was trained with; None for the network's default encoder.
 
     Returns:
         The planner.
@@ -156,7 +156,7 @@ def load_policy(
 
 
 def _check_encoder(weights: Path, trained: object, encoder: str | None) -> None:
-    """Raise InputError unless an encoder is the one of which a card has these digests."""
+    """Raise InputError unless the files of an encoder have the digests in the card of the weights."""
     file, _ = file_and_function(encoder or "")
     given = None if file is None else read_files(file).digests
     if given != trained:
@@ -165,7 +165,7 @@ def _check_encoder(weights: Path, trained: object, encoder: str | None) -> None:
 
 
 def _most_pedestrians(training: Mapping[str, Any]) -> int | None:
-    """Return the largest number of pedestrians that a card says of the training; None where it does not say one."""
+    """Return the largest number of pedestrians in the training according to a card; None if the card has no number."""
     try:
         numbers = [each["pedestrians"]["number"] for each in (training["scenario"], *training.get("beside", []))]
     except (KeyError, TypeError):

@@ -1,4 +1,4 @@
-"""Planners that drive the vehicle with a model of pedestrians, and along walls, of which such a model knows nothing."""
+"""Planners that drive the vehicle with a model of pedestrians, and corrections of velocities along walls."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from crowdbench.utils.compiled import njit
 class ORCAPlanner(Planner):
     """Optimal reciprocal collision avoidance (van den Berg et al. 2011), with the parameters of CrowdNav's robot.
 
-    The margin is kept from people alone: a margin to walls would close a door that the vehicle fits through.
+    The margin applies only to pedestrians: a margin to walls would close a door that the vehicle fits through.
 
     Attributes:
         safety_space: Margin that is added to every radius [m].
@@ -38,38 +38,38 @@ class ORCAPlanner(Planner):
         preferred = np.zeros_like(position)
         preferred[:, 0] = toward_goal(vehicle.position, vehicle.local_goal, vehicle.preferred_speed)
         radius = radius + (ORCA_MARGIN + self.safety_space)
-        if obs.obstacles.shape[1]:  # the whole margin goes to the others' radii, so that none is left for walls
+        if obs.obstacles.shape[1]:  # the whole margin is added to the others' radii, so that walls have none
             radius[:, 0] -= self.safety_space
             radius[:, 1:] += self.safety_space
         speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
         agents, walls = (position, velocity, preferred, radius, speed), obs.obstacles
-        moves = np.broadcast_to(np.arange(present.shape[1]) == 0, present.shape)  # the model moves nobody else
+        moves = np.broadcast_to(np.arange(present.shape[1]) == 0, present.shape)  # the model moves no other agent
         velocities = orca_velocities(
             *agents, time_step=obs.dt, obstacles=walls, time_horizon_obst=TIME_HORIZON_OBST, seen=present, moves=moves
         )
-        # Nothing else keeps a vehicle off walls that cannot take these velocities at once.
+        # Otherwise, a vehicle that cannot reach these velocities in one step could touch walls.
         return along_walls(obs, velocities[:, 0])
 
 
 GAP = 0.01
-"""The gap to walls that is kept, in metres."""
+"""Smallest gap to walls, in metres."""
 
 CREEP = 1e-4
-"""Share of its speed at which a vehicle turns that must not drive on. A velocity of 0 would have no direction."""
+"""Share of its speed at which a vehicle turns if it must not drive on. A velocity of 0 would have no direction."""
 
 
 def along_walls(obs: Observation, command: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
     """Return commands with which the vehicle goes along walls instead of into them, as pedestrians do in the simulator.
 
-    A vehicle with limits on its acceleration needs time to stop and to turn. It looks that much farther ahead. Where it
-    could not stop in front of a wall after the step, it brakes and turns, or brakes straight on.
+    A vehicle with limited acceleration needs time to stop and to turn. The correction covers this time, too. If the
+    vehicle could not stop in front of a wall after the step, it brakes and turns, or brakes straight ahead.
 
     Args:
         obs: The observation.
         command: Velocities in m/s.
 
     Returns:
-        Velocities in m/s, no faster; the same ones where no wall is in the way.
+        Velocities in m/s, no faster than the commands; unchanged if no wall is in the way.
     """
     if obs.obstacles.shape[1] == 0:
         return command
@@ -78,7 +78,7 @@ def along_walls(obs: Observation, command: Float[np.ndarray, "world 2"]) -> Floa
     _slide(vehicle.position, radius, obs.obstacles, obs.dt + limit / deceleration, slower)
     if math.isfinite(deceleration):
         ahead = limit[:, None] * np.stack([np.cos(vehicle.heading), np.sin(vehicle.heading)], axis=1)
-        for toward in (slower.copy(), ahead):  # where braking is not enough, straight on: that was safe before
+        for toward in (slower.copy(), ahead):  # if turning is not enough, straight ahead: that was safe before
             after = dynamics.step(vehicle.state, dynamics.follow(vehicle.state, slower, limit, obs.dt), limit, obs.dt)
             _brake(np.array(vehicle.body), deceleration, *after[:3], radius, obs.obstacles, toward, slower)
     return slower

@@ -1,4 +1,4 @@
-"""Planners that look one step ahead with a trained network: CADRL, LSTM-RL, SARL, and the parts of SARL-SGAN-KCE.
+"""Planners with a one-step lookahead and a trained network: CADRL, LSTM-RL, SARL, and the parts of SARL-SGAN-KCE.
 
 SARL is Chen, Liu, Kreiss and Alahi, "Crowd-Robot Interaction: Crowd-aware Robot Navigation with Attention-based Deep
 Reinforcement Learning", ICRA 2019, arXiv:1809.08835. The rest is Li, Shan, Narula, Worrall and Nebot, "Socially Aware
@@ -30,10 +30,10 @@ def sarl_planner(
         predictor: Predictor of the pedestrians: a name (`crowdbench list predictors`) or a file.
         weights: The trained value network: a name (`crowdbench list weights`) or a file.
         device: Where the value network runs: `cpu` or `cuda`.
-        modes: Number of futures to predict; false for the predictor's own number [1].
+        modes: Number of futures to predict; false for the predictor's default number [1].
         shortlist: Number of commands to value under all futures, the best under their mean; false for all [1].
         limits: Commands that the vehicle can follow; false for all.
-        shaping: Reward of a change of velocity; false for nothing.
+        shaping: Reward of a change of velocity; false for none.
         explore: Finer commands to try around the best one; false for none.
 
     Returns:
@@ -53,7 +53,7 @@ def sarl_planner(
         shaping=shaping,
         # III-D, equation 9: finer commands around the best one.
         explore=explore,
-        # Not in the paper: all futures only for the commands that look best, which is faster.
+        # Not in the paper: only the best commands are evaluated under all futures, which is faster.
         shortlist=shortlist,
     )
 

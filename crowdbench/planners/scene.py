@@ -1,4 +1,4 @@
-"""The vehicle and the predicted pedestrians, as lookaheads of one step and of many take them, also compiled."""
+"""The vehicle and the predicted pedestrians, as input of lookaheads over one or many steps, also in compiled code."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Crowd(NamedTuple):
         position: Their centres in metres. Time 0 is before the first step, and time t is after t steps.
         velocity: Their velocities after the last step, in m/s.
         radius: Their radii in metres.
-        present: Which pedestrians there are. The others change nothing.
+        present: True for pedestrians that are present. The others have no effect.
     """
 
     position: Float[np.ndarray, "world mode time pedestrian 2"]
@@ -39,15 +39,15 @@ class Crowd(NamedTuple):
 
 
 class VehicleArrays(NamedTuple):
-    """The vehicles of a batch as kernels take them, see `Vehicle`.
+    """The vehicles of a batch as arguments of kernels, see `Vehicle`.
 
     Attributes:
         code: `Dynamics.code`.
         limits: `Dynamics.limits`.
-        body: Where the centres of its discs are, in metres ahead of its position.
+        body: The centres of its discs, in metres ahead of its position.
         motion: The numbers of `Motion`.
-        goal: In metres, and so is the next one.
-        local_goal: See `Vehicle.local_goal`.
+        goal: In metres.
+        local_goal: In metres, see `Vehicle.local_goal`.
         radius: In metres.
         goal_tolerance: Distance in metres to the goal below which the vehicle has arrived.
         preferred_speed: In m/s.
@@ -82,7 +82,7 @@ class Scene:
 
     @cached_property
     def arrays(self) -> VehicleArrays:
-        """The vehicle as kernels take it."""
+        """The vehicle as argument of kernels."""
         vehicle, tolerance = self.vehicle, self.vehicle.goal_tolerance
         return VehicleArrays(
             vehicle.dynamics.code,
@@ -97,7 +97,7 @@ class Scene:
         )
 
     def velocities(self, commands: Commands) -> Commands:
-        """Return the velocities in m/s that the vehicle has after a step under each of some commands."""
+        """Return the velocities in m/s that the vehicle has after a step with each of the commands."""
         vehicle = self.vehicle
         return vehicle.dynamics.velocities(vehicle.state, commands, vehicle.preferred_speed, self.dt)
 
@@ -110,7 +110,7 @@ def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehic
         prediction: The pedestrians' next steps.
         step: The first of these steps, 0 for the next one.
         vehicle: The vehicle as it is before that step.
-        steps: How many steps.
+        steps: Number of steps.
     """
     after = prediction.position[:, :, step : step + steps]
     before = prediction.position[:, :, step - 1 : step] if step else obs.pedestrians.position[:, None, None]
@@ -139,17 +139,17 @@ def motion_of(numbers, row):
 @no_type_check
 @njit(nogil=True, inline="always")
 def fill_crowd(position, w, m, t, start, motion):
-    """Fill where pedestrians start in a step and how far they move, in metres. Compiled.
+    """Fill in the start and the displacement of pedestrians in a step, in metres. Compiled.
 
     Args:
         position (array): `Crowd.position`.
         w (int): The world.
         m (int): The mode.
         t (int): The step.
-        start (array): `[agent, 2]`, filled but for the vehicle, which comes first.
-        motion (array): `[agent, 2]`, likewise.
+        start (array): `[agent, 2]`, filled except for the vehicle, which comes first.
+        motion (array): `[agent, 2]`, filled except for the vehicle.
     """
-    # Number by number: to count the references to slices takes as long as all the rest.
+    # Element by element: reference counting of slices takes as long as all other operations.
     for p in range(position.shape[3]):
         for k in range(2):
             start[p + 1, k] = position[w, m, t, p, k]

@@ -1,4 +1,4 @@
-"""Commands tried under predicted futures, for one step and for several: how each ends, and how near. Compiled."""
+"""Simulate commands under predicted futures, for one or several steps, with outcomes and gaps. Compiled."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from crowdbench.utils.compiled import njit
 
 
 def propagate_vehicle(vehicle: Vehicle, command: Float[np.ndarray, "world 2"], obs: Observation) -> Vehicle:
-    """Return the vehicle after a step: at its new position, heading for the waypoint that is next there.
+    """Return the vehicle after a step, with its new position and its next waypoint.
 
     Args:
         vehicle: The vehicle before it.
         command: Its command.
-        obs: The observation: obstacles, which decide which waypoints are in sight, and the length of a step.
+        obs: The observation, of which the obstacles (for the visible waypoints) and the length of a step are used.
     """
     after = vehicle.dynamics.step(vehicle.state, command, vehicle.preferred_speed, obs.dt)
     _, _, waypoint = route_from(vehicle, after.position[:, None], obs.obstacles)
@@ -37,14 +37,14 @@ def propagate_vehicle(vehicle: Vehicle, command: Float[np.ndarray, "world 2"], o
 def route_from(
     vehicle: Vehicle, position: Float[np.ndarray, "world n 2"], obstacles: Float[np.ndarray, "world polygon corner 2"]
 ) -> tuple[Float[np.ndarray, "world n 2"], Float[np.ndarray, "world n waypoint 2"], Int[np.ndarray, "world n"]]:
-    """Return goal and route of the vehicle of each world at several positions, and the waypoint that is next there."""
+    """Return goal, route and next waypoint of the vehicle of each world at several positions."""
     fields = vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius
     goal, route, waypoint, radius = (np.repeat(values[:, None], position.shape[1], axis=1) for values in fields)
     return goal, route, next_waypoints(position, goal, route, waypoint, radius, obstacles)[0]
 
 
 _NOT_LAST = np.bool_(False)
-"""No time limit is foreseen. For the literal, numba would compile `step_outcome` twice."""
+"""Argument of `step_outcome` for no time limit. With a literal, numba would compile `step_outcome` twice."""
 
 
 class StepResult(NamedTuple):
@@ -64,12 +64,12 @@ class StepResult(NamedTuple):
 
 
 def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[np.ndarray, "row"]) -> StepResult:
-    """Find out how a step would go under some commands, if the prediction is right.
+    """Simulate a step with each of some commands, under the assumption that the prediction is right.
 
-    The vehicle moves by its dynamics. The pedestrians move straight and at constant speed from where the planner sees
-    them to where they are predicted. The rule for collisions, with pedestrians and obstacles, and for the goal is the
-    simulator's. A command after which the vehicle could not stop in front of a wall counts as a collision with it. The
-    joint state has the local goal in place of the goal.
+    The vehicle moves by its dynamics. The pedestrians move straight and at constant speed from their observed to their
+    predicted positions. Collisions, with pedestrians and obstacles, and arrival at the goal follow the simulator's
+    rules. A command after which the vehicle could not stop in front of a wall counts as a collision with it. The joint
+    state has the local goal in place of the goal.
 
     Args:
         scene: The vehicles and the pedestrians.
@@ -122,8 +122,8 @@ def _try_commands(vehicle, crowd, dt, commands, world, wall_gap, result):
 def _fill_gaps(vehicle, crowd, obstacles, dt, commands, world, wall_gap, gap):
     """Fill the gaps to walls `[command]`, and gaps of vehicles on wheels to pedestrians `[command, mode]`.
 
-    In a kernel of its own, which is compiled only where there are walls or wheels. A command after which the vehicle
-    could not stop in front of a wall has a negative gap to it.
+    A separate kernel, which is compiled only if there are walls or wheels. A command after which the vehicle could not
+    stop in front of a wall has a negative gap to it.
     """
     code, limits, body, position = vehicle.code, vehicle.limits, vehicle.body, crowd.position
     agents = 1 + position.shape[3]
@@ -154,11 +154,11 @@ class SequenceResult(NamedTuple):
     """Results of sequences in each future.
 
     Attributes:
-        outcome: How it has ended after the last step, an `Outcome`; never a time-out.
+        outcome: The `Outcome` after the last step, never a time-out.
         steps: Number of steps until it ends, or all of them.
-        gap: Smallest distance in metres to a pedestrian's rim in each step, less the margin; infinite after the end.
-        motion: The vehicle's `Motion` before the first step and after each one, whether it has ended or not; the
-            heading of a holonomic vehicle is not kept.
+        gap: Smallest distance in metres to a pedestrian's rim in each step, minus the margin; infinite after the end.
+        motion: The vehicle's `Motion` before the first step and after each one, also after the end; the heading of a
+            holonomic vehicle is not updated.
     """
 
     outcome: Int[np.ndarray, "world sequence mode"]
@@ -170,12 +170,12 @@ class SequenceResult(NamedTuple):
 def try_sequences(
     scene: Scene, commands: Sequences, margin: Float[np.ndarray, "#world #time #pedestrian"]
 ) -> SequenceResult:
-    """Find out how sequences of commands would go, by the simulator's rule for collisions and the goal.
+    """Simulate sequences of commands, with the simulator's rules for collisions and the goal.
 
     Args:
         scene: The vehicle and the pedestrians.
         commands: Commands of the vehicle's dynamics.
-        margin: By how much the radius of each pedestrian is larger in each step, in metres.
+        margin: Enlargement of the radius of each pedestrian in each step, in metres.
     """
     worlds, sequences, steps = commands.shape[:3]
     shape = worlds, sequences, scene.crowd.position.shape[1]
@@ -192,7 +192,7 @@ def try_sequences(
 
 
 def limit_commands(commands: Sequences, vehicle: Vehicle) -> Sequences:
-    """Return the commands, made small enough for the limits of the dynamics."""
+    """Return the commands, reduced to the limits of the dynamics."""
     if not isinstance(vehicle.dynamics, Holonomic):
         low, high = (bound[:, None, None] for bound in vehicle.dynamics.space(vehicle.preferred_speed))
         return np.clip(commands, low, high)
@@ -216,7 +216,7 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, people_radius, resul
     start, motion = np.empty((agents, 2)), np.empty((agents, 2))
     radii, present = np.empty(agents), np.ones(agents, np.bool_)
     discs = Discs(start, motion, radii, present)
-    # Of each disc of the body in each step: where it starts, and how far it moves.
+    # Start and displacement of each disc of the body in each step.
     chord, to_walls = np.empty((horizon, len(body), 4)), np.full(horizon, np.inf)
     for w in range(len(commands)):
         radii[0], present[1:] = radius[w], crowd.present[w]
@@ -246,7 +246,7 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, people_radius, resul
                         gap = min(gap, nearest_in_step(0, discs)[0])
                     dx, dy = vehicle.goal[w, 0] - path[t + 1, 0], vehicle.goal[w, 1] - path[t + 1, 1]
                     result.gap[w, s, m, t] = gap
-                    # A contact is predicted, a wall is there: where a step has both, it is the wall that counts.
+                    # A contact is a prediction, a wall is certain: if a step has both, the wall counts.
                     contact = gap if to_walls[t] >= 0.0 else np.inf
                     ended = step_outcome(contact, to_walls[t], dx, dy, vehicle.goal_tolerance[w], _NOT_LAST)
                     t += 1
@@ -256,10 +256,10 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, people_radius, resul
 @no_type_check
 @njit(nogil=True, inline="always")
 def _fill_chords(code, body, before, after, dt, chord):
-    """Fill in where each disc of a body starts in a step, and its motion: x, y, dx and dy in metres.
+    """Fill in the start and the displacement of each disc of a body in a step: x, y, dx and dy in metres.
 
-    An arc is taken as its chord, which in 0.25 s is off by 1 cm at most at 1 m/s and 1.5 rad/s. Walls must be farther
-    away than that, which no prediction makes less certain.
+    An arc is approximated by its chord. In 0.25 s at 1 m/s and 1.5 rad/s, the error is at most 1 cm. Walls, whose
+    positions are certain, must be farther away than this error.
     """
     if code == HOLONOMIC:
         chord[0, 0], chord[0, 1], chord[0, 2], chord[0, 3] = before.x, before.y, after.vx * dt, after.vy * dt

@@ -1,1 +1,1 @@
-"""Plug-ins: Python files and installed packages, found by name or path, with their options and digests."""
+"""Plug-ins: Python files and installed packages, loaded by name or path, with their options and digests."""

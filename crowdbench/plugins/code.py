@@ -1,4 +1,4 @@
-"""Digests of code: of syntax trees, so that comments, docstrings and the layout of a file do not count."""
+"""Digests of code, computed from syntax trees, so that comments, docstrings and formatting do not count."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def code_digest(modules: Iterable[str], further: Iterable[Path] = ()) -> str:
 
     Args:
         modules: Names of modules of crowdbench, such as `crowdbench.runs.rollout`.
-        further: Further files, which count with what they import from crowdbench.
+        further: Further files, which count with their imports from crowdbench.
     """
     size = len(_cached())
     trees = sorted(_read(path)[0] for path in reached_files(modules, further))
@@ -57,7 +57,7 @@ def reached_files(modules: Iterable[str], further: Iterable[Path] = ()) -> set[P
 
 @functools.cache
 def _find(name: str) -> Path | None:
-    """Return the file of a module, or of a public name; None for the package itself, which only names others."""
+    """Return the file of a module, or of a public name; None for the package itself, which only imports names."""
     package, *parts = name.split(".")
     if package == NAME and len(parts) == 1:
         parts = crowdbench.public_names().get(parts[0], name).split(".")[1:]
@@ -83,14 +83,14 @@ def _read(path: Path) -> tuple[str, list[str]]:
 
 @functools.cache
 def _cached() -> dict[str, Any]:
-    """Return what `_read` has returned, by the digest of the source. It is cached on disk, beside compiled kernels."""
+    """Return the results of `_read`, by the digest of the source. They are cached on disk, beside compiled kernels."""
     content = store.read(_file_name())
     return json.loads(content) if content else {}
 
 
 @functools.cache
 def _file_name() -> str:
-    """Return the name of the file on disk, which changes with the way in which digests are made."""
+    """Return the name of the file on disk, which changes with the code that computes digests."""
     digest = hashlib.sha256(Path(__file__).read_bytes() + Path(files.__file__).read_bytes()).hexdigest()
     return f"syntax_trees-{digest[:32]}"
 

@@ -1,4 +1,4 @@
-"""The files that a plug-in consists of: its own, and those that it imports from its folder."""
+"""The files of a plug-in: its main file, and the files that it imports from its folder."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class PluginFiles(NamedTuple):
 
     @property
     def digest(self) -> str:
-        """Return twelve hexadecimal digits that change with each file; the digits of the file itself if it is alone."""
+        """Twelve hexadecimal digits that change with each file; for a single file, the first digits of its digest."""
         if len(self.digests) == 1:
             return next(iter(self.digests.values()))[:12]
         return hashlib.sha256(json.dumps(self.digests, sort_keys=True).encode()).hexdigest()[:12]
@@ -39,9 +39,9 @@ class PluginFiles(NamedTuple):
 def read_files(file: Path) -> PluginFiles:
     """Read a file and those that belong to it. No file is run.
 
-    To a Python file belongs every file that it imports from its folder. Imports count wherever they stand, also in
-    functions, and the imports of imported files count too. A module whose name is computed is not found. crowdbench
-    itself does not count. To weights belongs their card.
+    For a Python file, these are the files that it imports from its folder, directly or indirectly, also in functions. A
+    module whose name is computed at run time is not found. Files of crowdbench do not count. For weights, it is their
+    card.
 
     Args:
         file: The file.
@@ -63,7 +63,7 @@ def read_module(folder: Path, module: Module, package: str = "") -> PluginFiles:
     Args:
         folder: The folder in which its top-level package lies.
         module: Its name.
-        package: A top-level package to which the files must belong; all of the folder count if it is empty.
+        package: A top-level package to which the files must belong; if it is empty, all files of the folder count.
     """
     digests: dict[str, str] = {}
     imports: set[str] = set()
@@ -85,7 +85,7 @@ def read_module(folder: Path, module: Module, package: str = "") -> PluginFiles:
 
 
 def _find_files(folder: Path, module: Module, package: str) -> Iterator[Path]:
-    """Yield the files in the folder that importing a module runs: its own, and the files of the packages around it."""
+    """Yield the files in the folder that the import of a module executes: its file, and files of parent packages."""
     if not module or module[0] == "crowdbench" or (package and module[0] != package):
         return
     for depth in range(1, len(module) + 1):
@@ -97,7 +97,7 @@ def _find_files(folder: Path, module: Module, package: str) -> Iterator[Path]:
 
 
 def _imports(content: bytes, path: Path) -> list[Module]:
-    """Return the modules that a file imports; none where it is not Python."""
+    """Return the modules that a file imports; none if it is not Python."""
     if path.suffix != ".py":
         return []
     try:
@@ -107,11 +107,11 @@ def _imports(content: bytes, path: Path) -> list[Module]:
 
 
 def imported_modules(tree: ast.AST, package: Module) -> list[Module]:
-    """Return the modules that a Python file may import; a name in `from a import b` may be one.
+    """Return the modules that a Python file may import; in `from a import b`, b may be a module.
 
     Args:
         tree: The file's syntax tree. Imports under `if TYPE_CHECKING` do not count.
-        package: The package that it lies in.
+        package: The package that contains the file.
     """
     modules: list[Module] = []
     waiting = [tree]

@@ -1,4 +1,4 @@
-"""Python files and installed packages as plug-ins: finding them, running them, calling what they define."""
+"""Load Python files and installed packages as plug-ins: find them, execute them, and call their functions."""
 
 from __future__ import annotations
 
@@ -33,28 +33,28 @@ from crowdbench.utils.errors import InputError, did_you_mean, find_named, plugin
 _PACKAGE = Path(__file__).parent.parent
 
 ROOT = _PACKAGE if (_PACKAGE / "agents").is_dir() else _PACKAGE.parent
-"""Where the folders `agents` and `scenarios` lie: inside the package in a wheel, beside it in a checkout."""
+"""The parent of the folders `agents` and `scenarios`: the package in a wheel, its parent folder in a checkout."""
 
 FORMATS = ".onnx", ".zip", ".pt", ".pth"
-"""Suffixes of files other than Python that a kind may have a reader for, which may only say why it reads them not."""
+"""Suffixes of non-Python files for which a kind may have a reader. Some readers only raise an error with the reason."""
 
 Source = Callable[..., Any] | Path | EntryPoint
-"""Where a plug-in comes from: a function, a file, or an installed package."""
+"""Source of a plug-in: a function, a file, or an installed package."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of plug-in: finds one by its name or in a file, and makes it.
+    """A kind of plug-in, with methods that find a plug-in by name or file and construct it.
 
     Attributes:
-        word: The noun for one of them.
-        function: The function that a file of it defines.
-        functions: Those that are built in as functions, by name.
-        folder: Where the files, or folders with files, of others that are built in are, if there are any.
-        entry_points: The group of entry points by which installed packages offer others, if they can.
-        makes: Type of the objects that its function makes; None where the function itself is the plug-in.
-        validate: Raises InputError where a plug-in that was made, with its name, breaks a rule of its kind.
-        reader: Where the function lies that makes one of a file that is not Python, if there is any.
+        word: The noun for a plug-in of this kind.
+        function: Name of the function that a file of this kind defines.
+        functions: Plug-ins that are built in as functions, by name.
+        folder: Folder with the files, or subfolders, of other built-in plug-ins, if there are any.
+        entry_points: The group of entry points with plug-ins of installed packages, if there is one.
+        makes: Type of the objects that its function returns; None if the function itself is the plug-in.
+        validate: Raises InputError if a plug-in, given with its name, violates a rule of its kind.
+        reader: The function that constructs a plug-in from a file that is not Python, if there is one.
     """
 
     word: str
@@ -67,7 +67,7 @@ class Kind:
     reader: EntryPoint | None = None
 
     def built_in(self) -> dict[str, Source]:
-        """Return where each built-in plug-in comes from, by name: `name.py`, or `name/name.py` with files beside it."""
+        """Return the source of each built-in plug-in, by name: `name.py`, or `name/name.py` with files beside it."""
         sources: dict[str, Source] = dict(self.functions)
         if self.folder:
             in_folders = [path for path in self.folder.glob("*/*.py") if path.stem == path.parent.name]
@@ -84,7 +84,7 @@ class Kind:
         return sources
 
     def names(self) -> list[tuple[str, str]]:
-        """Name and first docstring line of everything that is built in or installed."""
+        """Return name and first docstring line of all plug-ins that are built in or installed."""
         return [(name, _docstring(source).partition("\n")[0]) for name, source in self.sources().items()]
 
     def find(self, spec: str) -> tuple[str, Callable[..., Any]]:
@@ -94,7 +94,7 @@ class Kind:
             spec: A name, `file.py` or `file.py:function`, or a file that the `reader` reads.
 
         Raises:
-            InputError: There is none, or it cannot be loaded.
+            InputError: There is no such plug-in, or it cannot be loaded.
         """
         file, function = file_and_function(spec)
         source = file or self.built_in().get(spec) or find_named(self.word, spec, self.sources(), ".py")
@@ -111,7 +111,7 @@ class Kind:
         return spec, source
 
     def load(self, spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Any]:
-        """Return a plug-in's name, and the plug-in, which its function makes with options where it is to make one.
+        """Return a plug-in's name, and the plug-in: its function, or the object that the function returns for options.
 
         Raises InputError as `find` and `make` do.
         """
@@ -126,7 +126,7 @@ class Kind:
         return *self.load(str(folder / spec)), read_files(folder / file).digest
 
     def make(self, name: str, factory: Callable[..., object], options: Mapping[str, Any]) -> Any:
-        """Return the object that a function makes with options.
+        """Return the object that a function returns for options.
 
         Args:
             name: Name of the function in errors.
@@ -134,7 +134,7 @@ class Kind:
             options: Its arguments, as they are written in TOML: see `plugins.options.Option.argument`.
 
         Raises:
-            InputError: The function does not take the options, fails, or makes something else.
+            InputError: The function does not accept the options, raises, or returns an object of another type.
         """
         assert self.makes is not None
         known = {option.name: option for option in read_options(factory)}
@@ -149,7 +149,7 @@ class Kind:
                 option: known[option].argument(value) if option in known else value for option, value in options.items()
             }
             plugin = factory(**arguments)
-            # In here, because it asks an object of the plug-in's for its class.
+            # Inside the context, because `isinstance` may call code of the plug-in.
             is_right = isinstance(plugin, self.makes)
         if not is_right:
             made = type(plugin).__name__
@@ -164,9 +164,9 @@ class Kind:
         return importlib.import_module(reader.module).__doc__ or "" if reader else _docstring(source)
 
     def files(self, spec: str) -> PluginFiles:
-        """Read the files of a plug-in that `find` finds, or of a program. None is run.
+        """Read the files of a plug-in that `find` finds, or of a program. No file is executed.
 
-        crowdbench's own functions have none.
+        Built-in functions have no files.
         """
         source = self._source(spec)
         if isinstance(source, Path):
@@ -184,12 +184,12 @@ class Kind:
         return self.reader if isinstance(source, Path) and source.suffix in FORMATS else None
 
     def _source(self, spec: str) -> Source:
-        """Return where a plug-in comes from; the path of a program."""
+        """Return the source of a plug-in; for a program, its path."""
         return file_and_function(spec)[0] or self.built_in().get(spec) or self.sources().get(spec, Path(spec))
 
 
 def _find_module(name: str) -> ModuleSpec | None:
-    """Find a module. `importlib.util.find_spec` would run the packages around it."""
+    """Find a module. `importlib.util.find_spec` would execute its parent packages."""
     package = name.rpartition(".")[0]
     parent = _find_module(package) if package else None
     if package and parent is None:
@@ -199,7 +199,7 @@ def _find_module(name: str) -> ModuleSpec | None:
 
 
 def file_and_function(spec: str) -> tuple[Path | None, str]:
-    """Return the file and the function, perhaps empty, of `file.py:function`; no file where the spec is a name."""
+    """Return the file and the function, perhaps empty, of `file.py:function`; no file if the spec is a name."""
     if Path(spec).suffix in FORMATS:
         return Path(spec), ""
     match = re.fullmatch(r"(.+\.py)(?::(\w+))?", spec)
@@ -207,15 +207,14 @@ def file_and_function(spec: str) -> tuple[Path | None, str]:
 
 
 def program(spec: str) -> Path | None:
-    """Return the program that a planner is, given by a path such as `./mine`; None where `spec` is something else."""
+    """Return the path of a planner that is a program, such as `./mine`; None if `spec` is not a program."""
     path = Path(spec)
     is_program = "/" in spec and file_and_function(spec)[0] is None and path.is_file() and os.access(path, os.X_OK)
     return path if is_program else None
 
 
 def plugin_name(spec: str) -> str:
-    """Return the name of a plug-in: that of its function or else its file, of a program its file's; without loading
-    it."""
+    """Return the name of a plug-in, without loading it: the name of its function, or else of its file or program."""
     file, function = file_and_function(spec)
     if file is not None:
         return function or file.stem
@@ -223,7 +222,7 @@ def plugin_name(spec: str) -> str:
 
 
 class _SourceLoader(SourceFileLoader):
-    """Loader that compiles a file whenever it is loaded: `__pycache__` beside it may be of another file."""
+    """Loader that compiles a file whenever it is loaded: the `__pycache__` beside it may belong to another file."""
 
     def get_code(self, fullname: str) -> CodeType:
         path = self.get_filename(fullname)
@@ -232,7 +231,7 @@ class _SourceLoader(SourceFileLoader):
 
 @functools.cache
 def _import_from_source(folder: Path) -> None:
-    """Have Python import what lies in a folder, but for installed packages, by `_SourceLoader`."""
+    """Register `_SourceLoader` for imports from a folder, except for installed packages."""
     make = FileFinder.path_hook((ExtensionFileLoader, EXTENSION_SUFFIXES), (_SourceLoader, SOURCE_SUFFIXES))
 
     def find(entry: str) -> Any:
@@ -241,11 +240,11 @@ def _import_from_source(folder: Path) -> None:
         raise ImportError
 
     sys.path_hooks.insert(0, find)
-    sys.path_importer_cache.pop(str(folder), None)  # it was looked up before, perhaps
+    sys.path_importer_cache.pop(str(folder), None)  # it may be cached already
 
 
 def load_module(path: Path) -> ModuleType:
-    """Run a Python file as a module, which can import files beside it. Raises InputError where it fails."""
+    """Execute a Python file as a module, which can import files beside it. Raises InputError if it fails."""
     try:
         path = path.resolve(strict=True)
         files.check_regular(path)
@@ -253,7 +252,7 @@ def load_module(path: Path) -> ModuleType:
         raise InputError(f"there is no file {path}: {getattr(error, 'strerror', None) or error}") from None
     if path.suffix != ".py":
         raise InputError(f"{path} is not a Python file")
-    # Known to the interpreter under a name of its own: dataclasses and pickle look it up.
+    # Registered under a unique name, because dataclasses and pickle look it up.
     name = f"crowdbench_plugin_{path.stem}_{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path, loader=_SourceLoader(name, str(path)))
     assert spec is not None
@@ -269,9 +268,9 @@ def load_module(path: Path) -> ModuleType:
 
 
 def _docstring(source: Source) -> str:
-    """Return the docstring of a plug-in's function or file; of an installed package, its entry point. None is run.
+    """Return the docstring of a plug-in's function or file, or the entry point of an installed package.
 
-    Raises InputError where the file cannot be read.
+    No file is executed. Raises InputError if the file cannot be read.
     """
     if isinstance(source, EntryPoint):
         return f"installed: {source.value}"

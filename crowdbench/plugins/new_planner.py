@@ -1,4 +1,4 @@
-"""The folder of a new planner: a copy of the template, which drives, has a test, and a card for leaderboards."""
+"""The folder of a new planner: a copy of the template, with a working planner, a test, and a card for leaderboards."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def make_planner(name: str, out: Path) -> Path:
 
     Args:
         name: The planner's name, which is the name of the folder.
-        out: The folder to make it in.
+        out: The parent folder.
 
     Returns:
         Its folder.
@@ -40,7 +40,7 @@ def make_planner(name: str, out: Path) -> Path:
     if folder.exists():
         raise InputError(f"{folder} exists already: choose another name, or another folder with --out")
     module = importlib.util.find_spec(name)
-    if module is not None and module.origin is not None:  # a folder that happens to be here has none
+    if module is not None and module.origin is not None:  # a folder without `__init__.py` has none
         raise InputError(f"{name!r} is a module that is installed, which the planner would hide: take another name")
     title = "".join(part.capitalize() for part in name.split("_"))
     with new_directory(folder, overwrite=False) as partial:

@@ -1,4 +1,4 @@
-"""The options of a plug-in's function: read from its signature, and given to it as they are written in TOML."""
+"""The options of a plug-in's function: read from its signature, and converted from TOML values to arguments."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 from crowdbench.utils.errors import InputError, is_integer, is_number, plugin_errors
 
 REQUIRED = inspect.Parameter.empty
-"""The default of an option that has none."""
+"""The value of `Option.default` for an option without a default."""
 
 
 PLAIN: Mapping[Any, tuple[Callable[[Any], bool], str]] = {
@@ -24,20 +24,20 @@ PLAIN: Mapping[Any, tuple[Callable[[Any], bool], str]] = {
     float: (is_number, "a number"),
     str: (lambda value: isinstance(value, str), "a text in quotes"),
 }
-"""The types of annotations that values are checked against: what belongs to each, and its name in errors."""
+"""The types of annotations that values are checked against: the check of each type, and its name in errors."""
 
 
 @dataclass(frozen=True)
 class Option:
     """A parameter of a plug-in's function.
 
-    Some options are parts of what the function makes: dataclasses, which are written as tables of their parameters.
+    Some options are parts of the returned object: dataclasses, which are written as tables of their parameters.
 
     Attributes:
         name: Its name.
-        default: Its value where it is not given, or `REQUIRED`.
-        types: The types that its annotation allows; none where there is no annotation.
-        keyword_only: True if it can be given by its name alone.
+        default: Its value if it is not given, or `REQUIRED`.
+        types: The types that its annotation allows; none if there is no annotation.
+        keyword_only: True if it can be given only by name.
     """
 
     name: str
@@ -47,34 +47,34 @@ class Option:
 
     @property
     def parts(self) -> list[type]:
-        """Return the dataclasses among its types."""
+        """The dataclasses among its types."""
         return [kind for kind in self.types if isinstance(kind, type) and dataclasses.is_dataclass(kind)]
 
     @property
     def can_be_off(self) -> bool:
-        """Return whether it may be None, which is written as false."""
+        """True if it may be None, which is written as false."""
         return types.NoneType in self.types and bool not in self.types
 
     def part_options(self, part: type) -> list[Option]:
-        """Return the parameters of one of its parts. Their defaults come from its own default, if that is such."""
+        """Return the parameters of one of its parts. Their defaults come from its default, if that is such a part."""
         options = read_options(part)
         if not isinstance(self.default, part):
             return options
         return [dataclasses.replace(option, default=getattr(self.default, option.name)) for option in options]
 
     def argument(self, value: Any) -> Any:
-        """Return what the function is given for a value.
+        """Return the argument of the function for a value.
 
         Args:
-            value: As it is written in TOML, or the argument itself. A table of some of a part's parameters leaves
-                the others as in the default, if that is such a part, and otherwise as the dataclass has them.
+            value: The value in TOML, or the argument itself. If the table of a part has only some of its parameters,
+                the others come from the option's default if that is such a part, and otherwise from the dataclass.
 
         Returns:
             The argument: None for false, a part for a table, and else the value.
 
         Raises:
-            InputError: The value is of another type, or should be a table and is not, or has other parameters, or one
-                of them is impossible.
+            InputError: The value has another type, is not a table although it must be one, or has unknown or invalid
+                parameters.
         """
         if self.can_be_off and (value is None or value is False):
             return None
@@ -87,7 +87,7 @@ class Option:
         return value
 
     def _make_part(self, table: Any) -> Any:
-        """Make the part whose parameters are in a table; of several such, the one of the default."""
+        """Return the part whose parameters are in a table; if several parts match, one of the default's type."""
         tables = []
         for part in sorted(self.parts, key=lambda part: type(self.default) is not part):
             defaults = {option.name: option.default for option in self.part_options(part)}
@@ -103,14 +103,14 @@ class Option:
         raise self._error(repr(table), tables)
 
     def _error(self, value: str, expected: list[str]) -> InputError:
-        """Return the error that says what was given, and what would be right."""
+        """Return the error with the given value and the allowed values."""
         return InputError(f"{self.name} is {value}, but must be {'false or ' * self.can_be_off}{' or '.join(expected)}")
 
 
 def read_options(factory: Callable[..., object]) -> list[Option]:
     """Return the options of a function or class, without `*args` and `**kwargs`.
 
-    Raises InputError where it has no signature that can be read.
+    Raises InputError if its signature cannot be read.
     """
     hints = _hints(factory)
     return [
@@ -137,7 +137,7 @@ def _hints(factory: Callable[..., object]) -> dict[str, Any]:
     while isinstance(factory, functools.partial):
         factory = factory.func
     called = factory.__init__ if inspect.isclass(factory) else factory
-    # Annotations may name what is imported for type checkers alone, and are evaluated, whatever they are.
+    # Annotations are evaluated: they may use names that are imported only for type checkers, or raise any exception.
     with contextlib.suppress(InputError), plugin_errors("annotations raised"):
         return typing.get_type_hints(called)
     return {}

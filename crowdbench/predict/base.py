@@ -54,15 +54,15 @@ class Predictor(abc.ABC):
         """
 
     def predict_given(self, obs: Observation, steps: int, plan: WorldPaths) -> Prediction:
-        """Predict all pedestrians where it is known what the vehicle is about to do.
+        """Predict all pedestrians, given the future commands of the vehicle.
 
         Args:
             obs: The observation of every world.
             steps: Number of steps to predict.
-            plan: The commands of the vehicle in these steps, as its dynamics takes them.
+            plan: The commands of the vehicle in these steps, in the format of its dynamics.
 
         Returns:
-            The futures; the return value of `predict`, unless the predictor's people react to the vehicle.
+            The futures. By default the result of `predict`, in which pedestrians do not react to the commands.
         """
         return self.predict(obs, steps)
 
@@ -78,7 +78,7 @@ def predict(predictor: Predictor, obs: Observation, steps: int, plan: WorldPaths
         predictor: The predictor.
         obs: The observation of every world.
         steps: Number of steps to predict.
-        plan: The commands of the vehicle in these steps, for `Predictor.predict_given`; None where they are not known.
+        plan: The commands of the vehicle in these steps, for `Predictor.predict_given`; None if unknown.
 
     Raises:
         InputError: See `validate_prediction`.
@@ -88,19 +88,19 @@ def predict(predictor: Predictor, obs: Observation, steps: int, plan: WorldPaths
 
 
 def validate_prediction(answer: object, name: str, obs: Observation, steps: int) -> Prediction:
-    """Check what a predictor returned.
+    """Check the return value of a predictor.
 
     Args:
         answer: The return value of `predict`.
-        name: Name of the predictor in errors.
-        obs: Its input.
-        steps: For how many steps it was asked.
+        name: Name of the predictor in error messages.
+        obs: The observation that the predictor received.
+        steps: The requested number of steps.
 
     Returns:
-        The prediction as plain arrays; what is not finite for pedestrians that are not seen is 0.
+        The prediction as plain arrays; non-finite values of pedestrians that are not seen are replaced by 0.
 
     Raises:
-        InputError: It is no prediction, of another shape, or not finite for a pedestrian that is seen.
+        InputError: It is not a prediction, has another shape, or is not finite for a pedestrian that is seen.
     """
     if not isinstance(answer, Prediction):
         raise InputError(f"predictor {name} returned a {type(answer).__name__} instead of a Prediction")
@@ -109,7 +109,7 @@ def validate_prediction(answer: object, name: str, obs: Observation, steps: int)
     for quantity, array in {"positions": answer.position, "velocities": answer.velocity}.items():
         if not isinstance(array, np.ndarray) or array.dtype.kind != "f":
             raise InputError(f"predictor {name} returned {quantity} that are not an array of floats")
-        # Without a mask or the methods of a subclass, which could hide what is not finite.
+        # Without a mask or the methods of a subclass, which could hide non-finite values.
         values = np.asarray(array)
         shape = values.shape
         if shape != (worlds, *shape[1:2], steps, pedestrians, 2) or shape[1] == 0:

@@ -16,8 +16,8 @@ from crowdbench.utils.errors import require, require_count
 class Linear(Predictor):
     """The least-squares line through the last 8 observed positions: Lin (Li et al. 2020).
 
-    Predicted positions lie on the line, which the last observed position need not. The velocity is the slope of the
-    line. A pedestrian that was observed once stands still. Positions that were filled in count only where fewer than
+    Predicted positions lie on the line; the last observed position may be off it. The velocity is the slope of the
+    line. A pedestrian that was observed once stands still. Positions that were filled in are used only if fewer than
     two of the last 8 were observed.
     """
 
@@ -56,7 +56,7 @@ class ConstantVelocity(Predictor):
 class ConstantVelocitySampled(Predictor):
     """The velocity of the last step, turned by random angles: CVM-S (Schöller et al. 2020).
 
-    In every future each pedestrian turns once, by a normally distributed angle of its own. A pedestrian that was
+    In each future, each pedestrian turns once, by an independent, normally distributed angle. A pedestrian that was
     observed once stands still.
 
     Args:
@@ -83,12 +83,12 @@ class ConstantVelocitySampled(Predictor):
 
 
 class Oracle(Predictor):
-    """The true velocity of the next step, kept constant: shows what a perfect prediction of one step is worth."""
+    """The true velocity of the next step, extrapolated: it shows the benefit of a perfect one-step prediction."""
 
     privileged: ClassVar[bool] = True
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
-        """See `Predictor`. There is one mode. Raises PermissionError where the planner is not privileged."""
+        """See `Predictor`. There is one mode. Raises PermissionError if the planner is not privileged."""
         return _extrapolate(obs.pedestrians.position, obs.true_next()[:, None], obs, steps)
 
 

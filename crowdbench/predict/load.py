@@ -11,7 +11,7 @@ from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled,
 
 
 def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Predictor]:
-    """Find a predictor and construct it.
+    """Load a predictor by its name or from a file, and construct it.
 
     Args:
         spec: The name of a built-in predictor, `file.py` or `file.py:function`.
@@ -21,7 +21,7 @@ def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple
         The predictor's name, and the predictor.
 
     Raises:
-        InputError: There is no such predictor, it does not take the options, or its file is broken.
+        InputError: There is no such predictor, it does not accept the options, or its file is broken.
     """
     return PREDICTORS.load(spec, options)
 
@@ -33,7 +33,7 @@ def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device
         weights: The trained generator: a name (`crowdbench list weights`) or a file.
         modes: Number of futures [1].
         rescaled: True if displacements are rescaled to the time step that the generator was trained on.
-        device: Where the generator runs: `cpu` or `cuda`.
+        device: Device of the generator: `cpu` or `cuda`.
 
     Returns:
         The predictor.
@@ -41,7 +41,7 @@ def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device
     Raises:
         InputError: An option is impossible, or the weights are missing or of another network.
     """
-    # Imported here, because torch takes a second and most planners do without.
+    # Imported here, because importing torch takes a second and most planners do not need it.
     from crowdbench.predict.social_gan import load_social_gan
 
     return load_social_gan(weights, modes, rescaled, device)
@@ -52,7 +52,7 @@ def _sgan_simulated(modes: int = 20, device: str = "cpu") -> Predictor:
 
     Args:
         modes: Number of futures [1].
-        device: Where the generator runs: `cpu` or `cuda`.
+        device: Device of the generator: `cpu` or `cuda`.
 
     Returns:
         The predictor.
@@ -76,4 +76,4 @@ PREDICTORS = Kind(
     },
     makes=Predictor,
 )
-"""Those that are built in are classes, or functions that import torch only when they are called."""
+"""The built-in predictors: classes, or functions that import torch only when they are called."""

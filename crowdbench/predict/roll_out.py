@@ -1,4 +1,4 @@
-"""Roll-outs of a pedestrian policy from what a vehicle observes, towards goals that are assumed."""
+"""Rollouts of a pedestrian policy from the observation of a vehicle, towards assumed goals."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ def roll_out(
     Args:
         policy: The policy.
         obs: The observation of every world. Pedestrians that are not seen neither walk nor are avoided.
-        goals: Goals in metres; or a function that returns, for positions, the points to walk to from there, such as the
-            next corners of ways around obstacles.
+        goals: Goals in metres, or a function that returns the next points to walk to from given positions, such as the
+            next corners of paths around obstacles.
         speed: Preferred and largest speed of each pedestrian in each future, in m/s.
         steps: Number of steps, each of `obs.dt` seconds.
-        plan: Commands of the vehicle, to which the policy reacts; without them nobody sees the vehicle.
+        plan: Commands of the vehicle, to which the policy reacts; without them no pedestrian sees the vehicle.
         parameters: Parameters of the policy that differ from its defaults.
         limits: Largest acceleration, braking and sideways acceleration of pedestrians, in m/s^2.
 
     Returns:
-        The futures, one for each mode of `speed`. A world has the same ones in any batch.
+        The futures, one for each mode of `speed`. The futures of a world do not depend on the batch.
 
     Raises:
-        InputError: The goals or the speeds are not of these shapes, or the policy fails.
+        InputError: The goals or the speeds have other shapes, or the policy fails.
     """
     worlds, pedestrians = obs.pedestrians.seen.shape
     shape = (worlds, *speed.shape[1:2], pedestrians)
@@ -77,7 +77,7 @@ def _worlds(
     parameters: Mapping[str, float],
     limits: tuple[float, float, float],
 ) -> World:
-    """Return a world for each mode of each observed one, mode by mode, without routes and goals."""
+    """Return one world for each mode of each observed world, ordered by world and mode, without routes and goals."""
     modes, vehicle = speed.shape[1], obs.vehicle
     rows = obs.rows(lambda array: np.repeat(array, modes, axis=0), logs=None)
     position, velocity, radius, present = rows.everybody()

@@ -31,7 +31,7 @@ class SocialGAN(Predictor):
     """Predictor that samples futures of the whole crowd from the generator of a Social GAN (Gupta et al. 2018).
 
     The generator was trained with steps of `about["dt"]` seconds. If the observation has another time step, the
-    generator gets the displacements per step unchanged, as in Li et al. (2020), or, where `rescaled`, scaled to the
+    generator gets the displacements per step unchanged, as in Li et al. (2020), or, if `rescaled`, scaled to the
     time step of its training; its predictions are then scaled back. Steps before the first observation are
     extrapolated backwards from the first displacement; a pedestrian that was observed once has none.
 
@@ -83,7 +83,7 @@ class SocialGAN(Predictor):
         return Prediction(history[:, None, None, -1] + displacement.cumsum(axis=2), displacement / obs.dt)
 
     def for_held_out_scene(self, scene: str) -> Predictor:
-        """See `Predictor`. Raises InputError where it was trained on the scene and there is no other."""
+        """See `Predictor`. Raises InputError if it was trained on the scene and no other weights exist."""
         if scene not in self.about["scenes"]:
             return self
         if self.trained_without is None:
@@ -94,14 +94,14 @@ class SocialGAN(Predictor):
 def scatter(
     moves: Float[Tensor, "mode row time 2"], present: Bool[Tensor, "scene pedestrian"]
 ) -> Float[Tensor, "scene mode time pedestrian 2"]:
-    """Give a generator's displacements the shape of a prediction.
+    """Rearrange a generator's displacements into the shape of a prediction.
 
     Args:
         moves: Displacements in metres; a row is a pedestrian who is present, in the order of `present.nonzero()`.
         present: True for pedestrians that exist in each scene.
 
     Returns:
-        The same displacements, and 0 for the absent.
+        The same displacements, and 0 for absent pedestrians.
     """
     modes, _, steps, _ = moves.shape
     all_moves = moves.new_zeros((*present.shape, modes, steps, 2))
@@ -130,7 +130,7 @@ def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> So
         device: `cpu` or `cuda`.
 
     Returns:
-        The predictor. Its `for_held_out_scene(scene)` loads the weights `<weights>-<scene>`, where there are any.
+        The predictor. Its `for_held_out_scene(scene)` loads the weights `<weights>-<scene>`, if they exist.
 
     Raises:
         InputError: The weights do not exist, are of another network, or their card lacks scenes or time step.

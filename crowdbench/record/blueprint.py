@@ -1,4 +1,4 @@
-"""The curves of a recording, and how the Rerun viewer shows a recording, which Rerun calls a blueprint."""
+"""The curves of a recording, and its layout in the Rerun viewer, which Rerun calls a blueprint."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from crowdbench.record import decisions
 from crowdbench.record.rrd import moments, moving
 
 PLANNER_PLOTS = "plots/planner"
-"""Path of the planner's own curves."""
+"""Path of the curves that the planner logs."""
 
 
 _TEXTS = {"episode": "summary", "legend": "legend", "metrics": "metrics"}
@@ -72,7 +72,7 @@ def _plots(fastest: float) -> list[rrb.TimeSeriesView]:
 
 
 def _plot_of_planner(name: str, count: int) -> rrb.TimeSeriesView:
-    """Return a view with what the planner logged by a name. A value holds until the next one is logged."""
+    """Return a view of the values that the planner logged under a name. A value holds until the next one is logged."""
     lines = rr.SeriesLines(
         names=[f"{name} {n}" if count > 1 else name for n in range(count)],
         colors=list(itertools.islice(itertools.cycle(CURVES), count)),
@@ -92,7 +92,7 @@ def _plot(
     """Return a view with the curves of an entity.
 
     Args:
-        title: Describes the curves: a legend would cover them.
+        title: Description of the curves, because a legend would cover them.
         entity: Path of the entity.
         style: Style of its curves.
         values: The range of values that is shown; all if None.
@@ -107,7 +107,7 @@ def _plot(
 
 
 def draw_plots(trace: Trace, row: int) -> Iterator[Chunk]:
-    """Yield gap and speed over time, with the values to compare them with. Their style is in the blueprint."""
+    """Yield gap and speed over time, with reference values. Their style is in the blueprint."""
     steps, dt = int(trace.steps[row]), trace.rules.dt
     gap = trace.gap[row, :steps]
     somebody = np.isfinite(gap)
@@ -135,7 +135,7 @@ def _draw_curves(entity: str, timeline: Sequence[rr.TimeColumn], values: Float[n
 
 
 def logged_curves(chunks: Iterable[Chunk]) -> dict[str, int]:
-    """Return the number of curves of `draw_logs` in the chunks of a recording by each name, in order."""
+    """Return the number of curves of each log of `draw_logs` in the chunks of a recording, sorted by name."""
     curves = {}
     for chunk in chunks:
         name = chunk.entity_path.removeprefix(f"/{PLANNER_PLOTS}/")

@@ -15,15 +15,15 @@ from crowdbench.scenario.cases import parse_case
 from crowdbench.utils.errors import InputError
 
 NAME = re.compile(r"([a-z]+)-(\d+)-[a-z_]+(-[0-9a-f]+)?")
-"""The name of an episode's recording in the viewer: split, case, outcome, and what tells the run from others."""
+"""The name of an episode's recording in the viewer: split, case, outcome, and the digest of the run."""
 
 
 PROPERTIES, VERDICT = "crowdbench", "verdict"
-"""The name of all properties of a recording, and of that with `verdict.describe_failure`."""
+"""The name of the properties of a recording, and of the property with the sentences of `verdict.describe_failure`."""
 
 
 def read_verdict(path: Path, case: int) -> list[str]:
-    """Return the sentences on the failure in a case of a recording; none where the case succeeds or is not recorded."""
+    """Return the sentences on the failure in a case of a recording; none if the case succeeds or is not recorded."""
     reader, _, entries = _entries(path)
     found = rrd.chunks_of(reader, entries[case], f"/__properties/{PROPERTIES}") if case in entries else []
     batches = [chunk.to_record_batch() for chunk in found]
@@ -31,7 +31,7 @@ def read_verdict(path: Path, case: int) -> list[str]:
 
 
 def recorded_cases(path: Path) -> list[int]:
-    """Return the numbers of the cases in a recording. Raises InputError where it cannot be read, or is none of
+    """Return the numbers of the cases in a recording. Raises InputError if it cannot be read, or was not written by
     crowdbench."""
     return sorted(_entries(path)[2])
 
@@ -46,7 +46,7 @@ def find_case(path: Path, case: str) -> int:
 
 
 def read_header(path: Path) -> tuple[dict[str, str], dict[int, str]]:
-    """Read what a recording says of its run, without its states.
+    """Read the facts about the run of a recording, without its states.
 
     Args:
         path: The recording.
@@ -55,7 +55,7 @@ def read_header(path: Path) -> tuple[dict[str, str], dict[int, str]]:
         Split, planner, scenario and the scenario's digest; and by case the label of the outcome.
 
     Raises:
-        InputError: It cannot be read, or is none of crowdbench.
+        InputError: It cannot be read, or was not written by crowdbench.
     """
     reader, split, entries = _entries(path)
     facts = contents.read_facts(path, reader, next(iter(entries.values())))
@@ -63,13 +63,13 @@ def read_header(path: Path) -> tuple[dict[str, str], dict[int, str]]:
 
 
 def _entries(path: Path) -> tuple[RrdReader, str, dict[int, StoreEntry]]:
-    """Return a recording, its split, and the recording of each case in it."""
+    """Return the reader of a recording, its split, and the entry of each case."""
     return _read_entries(path, path.stat().st_mtime_ns if path.is_file() else 0)
 
 
 @functools.lru_cache(maxsize=1)
 def _read_entries(path: Path, changed: int) -> tuple[RrdReader, str, dict[int, StoreEntry]]:
-    """Return `_entries` of a file that was last changed then."""
+    """Return `_entries` of a file; `changed` is the time of its last change, a key of the cache."""
     with rrd.opening(path):
         reader = RrdReader(path)
         named = [(NAME.fullmatch(entry.recording_id), entry) for entry in reader.recordings()]
@@ -82,7 +82,7 @@ def _read_entries(path: Path, changed: int) -> tuple[RrdReader, str, dict[int, S
 
 
 def read_case(path: Path, case: int) -> contents.RecordedEpisode:
-    """Return one case of a recording. Raises InputError where it cannot be read, or has no such case."""
+    """Return one case of a recording. Raises InputError if it cannot be read, or has no such case."""
     reader, split, entries = _entries(path)
     if case not in entries:
         near = sorted(sorted(entries, key=lambda other: abs(other - case))[:10])
@@ -96,14 +96,14 @@ def read_case(path: Path, case: int) -> contents.RecordedEpisode:
 def read_same_case(paths: Sequence[Path], case: int) -> list[contents.RecordedEpisode]:
     """Return one case of several recordings.
 
-    Raises InputError as `read_case`, or where the case does not start alike in all of them.
+    Raises InputError as `read_case`, or if the starting states of the case differ.
     """
     episodes = [read_case(path, case) for path in paths]
     first, *others = (episode.trace for episode in episodes)
     for path, other in zip(paths[1:], others, strict=True):
         same_start = np.array_equal(other.position[:, 0], first.position[:, 0], equal_nan=True)
         if not same_start or (other.split, other.rules.dt) != (first.split, first.rules.dt):
-            raise InputError(f"case {case} starts otherwise in {path} than in {paths[0]}: give runs of one scenario")
+            raise InputError(f"case {case} starts differently in {path} and {paths[0]}: give runs of one scenario")
     return episodes
 
 

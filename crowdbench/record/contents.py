@@ -1,8 +1,8 @@
 """The part of a recording that is read back: episodes in full precision, under `/exact`, which no view shows.
 
-`/exact/vehicle`, `/exact/pedestrian_0`, ... have a row per state, with what changes in the episode; a quantity of a
-step is in the row of the state that the step leads to. `/exact/episode` has one row with what does not change.
-Measurements of the vehicle are there where its sight was limited, groups where the scenario has them.
+`/exact/vehicle`, `/exact/pedestrian_0`, ... have a row per state, with the quantities that change in the episode. A
+quantity of a step is in the row of the state after the step. `/exact/episode` has one row with the constants.
+Measurements of the vehicle are recorded if its sensor is limited, groups if the scenario has them.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from crowdbench.record import rrd
 from crowdbench.utils.errors import InputError
 
 FORMAT = 1
-"""Version of what is under `/exact`."""
+"""Version of the format of the data under `/exact`."""
 
 
 class Quantity(NamedTuple):
-    """An array of a trace: whose it is, what pads it, and how many numbers it has.
+    """Description of an array of a trace: its agents, its padding and its shape.
 
     Attributes:
         of: The agents that have it.
         padding: Value for absent agents, and after the end of an episode.
         shape: Its shape in one state of one agent.
-        is_of_steps: True if it is of a step, not of a state.
+        is_of_steps: True if it has a value per step, False if it has a value per state.
         is_held: True if the last state is repeated after the end of an episode, as in a rollout.
     """
 
@@ -67,7 +67,7 @@ QUANTITIES = {
     "group": Quantity(PEDESTRIANS, -1, is_held=True),
     "noticed": Quantity(PEDESTRIANS, False, is_held=True),
 }
-"""The arrays of a trace that are recorded of every state or step, by name."""
+"""The arrays of a trace that are recorded for every state or step, by name."""
 
 Episode = dict[str, np.ndarray]
 """Arrays of one episode by name, each with one axis."""
@@ -82,7 +82,7 @@ class Recording:
         planner: The planner's name with its options.
         scenario: The scenario's name.
         scenario_digest: The scenario's digest.
-        cases: How many cases the whole run has, recorded or not.
+        cases: Number of cases of the whole run, recorded or not.
     """
 
     trace: Trace
@@ -114,7 +114,7 @@ def to_chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]
     Args:
         trace: The trace with the episode.
         row: Its row in the trace.
-        run: Facts about the whole run, of types that JSON has.
+        run: Facts about the whole run, of JSON types.
     """
     steps, dt = int(trace.steps[row]), trace.rules.dt
     arrays = {
@@ -122,7 +122,7 @@ def to_chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]
         for name, quantity in QUANTITIES.items()
         if getattr(trace, name) is not None
     }
-    # The position always changes, or else agents could have no columns.
+    # The position always counts as changing, so that each agent has a column.
     still = {name: array[:1] for name, array in arrays.items() if name != "position" and (array == array[:1]).all()}
     moving = {name: _pad_start(array, steps + 1) for name, array in arrays.items() if name not in still}
     [time] = rrd.moments(np.arange(steps + 1), dt)
@@ -168,9 +168,9 @@ def _to_lists(array: Shaped[np.ndarray, "row *values"]) -> pa.ListArray:
 
 
 def read(path: Path) -> Recording:
-    """Read the episodes of a file, equal to those that were recorded to the last bit, without what planners logged.
+    """Read the episodes of a file, without planners' logs. They equal the recorded episodes to the last bit.
 
-    Raises InputError where the file does not exist, is incomplete, or was not written by this version of crowdbench.
+    Raises InputError if the file does not exist, is incomplete, or was not written by this version of crowdbench.
     """
     with rrd.opening(path):
         reader = RrdReader(path)
@@ -209,7 +209,7 @@ def read_facts(path: Path, reader: RrdReader, entry: StoreEntry) -> dict[str, st
 def _to_episode(chunks: Sequence[Chunk]) -> Episode:
     """Return the arrays of an episode from the chunks of its recording; empty if it has no chunks under `/exact`.
 
-    Raises InputError where a part of it is there twice, as where recordings of one name were merged.
+    Raises InputError if a part exists twice, for example after a merge of recordings with the same name.
     """
     entities: dict[str, Episode] = {}
     for chunk in chunks:
@@ -218,7 +218,7 @@ def _to_episode(chunks: Sequence[Chunk]) -> Episode:
         batch, name = chunk.to_record_batch(), chunk.entity_path.removeprefix("/exact/")
         if name in entities:
             raise InputError(f"a recording has {name} twice: give the run.rrd of one run, not a file merged of several")
-        # Columns that are not lists are Rerun's own.
+        # Columns that are not lists are internal to Rerun.
         columns = {name: column for name in batch.schema.names if pa.types.is_list((column := batch[name]).type)}
         if "constants" in columns:
             constants = columns.pop("constants").flatten()
@@ -237,13 +237,13 @@ def _to_episode(chunks: Sequence[Chunk]) -> Episode:
 
 
 def _to_trace(path: Path, episodes: Sequence[Episode]) -> tuple[Trace, dict[str, Any]]:
-    """Return one trace of the episodes of a file, by case, padded to `max_steps` and to the largest number of
+    """Return one trace of the episodes of a file, sorted by case and padded to `max_steps` and to the largest number of
     pedestrians.
 
-    Raises InputError where they are not of crowdbench, of several runs, or of another format.
+    Raises InputError if they were not written by crowdbench, belong to several runs, or have another format.
 
     Returns:
-        The trace, without what planners logged, and the facts about the run: planner, scenario, ...
+        The trace, without planners' logs, and the facts about the run: planner, scenario, ...
     """
     if not episodes or not all("facts" in episode for episode in episodes):
         raise rrd.foreign(path)
@@ -275,7 +275,7 @@ def _to_trace(path: Path, episodes: Sequence[Episode]) -> tuple[Trace, dict[str,
 
 
 def _in_time(episode: Episode, name: str, times: int) -> Shaped[np.ndarray, "time agent *values"]:
-    """Return an array of an episode in its shape, which was stored once, or once per state; held for so many times."""
+    """Return an array of an episode, stored once or once per state, in its shape; held arrays get `times` rows."""
     quantity, flat = QUANTITIES[name], episode[name]
     agents, steps = len(episode["preferred_speed"]), int(episode["case_outcome_steps"][2])
     shape = len(range(agents)[quantity.of]), *quantity.shape

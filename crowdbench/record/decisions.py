@@ -36,22 +36,22 @@ PATHS = re.compile(rf"/world/planner/({'|'.join(ROLES)})/\w+/\d")
 """Entities of the lines over time, see `_draw_lines`."""
 
 BEST = 12
-"""How many of the paths that a planner considers are shown, the best ones."""
+"""Number of considered paths that are shown, the best ones."""
 
 FAN = re.compile(r"/world/planner/\w+?(/best)?")
-"""Entities of commands as arrows, and of the best one, see `_draw_fan`."""
+"""Entities of the arrows of commands, and of the best command, see `_draw_fan`."""
 
 STRIPS, VECTORS = "LineStrips2D:strips", "Arrows2D:vectors"
 
 
 class _Log(NamedTuple):
-    """Arrays logged by one name in an episode.
+    """Arrays logged under one name in an episode.
 
     Attributes:
-        entity: Path of the entity that shows it.
-        steps: The steps of the decisions in which it was logged.
-        values: The logged array of each of them.
-        position: Where the agents were then, in metres.
+        entity: Path of the entity that shows them.
+        steps: The steps of the decisions in which they were logged.
+        values: The logged array of each decision.
+        position: Positions of the agents in these steps, in metres.
         end: The last step of the episode.
         dt: Length of a step in seconds.
     """
@@ -65,14 +65,14 @@ class _Log(NamedTuple):
 
 
 def draw_decisions(trace: Trace, row: int) -> Iterator[Chunk]:
-    """Yield the planner's logs that have a place in the plane, see `Observation.log`.
+    """Yield the planner's logs that can be drawn in the plane, see `Observation.log`.
 
-    It is shown from the step in which it was logged until the next one; of a future, what is still to come.
+    A log is shown from its step until the next logged step. The past part of paths over time is not shown.
     """
     end, dt = int(trace.steps[row]), trace.rules.dt
     for name, array in trace.logs.items():
         steps = steps_logged(trace, row, name)
-        values = _of_the_known(trace, row, steps, array[row, steps])
+        values = _mask_unknown(trace, row, steps, array[row, steps])
         log = _Log(f"world/planner/{name}", steps, values, trace.position[row, steps], end, dt)
         if not len(steps):
             continue
@@ -93,7 +93,7 @@ def _role(name: str, shape: tuple[int, ...]) -> str:
     return "planned" if name == PLANNED_LOG else "considered" if shape[-1] == 3 else "predicted"
 
 
-def _of_the_known(
+def _mask_unknown(
     trace: Trace, row: int, steps: Int[np.ndarray, "decision"], values: Float[np.ndarray, "decision *shape"]
 ) -> Float[np.ndarray, "decision *shape"]:
     """Return paths of pedestrians; NaN for pedestrians that the vehicle neither sees nor remembers."""
@@ -105,7 +105,7 @@ def _of_the_known(
 
 
 def steps_logged(trace: Trace, row: int, name: str) -> Int[np.ndarray, "decision"]:
-    """Return the steps of an episode in which the planner logged something by a name.
+    """Return the steps of an episode in which the planner logged an array under a name.
 
     Args:
         trace: The trace with logs.
@@ -124,7 +124,7 @@ def marks_of(trace: Trace) -> set[str]:
 
 
 def _is_fan(logged: Float[np.ndarray, "*_"]) -> bool:
-    """Return whether what is logged in one decision, or row by row, are commands with values `[..., command, 3]`."""
+    """Return True if the array logged in one decision has the shape of commands with values, `[command, 3]`."""
     return logged.ndim == 2 and logged.shape[-1] == 3
 
 
@@ -140,16 +140,16 @@ def _draw_fan(log: _Log) -> Iterator[Chunk]:
         yield still(f"{log.entity}{name}", style)
         counts = [len(arrows) for arrows in commands]
         arrows = rr.Arrows2D.columns(vectors=np.concatenate(commands)[:, :2]).partition(counts)
-        # One origin stands for all arrows of a step.
+        # All arrows of a step share one origin.
         origins = rr.Arrows2D.columns(origins=log.position[:, 0]).partition([1] * len(counts))
         yield Chunk.from_columns(f"{log.entity}{name}", moments(log.steps, log.dt), [*arrows, *origins])
 
 
 def _draw_lines(log: _Log, role: str) -> Iterator[Chunk]:
-    """Draw lines over time that fade with the time ahead, in thirds. Each loses a point a step, as time goes on.
+    """Draw lines over time in thirds, which fade with the time ahead. Each line loses one point per step.
 
-    They are logged as `[..., time, line, 2]`, from the step after the decision on; a third number is the value of a
-    line, of which the best are drawn.
+    They are logged as `[..., time, line, 2]`, from the step after the decision on. A third number is the value of a
+    line; only the best lines are drawn.
     """
     length, each = log.values.shape[-3], np.moveaxis(log.values, -3, -2)
     lines = each.reshape(len(each), -1, *each.shape[-2:])
@@ -172,7 +172,7 @@ def _draw_lines(log: _Log, role: str) -> Iterator[Chunk]:
 
 
 def _color(role: str, palette: Palette) -> Color:
-    """Return the colour of a role of `ROLES`: the planned path is the vehicle's."""
+    """Return the colour of a role of `ROLES`: the planned path has the vehicle's colour."""
     return getattr(palette, role.replace("planned", "vehicle"))
 
 
@@ -228,7 +228,7 @@ def read_paths(chunks: Sequence[Chunk], dt: float) -> dict[int, PlannedPaths]:
 
 
 def add_commands(paths: dict[int, PlannedPaths], chunks: Sequence[Chunk], dt: float) -> None:
-    """Add the commands that a planner compared, as paths of one second, to those that `read_paths` has read.
+    """Add the commands that a planner compared, as paths of one second, to the paths of `read_paths`.
 
     Args:
         paths: The paths by the number of the state, which are extended.

@@ -1,7 +1,7 @@
 """An episode in the plane of a recording.
 
-Paths, colours and marks come from `crowdbench.drawing`. All of it is under `/world`, whose transform turns y
-upwards, because Rerun's y points down: the numbers that one hovers over are the simulator's.
+Paths, colours and marks come from `crowdbench.drawing`. All entities are under `/world`. Its transform turns y upwards,
+because Rerun's y points down: numbers in the viewer's tooltips are the simulator's.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ HATCHING = 0.4
 
 
 class _Agents:
-    """The agents that are there at any time of an episode, in all its states.
+    """The agents that are present at any time of an episode, in all its states.
 
     Attributes:
         trace: The trace with the episode.
         row: Its row in the trace.
         number: Index of each of the agents in the trace.
-        position: `[time, agent, 2]`, in metres; NaN where an agent is not there.
+        position: `[time, agent, 2]`, in metres; NaN if an agent is absent.
         velocity: `[time, agent, 2]`, in m/s.
         goal: `[time, agent, 2]`, in metres.
         radius: `[time, agent]`, in metres.
-        stayed: `[step, agent]`, whether the agent is the same one after the step.
+        stayed: `[step, agent]`, True if the agent is the same one after the step.
         timeline: Times of the states.
-        low: The smallest x and y that the episode needs, in metres.
+        low: The smallest x and y to show, in metres.
         high: The largest ones.
         label: Height of a line of text in the viewer, in metres.
     """
@@ -61,7 +61,7 @@ class _Agents:
         self.label = 0.035 * float((self.high - self.low).max())
 
     def moving(self, entity: str, *columns: rr.ComponentColumnList, number: int | None = None) -> Chunk:
-        """Return the chunk of an entity in each state: so many things, or one for each agent."""
+        """Return the chunk of an entity with `number` elements in each state, or one element per agent if None."""
         states, agents = self.radius.shape
         return moving(entity, self.timeline, [number or agents] * states, *columns)
 
@@ -76,7 +76,7 @@ def draw_episode(trace: Trace, row: int, title: str, values: Mapping[str, float 
     Args:
         trace: The trace with the episode.
         row: Its row in the trace.
-        title: Which run it belongs to.
+        title: Planner and scenario of the run.
         values: Its metrics by name, with units.
     """
     agents = _Agents(trace, row)
@@ -102,7 +102,7 @@ def draw_episode(trace: Trace, row: int, title: str, values: Mapping[str, float 
 
 
 def extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
-    """Return the smallest and the largest x and y that an episode needs with a margin, in whole metres."""
+    """Return the smallest and the largest x and y of an episode, with a margin, in whole metres."""
     states = slice(trace.steps[row] + 1)
     present = trace.present[row, states]
     agents = trace.position[row, states][present], trace.goal[row, states][present]
@@ -111,11 +111,10 @@ def extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
 
 
 def _draw_ground(agents: _Agents) -> Chunk:
-    """Return the static marks: a grid of 1 m, paths, and a ring around the vehicle's goal, inside which it has
-    arrived."""
+    """Return the static marks: a grid of 1 m, paths, and the ring around the vehicle's goal that counts as arrival."""
     trace, row, position, goal = agents.trace, agents.row, agents.position, agents.goal[0, 0]
     low, high = agents.low, agents.high
-    # Two lines that turn at the rim, because a line for each metre would take longer to write than all else.
+    # Two lines that turn at the rim, because writing a line per metre would take longer than all other marks.
     grid = [_back_and_forth(low, high), _back_and_forth(low[::-1], high[::-1])[:, ::-1]]
     route = trace.route[row][~np.isnan(trace.route[row][:, 0])]
     paths = [np.concatenate([position[:1, 0], route, goal[None]])]
@@ -135,7 +134,7 @@ def _back_and_forth(low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -
 
 
 def _draw_walls(walls: Sequence[Float[np.ndarray, "_ 2"]]) -> Chunk:
-    """Draw the outlines of obstacles; outlines of solid ones are closed and hatched, because the viewer fills none."""
+    """Draw the outlines of obstacles; solid ones are closed and hatched, because the viewer does not fill polygons."""
     outlines = [np.concatenate([wall, wall[:1]]) if len(wall) > 2 else wall for wall in walls]
     lines = [*outlines, *(line for wall in walls if len(wall) > 2 for line in _hatch(wall))]
     hatches = len(lines) - len(outlines)
@@ -156,7 +155,7 @@ def _hatch(polygon: Float[np.ndarray, "corner 2"]) -> list[Float[np.ndarray, "po
 
 
 def _draw_goals(agents: _Agents) -> Iterator[Chunk]:
-    """Draw the goals of the agents that are there as dots."""
+    """Draw the goals of the agents that are present as dots."""
     goal = np.where(np.isnan(agents.position), np.nan, agents.goal)
     colors = agents.colors(DARK.vehicle, DARK.pedestrian)
     yield still("world/goals", rr.Points2D.from_fields(radii=width(3), colors=colors))
@@ -166,7 +165,7 @@ def _draw_goals(agents: _Agents) -> Iterator[Chunk]:
 def _draw_trails(agents: _Agents) -> Iterator[Chunk]:
     """Draw one stroke per agent and step. The blueprint shows all strokes up to the current time, which makes a trail.
 
-    The stroke is a dot where the agent is not the same one after the step.
+    The stroke is a dot if the agent is not the same one after the step.
     """
     steps, number = agents.stayed.shape
     yield still(
@@ -218,7 +217,7 @@ def _draw_body(agents: _Agents) -> Iterator[Chunk]:
 
 
 def _draw_names(agents: _Agents) -> Iterator[Chunk]:
-    """Draw a name under each disc, and one over the vehicle's goal. At its centre Rerun would write across the disc."""
+    """Draw a name under each disc, and one over the vehicle's goal. A name at its centre would cover the disc."""
     states, number = agents.radius.shape
     anchors = np.empty((states, number + 1, 2))
     anchors[:, :-1] = agents.position
@@ -231,7 +230,7 @@ def _draw_names(agents: _Agents) -> Iterator[Chunk]:
 
 
 def _draw_ending(agents: _Agents) -> Chunk:
-    """Draw how the episode ended in the last state: rims, and a ring around them, or a star for a contact."""
+    """Draw the outcome of the episode in the last state: rims, and a ring around them, or a star for a contact."""
     trace, row = agents.trace, agents.row
     steps, outcome = int(trace.steps[row]), Outcome(int(trace.outcome[row]))
     involved = [0, *find_contacts(trace, np.array([row])).agent[[row]]][: 1 + (outcome is Outcome.COLLISION)]

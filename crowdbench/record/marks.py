@@ -1,4 +1,4 @@
-"""Marks of a recording beside the agents: what is sensed, and the closest approach ahead."""
+"""Marks of a recording in addition to the agents: measurements of the sensor, and the closest approach ahead."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from crowdbench.record.rrd import moments, moving, still, width
 from crowdbench.sim.lines_of_sight import measure_all_beams
 
 MOST_BEAMS = 90
-"""Of a lidar with more beams than this, only every second one is drawn, or every third one, ..."""
+"""Largest number of beams that are drawn. Of a lidar with more, only every second beam is drawn, or every third, ..."""
 
 AHEAD = 2.0
 """Only a closest approach within this time is shown, in seconds."""
@@ -27,7 +27,7 @@ NEAR = 0.5
 
 
 def draw_sensor(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
-    """Draw all of the sensor in one episode; nothing of a perfect one.
+    """Draw the measurements and limits of the sensor in one episode; nothing for a perfect sensor.
 
     Args:
         trace: The trace with the episode.
@@ -91,11 +91,11 @@ def _draw_beams(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> It
 
 
 def time_to_closest(position: Vectors, velocity: Vectors) -> Numbers:
-    """Return when two points with constant velocities are nearest to each other, in seconds from now, up to `AHEAD`.
+    """Return the time in seconds until two points with constant velocities are closest to each other, at most `AHEAD`.
 
     Args:
-        position: One relative to the other, in metres.
-        velocity: Likewise, in m/s.
+        position: Position of one point relative to the other, in metres.
+        velocity: Velocity of one point relative to the other, in m/s.
     """
     speed = (velocity**2).sum(axis=-1)
     when = -(position * velocity).sum(axis=-1) / np.where(speed > 0.0, speed, np.inf)
@@ -103,8 +103,8 @@ def time_to_closest(position: Vectors, velocity: Vectors) -> Numbers:
 
 
 def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
-    """Draw the closest approach ahead of each state, if soon: a line between both centres then, with the gap and the
-    time.
+    """Draw the closest approach ahead of each state, if it is soon: a line between both centres at that time, with the
+    gap and the time.
 
     Args:
         trace: The trace with the episode.
@@ -122,7 +122,7 @@ def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
     state, who = np.arange(states), gap.argmin(axis=1)
     is_shown = gap[state, who] < NEAR
     if trace.outcome[row] == Outcome.COLLISION:
-        is_shown[-1] = False  # the mark of the collision is there
+        is_shown[-1] = False  # the collision is marked in this state
     if not is_shown.any():
         return
     nearest = state[is_shown], who[is_shown]

@@ -1,4 +1,4 @@
-"""Rerun's files and their chunks: opening, joining, and one sentence for each error."""
+"""Rerun's files and their chunks: reading, joining, and error messages of one sentence."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from crowdbench.utils.errors import InputError
 ERRORS = (RuntimeError, ValueError, OSError)
 """Exceptions of Rerun and the file system."""
 
-FORGED = (LookupError, TypeError, AttributeError, ArithmeticError)
-"""Further errors that are raised where a Rerun file has other contents than crowdbench writes."""
+CONTENT_ERRORS = (LookupError, TypeError, AttributeError, ArithmeticError)
+"""Further exceptions for a Rerun file with other contents than crowdbench writes."""
 
 
 PARTLY = "only a part was written, as on a full disk or under a limit of the size of files (ulimit -f)"
@@ -38,13 +38,13 @@ def errors_as(sentence: str) -> Iterator[None]:
             yield
     except InputError:
         raise
-    except (*ERRORS, *FORGED) as error:
+    except (*ERRORS, *CONTENT_ERRORS) as error:
         raise InputError(sentence) from error
 
 
 @contextlib.contextmanager
 def writing(what: str, advice: str = "") -> Iterator[None]:
-    """Open a context for writing a recording. Raises InputError with the reason where that fails.
+    """Open a context for writing a recording. Raises InputError with the reason if writing fails.
 
     Args:
         what: The written object.
@@ -60,7 +60,7 @@ def writing(what: str, advice: str = "") -> Iterator[None]:
 
 
 def opening(path: Path) -> contextlib.AbstractContextManager[None]:
-    """Return a context for reading a file. Raises InputError where it is missing, damaged or not a Rerun file."""
+    """Return a context for reading a file. Raises InputError if it is missing, damaged or not a Rerun file."""
     if not path.is_file():
         raise InputError(f"there is no recording at {path}: give the run.rrd of a run with --record all or failures")
     return errors_as(f"{path} is cut short, damaged or no Rerun file at all: give the run.rrd of a finished run")
@@ -72,7 +72,7 @@ def foreign(path: Path) -> InputError:
 
 
 def chunks_of(reader: RrdReader, entry: StoreEntry, content: str) -> list[Chunk]:
-    """Return the chunks of one recording in a file whose entity paths are as `content`, such as `/exact/**`.
+    """Return the chunks of one recording in a file whose entity paths match `content`, such as `/exact/**`.
 
     Args:
         reader: The reader of the file.
@@ -83,7 +83,7 @@ def chunks_of(reader: RrdReader, entry: StoreEntry, content: str) -> list[Chunk]
 
 
 def moments(steps: Int[np.ndarray, "time"], dt: float) -> list[rr.TimeColumn]:
-    """Return the timeline of states: seconds since the start. A second one, with their numbers, would make files
+    """Return the timeline of states in seconds since the start. A second timeline of their numbers would make files
     larger.
 
     Args:
@@ -94,11 +94,11 @@ def moments(steps: Int[np.ndarray, "time"], dt: float) -> list[rr.TimeColumn]:
 
 
 width = rr.Radius.ui_points
-"""The widths of lines, or the radii of points, in points of the screen, whatever is enlarged."""
+"""The widths of lines, or the radii of points, in points of the screen, independent of the zoom."""
 
 
 def still(entity: str, *archetypes: rr.AsComponents) -> Chunk:
-    """Return a chunk of what an entity shows at all times."""
+    """Return a static chunk with the components of an entity, the same at all times."""
     batches = [batch for archetype in archetypes for batch in archetype.as_component_batches()]
     return Chunk.from_columns(entity, [], [batch.partition([len(batch.as_arrow_array())]) for batch in batches])
 
@@ -106,12 +106,12 @@ def still(entity: str, *archetypes: rr.AsComponents) -> Chunk:
 def moving(
     entity: str, timeline: Sequence[rr.TimeColumn], counts: Sequence[int] | np.ndarray, *columns: rr.ComponentColumnList
 ) -> Chunk:
-    """Return a chunk of what an entity shows at each time.
+    """Return a chunk with the components of an entity at each time.
 
     Args:
         entity: Its path.
         timeline: The times.
-        counts: How many there are at each time, of each of the columns.
+        counts: Number of values of each column at each time.
         *columns: Its components.
     """
     return Chunk.from_columns(entity, timeline, [part for column in columns for part in column.partition(counts)])
@@ -121,10 +121,10 @@ def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Bl
     """Make one file of several recordings and a blueprint.
 
     Args:
-        folder: Where the parts are; the file is written there too.
+        folder: The folder of the parts, and of the new file.
         parts: The names of the recordings' files.
         application: The name under which the viewer lists the file.
-        blueprint: How the viewer shows them.
+        blueprint: The layout of the viewer.
 
     Returns:
         The path of the file.
@@ -136,7 +136,7 @@ def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Bl
         blueprint.save(application, folder / "layout.rbl")
     # `rrd route` copies the messages as they are: it is faster than `rrd merge` and needs less memory.
     command = [sys.executable, "-m", "rerun_cli", "rrd", "route", "-o", "whole.rrd", "layout.rbl", *parts]
-    # In a session of its own, because Ctrl-C in a terminal interrupts all processes of the session's group.
+    # In a new session, because Ctrl-C in a terminal interrupts all processes of the session's group.
     process = subprocess.run(command, cwd=folder, capture_output=True, start_new_session=True)
     whole = folder / "whole.rrd"
     if process.returncode:
@@ -149,7 +149,7 @@ def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Bl
 
 
 def _holds(path: Path, recordings: int) -> bool:
-    """Return whether a file can be read and has so many recordings."""
+    """Return True if a file can be read and has the given number of recordings."""
     with contextlib.suppress(*ERRORS), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return len(RrdReader(path).recordings()) == recordings
@@ -158,7 +158,7 @@ def _holds(path: Path, recordings: int) -> bool:
 
 @contextlib.contextmanager
 def _switched_on() -> Iterator[None]:
-    """Ignore the variable RERUN=off, which is for programs that show their work: a recording was asked for."""
+    """Ignore the variable RERUN=off, which is for programs with optional output: here a recording is requested."""
     before = os.environ.get("RERUN")
     os.environ["RERUN"] = "on"
     try:

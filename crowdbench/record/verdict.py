@@ -1,4 +1,4 @@
-"""Texts of an episode: why it failed, its metrics, and what the marks of its recording mean."""
+"""Texts of an episode: the causes of its failure, its metrics, and the meanings of the marks in its recording."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ PREDICTED_LOG = "predicted"
 """The log `[world, mode, time, pedestrian, 2]` of predicted positions, in metres, from the next step on."""
 
 BEFORE = (1.0, 0.5, 0.0)
-"""How many seconds before a contact the expectations are taken; the last ones are of the last decision."""
+"""Times in seconds before a contact for which the expected gaps are computed; 0 stands for the last decision."""
 
 SLOW = 0.1
-"""A vehicle that is slower stands, in m/s."""
+"""Speed in m/s below which a vehicle counts as standing."""
 
 
 def describe_failure(trace: Trace, row: int) -> list[str]:
@@ -39,7 +39,7 @@ def describe_failure(trace: Trace, row: int) -> list[str]:
         agent, share, saw = (array[row].item() for array in (contacts.agent, contacts.share, contacts.saw))
         fault = f"{'' if share >= LITTLE else 'not '}the vehicle's fault (φ = {share:.2f}, its share of the approach)"
         first = f"Collision with pedestrian {agent - 1} at {steps * dt:g} s: {fault}."
-        return [first, _expected(trace, row, agent), _done(trace, row, agent, saw=saw)]
+        return [first, _expected(trace, row, agent), _describe_motion(trace, row, agent, saw=saw)]
     if outcome is Outcome.WALL_COLLISION:
         ahead = [f"{trace.wall_gap[row, state - 1]:.2f} m at {state * dt:g} s" for state in _states_before(steps, dt)]
         first = f"Collision with an obstacle at {steps * dt:g} s: the vehicle's fault (φ = 1)."
@@ -55,19 +55,19 @@ def describe_failure(trace: Trace, row: int) -> list[str]:
 
 
 def _nearest(trace: Trace, row: int) -> str:
-    """Return the smallest gap to a pedestrian, and when it was."""
+    """Return a sentence on the smallest gap to a pedestrian and its time."""
     gap = trace.gap[row, : trace.steps[row]]
     at = (int(gap.argmin()) + 1) * trace.rules.dt
     return f"The smallest gap to a pedestrian was {gap.min():.2f} m, at {at:g} s." if np.isfinite(gap.min()) else ""
 
 
 def _states_before(steps: int, dt: float) -> list[int]:
-    """Return the states `BEFORE` the last one, of which the last decision is the latest."""
+    """Return the states at the times `BEFORE` the last one, at the latest the state of the last decision."""
     return sorted({max(1, steps - max(round(each / dt), 1)) for each in BEFORE})
 
 
 def _expected(trace: Trace, row: int, agent: int) -> str:
-    """Return the gap to a pedestrian at the time of the contact that the last decisions expected."""
+    """Return a sentence on the gaps to a pedestrian that the last decisions expected at the time of the contact."""
     steps, dt, logged = int(trace.steps[row]), trace.rules.dt, trace.logs.get(PREDICTED_LOG)
     if logged is not None and (logged.ndim < 5 or logged.shape[-2:] != (trace.position.shape[2] - 1, 2)):
         logged = None
@@ -89,14 +89,14 @@ def _expected(trace: Trace, row: int, agent: int) -> str:
 def _prediction(
     predicted: Float[np.ndarray, "step mode time pedestrian 2"], state: int, steps: int, agent: int
 ) -> Float[np.ndarray, "mode 2"]:
-    """Return where a pedestrian was predicted to be after `steps`, by the last decision until a state; or NaN."""
+    """Return the position of a pedestrian after `steps`, as predicted by the last decision up to a state; or NaN."""
     made = np.flatnonzero(np.isfinite(predicted[: state + 1, :, 0, agent - 1, 0]).any(axis=1))
     ahead = steps - int(made[-1]) - 1 if len(made) else predicted.shape[2]
     return predicted[made[-1], :, ahead, agent - 1] if ahead < predicted.shape[2] else np.full((1, 2), np.nan)
 
 
-def _done(trace: Trace, row: int, agent: int, *, saw: bool) -> str:
-    """Return how both moved in the last second, and who saw the other one."""
+def _describe_motion(trace: Trace, row: int, agent: int, *, saw: bool) -> str:
+    """Return sentences on the motion of both agents in the last second, and on their perception of each other."""
     steps, dt = int(trace.steps[row]), trace.rules.dt
     change = trace.velocity[row, [max(1, steps - round(WINDOW / dt)), steps]][:, [0, agent]]
     (vehicle, person), (vehicle_now, person_now) = norm(change).tolist()
@@ -111,7 +111,7 @@ def _done(trace: Trace, row: int, agent: int, *, saw: bool) -> str:
 
 
 def summary_text(trace: Trace, row: int, title: str) -> str:
-    """Return the text beside the picture: how the episode ended, and which one it is.
+    """Return the text beside the picture: the outcome of the episode, its case, planner and scenario.
 
     Args:
         trace: The trace with the episode.

@@ -42,7 +42,7 @@ def view(path: Path, case: int | None = None, *, web: bool = False) -> None:
 
 
 def _write_case(path: Path, case: int, folder: Path) -> Path:
-    """Write a file of a case of a recording, with its own blueprint."""
+    """Write one case of a recording to a file, with its blueprint."""
     entry, chunks, trace, _ = read_case(path, case)
     layout = blueprint([extent(trace, 0)], logged_curves(chunks), float(trace.preferred_speed[0, 0]))
     with rrd.writing(f"a copy of the case in {folder}"):

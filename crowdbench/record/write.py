@@ -1,6 +1,6 @@
 """Writes episodes as Rerun recordings: one recording per episode, all in one .rrd file.
 
-`drawing` makes what the viewer shows, in Rerun's float32; `contents` makes what is read back.
+`drawing` creates the marks for the viewer, in Rerun's float32; `contents` creates the data that can be read back.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ class Recorder:
         planner: The planner's name with its options.
         scenario: The scenario's name.
         scenario_digest: The scenario's digest.
-        cases: How many cases the whole run has, recorded or not.
+        cases: Number of cases of the whole run, recorded or not.
         options: The planner's options.
-        units: Units of metrics, where they have any.
-        identity: The digest of the run. It ends the names of its recordings, because Rerun takes recordings
-            of one name for one recording, wherever they are.
+        units: Units of the metrics that have one.
+        identity: The digest of the run. Names of its recordings end with it, because Rerun treats recordings with the
+            same name as one recording, even from different files.
     """
 
     path: Path
@@ -64,7 +64,7 @@ class Recorder:
         # In the same folder, so that moving the finished file is a rename within one file system.
         self._folder = tempfile.TemporaryDirectory(prefix=f".{self.path.name}.", dir=self.path.parent)
         self._run = {name: getattr(self, name) for name in ("planner", "scenario", "scenario_digest", "cases")}
-        # The viewer lists the file by this name, and warns of other characters and of more than 180 of them.
+        # The viewer lists the file under this name, and warns if it has other characters or more than 180.
         self._application = re.sub(r"[^A-Za-z0-9 _-]", "-", f"{self.planner[:100]} on {self.scenario}")[:180]
         self._version = importlib.metadata.version("crowdbench")
         self._extents: list[Float[np.ndarray, "2 2"]] = []
@@ -99,7 +99,7 @@ class Recorder:
         self._plot({name: logged[0, 0].size for name, logged in trace.logs.items() if is_curve(logged)})
 
     def _plot(self, curves: Mapping[str, int]) -> None:
-        """Remember what planners logged as curves and, as crowds differ, the most that there were by each name."""
+        """Store the names of logged curves and the largest number of curves under each name, because crowds differ."""
         self._plotted |= {name: max(count, self._plotted.get(name, 0)) for name, count in curves.items()}
 
     def _properties(self, trace: Trace, row: int, measured: Mapping[str, float | bool]) -> Iterator[Chunk]:
@@ -116,7 +116,7 @@ class Recorder:
         yield Chunk.from_property(PROPERTIES, rr.AnyValues(**about))
 
     def _with_units(self, measured: Mapping[str, float | bool]) -> dict[str, float | bool]:
-        """Return metrics by the names that people read, with units."""
+        """Return metrics by readable names with units."""
         named = {}
         for name, value in measured.items():
             unit = self.units.get(name)
@@ -124,13 +124,13 @@ class Recorder:
         return named
 
     def copy(self, path: Path) -> int:
-        """Record the episodes of another recording, one of a part of the same run.
+        """Record the episodes of another recording, which contains a part of the same run.
 
         Args:
             path: The recording.
 
         Returns:
-            How many episodes it has.
+            The number of its episodes.
 
         Raises:
             InputError: It cannot be read, or this one cannot be written.
@@ -145,7 +145,7 @@ class Recorder:
         return len(entries)
 
     def _keep(self, chunks: Sequence[Chunk], name: str, trace: Trace, row: int) -> None:
-        """Write the file of one episode, which gets a name and is in a row of a trace."""
+        """Write the file of one episode, the given row of a trace, under a name."""
         part = Path(self._folder.name) / f"{len(self._extents)}.rrd"
         with self._writing():
             LazyChunkStream.from_iter(chunks).write_rrd(part, application_id=self._application, recording_id=name)
@@ -163,4 +163,4 @@ class Recorder:
                     rrd.join(Path(folder), parts, self._application, layout).replace(self.path)
 
     def _writing(self) -> contextlib.AbstractContextManager[None]:
-        return rrd.writing(f"the recording {self.path.name}", " (--record none does without)")
+        return rrd.writing(f"the recording {self.path.name}", " (--record none makes no recording)")

@@ -1,1 +1,1 @@
-"""A run: a planner drives cases, what happened is measured and kept, and runs are compared and replayed."""
+"""Runs: drive a planner through cases, measure and store the episodes, and compare and replay stored runs."""

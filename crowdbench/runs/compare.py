@@ -20,7 +20,7 @@ from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid, flatten, markdown
 
 POOLED_SCENARIOS = "all {} scenarios"
-"""Name of the scenarios of several runs together."""
+"""Name of several scenarios that are pooled in one comparison."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -30,13 +30,13 @@ class Comparison:
     Attributes:
         scenario: The name of the scenario, or `POOLED_SCENARIOS`.
         names: Names of the runs A and B.
-        cases: The number of cases that both have driven. Rates, and means that count failures, are over these.
+        cases: The number of cases that both runs contain. Rates, and means that count failures, are over these.
         both_solved: The number of cases that both have solved. Other means are over these.
-        rows: The metrics, by name.
+        rows: The comparison of each metric, by name.
         changed: Case, outcome in A and outcome in B, of every case in which the outcomes differ; None for several
             scenarios.
-        warnings: Reasons against comparing them, a sentence each.
-        shared: The cases that both have driven, such as `test:0:500`.
+        warnings: Reasons why the runs may not be comparable, a sentence each.
+        shared: The cases that both runs contain, such as `test:0:500`.
     """
 
     scenario: str
@@ -64,7 +64,7 @@ class Comparison:
         return repr(self)
 
     def __repr__(self) -> str:
-        """Return the metrics of both, and their differences."""
+        """Return a table with the metrics of both runs, and their differences."""
         grid = comparison_grid([self])
         return f"{grid.title}\n\n{markdown(grid.header, grid.rows)}"
 
@@ -77,25 +77,24 @@ def compare(a: Path, b: Path) -> Comparison:
         b: The directory of run B.
 
     Raises:
-        InputError: One of them is not as its run wrote it, they are not runs of the same scenario, or share no case.
+        InputError: A file is not the one that its run wrote, or the runs have different scenarios or no case in common.
     """
     return compare_results(RunResult.read(a, tables_only=True), RunResult.read(b, tables_only=True))
 
 
 def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
-    """Compare runs with one of them, case by case, in each scenario and in all together.
+    """Compare runs with a reference run, case by case, in each scenario and over all scenarios.
 
-    Where runs are of several scenarios, each is compared with that of the planner of `reference` in the same one.
-    Results over all scenarios, with equal weights, come last. The p-values of a metric are corrected for their number:
-    p-values of single scenarios together, and p-values of all scenarios together.
+    With several scenarios, each run is compared with the run of the reference planner in the same scenario. Results
+    over all scenarios, with equal weights, come last. The p-values of a metric are corrected for multiple testing,
+    separately for single scenarios and for results over all scenarios.
 
     Args:
-        reference: The directory of the run that the others are compared with.
-        others: The directories of the others.
+        reference: The directory of the reference run.
+        others: The directories of the other runs.
 
     Raises:
-        InputError: As `compare` raises it; or, where there are several scenarios, a planner has no run in one of them,
-            or two.
+        InputError: As in `compare`; or, with several scenarios, a planner has no run, or two runs, in one of them.
     """
     runs = [RunResult.read(run, tables_only=True) for run in (reference, *others)]
     if len(runs) == 2 or len(set(map(_scenario, runs))) == 1:
@@ -112,11 +111,11 @@ def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
 
 
 def comparison_grid(comparisons: Sequence[Comparison], metrics: Sequence[str] = ()) -> Grid:
-    """Return runs beside the one that each was compared with: a row for each metric, scenario and run.
+    """Return a table of runs and their reference run, with a row for each metric, scenario and run.
 
     Args:
         comparisons: The return value of `compare_to`.
-        metrics: Names of metrics; none for all that two runs have, and for those in `MAIN` of more runs.
+        metrics: Names of metrics. If empty: all shared metrics of two runs, or the metrics in `MAIN` for more runs.
 
     Raises:
         InputError: A run has no such metric.
@@ -153,7 +152,7 @@ def _scenario(run: RunResult) -> str:
 
 
 def _group(runs: Sequence[RunResult]) -> list[list[RunResult]]:
-    """Return the runs of each scenario, that of the first planner first. Raises InputError, see `compare_to`."""
+    """Return the runs of each scenario, planners in the order of `runs`. Raises InputError, see `compare_to`."""
     labels = list(dict.fromkeys(run.label for run in runs))
     groups: dict[str, dict[str, RunResult]] = {}
     for run in runs:
@@ -172,7 +171,7 @@ def _group(runs: Sequence[RunResult]) -> list[list[RunResult]]:
 
 
 def correct(comparisons: list[Comparison]) -> list[Comparison]:
-    """Correct the p-values of each metric for their number, and return the comparisons."""
+    """Correct the p-values of each metric for the number of tests (`holm`), and return the comparisons."""
     for name in dict.fromkeys(name for comparison in comparisons for name in comparison.rows):
         tables = [comparison.rows for comparison in comparisons if name in comparison.rows]
         tested = [rows for rows in tables if rows[name].p is not None]
@@ -192,7 +191,7 @@ def _pair(a: RunResult, b: RunResult) -> Paired:
 
 
 def compare_results(a: RunResult, b: RunResult, metrics: Sequence[str] = ()) -> Comparison:
-    """Compare two runs in metrics, all where none are named. Raises InputError as `compare` does."""
+    """Compare two runs in the named metrics, or in all metrics. Raises InputError as `compare` does."""
     names = (a.label, b.label) if a.label != b.label else (str(a.directory), str(b.directory))
     return _summarize(a.result["scenario"]["name"], names, [_pair(a, b)], [*a.warnings, *b.warnings], metrics)
 
@@ -200,7 +199,7 @@ def compare_results(a: RunResult, b: RunResult, metrics: Sequence[str] = ()) -> 
 def _summarize(
     scenario: str, names: tuple[str, str], strata: Sequence[Paired], warnings: list[str], chosen: Sequence[str] = ()
 ) -> Comparison:
-    """Compare two planners in scenarios, the strata, by the chosen metrics or by all."""
+    """Compare two planners over scenarios (the strata), in the chosen metrics or in all."""
     first, tables = strata[0], [table.columns for pair in strata for table in (pair.a, pair.b)]
     metrics = [name for name in chosen or first.a.columns if all(name in columns for columns in tables)]
     changed = None
@@ -220,7 +219,7 @@ def _summarize(
 
 
 def check_comparable(a: RunResult, b: RunResult) -> None:
-    """Raise InputError where two runs are not of the same scenario and split, or do not say what was solved."""
+    """Raise InputError if two runs have different scenarios or splits, or if one of them has no success rate."""
     if _scenario(a) != _scenario(b):
         tables = [{key: repr(value) for key, value in flatten(run.result["scenario"]).items()} for run in (a, b)]
         keys = dict.fromkeys(key for key, _ in sorted(tables[0].items() ^ tables[1].items()) if key != "description")

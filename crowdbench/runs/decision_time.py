@@ -1,7 +1,7 @@
-"""How long a planner takes for its decisions in one world alone: a pass of its own, outside of any run.
+"""Measure the decision time of a planner with one world at a time, separately from any run.
 
-A run drives many worlds at once, where a decision of all of them is timed, which takes less per world. The pass may
-repeat the cases of a run: then the planner must decide the same.
+A run drives many worlds at once and times one decision for all of them, which takes less time per world. The
+measurement may repeat the cases of a run. The planner must then return the same commands.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 
 HARD_LIMIT = 20
-"""A single decision in one world is stopped after so many time steps."""
+"""Number of time steps after which a single decision in one world is stopped."""
 
 SAME = 1.5e-4
-"""Commands count as the same up to this difference, in the units of the vehicle's commands: networks round otherwise
-in one world than in many, and boards round commands to 1e-4."""
+"""Largest difference of commands that count as the same, in the units of the vehicle's commands. Networks round
+differently for one world than for many, and boards round commands to 1e-4."""
 
 
 class Decisions(NamedTuple):
     """The decisions of a planner, one world at a time.
 
     Attributes:
-        seconds: Time that each took, or its processor time if that is more.
-        is_same: True if its commands are the recorded ones of the run; True where no run was followed.
+        seconds: Wall-clock time of each decision, or its processor time if that is larger.
+        is_same: True if its commands equal the recorded ones, or if no commands are recorded.
     """
 
     seconds: Float[np.ndarray, "decision"]
@@ -43,17 +43,17 @@ class Decisions(NamedTuple):
 
 
 class _Timed(AheadPlanner):
-    """Driver that keeps the time of each decision, and whether the decision is as recorded.
+    """Planner that measures the time of each decision of a driver, and compares its commands with recorded ones.
 
     Args:
-        driver: Asks the planner.
-        recorded: The commands of the episode by step. The vehicle executes the commands of the planner as long as
-            they are the same, so that the planner is shown nothing of the run, and otherwise the recorded ones.
-        processor: Returns the processor time of the planner so far. Time between two decisions counts for
-            the later one.
+        driver: The driver of the planner.
+        recorded: The recorded commands of the episode by step. The vehicle executes the planner's commands while they
+            are the same, so that the planner gets no information about the run, and otherwise the recorded ones.
+        processor: Returns the processor time of the planner so far. Time between two decisions is added to the later
+            one.
     """
 
-    native = True  # the driver has made commands of velocities
+    native = True  # the driver has converted velocities to commands
 
     def __init__(
         self, driver: Driver, recorded: Float[np.ndarray, "step 2"] | None, processor: Callable[[], float]
@@ -79,7 +79,7 @@ class _Timed(AheadPlanner):
         return commands
 
 
-def decide_alone(
+def time_single_world(
     planner: Planner,
     name: str,
     scenario: Scenario,
@@ -95,11 +95,11 @@ def decide_alone(
         planner: The planner.
         name: Its name in errors.
         scenario: The scenario.
-        replanning: When it observes.
+        replanning: The steps at which it observes.
         cases: The cases. The first case is driven to warm up and does not count.
-        recorded: The commands of a run of these cases, which the planner must give again.
+        recorded: The commands of a run of these cases, which are compared with the planner's commands.
         progress: Called after each case with 1.
-        processor: Returns the processor time of the planner so far, where it is in a process of its own.
+        processor: Returns the processor time of the planner so far, if it runs in a separate process.
 
     Returns:
         The decisions.
@@ -114,7 +114,7 @@ def decide_alone(
         rollout(Driver(timed, name), scenario, case, replanning=replanning, undisturbed=False)
         return timed.decisions
 
-    # It may load and compile what it needs, for which it has the time of a decision of a whole batch.
+    # The planner may load and compile code here, with the time limit for a decision of a whole batch.
     drive(Driver(planner, name), first)
     driver = Driver(planner, name, HARD_LIMIT * scenario.rules.dt)
     decisions: list[tuple[float, bool]] = []

@@ -18,19 +18,19 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.utils.tables import flatten
 
 TOLERANCE = 1e-6
-"""By how much figures may differ, absolutely or relatively, where versions or machines do.
+"""Absolute and relative tolerance of numbers, if versions or machines differ.
 
-In a minute among people who react to each other a difference in rounding, 1e-16, grows to 1e-8 and more.
+In one minute of interacting pedestrians, a rounding difference of 1e-16 grows to 1e-8 or more.
 """
 
 _NOT_COMPARED = ("split", "case", "rules", "logs")
-"""Parts of a trace that are no states, or that a replay does not have."""
+"""Fields of a trace that are not states, or that a replay does not have."""
 
 _WITHOUT_TIME = ("outcome", "steps", "preferred_speed", "block")
 """Parts of a trace that have no axis for the time."""
 
 _SHOWN = 3
-"""How many cases or values a sentence names."""
+"""Largest number of cases or values that a message lists."""
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,10 @@ class Difference:
     """One kind of difference.
 
     Attributes:
-        count: In how many cases or values it was found.
-        of: Of how many.
-        what: Their kind and fault.
-        first: The first ones, as texts.
+        count: Number of cases or values that differ.
+        of: Number of the compared cases or values.
+        what: Kind of the cases or values, and their fault.
+        first: The first cases or values that differ, as texts.
     """
 
     count: int
@@ -55,11 +55,11 @@ class Difference:
 
 
 class Differences(list[Difference]):
-    """All that differs between a run and its replay.
+    """All differences between a run and its replay.
 
     Attributes:
         cases: The cases of the run.
-        exact: True if numbers must agree to the last bit, or else to `TOLERANCE`.
+        exact: True if numbers must agree to the last bit; otherwise they must agree to `TOLERANCE`.
     """
 
     def __init__(self, cases: Cases, exact: bool) -> None:
@@ -68,7 +68,7 @@ class Differences(list[Difference]):
         self.exact = exact
 
     def note(self, what: str, texts: Iterable[str], of: int) -> None:
-        """Add a difference, unless there is none: what differs, a text for each case or value, and of how many.
+        """Add a difference, unless `texts` is empty.
 
         Args:
             what: The kind of the difference, as the subject and verb of a sentence.
@@ -80,10 +80,10 @@ class Differences(list[Difference]):
             self.append(Difference(len(texts), of, what, texts[:_SHOWN]))
 
     def note_pairs(self, what: str, pairs: Iterable[tuple[str, object, object]], of: int) -> None:
-        """Add a difference of the cases or values, by name, that are recorded otherwise than replayed.
+        """Add a difference for the cases or values whose recorded and replayed values differ.
 
         Args:
-            what: As of `note`, as is `of`.
+            what: See `note`.
             pairs: Name, recorded and replayed value of each case or value.
             of: Number of the compared cases or values.
         """
@@ -91,11 +91,11 @@ class Differences(list[Difference]):
         self.note(what, (f"{name} ({recorded}, replayed: {replayed})" for name, recorded, replayed in differ), of)
 
     def name(self, case: int) -> str:
-        """Return a case as sentences name it."""
+        """Return the name of a case in messages."""
         return f"{self.cases.split}/{case}"
 
     def note_rows(self, file: str, rows: Int[np.ndarray, "row"], *, some_missing: bool = False) -> None:
-        """Note where a file has not one row of each case.
+        """Add a difference if a file does not have exactly one row for each case.
 
         Args:
             file: The file.
@@ -106,14 +106,14 @@ class Differences(list[Difference]):
         known = Counter(case for case in counts if self.cases.start <= case < self.cases.stop)
         lacking = (self.name(case) for case in range(self.cases.start, self.cases.stop) if case not in known)
         if not some_missing and len(known) < len(self.cases):
-            first = list(itertools.islice(lacking, _SHOWN))  # no more: a forged number of cases may be of any size
+            first = list(itertools.islice(lacking, _SHOWN))  # a forged number of cases may be of any size
             what = f"cases have no row in {file}"
             self.append(Difference(len(self.cases) - len(known), len(self.cases), what, first))
         beyond = map(self.name, (counts - known).elements())
-        self.note(f"rows of {file} are there twice, or of other cases than {self.cases}", beyond, len(rows))
+        self.note(f"rows of {file} are duplicates, or belong to other cases than {self.cases}", beyond, len(rows))
 
     def note_values(self, file: str, recorded: Mapping[str, Any], replayed: Mapping[str, Any]) -> None:
-        """Note which values of a file, by name, perhaps in tables within tables, differ from the replay.
+        """Add a difference for the values of a file, also in nested tables, that differ from the replay.
 
         Args:
             file: The file.
@@ -125,7 +125,7 @@ class Differences(list[Difference]):
         self.note_pairs(f"values in {file} differ", ((n, theirs.get(n), ours.get(n)) for n in names), len(names))
 
     def note_episodes(self, recorded: Episodes, replayed: Episodes) -> None:
-        """Note which rows of `episodes.csv` differ from the replay; both have the same cases."""
+        """Add differences for the rows of `episodes.csv` that differ from the replay; both have the same cases."""
         names = list(map(self.name, recorded.case.tolist()))
         blocks = [table.block if table.block is not None else np.full(len(names), -1) for table in (recorded, replayed)]
         moved = (f"{names[row]} ({BLOCK})" for row in np.flatnonzero(blocks[0] != blocks[1]).tolist())
@@ -140,12 +140,12 @@ class Differences(list[Difference]):
         self.note("cases have other figures in episodes.csv", (figures[row] for row in sorted(figures)), len(names))
 
     def compare_states(self, recorded: Trace, replayed: Trace) -> list[str]:
-        """Return a text for each episode of both traces that differs: its case, the first array that does, and the
-        step."""
+        """Return a text for each episode that differs between the traces: its case, the first array that differs, and
+        the step."""
         _, *rows = np.intersect1d(recorded.case, replayed.case, return_indices=True)
         texts: dict[int, str] = {}
         for name in (field.name for field in dataclasses.fields(Trace) if field.name not in _NOT_COMPARED):
-            # Recordings of before have no groups.
+            # Older recordings have no groups.
             if len(rows[0]) == 0 or getattr(replayed, name) is None or getattr(recorded, name) is None:
                 continue
             differs = ~self.agree(getattr(recorded, name)[rows[0]], getattr(replayed, name)[rows[1]])
@@ -155,7 +155,7 @@ class Differences(list[Difference]):
         return [texts[row] for row in sorted(texts)]
 
     def agree(self, a: Shaped[np.ndarray, "*shape"], b: Shaped[np.ndarray, "*shape"]) -> Bool[np.ndarray, "*shape"]:
-        """Return where two arrays agree. NaN agrees with NaN."""
+        """Return an array that is True for each element in which two arrays agree. NaN agrees with NaN."""
         if self.exact or a.dtype.kind != "f" or b.dtype.kind != "f":
             return np.asarray((a == b) | ((a != a) & (b != b)))
         return np.asarray(np.isclose(a, b, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True))

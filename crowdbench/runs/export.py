@@ -1,11 +1,11 @@
-"""A run as other programs read it: tracks as files of positions, and a table of what was seen, done and gained.
+"""Export a run to other programs: tracks as files of positions, and a table of observations, actions and rewards.
 
-tracks/test-13.txt   of one case, a line `frame person x y` for each position in metres, tabs between, as in ETH/UCY;
+tracks/test-13.txt   one case: a line `frame person x y` for each position in metres, separated by tabs, as in ETH/UCY;
                      or test-13.json, see `crowdbench.runs.socnav`; or a folder test-13, see `crowdbench.runs.rosbag`
 steps.parquet        a row for each step: case, step, observation, action, reward, terminated, truncated
 
-Everything follows from the run's commands, with which its cases are simulated again, or from the recorded states of a
-robot's drives. Their steps have no observation, and the velocity in m/s as the action.
+The cases are simulated again from the run's commands. Drives of a robot are exported from their recorded states: their
+steps have no observation, and their action is the velocity in m/s.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ TRACKS, STEPS = "tracks", "steps.parquet"
 TrackFormat = Literal["txt", "socnav", "rosbag2"]
 
 VEHICLE = 0
-"""The vehicle's number in the tracks; people are counted from 1."""
+"""The vehicle's number in the tracks; pedestrians are numbered from 1."""
 
 
 def export(
@@ -45,9 +45,9 @@ def export(
 
     Args:
         run: The stored run.
-        load: Makes the scenario of a simulated run again.
-        folder: Where they are written.
-        progress: Called after each step with what it added to the episodes, in parts of an episode.
+        load: Reconstructs the scenario of a simulated run.
+        folder: The folder to write to.
+        progress: Called after each step with its progress, summed over the episodes, in fractions of an episode.
         format: Format of the tracks.
 
     Returns:
@@ -61,7 +61,7 @@ def export(
     seen: dict[tuple[int, int], Float[np.ndarray, "features"]] = {}
 
     def watch(world: World) -> None:
-        """Keep the observations before a step, as the environments show them."""
+        """Store the observations before a step, in the format of the environments."""
         numbers = zip(world.case.tolist(), world.step.tolist(), strict=True)
         seen.update(zip(numbers, flatten_vehicle(world), strict=True))
 
@@ -75,7 +75,7 @@ def export(
                     write_bag(trace, row, path)
                 elif format == "socnav":
                     source = f"{run.label} on {run.result['scenario']['name']}, {trace.split}/{case}"
-                    about = f"crowdbench: {source}; {'recorded' if run.drives else 'simulated'}, rated by nobody"
+                    about = f"crowdbench: {source}; {'recorded' if run.drives else 'simulated'}, not rated by people"
                     write_trajectory(trace, row, path.with_suffix(".json"), about)
                 else:
                     _write_tracks(trace, row, path.with_suffix(".txt"))
@@ -87,7 +87,7 @@ def export(
 
 
 def _write_tracks(trace: Trace, row: int, path: Path) -> None:
-    """Write the positions of everybody in a case, one frame after the other."""
+    """Write the positions of the vehicle and all pedestrians in a case, frame by frame."""
     position = trace.position[row, : trace.steps[row] + 1]
     person = np.concatenate([np.full((len(position), 1), VEHICLE), trace.person[row, : len(position)] + 1], axis=1)
     frame, agent = np.nonzero(np.isfinite(position).all(axis=2))

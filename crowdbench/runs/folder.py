@@ -1,4 +1,4 @@
-"""A folder that keeps runs, each in a directory that is named after all that its figures depend on."""
+"""A folder of runs, each in a directory whose name contains the run's id (`crowdbench.runs.identity`)."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from crowdbench.runs.store import RunResult
 
 
 def run_directory(run: Run, out: Path) -> Path:
-    """Return the directory of a run in the folder `out`; its name has a part for people, and the run's id."""
+    """Return the directory of a run in the folder `out`; its name has a readable part, and the run's id."""
     name = directory_name(run.driver.name, run.scenario.name, run.spec)
     return out / f"{name[:180]}-{run.id.digest[:12]}"
 
 
 def is_complete(run: Run, out: Path) -> bool:
-    """Return whether a run is in the folder, to the last case, and can be checked.
+    """Return whether the folder contains a run with all of its cases.
 
-    Raises InputError where its directory holds something else, or other files than it wrote.
+    Raises InputError if its directory contains something else, or files that differ from those that the run wrote.
     """
     directory = run_directory(run, out)
     return (directory / RESULT).exists() and RunResult.read(directory).result["id"] == run.id.digest
 
 
 def make_in_folder(run: Run, out: Path, progress: Callable[[float], None] | None = None) -> bool:
-    """Make a run that is not in the folder. After an interrupt its finished parts are kept, and it goes on with them.
+    """Make a run unless it is in the folder. After an interrupt, the next call continues with the finished parts.
 
     Args:
         run: The run.
         out: The folder.
-        progress: As `make_run` calls it.
+        progress: See `make_run`.
 
     Returns:
-        True if it is there; not where another process is making it.
+        True if the run is complete; False if another process is still making it.
 
     Raises:
         InputError: As `make_run` does.
-        KeyboardInterrupt: Somebody interrupted it.
+        KeyboardInterrupt: The user interrupted it.
     """
     # Another process may have made it meanwhile.
     return is_complete(run, out) or make_run(run, run_directory(run, out), overwrite=True, progress=progress)

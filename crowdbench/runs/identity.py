@@ -1,4 +1,4 @@
-"""The identity of a run: all that its figures depend on. docs/identity.md lists the effects of edits."""
+"""The identity of a run: everything that its results depend on. docs/identity.md lists the effects of edits."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from crowdbench.plugins.files import read_files
 from crowdbench.plugins.load import ROOT
 
 SIMULATOR = ("crowdbench.runs.rollout", "crowdbench.scenario.load")
-"""The modules whose code, with all that they import, makes an episode of a scenario and of commands."""
+"""The modules that simulate an episode from a scenario and commands. Modules that they import count, too."""
 
 
 UNKNOWN = "unknown-"
@@ -33,16 +33,16 @@ def code() -> str:
 
 @dataclass(frozen=True)
 class PlannerId:
-    """Facts that determine the commands of a planner, beside the simulator.
+    """Facts that determine the commands of a planner, apart from the simulator.
 
     Attributes:
         name: The planner's name.
         options: Its options.
-        files: The sha256 of its files, by path: its own, and those that an option names. See `catalog.planner_files`.
+        files: The sha256 of the files of the planner and of its options, by path. See `catalog.planner_files`.
         code: The digest of the code of crowdbench that it imports.
-        facts: Its own facts, such as the digest of its weights.
-        key: For objects made in Python: the author's name for this version. A random one if the
-            author calls it nothing.
+        facts: The planner's attribute `facts`, such as the digest of its weights.
+        key: For planner objects that a user constructs: the author's name for this version, or a random key if there is
+            none.
     """
 
     name: str
@@ -54,20 +54,20 @@ class PlannerId:
 
     @property
     def is_resumable(self) -> bool:
-        """True if another process can have the same planner."""
+        """True if another process can construct the same planner."""
         return not self.key.startswith(UNKNOWN)
 
 
 @dataclass(frozen=True)
 class RunId:
-    """The only hash of a run. Other facts (time, versions, isolation, ...) are only stated by a result.
+    """The identity and only hash of a run. Other facts (time, versions, isolation, ...) are only stated in a result.
 
     Attributes:
         planner: Identity of the planner.
         scenario: The digest of the scenario's contents, see `scenario.digest`.
         cases: The cases.
         replanning: When the planner observes, see `Replanning.settings`.
-        batch: Cases in lock-step where this moves the last bits of the planner's values; None elsewhere.
+        batch: Number of cases in lock-step if it changes the last bits of the planner's values; None otherwise.
         metrics: The digest of the source of each metric, by name.
         decision_limit: Seconds that the planner may take for a decision.
         code: The digest of the simulator's code.
@@ -84,12 +84,12 @@ class RunId:
 
     @property
     def parts(self) -> dict[str, Any]:
-        """All of it, as `result.json` holds it."""
+        """All fields, as in `result.json`."""
         return asdict(self)
 
     @property
     def digest(self) -> str:
-        """64 hexadecimal digits."""
+        """The digest of all parts, with 64 hexadecimal digits."""
         return digest(self.parts)
 
 
@@ -99,15 +99,15 @@ def digest(parts: Mapping[str, Any]) -> str:
 
 
 def new_key() -> str:
-    """Return a key that no other run has: for objects whose author gives none, so that no run is resumed with them."""
+    """Return a unique key for planner objects whose author gives none, so that no run is resumed with them."""
     return f"{UNKNOWN}{secrets.token_hex(8)}"
 
 
 def source_of(thing: type | Callable[..., Any]) -> str:
     """Return 16 hexadecimal digits that change with the source of a class or a function.
 
-    The file that defines it counts with what it imports from its folder and from crowdbench. Of what was typed into an
-    interpreter, the text counts, if it is known; otherwise the digits are new each time.
+    They cover the file that defines it, and the imports of this file from its folder and from crowdbench. For code
+    typed into an interpreter, they cover its text if it is available; otherwise the digits are random.
     """
     module = str(getattr(thing, "__module__", ""))
     if module.startswith("crowdbench."):
@@ -128,13 +128,13 @@ def _source_of_module(module: str) -> str:
 
 
 def id_of_object(planner: object, name: str, facts: Mapping[str, str], key: str) -> PlannerId:
-    """Return the identity of a planner that was made in Python: the sources of its classes, and a key.
+    """Return the identity of a planner object that a user constructed: the sources of its classes, and a key.
 
     Args:
         planner: The planner.
         name: Its name in tables.
-        facts: Facts that it tells of itself.
-        key: The user's name of its version, or a random one.
+        facts: The planner's attribute `facts`.
+        key: The user's name for its version, or a random key.
     """
     classes = [
         kind for kind in type(planner).__mro__ if kind.__module__.partition(".")[0] not in sys.stdlib_module_names

@@ -23,14 +23,13 @@ def load_run(
     """Load a run with its planner in this process.
 
     Args:
-        spec: The run; where a planner is given, the spec only says what it is called.
-        planner: The planner where it was made in Python.
-        scenario: The scenario that the spec names, where it has been loaded before.
-        key: The author's name for this version of a planner made in Python; without a key, no run is
-            resumed with it.
+        spec: The run. If `planner` is given, `spec.planner` is only its name.
+        planner: A planner object that a user constructed, if any.
+        scenario: The scenario that the spec names, if it is loaded already.
+        key: The author's name for this version of a planner object; without a key, no run is resumed with it.
 
     Raises:
-        InputError: Something that the spec names does not exist, or does not take these options or overrides.
+        InputError: A plug-in or scenario in the spec does not exist, or does not accept these options or overrides.
     """
     scenario = scenario or catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
     name, is_named = spec.planner, planner is None
@@ -49,7 +48,7 @@ def load_run(
 
 @contextlib.contextmanager
 def open_run(spec: RunSpec) -> Iterator[Run]:
-    """Load a run, isolated where its spec says so, and end the planner's own process afterwards.
+    """Load a run, isolated if its spec requests it, and end the planner's process afterwards.
 
     Raises:
         InputError: As `load_run` does.
@@ -70,13 +69,13 @@ def open_run(spec: RunSpec) -> Iterator[Run]:
 def identify(
     planner: str, options: Mapping[str, Any], driver: Driver, named: Mapping[str, Any] | None = None
 ) -> PlannerId:
-    """Return the identity of a planner that was found by its name or in a file.
+    """Return the identity of a planner that was loaded by name or from a file.
 
     Args:
-        planner: As `catalog.load_planner` takes it.
-        options: The planner's options, as it was loaded with them.
-        driver: Asks the planner for commands.
-        named: The options as a result names them, where files lie somewhere else.
+        planner: The name or the file of the planner, see `catalog.load_planner`.
+        options: The options with which the planner was loaded.
+        driver: The driver of the planner.
+        named: The options as written in a result, if they name files by other paths; None for `options`.
     """
     return PlannerId(
         driver.name,

@@ -1,4 +1,4 @@
-"""Several runs of adjoining cases made into the one run that drives all of them."""
+"""Merge several runs of adjoining cases into one run of all cases."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import new_directory
 
-TOGETHER = ("timing", "versions", "isolation")
+MAY_DIFFER = ("timing", "versions", "isolation")
 """Sections that may differ between the parts of a run."""
 
 
 def merge(directories: Sequence[Path], out: Path, overwrite: bool = False) -> dict[str, Any]:
-    """Make one run of several.
+    """Merge several runs into one.
 
-    Its episodes and commands equal a run that drives all cases, to the last byte.
+    Its episodes and commands are the same, to the last byte, as in a run that drives all cases.
 
     Args:
         directories: The runs, in any order.
@@ -36,7 +36,7 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False) -> di
         The contents of its `result.json`.
 
     Raises:
-        InputError: The runs do not fit together, one of them is not as it was written, or `out` cannot be written.
+        InputError: The runs do not fit together, a file is not the one that its run wrote, or `out` cannot be written.
     """
     parts = sorted(map(RunResult.read, directories), key=lambda part: (part.cases.split, part.cases.start))
     _check_fitting(parts)
@@ -76,17 +76,17 @@ def _check_fitting(parts: Sequence[RunResult]) -> None:
 
 
 def _shared(part: RunResult) -> dict[str, Any]:
-    """Return what the parts of a run have in common, first what the run is."""
-    stated = {key: value for key, value in part.result["stated"].items() if key not in TOGETHER}
+    """Return the fields that must be equal in all parts of a run, beginning with the run's identity."""
+    stated = {key: value for key, value in part.result["stated"].items() if key not in MAY_DIFFER}
     return {**part.result["run"], "cases": "", "name of the scenario": part.result["scenario"]["name"], **stated}
 
 
 def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> int:
-    """Join what is recorded, up to the most failures and the part in which they are reached; returns how many it is.
+    """Join the recordings of the parts until `most_failures` is reached, and return the number of episodes.
 
     Args:
         parts: The parts.
-        cases: All their cases.
+        cases: The cases of all parts.
         path: The recording to write.
     """
     recorded = [part for part in parts if part.result["recorded"]]
@@ -95,7 +95,7 @@ def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> in
     from crowdbench.record.write import Recorder
 
     number = 0
-    # Recorded crowds have no number, and are not that many.
+    # Recorded crowds have no key `number`, and are not that large.
     most = most_failures(parts[0].result["scenario"]["pedestrians"].get("number", [0, 0])[1])
     with Recorder(path, **parts[0].header | {"cases": len(cases)}) as recorder:
         for part in recorded:
@@ -107,14 +107,14 @@ def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> in
 def _timing(parts: Sequence[RunResult]) -> dict[str, float]:
     timings = [part.result["stated"]["timing"] for part in parts]
     steps = [int(part.episodes.steps.sum()) for part in parts]
-    decided = [timing.get("decision_ms_per_step", math.nan) for timing in timings]  # robots do not tell
+    decided = [timing.get("decision_ms_per_step", math.nan) for timing in timings]  # missing for robots
     mean = float(np.average(decided, weights=steps))
     known = {} if math.isnan(mean) else {"decision_ms_per_step": mean}
     return {**known, "seconds": sum(timing["seconds"] for timing in timings)}
 
 
 def _join(tables: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the largest of numbers, and all distinct texts, such as the machines of a cluster."""
+    """Return the joined table: the largest of numbers, and all distinct texts, such as the machines of a cluster."""
     joined: dict[str, Any] = {}
     for name in tables[0]:
         values = [table[name] for table in tables if name in table]

@@ -1,12 +1,12 @@
-"""Runs as a page on which a browser plays their cases, without a server and without anything from elsewhere.
+"""Export runs as a web page that replays their cases in a browser, without a server and without external files.
 
 index.html, replay.js           the page
 data/index.js                   scenarios, planners, outcomes, and the palette
 data/doorway_10/val-3.js         a case: the tracks of its episodes, one for each planner
-data/doorway_10/val-3.paths.js   what planners predicted, considered and planned in it, where that was recorded
+data/doorway_10/val-3.paths.js   predicted, considered and planned paths in it, if they were recorded
 
-Data are scripts, because a page of a file system can read nothing else. Arrays are texts, see `pack`. Positions are
-rounded to `QUANTUM`.
+Data files are scripts, because a page that is opened from a folder cannot read other files. Arrays are texts, see
+`pack`. Positions are rounded to `QUANTUM`.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ PAGE = "index.html"
 """The page's file in its folder."""
 
 QUANTUM, COARSE = 0.002, 0.02
-"""In metres: positions of agents are multiples of the first one, predicted, considered and planned paths of the second
-one. Paths are simplified by as much."""
+"""Resolution of the positions of agents, and of predicted, considered and planned paths, in metres. Paths are
+simplified with the same tolerance."""
 
 _DIGITS = np.frombuffer(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_", np.uint8)
 
 
 def pack(*arrays: ArrayLike) -> str:
-    """Return integers, of any type, as a text: base 32 from the lowest digit on, as in source maps.
+    """Encode integers of any type as a text: base 32 with the lowest digit first, as in source maps.
 
-    The lowest bit is the sign. A digit is a character, of the alphabet's second half where more follow.
+    The lowest bit is the sign. Each digit is one character, from the second half of the alphabet if more digits follow.
     """
     values = np.concatenate([np.empty(0, np.int64), *(np.asarray(array, np.int64).ravel() for array in arrays)])
     digits = np.where(values < 0, 1 - 2 * values, 2 * values)[:, None] >> 5 * np.arange(8)
@@ -67,9 +67,9 @@ def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress:
 
     Args:
         runs: The runs. Runs of one scenario can be seen side by side.
-        load: Makes the scenario of a simulated run again.
+        load: Reconstructs the scenario of a simulated run.
         folder: An empty folder.
-        progress: Called after each step with what it added to the episodes, in parts of an episode.
+        progress: Called after each step with its progress, summed over the episodes, in fractions of an episode.
 
     Returns:
         The number of cases.
@@ -87,7 +87,7 @@ def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress:
         about = scenarios.setdefault(table["name"], known)
         if about["digest"] != digest:
             raise InputError(f"{run.directory} has another scenario {table['name']} than runs before it: leave it out")
-        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", run.result["run"]["planner"]["name"])  # as a link can have it
+        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", run.result["run"]["planner"]["name"])  # valid in a link
         planner = f"{name}-{len(about['runs']) + 1}" if name in about["runs"] else name
         outcomes = "".join(Outcome(outcome).label[0] for outcome in run.episodes.outcome.tolist())
         recording = run.directory / RECORDING
@@ -99,7 +99,7 @@ def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress:
             for row, case in enumerate(trace.case.tolist()):
                 key, verdict = f"{table['name']}/{trace.split}-{case}", []
                 if case in recorded:
-                    verdict = read_verdict(recording, case)  # which knows what the planner predicted
+                    verdict = read_verdict(recording, case)  # it contains the planner's predictions
                     chunks = read_case(recording, case).chunks
                     add_commands(planned := read_paths(chunks, trace.rules.dt), chunks, trace.rules.dt)
                     files[f"{key}.paths"][planner] = _paths(planned, int(trace.steps[row]) + 1)
@@ -115,7 +115,7 @@ def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress:
 
 
 def _describe(trace: Trace) -> dict[str, Any]:
-    """Return what is the same in all cases: times in seconds, the outline of a vehicle on wheels in metres."""
+    """Return the values that all cases share: times in seconds, the outline of a wheeled vehicle in metres."""
     rules, radius, rim = trace.rules, float(trace.radius[0, 0, 0]), np.empty((0, 2))
     if not isinstance(rules.dynamics, Holonomic):
         rim = outline(rules.body, np.zeros(2), np.zeros(()), radius).round(3)
@@ -123,10 +123,10 @@ def _describe(trace: Trace) -> dict[str, Any]:
 
 
 def _episode(trace: Trace, row: int) -> dict[str, Any]:
-    """Return an episode.
+    """Return the data of an episode.
 
-    For each stay of an agent, `tracks` has its index, its first state, the number of states, its radius, x, y, and when
-    it is seen and has noticed the vehicle.
+    For each stay of an agent, `tracks` contains its index, its first state, the number of states, its radius, x, y, and
+    the states in which it is seen and in which it has noticed the vehicle.
     """
     states = int(trace.steps[row]) + 1
     position = trace.position[row, :states]
@@ -159,19 +159,19 @@ def _bend(values: Float[np.ndarray, "*_ time"]) -> Float[np.ndarray, "*_ time"]:
 
 
 def _turns(flag: Bool[np.ndarray, "state"]) -> Int[np.ndarray, "turn"]:
-    """Return how often a flag, true before, changes, and the states from one change to the next."""
+    """Return the number of changes of a flag, which is initially true, and the number of states between changes."""
     (state,) = np.nonzero(np.diff(flag, prepend=True))
     return np.concatenate([[len(state)], np.diff(state, prepend=0)])
 
 
 def _to_lines(lines: Sequence[Float[np.ndarray, "_ 2"]], quantum: float) -> list[ArrayLike]:
-    """Return the number of lines, that of the points of each, and the steps from point to point in quanta."""
+    """Return the number of lines, the number of points of each line, and the differences between points in quanta."""
     points = np.round(np.concatenate([np.zeros((1, 2)), *lines]) / quantum)
     return [[len(lines), *map(len, lines)], np.diff(points, axis=0)]
 
 
 def _paths(planned: Mapping[int, PlannedPaths], states: int) -> str:
-    """Return the paths of an episode: how many of each kind in each state, and then all of them."""
+    """Return the paths of an episode: first the number of paths of each kind in each state, then all paths."""
     each = [planned.get(state, PlannedPaths()) for state in range(states)]
     lines = [shapely.LineString(line) for paths in each for lines in paths for line in lines]
     simple = [shapely.get_coordinates(line) for line in shapely.simplify(lines, COARSE)]

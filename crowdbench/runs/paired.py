@@ -26,14 +26,14 @@ from crowdbench.metrics.summary import (
 from crowdbench.runs.results import Episodes
 
 EXACT = 12
-"""Blocks of cases for which the test of two rates tries all ways to exchange the runs."""
+"""Largest number of blocks of cases for which the test of two rates enumerates all exchanges of the runs."""
 
 
 LEAST_SHARED = 6
-"""Cases that both planners must solve before a difference over these cases counts.
+"""Smallest number of cases, solved by both planners, over which a difference can be significant.
 
-With fewer, even a difference of the same sign in every case is likely by chance (2 * 0.5**5 > 0.05), and a bootstrap,
-which draws from nothing but these cases, would not notice.
+With fewer cases, even a difference of the same sign in every case is likely by chance (2 * 0.5**5 > 0.05). A bootstrap
+resamples only these cases and cannot detect this.
 """
 
 
@@ -44,9 +44,9 @@ class MetricDifference:
     Attributes:
         a: Its mean in run A.
         b: Its mean in run B.
-        difference: B - A, paired by case. The interval of a rate contains 0 where its test finds no difference.
-        p: McNemar's p-value of rates, or that of `sign_test` where cases come in blocks; None for other metrics.
-        corrected: The p-value corrected for all that it was tested with (`holm`).
+        difference: B - A, paired by case. The interval of a rate contains 0 if its test is not significant.
+        p: For rates, the p-value of McNemar's test, or of `sign_test` if cases come in blocks; None for other metrics.
+        corrected: The p-value corrected for multiple testing (`holm`).
     """
 
     a: float
@@ -57,7 +57,7 @@ class MetricDifference:
 
     @property
     def is_significant(self) -> bool:
-        """True where the test, or the 95 % interval over `LEAST_SHARED` cases or more, finds a difference."""
+        """True if the test, or the 95 % interval over at least `LEAST_SHARED` cases, shows a difference."""
         if self.p is not None:
             return self.p < 1.0 - CONFIDENCE
         difference = self.difference
@@ -66,7 +66,7 @@ class MetricDifference:
 
 @dataclass(frozen=True)
 class Paired:
-    """The episodes of the runs A and B in the cases that both drove, such as `test:0:500`."""
+    """The episodes of the runs A and B in their shared cases, such as `test:0:500`."""
 
     a: Episodes
     b: Episodes
@@ -74,19 +74,19 @@ class Paired:
 
     @property
     def solved(self) -> Bool[np.ndarray, "case"]:
-        """True if both solved each case."""
+        """True for each case that both planners solved."""
         return np.asarray(self.a.columns["success_rate"] & self.b.columns["success_rate"])
 
 
 def compare_metric(name: str, strata: Sequence[Paired]) -> MetricDifference:
-    """Compare a metric over all cases where it is a rate or counts failures, otherwise over those that both solve.
+    """Compare a metric over all cases if it is a rate or counts failures, otherwise over the cases that both solve.
 
-    Before the interval of a rate is taken, a case is added for each run in which it alone holds, as in Bonett and Price
-    (2012, doi:10.3102/1076998611411915): else it is too narrow where few cases differ.
+    Before the interval of a rate is computed, one case per run is added in which the event occurs in this run only
+    (Bonett and Price 2012, doi:10.3102/1076998611411915). Otherwise it is too narrow if few cases differ.
 
     Args:
         name: The name of the metric.
-        strata: The episodes of both runs, in each scenario. Scenarios count alike.
+        strata: The episodes of both runs, in each scenario. Scenarios have equal weights.
     """
     columns = [(pair.a.columns[name], pair.b.columns[name]) for pair in strata]
     is_share = all(is_rate(column) for pair in columns for column in pair)
@@ -122,7 +122,7 @@ def _test(
 def _compare_part(
     name: str, pair: Paired, chosen: Bool[np.ndarray, "case"]
 ) -> tuple[tuple[float, float], Float[np.ndarray, "resample"], Float[np.ndarray, "chosen"]]:
-    """Compare a metric in the chosen cases of a scenario: both means, resampled differences, and that of each case."""
+    """Compare a metric in the chosen cases of a scenario: means, resampled differences, and differences by case."""
     values = [table.columns[name][chosen].astype(float) for table in (pair.a, pair.b)]
     weights = [weigh(name, table.steps[chosen]) for table in (pair.a, pair.b)]
     a, b = (float(weighted_mean(x, w)) for x, w in zip(values, weights, strict=True))
@@ -138,9 +138,9 @@ def _compare_part(
 
 
 def _mean_of(resampled: Sequence[Float[np.ndarray, "resample"]]) -> Float[np.ndarray, "resample"]:
-    """Return the distribution of the mean over scenarios, whose cases are independent of each other's."""
+    """Return the distribution of the mean over scenarios, whose cases are independent."""
     random = np.random.default_rng(0)
-    first, *others = resampled  # as many cases are resampled alike in all of them, hence the new order
+    first, *others = resampled  # equal numbers of cases get equal resamples, hence the permutation
     return np.asarray(np.mean([first, *map(random.permutation, others)], axis=0))
 
 
@@ -154,7 +154,7 @@ def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
     """Return the exact two-sided p-value of the test of McNemar (1947); 1 if no case differs.
 
     Args:
-        a: True if each case was solved in run A.
+        a: True for each case that was solved in run A.
         b: The same in run B.
     """
     from scipy.stats import binomtest
@@ -166,7 +166,7 @@ def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
 def holm(p: Float[np.ndarray, "test"]) -> Float[np.ndarray, "test"]:
     """Return the p-values corrected by Holm (1979) for the number of tests.
 
-    Those below 0.05 are significant: with a probability of 0.95 or more, none of them is where there is no difference.
+    Values below 0.05 are significant: the probability of one or more false positives among them is at most 0.05.
     """
     order = np.argsort(p, kind="stable")
     factors = len(p) - np.arange(len(p))
@@ -181,7 +181,7 @@ def sign_test(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"], block: I
     It is exact for up to `EXACT` blocks, and from `RESAMPLES` random exchanges for more.
 
     Args:
-        a: True if each case was solved in run A.
+        a: True for each case that was solved in run A.
         b: The same in run B.
         block: The block of each case; cases of the same block are not independent.
     """

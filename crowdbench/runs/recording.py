@@ -1,6 +1,6 @@
 """Recording during a run: the commands of all cases, and episodes for the viewer.
 
-The commands lie in `commands.parquet`: with the scenario, they are all that it takes to simulate each case again.
+The commands are stored in `commands.parquet`. With the scenario, they are sufficient to simulate each case again.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ class RunRecorder:
 
     Attributes:
         cases: The cases of the whole run.
-        most_failures: How many failures are recorded at most; None for all episodes.
-        commands: Writes commands, if they are kept.
-        recorder: Writes episodes, if any are recorded.
-        failures: How many failures there were.
-        number: How many episodes were recorded.
+        most_failures: Largest number of failures that are recorded; None to record all episodes.
+        commands: Writer of the commands, if they are recorded.
+        recorder: Writer of the episodes, if any are recorded.
+        failures: Number of failures so far.
+        number: Number of recorded episodes so far.
     """
 
     cases: Cases
@@ -54,7 +54,7 @@ class RunRecorder:
     number: int = 0
 
     def add(self, trace: Trace, episodes: Episodes) -> None:
-        """Record a batch of episodes, as far as they are recorded."""
+        """Record the commands of a batch of episodes, and the episodes that are chosen for recording."""
         if self.commands is not None:
             self.commands.write_table(_to_table(trace))
         if self.recorder is None:
@@ -99,7 +99,7 @@ def units_of(metrics: Mapping[str, Metric]) -> dict[str, str]:
 
 
 def most_failures(pedestrians: int) -> int:
-    """Return the largest number of failures that are recorded: fewer in crowds so large that recording would take
+    """Return the largest number of failures to record. It is smaller for crowds so large that recording would take
     longer than driving."""
     return max(1, MOST_FAILURES * RECORDED_CROWD // max(pedestrians, RECORDED_CROWD))
 
@@ -119,7 +119,7 @@ class Commands:
     command: Float[np.ndarray, "step 2"]
 
     def of(self, case: int) -> Float[np.ndarray, "step 2"]:
-        """Return the commands of one case in m/s. Raises InputError where there are none."""
+        """Return the commands of one case in m/s. Raises InputError if there are none."""
         (rows,) = np.nonzero(self.case == case)
         if not len(rows):
             raise InputError(f"{COMMANDS} has no commands of case {case}")
@@ -127,7 +127,7 @@ class Commands:
         return self.command[end - int(self.steps[rows[0]]) : end]
 
     def pad(self, rows: Int[np.ndarray, "row"], steps: int) -> Float[np.ndarray, "row {steps} 2"]:
-        """Return the commands in m/s of the cases with these indices for so many steps, zero after the last command."""
+        """Return the commands in m/s of the cases with these indices, cut or padded with zeros to a number of steps."""
         ends = np.cumsum(self.steps)
         padded = np.zeros((len(rows), steps, 2))
         for commands, end, length in zip(padded, ends[rows], self.steps[rows], strict=True):
@@ -136,7 +136,7 @@ class Commands:
 
 
 def read_commands(path: Path) -> Commands:
-    """Read the commands of a run. Raises InputError where the file is missing or has other contents."""
+    """Read the commands of a run. Raises InputError if the file is missing or has other contents."""
     table = _read_table(path)
     command = pc.list_flatten(table["command"])
     lengths = pc.list_value_length(table["command"])
@@ -147,12 +147,12 @@ def read_commands(path: Path) -> Commands:
 
 
 def check_size(path: Path, cases: int, steps: int) -> None:
-    """Check that a file of commands is not larger than a run's can be, before anything of it is unpacked.
+    """Check that a file of commands is not larger than a run allows, before it is decompressed.
 
     Args:
-        path: The file. One that is missing or no Parquet file is for `read_commands` to tell.
-        cases: How many cases the run has.
-        steps: The most steps of a case.
+        path: The file. `read_commands` reports a file that is missing or not in Parquet format.
+        cases: Number of cases of the run.
+        steps: Largest number of steps of a case.
 
     Raises:
         InputError: It is larger.
@@ -164,7 +164,7 @@ def check_size(path: Path, cases: int, steps: int) -> None:
     except (pa.ArrowException, OSError, ValueError):
         return
     size = sum(group.column(index).total_uncompressed_size for group in groups for index in range(group.num_columns))
-    most = 1_000_000 + 2 * 16 * cases * (steps + 1)  # twice what two float64 numbers per step take
+    most = 1_000_000 + 2 * 16 * cases * (steps + 1)  # twice the size of two float64 numbers per step
     if rows > cases or size > most:
         raise InputError(
             f"{path} holds {rows} cases in {size / 1e6:.0f} MB, but a run of {cases} cases has as many in "
@@ -173,10 +173,10 @@ def check_size(path: Path, cases: int, steps: int) -> None:
 
 
 def join_commands(parts: Sequence[Path], path: Path) -> None:
-    """Write the commands of several runs, whose cases follow each other, as one run would write them.
+    """Write the commands of several runs with consecutive cases into one file, as one run would write them.
 
     Args:
-        parts: The files of the runs. Raises InputError where one is missing or has other contents.
+        parts: The files of the runs. Raises InputError if one is missing or has other contents.
         path: The file to write.
     """
     table = pa.concat_tables([_read_table(part) for part in parts])
@@ -187,7 +187,7 @@ def join_commands(parts: Sequence[Path], path: Path) -> None:
 
 @contextlib.contextmanager
 def _open_writer(path: Path) -> Iterator[pq.ParquetWriter]:
-    # Opened here, because Arrow takes only paths that are UTF-8.
+    # Opened here, because Arrow accepts only paths in UTF-8.
     with path.open("wb") as file, pq.ParquetWriter(file, _SCHEMA, compression="zstd") as writer:
         yield writer
 

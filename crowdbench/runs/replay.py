@@ -1,8 +1,8 @@
 """A run simulated again from its scenario, its cases and the recorded commands, without its planner.
 
 The replay does not use the program that made the run, nor its planner: the files of the run are data.
-States, outcomes and metrics follow from the commands and can be checked. The origin of the commands, their
-time and the information behind them cannot.
+States, outcomes and metrics follow from the commands and can be checked. The origin of the commands, their computation
+time and the information used for them cannot be checked.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from crowdbench.utils.defaults import BATCH
 from crowdbench.utils.errors import InputError
 
 Loader = Callable[[RunResult], Scenario]
-"""Makes the scenario of a simulated run again."""
+"""Reconstructs the scenario of a simulated run."""
 
 Watch = Callable[[World], None]
 """Called with the worlds before each step."""
 
 
 class Playback(Planner):
-    """Planner of commands that are known beforehand, in one batch of cases.
+    """Planner that returns given commands, in one batch of cases.
 
     Args:
-        command: The commands as the vehicle's dynamics takes them, by world and step.
-        privileged: True if they come from something that uses what no vehicle could know.
+        command: The commands of the vehicle's dynamics, by world and step.
+        privileged: True if they come from a planner that uses information that no vehicle could measure.
     """
 
     native = True
@@ -64,12 +64,12 @@ class Replay:
     """Result of a replay.
 
     Attributes:
-        cases: How many cases were simulated again.
-        recorded: How many of them have their states in `run.rrd`.
-        metrics: How many metrics were compared.
+        cases: Number of cases that were simulated again.
+        recorded: Number of these cases with their states in `run.rrd`.
+        metrics: Number of metrics that were compared.
         unchecked: The columns of `episodes.csv` whose metric is not known.
-        versions: Differences between the run's versions and machine and the present ones; without any, everything was
-            compared to the last bit.
+        versions: Differences between the versions and the machine of the run and of the replay. If empty, everything
+            was compared to the last bit.
         differences: Differences between the run and its replay.
     """
 
@@ -81,7 +81,7 @@ class Replay:
     differences: list[Difference]
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything as JSON has it, and whether the run agrees with its replay."""
+        """Return all fields as JSON values, and whether the run agrees with its replay."""
         return {"agrees": not self.differences, **dataclasses.asdict(self)}
 
     def __str__(self) -> str:
@@ -111,15 +111,15 @@ def replay(
 
     Args:
         run: The stored run.
-        scenario: The scenario that its `result.json` describes, made again.
-        metrics: Metrics by name; those are measured that the run has.
+        scenario: The scenario, reconstructed from its `result.json`.
+        metrics: Metrics by name; only metrics that the run contains are measured.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
         The compared items and their differences.
 
     Raises:
-        InputError: The run has commands of none of its cases, or a pedestrian policy or a metric breaks its contract.
+        InputError: The run has no commands of any of its cases, or a pedestrian policy or a metric breaks its contract.
     """
     changed = _changed_versions(run)
     columns = dict.fromkeys([*run.episodes.columns, *run.result["metrics"]])
@@ -148,12 +148,12 @@ def replay(
 
 
 def check_recorded(run: RunResult, recorded: Episodes, metrics: Mapping[str, Metric]) -> None:
-    """Raise InputError where metrics of recorded states are not those in `episodes.csv`.
+    """Raise InputError if metrics of recorded states differ from those in `episodes.csv`.
 
     Args:
         run: The run.
-        recorded: The episodes that were measured in its recording.
-        metrics: The metrics by name; those with another source than in the run are not compared.
+        recorded: The episodes of its recording, with their metrics.
+        metrics: The metrics by name. Metrics whose source differs from that in the run are not compared.
     """
     same = [name for name in recorded.columns if run.result["run"]["metrics"].get(name) == source_of(metrics[name])]
     rows = np.searchsorted(run.episodes.case, recorded.case)
@@ -176,14 +176,14 @@ def traces(
 
     Args:
         run: The stored run.
-        scenario: The scenario that its `result.json` describes, made again.
-        only: The numbers of the wanted cases; None for every case that has commands.
+        scenario: The scenario, reconstructed from its `result.json`.
+        only: The numbers of the requested cases; None for every case that has commands.
         undisturbed: See `rollout`.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
         watch: Called with the worlds before each step.
 
     Raises:
-        InputError: The run has commands of none of these cases, or a pedestrian policy breaks its contract.
+        InputError: The run has no commands of any of these cases, or a pedestrian policy breaks its contract.
     """
     case, first = np.unique(run.commands.case, return_index=True)
     inside = (case >= run.cases.start) & (case < run.cases.stop)
@@ -198,19 +198,19 @@ def traces(
         for part in together.batches(fit_batch(BATCH, scenario)):
             chosen = first[rows[part.start - together.start : part.stop - together.start]]
             command = run.commands.pad(chosen, scenario.rules.max_steps)
-            command[~possible[chosen]] = 0.0  # the driver would end the replay at them
+            command[~possible[chosen]] = 0.0  # the driver would raise an error for them
             driver = Driver(Playback(command), "of the replay")
             yield rollout(driver, scenario, part, undisturbed=undisturbed, progress=progress, watch=watch)
 
 
 def traces_of(run: RunResult, load: Loader, progress: Progress | None, watch: Watch | None = None) -> Iterator[Trace]:
-    """Yield the traces of all cases of a run: simulated again, or as recorded of the drives of a robot.
+    """Yield the traces of all cases of a run: simulated again, or recorded from the drives of a robot.
 
     Args:
         run: The stored run.
-        load: Makes the scenario of a simulated run again.
-        progress: As of `traces`.
-        watch: As of `traces`.
+        load: Reconstructs the scenario of a simulated run.
+        progress: See `traces`.
+        watch: See `traces`.
 
     Raises:
         InputError: The run has no commands, or a pedestrian policy breaks its contract.
@@ -226,12 +226,12 @@ def record_case(run: RunResult, scenario: Scenario, case: int, path: Path) -> No
 
     Args:
         run: The run.
-        scenario: The scenario that its `result.json` describes, made again.
+        scenario: The scenario, reconstructed from its `result.json`.
         case: The number of the case.
         path: The recording to write.
 
     Raises:
-        InputError: The run has no commands of the case, or the case ends in another way than in the run.
+        InputError: The run has no commands of the case, or the case ends differently from the run.
     """
     from crowdbench.record.write import Recorder
 
@@ -246,16 +246,16 @@ def record_case(run: RunResult, scenario: Scenario, case: int, path: Path) -> No
 
 
 def _possible(recorded: Commands, scenario: Scenario) -> Bool[np.ndarray, "case"]:
-    """Return whether a run accepts all commands of each case: they are finite, and within the limits of the vehicle."""
+    """Return for each case whether all commands are finite and within the limits of the vehicle, as a run requires."""
     speed = np.full(len(recorded.command), scenario.vehicle.speed)
     with np.errstate(over="ignore"):
-        is_within = scenario.rules.dynamics.is_within(recorded.command, speed)  # nothing that is not finite is
+        is_within = scenario.rules.dynamics.is_within(recorded.command, speed)  # False if not finite
     row_of_step = np.repeat(np.arange(len(recorded.case)), recorded.steps)
     return np.bincount(row_of_step[~is_within], minlength=len(recorded.case)) == 0
 
 
 def _compare_commands(differences: Differences, commands: Commands, scenario: Scenario, replayed: Episodes) -> None:
-    """Note what is wrong with `commands.parquet`."""
+    """Add the differences in `commands.parquet`."""
     differences.note_rows(COMMANDS, commands.case)
     refused = map(differences.name, commands.case[~_possible(commands, scenario)].tolist())
     what = "commands that a run refuses, beyond the limits of the vehicle or not finite"
@@ -267,7 +267,7 @@ def _compare_commands(differences: Differences, commands: Commands, scenario: Sc
 
 
 def _compare_episodes(differences: Differences, run: RunResult, replayed: Episodes) -> None:
-    """Note what is wrong with `episodes.csv`."""
+    """Add the differences in `episodes.csv`."""
     differences.note_rows(EPISODES, run.episodes.case)
     missing = (name for name in replayed.columns if name not in run.episodes.columns)
     differences.note(f"metrics have no column in {EPISODES}", missing, len(replayed.columns))
@@ -276,7 +276,7 @@ def _compare_episodes(differences: Differences, run: RunResult, replayed: Episod
 
 
 def _kind(trace: Trace) -> dict[str, Any]:
-    """Return the properties that two traces with comparable states share."""
+    """Return the properties that must be equal in two traces, so that their states can be compared."""
     return {
         "split": trace.split,
         "agents": trace.position.shape[2],
@@ -287,7 +287,7 @@ def _kind(trace: Trace) -> dict[str, Any]:
 
 
 def _changed_versions(run: RunResult) -> list[str]:
-    """Return versions that the last bits depend on and that differ from the run."""
+    """Return the versions that influence the last bits of results and differ from the run."""
     known = run.result["stated"]["versions"]
     changed = [
         f"{name} is {here} here and was {known.get(name, 'another')} in the run"

@@ -1,7 +1,7 @@
-"""`result.json`: what a run is, what it found, what it states, and the sha256 of each of the run's files.
+"""`result.json`: the identity, the results and the stated facts of a run, and the sha256 of each of its files.
 
-A file that was edited afterwards, or comes from another run, is noticed. A file with fitting digests that somebody made
-up is not: for that, a run is simulated again (`runs.replay`).
+The digests detect a file that was edited afterwards or belongs to another run. They do not detect forged files with
+matching digests: for that, a run is simulated again (`runs.replay`).
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from crowdbench.utils.records import check_record
 RESULT = "result.json"
 
 FORMAT = 1
-"""Version of what a result holds."""
+"""Version of the format of a result."""
 
 STATED = (
     "Means and intervals are recomputed from episodes.csv, and `crowdbench score RUN --replay` recomputes that file. "
     "Stated by the runs alone: planners with their options, `privileged`, names, times and versions."
 )
-"""The facts that a table of runs does not prove; a re-run, such as a signed verification on a board, does."""
+"""Note on the facts that a table of runs cannot prove; a re-run, such as a signed verification on a board, does."""
 
 _Texts = dict[str, str]
 _Table = dict[str, Any]
@@ -57,7 +57,7 @@ _Metrics: Any = dict[str, _Estimate]  # type: ignore[valid-type]
 _Found = create_model("_Found", outcomes=dict[str, int], metrics=_Metrics, blocks=(_Count, 0), **_ALONE)
 _Head = create_model("_Head", __base__=_Found, format=int, id=str, run=_Run, scenario=_Scenario, rates=list[str])
 _Result = create_model("_Result", __base__=_Head, recorded=_Count, stated=_Stated, files=_Texts)
-"""The contents of results, see `identity.RunId`; nobody can recompute `stated` from the other files."""
+"""The contents of results, see `identity.RunId`. The section `stated` cannot be recomputed from the other files."""
 
 
 def write_result(folder: Path, result: Mapping[str, Any]) -> dict[str, Any]:
@@ -79,7 +79,7 @@ def write_result(folder: Path, result: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_result(directory: Path) -> dict[str, Any]:
-    """Return the contents of a run's `result.json`. Raises InputError where it is missing or has other contents."""
+    """Return the contents of a run's `result.json`. Raises InputError if it is missing or has other contents."""
     path = directory / RESULT
     try:
         result = files.read_json(path)
@@ -99,17 +99,17 @@ def read_result(directory: Path) -> dict[str, Any]:
 
 
 def check_result(directory: Path, tables_only: bool = False) -> dict[str, Any]:
-    """Read `result.json`, and check that it is whole and that the files of the run are those that it wrote.
+    """Read `result.json`, and check its digest, its id and the digests of the run's files.
 
     Args:
         directory: The directory of the run.
-        tables_only: True where files beside `episodes.csv` may be missing.
+        tables_only: True if files other than `episodes.csv` may be missing.
 
     Returns:
         The contents of `result.json`.
 
     Raises:
-        InputError: It cannot be read, its identity does not follow from its parts, or a file is missing or another one.
+        InputError: It cannot be read, its id does not follow from its parts, or a file is missing or was changed.
     """
     result, path = read_result(directory), directory / RESULT
     digests = {**result["files"]}

@@ -1,4 +1,4 @@
-"""The episodes of a run, a row each in `episodes.csv`, and how a planner and its settings are written."""
+"""The episodes of a run, a row each in `episodes.csv`, and the label of a planner with its settings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 EPISODES = "episodes.csv"
 RECORDING = "run.rrd"
 BLOCK = "block"
-"""The column of `episodes.csv` with the block of recorded time of each case, where people are recorded."""
+"""The column of `episodes.csv` with the block of recorded time of each case, if pedestrians are recorded."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Episodes:
 
     @property
     def blocks(self) -> dict[str, int]:
-        """The number of blocks of recorded time, as results say it; nothing where nobody is recorded."""
+        """The number of blocks of recorded time, as an entry of results; empty without recorded pedestrians."""
         return {} if self.block is None else {"blocks": len(np.unique(self.block))}
 
     def take(self, rows: Shaped[np.ndarray, "row"]) -> Episodes:
@@ -101,7 +101,7 @@ class Episodes:
         return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns, block)
 
     def summary(self, names: Iterable[str] | None = None) -> dict[str, Estimate]:
-        """Return each metric's mean and interval; of all metrics where none are named."""
+        """Return the mean and the interval of the named metrics, or of all metrics."""
         columns = self.columns if names is None else {name: self.columns[name] for name in names}
         return summarize(columns, self.steps, self.block)
 
@@ -110,7 +110,7 @@ class Episodes:
         return {outcome.label: int((self.outcome == outcome).sum()) for outcome in list(Outcome)[1:]}
 
     def to_arrow(self) -> pa.Table:
-        """Return a table of Arrow with a row per episode: case, outcome, steps, and all metrics; undefined values are
+        """Return an Arrow table with a row per episode: case, outcome, steps and all metrics. Undefined values are
         null."""
         import pyarrow as pa
 
@@ -118,11 +118,11 @@ class Episodes:
         return pa.table({**self._first_columns(), **columns})
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        """Return the table as pandas, polars and others take it, see Arrow's PyCapsule interface."""
+        """Return the table as a stream for pandas, polars and others, see Arrow's PyCapsule interface."""
         return self.to_arrow().__arrow_c_stream__(requested_schema)
 
     def write(self, path: Path) -> None:
-        """Write as CSV. Numbers read back to the last bit."""
+        """Write the episodes as CSV. Numbers are exact to the last bit."""
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             columns = self._first_columns() | {name: _texts(values) for name, values in self.columns.items()}
@@ -137,7 +137,7 @@ class Episodes:
 
     @classmethod
     def read(cls, path: Path) -> Episodes:
-        """Read what `write` wrote. Raises InputError where the file is missing or has other contents."""
+        """Read a file that `write` wrote. Raises InputError if the file is missing or has other contents."""
         try:
             header, *rows = csv.reader(io.StringIO(files.read_text(path), newline=""))
             by_name = dict(zip(header, zip(*rows, strict=True), strict=True))
@@ -154,9 +154,9 @@ class Episodes:
 
 
 def planner_label(planner: str, settings: Mapping[str, Any]) -> str:
-    """Return a planner's name with its options and replanning in brackets, as shown to people and written in TOML.
+    """Return a planner's name for display, with its options and replanning in brackets and TOML syntax.
 
-    Such as `sarl (modes=5, limits={max_velocity_change=1.0}, explore=false)`.
+    For example, `sarl (modes=5, limits={max_velocity_change=1.0}, explore=false)`.
     """
     return f"{planner} ({_format_table(settings)})" if settings else planner
 
@@ -178,7 +178,7 @@ def _format_value(value: Any) -> str:
 
 
 def read_estimate(table: Mapping[str, Any]) -> Estimate:
-    """Read an estimate as `plain` has made it JSON. Raises KeyError where a number is missing."""
+    """Read an estimate from the JSON table that `plain` returns. Raises KeyError if a number is missing."""
     mean, low, high, largest = (
         math.nan if table[name] is None else float(table[name]) for name in ("mean", "low", "high", "max")
     )

@@ -33,11 +33,11 @@ Rows = Int[np.ndarray, "running"]
 Velocities = Float[np.ndarray, "running 2"]
 
 LOG_MEMORY = 256e6
-"""Bytes that the logs of a batch may take, unless it is of one world."""
+"""Largest size in bytes of the logs of a batch, unless the batch has only one world."""
 
 
 Progress = Callable[[float], None]
-"""Called after each step with what it added to the episodes, in parts of an episode."""
+"""Called after each step with its progress, summed over the episodes, in fractions of an episode."""
 
 
 class LogsTooLarge(Exception):
@@ -63,26 +63,26 @@ def rollout(
     progress: Progress | None = None,
     watch: Callable[[World], None] | None = None,
 ) -> Trace:
-    """Drive a planner through cases, each to its outcome. Worlds that have ended leave the batch.
+    """Drive a planner through cases until each has an outcome. Finished worlds leave the batch.
 
     Args:
-        driver: Asks the planner for commands.
+        driver: The driver of the planner.
         scenario: The scenario of the cases.
         cases: The cases.
-        replanning: When the planner gets an observation. Where it gives several commands at once, its `plan_ahead` is
-            called, and the commands are executed in open loop.
-        keep_logs: True if the trace keeps what the planner logs.
-        undisturbed: True if the trace tells where people who see the vehicle would walk without it, which some metrics
-            read (`MetricInfo.needs`). The crowd of each episode is then simulated once more.
-        progress: Called after each step with what it added to the episodes, in parts of an episode.
+        replanning: The steps at which the planner gets an observation. If it returns several commands at once, its
+            `plan_ahead` is called, and the commands are executed in open loop.
+        keep_logs: True if the trace contains the logs of the planner.
+        undisturbed: True if the trace contains the paths of cooperative pedestrians without the vehicle, which some
+            metrics need (`MetricInfo.needs`). The crowd of each episode is then simulated a second time.
+        progress: Called after each step with its progress, summed over the episodes, in fractions of an episode.
         watch: Called with the worlds before each step.
 
     Returns:
         The trace of all episodes.
 
     Raises:
-        InputError: Planner or scenario break their contract.
-        LogsTooLarge: With `keep_logs`, where the planner's logs would take more than `LOG_MEMORY`.
+        InputError: The planner or the scenario breaks its contract.
+        LogsTooLarge: The logs would take more than `LOG_MEMORY`; only with `keep_logs`.
     """
     world = scenario.worlds(cases)
     driver.reset(world.case)
@@ -117,7 +117,7 @@ def rollout(
 
 
 def _walk_alone(scenario: Scenario, world: World, trace: Trace) -> Float[np.ndarray, "world time pedestrian 2"]:
-    """Simulate the pedestrians of each episode to its end without the vehicle.
+    """Simulate the pedestrians of each episode without the vehicle, until the episode ends.
 
     Args:
         scenario: The scenario.
@@ -125,9 +125,9 @@ def _walk_alone(scenario: Scenario, world: World, trace: Trace) -> Float[np.ndar
         trace: The episodes with the vehicle.
 
     Returns:
-        Positions in metres, NaN where the episode has ended, or has another person or nobody.
+        Positions in metres; NaN after the end of the episode, and for pedestrians that are not present in the episode.
     """
-    # The memory of policies must follow from this crowd alone.
+    # The memory of policies must depend on this crowd only.
     world = init_memories(world.replace(rules=dataclasses.replace(world.rules, visible=False)), scenario.policies)
     positions, rows = np.full(trace.position[:, :, 1:].shape, np.nan), np.arange(len(world))
     for t in range(scenario.rules.max_steps + 1):
@@ -144,9 +144,9 @@ def _walk_alone(scenario: Scenario, world: World, trace: Trace) -> Float[np.ndar
 
 
 class _Shares:
-    """Progress of the episodes, which grows with time even while none has ended.
+    """Progress of the episodes, which increases with time, also before the first episode ends.
 
-    A running episode is expected to end when the vehicle has gone straight to its goal, or at the time limit.
+    A running episode is expected to end when the vehicle reaches its goal on a straight line, or at the time limit.
     """
 
     def __init__(self, worlds: int, progress: Progress) -> None:
@@ -154,11 +154,11 @@ class _Shares:
         self.share = np.zeros(worlds)
 
     def add(self, rows: Rows, after: World, running: Bool[np.ndarray, "running"]) -> None:
-        """Tell what a step added.
+        """Report the progress of a step.
 
         Args:
-            rows: The worlds that were running in it.
-            after: The worlds after it.
+            rows: The rows of the worlds that were running in the step.
+            after: The worlds after the step.
             running: True if each of them is still running.
         """
         seconds_left = norm(goals_on_way(after)[:, 0] - after.position[:, 0]) / after.preferred_speed[:, 0]
@@ -169,16 +169,16 @@ class _Shares:
 
 
 _OF_PEOPLE = ("goal", "radius", "present", "person")
-"""Fields that change in an episode only where people come, leave, or change their goals."""
+"""Fields that change in an episode only if pedestrians spawn, leave, or change their goals."""
 
 
 class _TraceBuilder:
-    """Builder of a trace, whose arrays it fills while worlds leave the batch.
+    """Builder of a trace, which fills the arrays step by step while finished worlds leave the batch.
 
     Args:
         start: The worlds at their start.
-        changing: True if people may come, leave, or change their goals.
-        grouped: True if they may walk in groups.
+        changing: True if pedestrians may spawn, leave, or change their goals.
+        grouped: True if pedestrians may walk in groups.
 
     Attributes:
         arrays: The fields of the trace that are filled step by step, by name.
@@ -205,7 +205,7 @@ class _TraceBuilder:
         self._add_state(np.arange(worlds), 0, start)
 
     def _add_state(self, rows: Rows, t: int, world: World) -> None:
-        """Keep state `t` of the worlds in these rows, and what the vehicles see in it."""
+        """Store state `t` of the worlds in these rows, and the measurements of the vehicles in it."""
         for name in self.names_of_state:
             self.arrays[name][rows, t] = getattr(world, name)
         if "age" in self.arrays:
@@ -216,13 +216,13 @@ class _TraceBuilder:
             self.arrays["noticed"][rows, t] = world.memory[ATTENTION]["remaining"] > 0.0
 
     def add(self, rows: Rows, t: int, command: Velocities, after: World, check: StepCheck) -> None:
-        """Keep a step.
+        """Store a step.
 
         Args:
-            rows: The worlds that were running in it.
-            t: Its number, from 0.
+            rows: The rows of the worlds that were running in the step.
+            t: Number of the step, from 0.
             command: The planner's command, in m/s.
-            after: The worlds after it.
+            after: The worlds after the step.
             check: The gaps and the outcomes of the step.
         """
         self._add_state(rows, t + 1, after)
@@ -232,21 +232,21 @@ class _TraceBuilder:
         self.steps[rows] = t + 1
 
     def log(self, rows: Rows, t: int, logs: Mapping[str, np.ndarray]) -> None:
-        """Keep what the planner logs.
+        """Store the logs of the planner.
 
         Args:
             rows: The worlds that are running.
             t: The number of the step, from 0.
-            logs: By name, one entry for each of these worlds.
+            logs: Logs by name, one entry for each of these worlds.
 
         Raises:
             InputError: A log has another shape than before.
-            LogsTooLarge: See there.
+            LogsTooLarge: The logs would take more than `LOG_MEMORY`.
         """
         for name, values in logs.items():
             shape = (*self.arrays["gap"].shape, *values.shape[1:])
             if name not in self.logs:
-                # Curves keep all digits; points and lines are drawn in float32.
+                # Curves are stored in float64; float32 is sufficient to draw points and lines.
                 dtype = np.dtype(np.float64 if len(shape) <= 3 else np.float32)
                 size = math.prod(shape) * dtype.itemsize + sum(log.nbytes for log in self.logs.values())
                 if size > LOG_MEMORY and shape[0] > 1:
@@ -285,7 +285,7 @@ class _TraceBuilder:
         )
 
     def _seen(self) -> Bool[np.ndarray, "world time pedestrian"]:
-        """Return the pedestrians that the vehicles saw; in the last state, also after it."""
+        """Return the pedestrians that the vehicles saw; after the end of an episode, those in its last state."""
         if "age" not in self.arrays:
             return self.arrays["present"][:, :, 1:]
         dt = self.start.rules.dt
@@ -293,11 +293,11 @@ class _TraceBuilder:
         return np.asarray(self.arrays["age"][self._last_states()] < late)
 
     def _last_states(self) -> tuple[Int[np.ndarray, "world 1"], Int[np.ndarray, "world time"]]:
-        """Return the indices by which the last state of each world is repeated beyond the end of its episode."""
+        """Return the indices that repeat the last state of each world after the end of its episode."""
         time = np.arange(self.start.rules.max_steps + 1)
         return np.arange(len(self.steps))[:, None], np.minimum(time, self.steps[:, None])
 
     def _always(self, array: np.ndarray) -> np.ndarray:
-        """Return an array `[world, ...]` that does not change in an episode, as `[world, time, ...]`; it takes no
-        memory."""
+        """Return an array `[world, ...]` that is constant in an episode as a view `[world, time, ...]`, without a
+        copy."""
         return np.broadcast_to(array[:, None], (len(array), self.start.rules.max_steps + 1, *array.shape[1:]))

@@ -33,7 +33,7 @@ NANOSECONDS = 10**9
 def typestore() -> Typestore:
     """Return the types of messages of the latest ROS 2 and of people_msgs.
 
-    Raises InputError where the extra `ros` is not installed.
+    Raises InputError if the extra `ros` is not installed.
     """
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore

@@ -1,4 +1,4 @@
-"""A run that is loaded, and the loop that makes it, or a part of its cases, in a directory."""
+"""A loaded run, and the loop that drives all or some of its cases and writes a directory."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from crowdbench.utils.files import new_directory
 from crowdbench.utils.interrupts import Interrupts
 
 MEMORY = 256e6
-"""Bytes that the traces of a batch may take: long or crowded episodes run in smaller batches.
+"""Largest size in bytes of the traces of a batch: long or crowded episodes run in smaller batches.
 
-Logs of planners count apart: see `rollout.LOG_MEMORY`.
+Logs of planners have a separate limit, `rollout.LOG_MEMORY`.
 """
 
 
@@ -43,13 +43,13 @@ class Run:
     """A run that is loaded.
 
     Attributes:
-        spec: The request.
-        driver: Asks the planner for commands.
+        spec: The specification of the run.
+        driver: The driver of the planner.
         scenario: The scenario of the cases.
         metrics: The metrics, by name.
         planner: The identity of the planner.
-        isolation: Resources of an isolated planner, which change while it drives; None where it is not isolated.
-        foresee: Called with the worlds before each step, for planners that measure what foresight would be worth.
+        isolation: Resource usage of an isolated planner, updated while it drives; None if it is not isolated.
+        foresee: Called with the worlds before each step, for planners that measure the value of foresight.
     """
 
     spec: RunSpec
@@ -66,12 +66,12 @@ class Run:
         Args:
             part: The cases.
             directory: The directory, which is replaced if it exists.
-            progress: Called after each step with what it added to the episodes, in parts of an episode.
+            progress: Called after each step with its progress, summed over the episodes, in fractions of an episode.
 
         Raises:
             InputError: The planner or a plug-in breaks its contract.
             NotWritten: The directory cannot be written.
-            Interrupted: Somebody interrupted the run. Where the cases were all driven already, the part was written.
+            Interrupted: The user interrupted the run. If all cases were driven already, the part was written.
         """
         start = time.perf_counter()
         self.driver.seconds = 0.0
@@ -88,8 +88,8 @@ class Run:
             raise Interrupted
 
     def _traces(self, cases: Cases, interrupts: Interrupts, progress: Progress | None) -> Iterator[Trace]:
-        """Return the traces of all cases, batch by batch, in smaller ones where the planner's logs would take too
-        much."""
+        """Yield the traces of all cases, batch by batch. Batches are smaller if the planner's logs would take too much
+        memory."""
         with_episodes = self.spec.record in WITH_EPISODES
         start, batch = cases.start, fit_batch(self.spec.batch, self.scenario)
         while start < cases.stop:
@@ -115,12 +115,12 @@ class Run:
 
     @property
     def label(self) -> str:
-        """The planner's name with its settings, as shown to people."""
+        """The planner's name with its settings, for display."""
         return planner_label(self.driver.name, {**self.spec.options, **self.spec.replanning.settings})
 
     @property
     def header(self) -> dict[str, Any]:
-        """Return the properties of the run for a recording."""
+        """The properties of the run for a recording."""
         return {
             "planner": self.label,
             "scenario": self.scenario.name,
@@ -135,7 +135,7 @@ class Run:
     def id(self) -> RunId:
         """The identity of the run."""
         spec, scenario = self.spec, self.scenario
-        # Only planners that ship, without weights, are known to command the same in batches of any size.
+        # Only built-in planners without weights are known to return the same commands in batches of any size.
         is_exact = not self.planner.facts and not self.planner.key and spec.planner in PLANNERS.built_in()
         return RunId(
             planner=self.planner,
@@ -166,15 +166,15 @@ class Run:
 
 
 def read_versions() -> dict[str, str]:
-    """Return facts that the last bits of a result depend on: versions of packages, and the kind of the machine."""
+    """Return facts that influence the last bits of a result: versions of packages, and the type of the machine."""
     packages = {name: importlib.metadata.version(name) for name in ("crowdbench", "numpy", "numba", "scipy")}
     machine = f"{platform.system()} {platform.machine()} {get_host_cpu_name()}"
     return {"python": platform.python_version(), **packages, "machine": machine}
 
 
 def fit_batch(batch: int, scenario: Scenario) -> int:
-    """Return the number of cases that run in lock-step: fewer than asked where their traces would take too much
+    """Return the number of cases that run in lock-step: fewer than requested if their traces would take too much
     memory."""
-    # Positions and velocities of every state, and as much again for what metrics make of them.
+    # Positions and velocities of every state, and the same amount for intermediate results of metrics.
     size_of_case = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents
     return max(1, min(batch, int(MEMORY / size_of_case)))

@@ -1,8 +1,8 @@
-"""A run made part by part: finished parts are kept, and several processes share the work.
+"""Make a run part by part: finished parts are stored, and several processes can share the work.
 
-The parts of a run `runs/a` lie in `runs/a.parts-<id of the run>-<what is recorded>`, a directory each, until they are
+The parts of a run `runs/a` are directories in `runs/a.parts-<id of the run>-<extent of the recording>`, until they are
 merged into `runs/a`. A process holds the lock of a part while it makes the part, so that no part is made twice. The
-same command, given again or on another machine, makes the missing parts.
+same command makes the missing parts when it is repeated, also on another machine.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from crowdbench.utils.errors import InputError, NotWritten
 from crowdbench.utils.files import check_free, new_directory, parent_of
 
 Drive = Callable[[Cases, Path], None]
-"""Makes the run of some cases in a directory, or raises and leaves a directory that is not complete."""
+"""Makes the run of some cases in a directory. If it raises, the directory is not complete."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Shard:
-    """One of several equal shares of some work, of which each is done by another process; written `2/8`.
+    """One of several equal shares of some work for different processes, written as `2/8`.
 
     Attributes:
-        number: Which one, from 1 on.
-        count: How many there are.
+        number: Number of this share, from 1.
+        count: Number of shares.
     """
 
     number: int = 1
@@ -49,7 +49,7 @@ class Shard:
 
     @classmethod
     def parse(cls, text: str | None) -> Shard:
-        """Read `2/8`; None is the whole. Raises InputError where there is no such shard, or the form is another one."""
+        """Parse a text such as `2/8`; None is the whole work. Raises InputError if the text is no valid shard."""
         if text is None:
             return WHOLE
         match = re.fullmatch("([0-9]{1,9})/([0-9]{1,9})", text)
@@ -58,7 +58,7 @@ class Shard:
         raise InputError(f"{text!r} is no shard: write 2/8 for the second of eight")
 
     def select(self, work: Sequence[T]) -> Sequence[T]:
-        """Return its share of the parts of a run, or of the runs of a study."""
+        """Return the parts of a run, or the runs of a study, that belong to this shard."""
         return work[self.number - 1 :: self.count]
 
 
@@ -70,12 +70,12 @@ class Parts:
     """The parts of a run.
 
     Attributes:
-        spec: The run, as another process loads it.
+        spec: The specification from which another process can load the run.
         out: The directory of the run.
-        folder: The folder that has a directory for each of them until all are there.
-        is_resumable: True if another call can go on with them.
-        cases: Their cases, in order.
-        selected: The cases of those that this process makes.
+        folder: The folder with a directory for each part, until all parts are finished.
+        is_resumable: True if another call can continue with finished parts.
+        cases: The cases of each part, in order.
+        selected: The cases of each part that this process makes.
     """
 
     spec: RunSpec
@@ -87,18 +87,18 @@ class Parts:
 
     @classmethod
     def of(cls, run: Run, out: Path, shard: Shard = WHOLE) -> Parts:
-        """Plan the parts of a run that is made in the directory `out`, of which this process makes a shard."""
+        """Return the parts of a run in the directory `out`, of which this process makes a shard."""
         spec, id_ = run.spec, run.id
         folder = out.with_name(f"{out.name}.parts-{id_.digest[:8]}-{spec.record}")
         cases = tuple(spec.cases.batches(spec.batch))
         return cls(spec, out, folder, id_.planner.is_resumable, cases, shard.select(cases))
 
     def directory(self, part: Cases) -> Path:
-        """Return where a part lies."""
+        """Return the directory of a part."""
         return self.folder / _name(part)
 
     def is_finished(self, part: Cases) -> bool:
-        """Return whether a part is there, or another process has merged all of them, and removed their folder.
+        """Return whether a part is finished, or another process has merged all parts and removed their folder.
 
         Raises:
             InputError: The part is damaged.
@@ -111,14 +111,14 @@ class Parts:
             return True
 
     def count_finished(self) -> int:
-        """Return the number of cases whose parts are there."""
+        """Return the number of cases in finished parts."""
         return sum(len(part) for part in self.cases if self.is_finished(part))
 
     @contextlib.contextmanager
     def open(self) -> Iterator[None]:
-        """Make the folder, and say in an error which parts are kept there; remove it again if it stays empty.
+        """Create the folder, and remove it if it stays empty. Errors get a note on the finished parts in it.
 
-        Raises NotWritten where it cannot be written.
+        Raises NotWritten if the folder cannot be written.
         """
         with contextlib.ExitStack() as stack:
             try:
@@ -132,7 +132,7 @@ class Parts:
                 self._add_notes(error)
                 raise
             finally:
-                with contextlib.suppress(OSError):  # raised where parts are in it, and where it has been merged
+                with contextlib.suppress(OSError):  # raised if parts are in it, or if it has been merged
                     self.folder.rmdir()
 
     def _add_notes(self, error: BaseException) -> None:
@@ -144,7 +144,7 @@ class Parts:
                 error.add_note("a planner object with a key, `run(..., key=...)`, goes on with what is kept")
 
     def make(self, part: Cases, drive: Drive) -> bool:
-        """Make a part, unless it is there or another process is making it; returns whether this one has made it."""
+        """Make a part, unless it is finished or another process is making it. Return whether this process made it."""
         lock = self.folder.with_name(f".{self.folder.name}-{_name(part)}.lock")
         with contextlib.suppress(Timeout), files.hold_lock(lock, 0):
             try:
@@ -156,9 +156,9 @@ class Parts:
         return False
 
     def merge(self, overwrite: bool) -> bool:
-        """Make the run of its parts, unless another process has done it, and remove them.
+        """Merge the parts into the run, unless another process has done it, and remove them.
 
-        Returns whether the run is there: not where parts are missing.
+        Return True if the run is complete; False if parts are missing.
         """
         lock = self.folder.with_name(f".{self.folder.name}.lock")
         with files.hold_lock(lock):
@@ -172,7 +172,7 @@ class Parts:
                     with new_directory(self.out, overwrite) as directory:
                         directory.rmdir()
                         parts[0].rename(directory)
-                # At once for other processes, which could put something into it while it is being removed.
+                # Renamed in one step, because other processes could write into the folder while it is being removed.
                 removed = self.folder.with_name(f".{self.folder.name}.merged-{secrets.token_hex(4)}")
                 self.folder.rename(removed)
                 shutil.rmtree(removed, ignore_errors=True)
@@ -189,22 +189,22 @@ def make_run(
     drive: Drive | None = None,
     progress: Progress | None = None,
 ) -> bool:
-    """Make a run, or a shard of it, going on from what is there. The run is merged once all parts are there.
+    """Make a run, or a shard of it, and continue with existing parts. The run is merged once all parts are finished.
 
     Args:
         run: The run.
         out: Its directory.
-        shard: Which parts to make.
+        shard: The share of the parts to make.
         overwrite: True if an earlier run in its directory is replaced.
-        drive: Makes a part, if not `Run.drive`.
-        progress: Called after each step with what it added to the episodes, in parts of an episode.
+        drive: Function that makes a part; None for `Run.drive`.
+        progress: Called after each step with its progress, summed over the episodes, in fractions of an episode.
 
     Returns:
-        True if the run is in its directory. If not, other processes are making parts of it, or have to.
+        True if the run is complete in its directory; False if other processes must make, or are making, parts of it.
 
     Raises:
-        InputError: The directory is taken, or as `Run.drive` raises it.
-        KeyboardInterrupt: Somebody interrupted it. The parts that are finished are kept.
+        InputError: The directory is not free, or as in `Run.drive`.
+        KeyboardInterrupt: The user interrupted the run. Finished parts are stored.
     """
     check_out(run, out, overwrite)
     parts = Parts.of(run, out, shard)
@@ -217,7 +217,7 @@ def make_run(
 
 
 def check_out(run: Run, out: Path, overwrite: bool) -> None:
-    """Raise NotWritten where the directory of a run is taken; say which of the planner's files was edited since."""
+    """Raise NotWritten if the directory of a run is not free, with a note on planner files that were edited since."""
     try:
         check_free(out, overwrite)
     except NotWritten as error:
@@ -234,5 +234,5 @@ def _name(part: Cases) -> str:
 
 
 def is_finished(directory: Path) -> bool:
-    """Return whether a run is there, to its last case. Raises InputError where it is damaged."""
+    """Return whether a directory contains a run with all of its cases. Raises InputError if the run is damaged."""
     return (directory / RESULT).exists() and bool(check_result(directory))

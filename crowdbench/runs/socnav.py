@@ -1,12 +1,12 @@
-"""Episodes in the trajectory format of SocNav3 (Bachiller-Burgos et al. 2025, arXiv:2509.01251), a JSON file for each.
+"""Write episodes as JSON files in the trajectory format of SocNav3 (Bachiller-Burgos et al. 2025, arXiv:2509.01251).
 
-Their metric, which was fitted to human ratings, reads this format. Nobody was asked about these episodes: what the
-metric gives is a prediction of ratings. It also needs a key `context_description`, which is left to the user.
+The metric of SocNav3, which was fitted to human ratings, reads this format. No human rated these episodes: the metric
+predicts ratings. It also needs a key `context_description`, which the user has to add.
 
 Positions are in metres in the frame of the scenario, angles in radians counter-clockwise from x, speeds in m/s and
-rad/s in the same frame. A long vehicle is the rectangle around its discs, at its middle. Pedestrians face where they
-last walked, and their goal before that. The vehicle may arrive with any heading: the angle of its goal is the direction
-from its start.
+rad/s in the same frame. A long vehicle is the rectangle around its discs; its position is the centre. Pedestrians face
+in the direction of their last movement, or towards their goal before the first one. The vehicle may arrive with any
+heading: the angle of its goal is the direction from its start.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def write_trajectory(trace: Trace, row: int, path: Path, about: str) -> None:
 
 
 def _facing(trace: Trace, row: int) -> Float[np.ndarray, "time pedestrian"]:
-    """Return the direction in radians in which each pedestrian last walked, or else that of its goal."""
+    """Return the direction in radians in which each pedestrian last walked, or at first the direction of its goal."""
     velocity, to_goal = trace.velocity[row, :, 1:], (trace.goal - trace.position)[row, :, 1:]
     walks = norm(velocity) >= STANDSTILL
     ahead = np.where(walks[..., None], velocity, to_goal)

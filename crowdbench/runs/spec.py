@@ -1,4 +1,4 @@
-"""A run as a user writes it, which another process can load: names, files, values, and when the planner observes."""
+"""Specification of a run, which any process can load: names, files, values, and steps at which the planner observes."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, RECORD
 from crowdbench.utils.errors import InputError
 
-if TYPE_CHECKING:  # commands read this module before numba may be imported: see `cli.options.use_threads`
+if TYPE_CHECKING:  # commands import this module before numba may be imported: see `cli.options.use_threads`
     from crowdbench.scenario.cases import Cases
 
 LOOK_FIRST = 8
-"""Positions that a planner sees before it gives several commands at once, where nothing else is asked for.
+"""Default number of positions that a planner observes before it returns several commands at once.
 
 It is the number of observed steps of the predictors (Gupta et al. 2018) and the length of `Pedestrians.history`.
 """
@@ -23,19 +23,19 @@ It is the number of observed steps of the predictors (Gupta et al. 2018) and the
 
 @dataclass(frozen=True)
 class Replanning:
-    """At which steps a planner observes, and for how many steps it then gives commands.
+    """Steps at which a planner observes, and number of commands that it returns for each observation.
 
-    Where `every` is above 1, it decides at every single step until it has seen the pedestrians at `look_first`
-    positions. Before that nobody has moved for long, and no predictor can tell where anybody is going. Experiment 2 of
-    Li et al. (2020) does not say how its episodes begin.
+    If `every` is above 1, it decides at every single step until it has observed the pedestrians at `look_first`
+    positions. Before that, the observed motion is too short for predictors. Li et al. (2020) do not describe the first
+    steps of the episodes in their experiment 2.
 
     Attributes:
         every: Commands per observation.
-        look_first: Positions to see before several commands are given at once; 1 starts with several at once. Without
-            effect where `every` is 1.
+        look_first: Positions to observe before several commands are returned at once; 1 starts with several commands.
+            No effect if `every` is 1.
 
     Raises:
-        InputError: One of them is below 1.
+        InputError: `every` or `look_first` is below 1.
     """
 
     every: int = 1
@@ -54,12 +54,12 @@ class Replanning:
         return max(0, step - self.look_first + 1) % self.every
 
     def steps_to_plan(self, step: int) -> int:
-        """Return the number of steps for which the planner gives commands when it observes before a step."""
+        """Return the number of commands that the planner returns if it observes before a step."""
         return self.every if step >= self.look_first - 1 else 1
 
     @property
     def settings(self) -> dict[str, int]:
-        """The settings as names and results show them; nothing where the planner observes every step."""
+        """The settings as in names and results; empty if the planner observes at every step."""
         return {} if self.every == 1 else {"replan_every": self.every, "look_first": self.look_first}
 
 
@@ -69,7 +69,7 @@ EVERY_STEP = Replanning()
 
 @dataclass(frozen=True)
 class RunSpec:
-    """A run that is not loaded yet. Its fields are what the options of `crowdbench run` say.
+    """Specification of a run that is not loaded yet. Its fields are the options of `crowdbench run`.
 
     Attributes:
         planner: The name or the file of the planner.
@@ -78,16 +78,16 @@ class RunSpec:
         options: The planner's options by name.
         overrides: Other values for keys of the scenario, by dotted key.
         pedestrians: The name or the file of the policy that moves all pedestrians.
-        metrics: Files with metrics of the user's own.
-        replanning: When the planner observes.
+        metrics: Files with metrics of the user.
+        replanning: The steps at which the planner observes.
         record: Extent of the recording, one of `defaults.RECORD`.
-        batch: Cases that run in lock-step, fewer where their traces would take too much memory.
-        isolated: True if the planner runs in a process of its own.
+        batch: Number of cases that run in lock-step, fewer if their traces would take too much memory.
+        isolated: True if the planner runs in a separate process.
         decision_limit: Seconds that the planner may take for a decision.
         data: The folder with recorded tracks.
 
     Raises:
-        InputError: There is no such way to record.
+        InputError: `record` is not one of `defaults.RECORD`.
     """
 
     planner: str
@@ -115,8 +115,8 @@ class RunSpec:
 
 
 def directory_name(planner: str, scenario: str, spec: RunSpec) -> str:
-    """Return the name of a run's directory, such as `orca-circle_crossing_5-500`, from the names of what it has
-    loaded."""
+    """Return the name of a run's directory, such as `orca-circle_crossing_5-500`, from the loaded planner and
+    scenario."""
     cases = spec.cases
     count = f"{cases.stop}" if cases.start == 0 else f"{cases.start}-{cases.stop}"
     parts = [planner, scenario, count if cases.split == "test" else f"{cases.split}-{count}"]

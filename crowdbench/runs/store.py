@@ -1,4 +1,4 @@
-"""A run on disk: written, and read and checked: its files are those that it wrote, and they agree with each other."""
+"""Write a run to disk, and read it with checks that its files are unchanged and agree with each other."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from crowdbench.record.contents import Recording
 
 
-OF_BAGS = 64
-"""Digits of the digest of a robot's bags, which stands for that of a scenario."""
+BAG_DIGEST_LENGTH = 64
+"""Number of digits of the digest of a robot's bags, which replaces the digest of a scenario."""
 
 
 def write_run(
@@ -46,7 +46,7 @@ def write_run(
 
     Args:
         folder: The folder, which becomes the run's directory.
-        episodes: The result.
+        episodes: The measured episodes.
         run: Parts of its identity, see `RunId.parts`.
         scenario: The contents of the scenario.
         recorded: The number of recorded episodes.
@@ -68,7 +68,7 @@ def write_run(
 
 
 def summary_of(episodes: Episodes) -> dict[str, Any]:
-    """Return what `result.json` holds of a table of episodes."""
+    """Return the entries of `result.json` that follow from a table of episodes."""
     metrics = plain(episodes.summary())
     return {"outcomes": episodes.counts(), "metrics": metrics, **episodes.blocks, "rates": episodes.rates}
 
@@ -81,7 +81,7 @@ class RunResult:
         directory: Its directory.
         result: The contents of `result.json`.
         episodes: The table in `episodes.csv`.
-        broken: The sentence on the first file that is not as the run wrote it, empty for a run that was checked.
+        broken: The message on the first check of the files that failed; empty for a run that passed the checks.
     """
 
     directory: Path
@@ -91,11 +91,11 @@ class RunResult:
 
     @classmethod
     def read(cls, directory: Path, tables_only: bool = False) -> RunResult:
-        """Read a run and check it: whatever follows from other files of the run is computed again.
+        """Read a run and check it: all values that follow from other files of the run are computed again.
 
         Args:
             directory: Its directory.
-            tables_only: True where files beside `result.json` and `episodes.csv` may be missing.
+            tables_only: True if files other than `result.json` and `episodes.csv` may be missing.
 
         Raises:
             InputError: A file is missing, cannot be read, is not the one that the run wrote, or contradicts another.
@@ -107,30 +107,30 @@ class RunResult:
 
     @classmethod
     def read_unchecked(cls, directory: Path) -> RunResult:
-        """Read a run that a replay checks. Raises InputError where a file is missing or damaged."""
+        """Read a run for a replay, also if its checks fail. Raises InputError if a file is missing or damaged."""
         if not directory.is_dir():
             raise InputError(f"{directory} is not the directory of a run, which --replay needs")
         try:
             return cls.read(directory)
-        except InputError as error:  # and the replay says what in the file is wrong
+        except InputError as error:  # the replay reports the errors in the file
             return cls(directory, read_result(directory), Episodes.read(directory / EPISODES), str(error))
 
     def check(self) -> None:
-        """Raise InputError, which names the file and the field, where the files of the run contradict each other."""
+        """Raise InputError with the file and the field if the files of the run contradict each other."""
         rules = _check_scenario(self.result, self.directory / RESULT)
         rows, files = self._wrong_rows(rules), self._wrong_files(rules)
         for file, sentence in itertools.chain(rows, self._wrong_fields(), files):
             raise InputError(f"{self.directory / file}: {sentence}; make the run again")
 
     def _wrong_rows(self, rules: Rules) -> Iterator[tuple[str, str]]:
-        """Yield what is wrong with the rows of `episodes.csv`: the file, and the rest of a sentence."""
+        """Yield the errors in the rows of `episodes.csv`, each as a file and the rest of a sentence."""
         episodes, cases = self.episodes, self.cases
         if len(episodes) != len(cases) or not (episodes.case == cases.indices).all():
             yield EPISODES, f"its cases differ from {cases}, as in {RESULT}"
         elif not ((episodes.steps >= 1) & (episodes.steps <= rules.max_steps)).all():
             yield EPISODES, f"steps are not all from 1 to {rules.max_steps}"
         if (episodes.block is not None) != ("tracks" in self.result["scenario"]):
-            yield EPISODES, f"a column {BLOCK} belongs where people are recorded, and nowhere else"
+            yield EPISODES, f"it must have a column {BLOCK} if pedestrians are recorded, and only then"
         if episodes.columns.keys() != self.result["run"]["metrics"].keys():
             yield RESULT, f"run.metrics are not the columns of {EPISODES}"
         for name in COUNTED.keys() & episodes.columns.keys():
@@ -138,7 +138,7 @@ class RunResult:
                 yield EPISODES, f"{name} contradicts the outcomes"
 
     def _wrong_fields(self) -> Iterator[tuple[str, str]]:
-        """Yield which fields of `result.json` do not follow from `episodes.csv`."""
+        """Yield the fields of `result.json` that do not follow from `episodes.csv`."""
         found = summary_of(self.episodes)
         recomputed = flatten({"blocks": None, **found})
         stated = flatten({name: self.result.get(name) for name in ("blocks", *found)})
@@ -147,12 +147,12 @@ class RunResult:
                 yield RESULT, f"{name} is {stated.get(name)!r}, but {EPISODES} gives {recomputed.get(name)!r}"
 
     def _wrong_files(self, rules: Rules) -> Iterator[tuple[str, str]]:
-        """Yield what is wrong with the commands and the recording."""
+        """Yield the errors in the commands and the recording."""
         result, record, recorded = self.result, self.result["stated"]["record"], self.result["recorded"]
-        has_commands = record != "none" and len(result["run"]["scenario"]) != OF_BAGS
+        has_commands = record != "none" and len(result["run"]["scenario"]) != BAG_DIGEST_LENGTH
         for name, is_written in ((COMMANDS, has_commands), (RECORDING, recorded > 0)):
             if is_written != (name in result["files"]):
-                yield RESULT, f"stated.record is {record!r} and recorded {recorded}, which do not go with files.{name}"
+                yield RESULT, f"stated.record is {record!r} and recorded {recorded}, which contradicts files.{name}"
         commands, recording = self.directory / COMMANDS, self.directory / RECORDING
         if commands.exists():
             check_size(commands, len(self.cases), rules.max_steps)
@@ -178,36 +178,36 @@ class RunResult:
 
     @property
     def label(self) -> str:
-        """The planner's name with its settings, as shown to people."""
+        """The planner's name with its settings, for display."""
         return result_label(self.result)
 
     @property
     def warnings(self) -> list[str]:
-        """Reasons against comparing it with others, a sentence each."""
+        """Reasons why the run may not be comparable with others, a sentence each."""
         if self.result["run"]["code"] == code():
             return []
         return [f"{self.directory} was made by other code of crowdbench than this"]
 
     @property
     def header(self) -> dict[str, Any]:
-        """Return the properties of the run for a recording, see `record.write.Recorder`."""
+        """The properties of the run for a recording, see `record.write.Recorder`."""
         names = {"planner": self.label, "scenario": self.result["scenario"]["name"], "cases": len(self.cases)}
         return names | {"scenario_digest": self.result["run"]["scenario"]}
 
     @functools.cached_property
     def commands(self) -> Commands:
-        """The commands of its cases. Raises InputError where they were not kept, or the file is damaged."""
+        """The commands of its cases. Raises InputError if they were not recorded, or the file is damaged."""
         return read_commands(self.directory / COMMANDS)
 
     @property
     def drives(self) -> Trace | None:
-        """The recorded drives of a robot, None of a simulated run."""
-        is_simulated = len(self.result["run"]["scenario"]) != OF_BAGS
+        """The recorded drives of a robot; None for a simulated run."""
+        is_simulated = len(self.result["run"]["scenario"]) != BAG_DIGEST_LENGTH
         return None if is_simulated or self.recording is None else self.recording.trace
 
     @functools.cached_property
     def recording(self) -> Recording | None:
-        """The recording, None where nothing is recorded. Raises InputError where the file is damaged."""
+        """The recording; None if nothing is recorded. Raises InputError if the file is damaged."""
         if not (self.directory / RECORDING).exists():
             return None
         from crowdbench.record.contents import read
@@ -218,14 +218,14 @@ class RunResult:
 def _check_scenario(result: Mapping[str, Any], path: Path) -> Rules:
     """Complete the table of a run's scenario by defaults, and return the rules.
 
-    Raises InputError where the digest or an override does not fit the table.
+    Raises InputError if the digest or an override does not match the table.
     """
 
     def load(table: Mapping[str, Any]) -> Scenario:
         return catalog.load_recorded_scenario(table, str(path), unseen=True)
 
     table, right = result["scenario"], result["run"]["scenario"]
-    if len(right) == OF_BAGS and not table["pedestrians"]:
+    if len(right) == BAG_DIGEST_LENGTH and not table["pedestrians"]:
         return Rules(dt=table["dt"], time_limit=table["time_limit"])
     scenario = load(table)
     if scenario.digest != right:
@@ -233,7 +233,7 @@ def _check_scenario(result: Mapping[str, Any], path: Path) -> Rules:
     table |= scenario.table
     changed, layout = copy.deepcopy(table), {f"layout.{name}": value for name, value in table["layout"].items()}
     for key, value in result["stated"]["overrides"].items():
-        # The table holds what was in files, and numbers as the parameters of a layout have them, such as 6.0 for 6.
+        # The table has the contents of files, and numbers in the types of the layout's parameters, such as 6.0 for 6.
         if key == "layout.map" or catalog.names_file(value) or (key, value) in layout.items():
             continue
         catalog.set_key(changed, "pedestrians.policy" if key == "pedestrians" else key, value, path)
@@ -243,7 +243,7 @@ def _check_scenario(result: Mapping[str, Any], path: Path) -> Rules:
 
 
 def _agree(stated: Any, recomputed: Any) -> bool:
-    """Return whether two values are the same. Another version of NumPy may add in another order."""
+    """Return whether two values are the same up to rounding. Another version of NumPy may sum in another order."""
     if is_number(stated) and isinstance(recomputed, float):
         return math.isclose(stated, recomputed, rel_tol=1e-9, abs_tol=1e-12)
     return type(stated) is type(recomputed) and stated == recomputed

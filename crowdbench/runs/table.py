@@ -1,4 +1,4 @@
-"""One table of runs on disk: planners by metrics or scenarios, with 95 % intervals and paired tests."""
+"""Tables of stored runs: planners by metrics or scenarios, with 95 % intervals and paired tests."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ class RunTable:
         Args:
             directories: Their directories.
             columns: `scenario`, or the name of an option of the planner or of a key of the scenario.
-            names: Names of the runs; none for their planners, and for the folders of versions of one planner.
+            names: Names of the runs. If empty: their planners, or their folders if one planner has several versions.
 
         Raises:
-            InputError: A directory is not a run, was made without the option, or is in the same place as another; runs
-                have different cases, or runs in the same column different scenarios; or names are missing.
+            InputError: A directory is not a run, lacks the option, or has the same row and column as another; runs have
+                different cases, or runs in a column different scenarios; or the number of names is wrong.
         """
         table: dict[str, dict[str, RunResult]] = {}
         runs = [RunResult.read(directory, tables_only=True) for directory in directories]
@@ -78,7 +78,7 @@ class RunTable:
 
     @property
     def cases(self) -> str:
-        """The cases of every run, and how many they are."""
+        """The cases of every run, and their number."""
         return f"cases {self.runs[0].cases}, n = {len(self.runs[0].episodes)}"
 
     @property
@@ -88,7 +88,7 @@ class RunTable:
 
     @property
     def labelled(self) -> dict[str, RunResult]:
-        """All runs by planner, and by scenario too where there are several."""
+        """All runs by planner, and also by scenario if there are several."""
         several = len(self.columns) > 1
         return {
             f"{planner}, {column}" if several else planner: run
@@ -97,7 +97,7 @@ class RunTable:
         }
 
     def infos(self, metrics: Sequence[str]) -> dict[str, MetricInfo]:
-        """Return the descriptions of metrics. Raises InputError where a run lacks one of them."""
+        """Return the descriptions of metrics. Raises InputError if a run lacks one of them."""
         for run in self.runs:
             for name in metrics:
                 if name not in run.episodes.columns:
@@ -109,7 +109,7 @@ class RunTable:
 
         Args:
             metrics: Names of metrics.
-            solved: True for means over the cases that the planner itself solves, but for metrics that count failures.
+            solved: True for means over the cases that the planner solves, except for metrics that count failures.
 
         Raises:
             InputError: A run lacks one of the metrics.
@@ -163,8 +163,8 @@ def estimates(run: RunResult, infos: Mapping[str, MetricInfo], solved: bool = Fa
 
     Args:
         run: The run.
-        infos: Facts of the metrics, by name.
-        solved: True for the mean over solved cases, except of rates and of metrics that include failures.
+        infos: The descriptions of the metrics, by name.
+        solved: True for the mean over solved cases, except for rates and for metrics that include failures.
     """
     episodes = run.episodes
     chosen = episodes.take(episodes.columns["success_rate"]) if solved else episodes
@@ -179,11 +179,11 @@ def estimate_grid(
 
     Args:
         title: Its title.
-        records: For each row its labels by their headings, which are texts, and an `Estimate` by metric; one that is
-            missing is undefined.
+        records: For each row, its labels (texts) by heading, and an `Estimate` by metric; a missing estimate is
+            undefined.
         infos: The descriptions of the metrics in the columns.
-        brief: Metrics without their intervals.
-        cases: Cases of each row: estimates over fewer are marked.
+        brief: Metrics to show without their intervals.
+        cases: Number of cases of each row: estimates over fewer cases are marked.
     """
     labels = [name for name, value in records[0].items() if isinstance(value, str)]
 
@@ -205,14 +205,14 @@ def metric_grid(
     functions: Mapping[str, Metric] = MappingProxyType({}),
     all_metrics: bool = True,
 ) -> Grid:
-    """Return the estimates of one run with a row for each metric, by the name that commands take.
+    """Return the estimates of one run with a row for each metric, under its name in commands.
 
     Args:
         title: Its title.
         estimates: The estimates by metric.
         rates: The metrics that are rates.
         functions: Metrics of a user by name, whose units are shown.
-        all_metrics: False for `MAIN` and the metrics of a user alone.
+        all_metrics: False for only `MAIN` and the metrics of the user.
     """
     of_user = [name for name in estimates if name not in METRICS]
     rows = []
@@ -226,7 +226,7 @@ def metric_grid(
 
 
 def _row_names(runs: Sequence[RunResult], places: Sequence[tuple[str, str]]) -> list[str]:
-    """Return the rows of runs: their planners, or the runs' folders where a planner has versions in the same column."""
+    """Return the row names of runs: their planners, or their folders if a planner has several versions in a column."""
     ids: dict[tuple[str, str], set[str]] = {}
     for run, place in zip(runs, places, strict=True):
         ids.setdefault(place, set()).add(run.result["id"])
@@ -238,12 +238,12 @@ def _row_names(runs: Sequence[RunResult], places: Sequence[tuple[str, str]]) -> 
 
 
 def _starred(planner: str, run: RunResult) -> str:
-    """Return what a planner is called, with an asterisk where it is privileged."""
+    """Return the name of a planner, with an asterisk if it is privileged."""
     return f"{planner} *" if run.result["stated"]["privileged"] else planner
 
 
 def _row_and_column(run: RunResult, columns: str) -> tuple[str, str]:
-    """Return the row and the column of a run. Raises InputError where it has no such option or key."""
+    """Return the row and the column of a run. Raises InputError if it has no such option or key."""
     planner, overrides = run.result["run"]["planner"], run.result["stated"]["overrides"]
     if columns == SCENARIO:
         return run.label, ", ".join([run.result["scenario"]["name"], *(f"{k}={v}" for k, v in overrides.items())])
@@ -257,8 +257,8 @@ def _row_and_column(run: RunResult, columns: str) -> tuple[str, str]:
 def _mark(
     runs: Mapping[str, RunResult], means: Mapping[str, Estimate], metric: str, info: MetricInfo
 ) -> dict[str, str]:
-    """Return `BEST` for the best runs of a column, which show the same mean, and † for those that cannot be told from
-    it."""
+    """Return `BEST` for the best runs of a column, which have the same rounded mean, and † for runs without a
+    significant difference from them."""
     known = {planner: info.sign * mean.mean for planner, mean in means.items() if not math.isnan(mean.mean)}
     if len(known) < 2 or not info.sign:
         return {}
@@ -274,7 +274,7 @@ def _mark(
 
 
 def _cell(info: MetricInfo, estimate: Estimate, cases: int, mark: str = "") -> str:
-    """Return an estimate with its mark, and with the number of its cases in brackets where they are fewer."""
+    """Return an estimate with its mark, and with the number of its cases in brackets if they are fewer."""
     mean, *interval = info.estimate(estimate).split(" ", 1)
     fewer = [f"[{estimate.n}]"] if 0 < estimate.n < cases else []
     return " ".join([f"**{mean}**" if mark == BEST else mean + mark, *interval, *fewer])

@@ -1,1 +1,1 @@
-"""Scenarios: which cases there are, how each is drawn, and the TOML files that say so."""
+"""Scenarios: their cases, the random draw of each case, and the TOML files that define them."""

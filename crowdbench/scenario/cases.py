@@ -36,7 +36,7 @@ class Cases:
     def parse(cls, text: str) -> Cases:
         """Read `[split:]count`, `[split:]start:stop` or the name of a single case; without a split they are test cases.
 
-        Raises InputError where the text has another form or the range is empty.
+        Raises InputError if the text has another form or the range is empty.
         """
         if "/" in text:
             split, number = parse_case(text)
@@ -69,9 +69,9 @@ class Cases:
 
 
 def parse_case(text: str, split: str | None = None) -> tuple[str, int]:
-    """Read the name of a case, `split/number`, or its number alone where the split is known.
+    """Read the name of a case, `split/number`, or only its number if the split is known.
 
-    Raises InputError where the text has another form.
+    Raises InputError if the text has another form.
     """
     match = re.fullmatch(rf"(?:([a-z]+)/)?({_NUMBER})", text)
     if match and (match[1] or split) in SPLITS and int(match[2]) < LAST:

@@ -1,4 +1,4 @@
-"""Which cases of a scenario have a certificate: commands by which the vehicle succeeds in them.
+"""Certificates of the cases of a scenario: commands with which the vehicle succeeds in a case.
 
 The file `certified/NAME.toml` beside the scenario's file lists the cases without one. The study of
 certificates writes it.
@@ -17,10 +17,10 @@ from crowdbench.scenario.cases import LAST, Cases
 from crowdbench.utils.toml import Location, Name, TomlTable, integer, number, parse_table, read_toml
 
 FOLDER = "certified"
-"""The folder beside a scenario's file that has the file of the same name with its certified cases."""
+"""Folder beside a scenario's file. It contains the file with the certified cases, which has the same name."""
 
 LARGEST = 100.0
-"""Margins are below this, in metres."""
+"""Upper bound of margins in metres."""
 
 
 def _rising(numbers: list[int]) -> list[int]:
@@ -37,12 +37,12 @@ Numbers = Annotated[
 
 
 class Examined(TomlTable):
-    """A split of which the first cases were examined.
+    """Certificates of the first cases of a split.
 
     Attributes:
-        examined: How many were.
+        examined: Number of examined cases.
         uncertified: Examined cases without a certificate.
-        narrow: Cases with a certificate that comes nearer to people or obstacles than the margin.
+        narrow: Cases with a certificate that comes nearer to pedestrians or obstacles than the margin.
     """
 
     examined: int = integer(least=1, most=LAST)
@@ -57,8 +57,8 @@ class Certified(TomlTable):
         scenario: The digest of the scenario.
         margin: The wider of the margins that were tried, in metres.
         train: Examined training cases.
-        val: Of validation cases.
-        test: Of test cases.
+        val: Examined validation cases.
+        test: Examined test cases.
     """
 
     scenario: Name
@@ -69,7 +69,7 @@ class Certified(TomlTable):
 
     @classmethod
     def read(cls, path: Path) -> Certified | None:
-        """Read the file; None where there is none. Raises InputError where it is broken."""
+        """Read the file; return None if it does not exist. Raises InputError if it is broken."""
         return parse_table(cls, read_toml(path, "file"), Location(str(path))) if path.is_file() else None
 
 
@@ -78,11 +78,11 @@ class CertificateStatus:
     """Certificates of a scenario.
 
     Attributes:
-        spec: The name or the file of the scenario, as a user gives it.
+        spec: The name or the file of the scenario, as entered by the user.
         name: The scenario's name.
         digest: Its digest.
         file: The file with the certified cases.
-        certified: Its content.
+        certified: Content of the file.
     """
 
     spec: str

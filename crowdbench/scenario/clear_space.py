@@ -1,4 +1,4 @@
-"""The space around the vehicle in which nobody starts or comes in."""
+"""The space around the vehicle in which no pedestrian starts or respawns."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class MovingVehicle(NamedTuple):
         position: In metres.
         heading: In radians.
         velocity: In m/s.
-        radius: Of each of its discs, in metres.
-        body: Where the discs are, in metres ahead of the position.
+        radius: Radius of each of its discs in metres.
+        body: Offsets of the discs ahead of the position, in metres.
     """
 
     position: Float[np.ndarray, "2"]
@@ -32,10 +32,10 @@ class MovingVehicle(NamedTuple):
 
 
 class ClearSpace(TomlTable):
-    """`[pedestrians] clear_space`: how much space there is.
+    """`[pedestrians] clear_space`: the size of the space.
 
     Attributes:
-        distance: Smallest distance in metres between the vehicle's rim and that of somebody who starts or comes in.
+        distance: Smallest distance in metres between the rims of the vehicle and of a new pedestrian.
         time: Smallest time in seconds until they touch, if both keep their velocities.
     """
 
@@ -43,24 +43,24 @@ class ClearSpace(TomlTable):
     time: float = number(least=0.0, below=1e3)
 
     def is_entered(self, discs: Float[np.ndarray, "disc 2"], position: Agents, radius: PerAgent, reach: float) -> bool:
-        """Return whether somebody is nearer to the vehicle than `distance`, whichever way anybody goes.
+        """Return whether a pedestrian is nearer to the vehicle than `distance`, regardless of velocities.
 
         Args:
             discs: Centres of discs of the vehicle, in metres.
-            position: Where people are, in metres.
-            radius: Theirs, in metres.
+            position: Positions of pedestrians in metres.
+            radius: Radii of pedestrians in metres.
             reach: The radius of each of the vehicle's discs, in metres.
         """
         return bool((norm(position[:, None] - discs) - (radius + reach)[:, None] < self.distance).any())
 
     def holds(self, vehicle: MovingVehicle, position: Agents, velocity: Agents, radius: PerAgent) -> bool:
-        """Return whether there is so much space between a vehicle and people.
+        """Return whether all pedestrians keep `distance` and `time` from a vehicle.
 
         Args:
             vehicle: The vehicle.
-            position: Where people are, in metres.
-            velocity: Theirs, in m/s.
-            radius: Theirs, in metres.
+            position: Positions of pedestrians in metres.
+            velocity: Velocities of pedestrians in m/s.
+            radius: Radii of pedestrians in metres.
         """
         ahead = np.array([np.cos(vehicle.heading), np.sin(vehicle.heading)])
         discs = vehicle.position + np.array(vehicle.body)[:, None] * ahead
@@ -75,7 +75,7 @@ class ClearSpace(TomlTable):
 
 
 def velocities_ahead(start: Agents, goal: Agents, route: WayPoints | None, speed: PerAgent) -> Agents:
-    """Return the velocities in m/s with which agents set out: at their preferred speed to the first waypoint, or to the
+    """Return the initial velocities of agents in m/s: at their preferred speed to the first waypoint, or to the
     goal.
 
     Args:

@@ -1,8 +1,8 @@
-"""The test cases of CrowdNav++ (Liu et al. 2023) to the letter.
+"""The test cases of CrowdNav++ (Liu et al. 2023), drawn as in its code.
 
-Everything in such a case is drawn from one stream, in the order of their code: the vehicle's way, the people, and those
-who take their places later. Differs from theirs because people notice each other's radii as they are: in their code a
-world of ORCA is built once for each pedestrian, and keeps the radii of those who have been replaced since.
+Each case is drawn from one random stream, in the order of that code: start and goal of the vehicle, the pedestrians,
+and later their replacements. One difference remains: here pedestrians use the current radii of others. CrowdNav++
+builds an ORCA simulator once for each pedestrian, which retains the radii of pedestrians that have been replaced.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ SEED = 1425
 """CrowdNav++ draws test case c with NumPy's legacy generator, seeded with this number plus c."""
 
 MEMORY = "crowdnav_plus"
-"""Under this name `World.memory` has the number of each case, and how many numbers of its stream it has drawn, -1 in
-cases of others."""
+"""Key of `World.memory` for the number of each case, and the count of numbers drawn from its stream: -1 in cases that
+are not drawn as in CrowdNav++."""
 
 NOTICED = "neighbor_distance"
 """The parameter of a policy that is drawn for each pedestrian."""
 
 
 class _Stream:
-    """The stream of a test case, and what is drawn from it.
+    """The random stream of a test case, and its draws.
 
     Attributes:
-        drawn: How many numbers have been drawn.
+        drawn: Count of numbers drawn so far.
 
     Args:
         case: The number of the case.
-        crowd: The pedestrians. Where anything differs between them, all of it is drawn.
+        crowd: The pedestrians. If any of their quantities is random, all of them are drawn.
         circle_radius: Radius in metres of the circle that they cross.
-        drawn: How many numbers have been drawn before.
+        drawn: Count of numbers drawn before.
     """
 
     def __init__(self, case: int, crowd: Crowd, circle_radius: float, drawn: int = 0) -> None:
         legacy = seed_legacy(SEED + case)
-        legacy.random_raw(2 * drawn, output=False)  # a number takes two of these
+        legacy.random_raw(2 * drawn, output=False)  # a number takes two raw values
         self._generator = np.random.Generator(legacy)
         self.drawn = drawn
         self._crowd, (self.policy,) = crowd, crowd.shares
@@ -62,7 +62,7 @@ class _Stream:
         return self._generator.random()
 
     def draw_person(self) -> list[float]:
-        """Draw how far in metres a pedestrian notices others, its speed in m/s, and its radius in metres."""
+        """Draw the distance in metres at which a pedestrian notices others, its speed in m/s and radius in metres."""
         noticed = self._crowd.parameters[self.policy][NOTICED]
         quantities = noticed, self._crowd.preferred_speed, self._crowd.radius
         if any(quantity.low < quantity.high for quantity in quantities):
@@ -86,7 +86,7 @@ class _Stream:
         low: float = 0.0,
         noise: float = NOISE,
     ) -> Point:
-        """Draw where somebody starts, or goes: as far as `reach` from other points in metres. See `draw_beside`."""
+        """Draw a start or a goal, at least as far as `reach` from other points in metres. See `draw_beside`."""
         clear = functools.partial(is_clear, others=others, reach=reach)
         point = draw_beside(self.draw, self._circle_radius, low, noise, clear)
         if point is None:
@@ -96,7 +96,7 @@ class _Stream:
 
 @dataclass(frozen=True)
 class CrowdNavPlusStarts(LayoutStarts):
-    """The first test cases start as in CrowdNav++, other cases as the layout of the same name places them."""
+    """Starts as in CrowdNav++ for the first test cases, and by the layout of the same name for other cases."""
 
     def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
         """See `LayoutStarts`."""
@@ -132,7 +132,7 @@ class CrowdNavPlusStarts(LayoutStarts):
 
 @dataclass(frozen=True)
 class _CrowdNavPlusRule:
-    """Applied after each step: in the test cases of CrowdNav++ what its code does, in other cases another rule.
+    """Rule applied after each step: in the test cases of CrowdNav++ as in its code, in other cases another rule.
 
     Attributes:
         crowd: The pedestrians.
@@ -157,7 +157,7 @@ class _CrowdNavPlusRule:
         return after
 
     def _renew(self, world: World, row: int) -> None:
-        """Change the goals and the people of a world after a step, in its arrays."""
+        """Change goals and replace pedestrians of a world after a step, in its arrays."""
         number, drawn = world.memory[MEMORY]["case"], world.memory[MEMORY]["drawn"]
         stream = _Stream(int(number[row]), self.crowd, self.circle_radius, int(drawn[row]))
         change = self.crowd.goal_change
@@ -168,14 +168,14 @@ class _CrowdNavPlusRule:
         arrived, came = find_arrived(world, np.arange(len(world)) == row)[row], []
         for agent in (np.flatnonzero(arrived) + 1).tolist():
             person = stream.traits([stream.draw_person()])
-            # Clear also of the one whose place it takes.
+            # Clear also of the replaced pedestrian.
             others = np.concatenate([world.position[row], world.goal[row]])
             start = stream.draw_point(others, np.tile(world.radius[row], 2) + person.radius + PLUS_CLEARANCE)
             world.origin[row, agent], world.goal[row, agent] = start, (-start[0], -start[1])
             replace_person(world, row, agent - 1, person, 0, np.array(start), self.crowd.number[1])
             came.append(agent)
         if came:
-            # A policy of theirs takes the distance that was drawn last before it decides first.
+            # In CrowdNav++, a policy uses the distance that was drawn last before its first decision.
             distances = world.parameters[stream.policy][NOTICED]
             distances[row, came] = distances[row, came[-1]]
         drawn[row] = stream.drawn

@@ -1,4 +1,4 @@
-"""People who belong together: the sizes of groups, and where their members are."""
+"""Groups of pedestrians: their sizes, and the positions of their members."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ GAP = 0.2
 """Distance in metres between the rims of neighbours in a group at the start."""
 
 LARGEST = 5
-"""People in a group, at most."""
+"""Largest number of pedestrians in a group."""
 
 TRIES = 100
-"""Draws for the place of a group that stands."""
+"""Largest number of draws for the position of a standing group."""
 
 
 def draw_groups(stream: np.random.Generator, shares: Mapping[int, float], n: int) -> Int[np.ndarray, "{n}"]:
@@ -26,11 +26,11 @@ def draw_groups(stream: np.random.Generator, shares: Mapping[int, float], n: int
 
     Args:
         stream: The random stream to draw from.
-        shares: By size, the share of the groups that are so large, in any unit; the last group has who is left.
+        shares: Shares of the groups by size, in any unit. The last group consists of the remaining pedestrians.
         n: Number of pedestrians.
 
     Returns:
-        The first one in the group of each pedestrian.
+        Index of the first member of each pedestrian's group.
     """
     share = np.array(list(shares.values()))
     sizes = stream.choice(list(shares), n, p=share / share.sum())
@@ -38,25 +38,25 @@ def draw_groups(stream: np.random.Generator, shares: Mapping[int, float], n: int
 
 
 def group_numbers(leader: Int[np.ndarray, "pedestrian"]) -> Int[np.ndarray, "pedestrian"]:
-    """Return the number of each one's group, -1 for who is alone, by the first one in the group of each."""
+    """Return each pedestrian's group number, -1 without a group, from the index of the first member of its group."""
     return np.where(np.bincount(leader, minlength=1)[leader] > 1, leader, -1)
 
 
 def group_reach(radius: Float[np.ndarray, "member"]) -> float:
-    """Return the radius in metres of a disc that holds a group, whether it walks or stands."""
+    """Return the radius in metres of a disc around a group, for walking and standing groups."""
     return float(radius.max()) + _spacing(radius) * (len(radius) - 1) / 2
 
 
 def spread(ahead: Position, radius: Float[np.ndarray, "member"], stands: bool) -> Float[np.ndarray, "member 2"]:
-    """Return where the members of a group are, from its middle: side by side if it walks, in a circle if it stands.
+    """Return the offsets of members from the middle of a group: side by side if it walks, in a circle if it stands.
 
     Args:
-        ahead: The direction in which it walks, of any length.
+        ahead: Its walking direction, a vector of any length.
         radius: Radii in metres.
         stands: True if it stands.
 
     Returns:
-        In metres.
+        Offsets in metres.
     """
     n, spacing, heading = len(radius), _spacing(radius), math.atan2(ahead[1], ahead[0])
     index = np.arange(n)
@@ -75,20 +75,20 @@ def place_groups(
     stands: Bool[np.ndarray, "pedestrian"],
     stream: np.random.Generator,
 ) -> Placement:
-    """Have a layout place groups as if each were one large pedestrian, and the members in them.
+    """Place groups by a layout, each as one large pedestrian, and the members of each group within it.
 
-    A group that stands is then somewhere on its way, clear of all starts and goals, and has arrived.
+    A standing group is placed between its start and its goal, clear of all starts and goals. It has arrived.
 
     Args:
-        layout: Places so many agents of these radii in metres and speeds in m/s.
-        leader: The first one in the group of each pedestrian; the members of a group follow each other.
+        layout: Places agents with the given radii in metres and speeds in m/s.
+        leader: Index of the first member of each pedestrian's group. Members have consecutive indices.
         radius: Radii in metres, the vehicle first.
         preferred_speed: In m/s.
-        stands: Which pedestrians stand.
-        stream: The random stream for the places of those who stand.
+        stands: True for pedestrians that stand.
+        stream: The random stream for the positions of standing groups.
 
     Raises:
-        InputError: The layout returns no placement.
+        InputError: The layout does not return a placement.
     """
     group = np.unique(np.append(0, leader + 1), return_inverse=True)[1]
     groups = [np.flatnonzero(group == number) for number in range(group.max() + 1)]

@@ -1,4 +1,4 @@
-"""Reads a scenario from a TOML table and says in one sentence what is wrong with it."""
+"""Construct a scenario from a TOML table. An error message describes the first mistake in one sentence."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ if TYPE_CHECKING:
 MAX_STEPS = 100_000
 MAX_DELAY = 1000
 OF_TRACKS = ("number", "preferred_speed", "arrival", "goal_change", "groups", "clear_space")
-"""Keys of `[pedestrians]` that recorded tracks stand for."""
+"""Keys of `[pedestrians]` that recorded tracks replace."""
 
 
 VERSION = 1
-"""Raise it when a default changes, or what a key means, so that no earlier digest is the digest of a scenario now."""
+"""Increase it when a default or the meaning of a key changes, so that no earlier digest matches a scenario."""
 
 LoadLayout = Callable[[str], tuple[str, Layout, str | None]]
-"""Turns what a table says of a layout into its name, the layout, and the digest of its file, if any."""
+"""Function from `layout.generator` to the layout's name, the layout, and the digest of its file, if any."""
 
 LoadPolicy = Callable[[str], tuple[str, PedestrianPolicy, str | None]]
-"""Does the same for a pedestrian policy."""
+"""Function from `pedestrians.policy` to a policy's name, the policy, and the digest of its file, if any."""
 
 
 def parse(
@@ -61,19 +61,19 @@ def parse(
     data: Path | None = None,
     read_tracks: bool = True,
 ) -> Scenario:
-    """Make a scenario from a table.
+    """Construct a scenario from a table.
 
     Args:
-        table: As read from a file, perhaps with changes.
+        table: The table of a file, possibly with changes.
         name: Name of the scenario.
-        source: Name of its file, for errors.
+        source: Name of its file in error messages.
         load_layout: Loads the layout that the table names.
-        load_policy: Loads the pedestrian policies that it names.
+        load_policy: Loads the pedestrian policies that the table names.
         data: The folder with the recorded tracks, if the user gave one.
-        read_tracks: False to leave recorded people out, of a table with the digests of their files: for the digest.
+        read_tracks: False to compute only the digest, without the tracks; the table must contain their files' digests.
 
     Raises:
-        InputError: A key is unknown, or a value is of the wrong type or impossible; `source` and the key are named.
+        InputError: A key is unknown, or a value has the wrong type or is impossible; the message contains the key.
     """
     file = Location(source)
     names = parse_table(NamesSpec, table, file)
@@ -138,18 +138,18 @@ def _crowd(
 def _known_defaults(spec: ScenarioSpec, layout: Layout, policies: Mapping[str, _Policy]) -> dict[str, Any]:
     """Return all keys of a scenario with their defaults.
 
-    The options of a layout and the parameters of a policy from elsewhere are left out, because their defaults may
+    The options of a user's layout and the parameters of a user's policy are left out, because their defaults may
     change.
     """
     defaults = type(spec)().complete()
-    # Written as the name of one policy, where all pedestrians follow the same.
+    # As in a complete table, which has only the name if all pedestrians follow the same policy.
     (defaults["pedestrians"]["policy"],) = defaults["pedestrians"]["policy"]
     if layout not in LAYOUTS.values():
         defaults["layout"] = LayoutSpec().complete()
     for name, part in policies.items():
         if part.digest is not None:
             defaults["pedestrians"].pop(name, None)
-    # Tables that may be left out as a whole have defaults where they are given.
+    # The defaults of optional tables apply only if the tables are given.
     for section, key in (("pedestrians", "goal_change"), ("pedestrians", "clear_space"), ("sensor", "lidar")):
         optional = getattr(getattr(spec, section), key)
         if optional is not None:
@@ -159,10 +159,10 @@ def _known_defaults(spec: ScenarioSpec, layout: Layout, policies: Mapping[str, _
 
 
 def _digest(complete: Mapping[str, Any], defaults: Mapping[str, Any], shares: Mapping[str, float]) -> str:
-    """Return the digest of a scenario: twelve hexadecimal digits that two share if all their cases are the same.
+    """Return the digest of a scenario: twelve hexadecimal digits, equal for scenarios with the same cases.
 
-    It is over the keys whose values differ from their defaults, and over the digests of the files of layouts and
-    policies. A new key whose default means what was the case before changes no digest.
+    It covers the keys whose values differ from their defaults, and the digests of the files of layouts and policies.
+    A new key whose default keeps the previous behaviour changes no digest.
     """
     changed = _changed({key: value for key, value in complete.items() if key != "description"}, defaults)
     if len(shares) > 1:
@@ -172,7 +172,7 @@ def _digest(complete: Mapping[str, Any], defaults: Mapping[str, Any], shares: Ma
 
 
 def _changed(table: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what of a table differs from its defaults; a table within it counts if anything in it does."""
+    """Return the entries of a table that differ from its defaults, also within nested tables."""
     changed = {}
     for key, value in table.items():
         default = defaults.get(key)
@@ -184,8 +184,8 @@ def _changed(table: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str,
 
 
 def _check_combinations(top: ScenarioSpec, file: Location) -> None:
-    """Raise InputError where keys of a scenario exclude each other, each of which is possible alone."""
-    # Not by `max_steps`, which a tiny dt makes infinite.
+    """Raise InputError if keys of a scenario that are valid separately exclude each other."""
+    # Computed without `max_steps`, which is infinite for a tiny dt.
     if top.time_limit - 1.0 > (MAX_STEPS - 1) * top.dt:
         right = f"large enough for an episode of time_limit to end within {MAX_STEPS} steps"
         raise file.at("dt").wrong(repr(top.dt), right)
@@ -210,7 +210,7 @@ def _layout_starts(layout: LayoutCall, crowdnav_cases: int) -> LayoutStarts:
 
 
 def _count_steps(seconds: float, dt: float, location: Location) -> int:
-    """Return how many steps take so many seconds. Raises InputError where these are no multiple of `dt`."""
+    """Return a duration in seconds as a number of steps. Raises InputError if it is no multiple of `dt`."""
     steps = round(seconds / dt)
     if not math.isclose(steps * dt, seconds):
         raise location.wrong(f"{seconds:g}", f"a multiple of dt, {dt:g} s")
@@ -220,10 +220,10 @@ def _count_steps(seconds: float, dt: float, location: Location) -> int:
 def _tracks(
     top: ScenarioSpec, table: Mapping[str, Any], rules: Rules, data: Path | None, file: Location, read_tracks: bool
 ) -> TrackedCrowd | None:
-    """Return the recorded people of a scenario, if any.
+    """Return the recorded crowd of a scenario, if any.
 
-    Raises InputError where a key says what the tracks say too, the policy of recorded people has none, or the scene
-    cannot be read.
+    Raises InputError if a key is given that the tracks replace, if the policy `recorded` is used without tracks, or if
+    the scene cannot be read.
     """
     if top.tracks is None:
         if RECORDED in top.pedestrians.policy:
@@ -248,7 +248,7 @@ def _tracks(
 
 
 def _refuse_limits_of_others(table: Mapping[str, Any], dynamics: str, location: Location) -> None:
-    """Raise InputError where `[vehicle]` has a limit that only other dynamics have."""
+    """Raise InputError if `[vehicle]` has a limit that only other dynamics have."""
     known = {name: {field.name for field in dataclasses.fields(kind)} for name, kind in DYNAMICS.items()}
     for key in table:
         owners = [f'"{name}"' for name, limits in known.items() if key in limits]
@@ -258,10 +258,10 @@ def _refuse_limits_of_others(table: Mapping[str, Any], dynamics: str, location: 
 
 
 def _rules(top: ScenarioSpec, recorded: int, file: Location) -> Rules:
-    """Return the rules of a scenario, in which the policy of recorded people has the index `recorded`.
+    """Return the rules of a scenario, in which the policy of recorded pedestrians has the index `recorded`.
 
-    Raises InputError where keys of its vehicle contradict each other or the crowd's, or where the sensor's delay is no
-    whole number of steps, or more than `MAX_DELAY` of them.
+    Raises InputError if keys of its vehicle contradict each other or the crowd's, or if the sensor's delay is not a
+    whole number of steps or exceeds `MAX_DELAY` steps.
     """
     vehicle, location, delay = top.vehicle, file.at("vehicle"), file.at("sensor", "delay")
     walking = top.pedestrians.limits
@@ -299,7 +299,7 @@ def _rules(top: ScenarioSpec, recorded: int, file: Location) -> Rules:
 
 
 def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:
-    """Return the body of a vehicle, whose rear axle is as far behind the middle as the front axle is ahead of it."""
+    """Return the body of a vehicle. Its rear axle and its front axle are equally far from its middle."""
     if vehicle.length is None:
         return DISC
     length, wheelbase = location.at("length"), dynamics.wheelbase if isinstance(dynamics, Bicycle) else 0.0
@@ -321,7 +321,7 @@ class _Policy(NamedTuple):
 
 
 def _load_policies(shares: Mapping[str, float], load: LoadPolicy, location: Location) -> dict[str, _Policy]:
-    """Return the policies by name, in the order of names: who follows which must not depend on the file's order."""
+    """Return the policies, sorted by name, so that the policy of a pedestrian does not depend on the file's order."""
     policies: dict[str, _Policy] = {}
     for spec, share in shares.items():
         with location.named():

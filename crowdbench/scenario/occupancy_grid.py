@@ -1,4 +1,4 @@
-"""Obstacles from an occupancy grid, as ROS keeps it: `map.yaml` and an image (the ROS package `map_server`)."""
+"""Obstacles from an occupancy grid in the format of ROS (package `map_server`): `map.yaml` and an image."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ DIGITS = 3
 """Coordinates are rounded to millimetres."""
 
 LARGEST = 4096
-"""Pixels of an image's side, at most."""
+"""Largest number of pixels of an image's side."""
 
 MOST_CORNERS = 2000
-"""Corners of all obstacles together, at most: shortest paths are searched among them."""
+"""Largest total number of corners of the obstacles: shortest paths are searched among them."""
 
 MOST_TURNS = 30_000
-"""Corners of the outlines of pixels, at most: the time of simplifying them grows with the square of their number."""
+"""Largest number of corners of pixel outlines: the time to simplify them grows with the square of their number."""
 
 STRIP = 256
-"""Rows of an image whose brightness is computed at once: that of all takes a gigabyte."""
+"""Rows of an image whose brightness is computed at once: the brightness of all rows takes a gigabyte."""
 
 WHITE = {"L": 255.0, "RGB": 255.0, "RGBA": 255.0, "I;16": 65535.0, "I": 65535.0}
 """The value of white, by the mode of an image as Pillow reads it. Pillow scales a PGM of more than 8 bits to 16."""
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
-    """YAML 1.1 as PyYAML reads it, with the numbers of YAML 1.2 that it takes for text, such as `5e-2`."""
+    """Loader of YAML 1.1, with the numbers of YAML 1.2 that PyYAML reads as text, such as `5e-2`."""
 
 
 _Loader.add_implicit_resolver(
@@ -68,7 +68,7 @@ class GridSpec(TomlTable):
         mode: With `trinary`, a pixel is occupied if its occupancy is above `occupied_thresh`, and the opacity of an
             image counts as a fourth colour. With `scale`, a pixel that is not opaque is unknown. With `raw`, the value
             of a pixel of 8 bits is its occupancy in per cent, and a value above 100 is unknown.
-        free_thresh: Below it a pixel is free. A pixel between both thresholds is unknown, and no obstacle.
+        free_thresh: A pixel with a lower occupancy is free. Between both thresholds it is unknown, and no obstacle.
     """
 
     image: Name
@@ -85,10 +85,10 @@ class GridSpec(TomlTable):
 def read_obstacles(path: Path) -> list[Polygon]:
     """Return the obstacles of an occupancy grid: polygons around its occupied pixels, in its frame.
 
-    A polygon leaves its pixels by the resolution at most. One around a room is cut, so that none has a hole.
+    A polygon deviates from its pixels by at most the resolution. Polygons with holes are cut into parts without holes.
 
     Args:
-        path: The file `map.yaml`. Its image is PGM, PNG, or whatever else Pillow reads, in its folder.
+        path: The file `map.yaml`. Its image is in the same folder: PGM, PNG, or another format that Pillow reads.
 
     Raises:
         InputError: One of the two files is missing or wrong.
@@ -105,7 +105,7 @@ def read_obstacles(path: Path) -> list[Polygon]:
     if len(spec.origin) == 3:
         shape = affinity.rotate(shape, spec.origin[2], origin=(0.0, 0.0), use_radians=True)
     shape = affinity.translate(shape, *spec.origin[:2])
-    # Two that were apart may cross once they are simplified, and rounding may let them touch.
+    # After simplification, separate polygons may cross, and after rounding they may touch.
     whole = shapely.set_precision(shapely.union_all([shape]), 10.0**-DIGITS)
     return [_corners(part) for polygon in _polygons(whole) for part in _without_holes(polygon)]
 
@@ -143,7 +143,7 @@ def _read_image(path: Path, spec: GridSpec) -> Bool[np.ndarray, "row column"]:
                 occupied = np.concatenate([_find_occupied(strip, spec) for strip in strips])
     except (Image.DecompressionBombWarning, Image.DecompressionBombError):
         raise InputError(large) from None
-    except (OSError, ValueError, SyntaxError) as error:  # the last two are Pillow's, of a broken header
+    except (OSError, ValueError, SyntaxError) as error:  # the last two: Pillow, for a broken header
         raise InputError(f"the image {file} of the map {path.name} cannot be read: {error}") from None
     if not occupied.any():
         raise InputError(f"nothing in {file} is occupied: no pixel is above occupied_thresh with mode {spec.mode}")
@@ -164,7 +164,7 @@ def _find_occupied(image: Image.Image, spec: GridSpec) -> Bool[np.ndarray, "row 
 
 
 def _count_turns(occupied: Bool[np.ndarray, "row column"]) -> int:
-    """Count the corners of the outline of pixels, two where pixels touch at a corner alone."""
+    """Count the corners of the outline of pixels; a corner at which two pixels touch diagonally counts twice."""
     padded = np.pad(occupied, 1)
     rows, columns = padded[1:] ^ padded[:-1], padded[:, 1:] ^ padded[:, :-1]
     single = rows[:, 1:] ^ rows[:, :-1]
@@ -188,7 +188,7 @@ def _polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:
 def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
     """Cut a polygon from bottom to top through the middle of one of its holes, until no part has a hole.
 
-    The hole in the middle is taken, so that the depth grows with the logarithm of their number.
+    The median hole is cut first, so that the recursion depth grows with the logarithm of the number of holes.
     """
     if not polygon.interiors:
         return [polygon]

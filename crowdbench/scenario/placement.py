@@ -1,4 +1,4 @@
-"""Layouts, their placement for one case, its checks, and the ways around its obstacles."""
+"""Layouts, the placement of the agents of one case, its checks, and the routes around its obstacles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from crowdbench.sim.visibility_graph import edges_of, find_routes, who
 from crowdbench.utils.errors import InputError
 
 EXTENT = 1e6
-"""Coordinates are at most so many metres from zero."""
+"""Largest absolute value of a coordinate in metres."""
 
 _TOLERANCE = 1e-9
 
@@ -25,20 +25,20 @@ Position = Float[np.ndarray, "2"]
 """A point in metres."""
 
 Way = tuple[Position, Position]
-"""Where an agent starts, and where it goes."""
+"""The start and the goal of an agent."""
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Placement of a layout for one case.
+    """Starts, goals, routes and obstacles that a layout returns for one case.
 
     Attributes:
-        start: Where each agent starts, in metres.
-        goal: Where each agent is going, in metres.
-        route: Waypoints of each agent on the way to its goal, in metres, NaN beyond its last one. The shortest ways
-            around the obstacles unless given.
+        start: Start position of each agent in metres.
+        goal: Goal position of each agent in metres.
+        route: Waypoints of each agent on the way to its goal, in metres, NaN beyond its last one. By default the
+            shortest paths around the obstacles.
         obstacles: Polygons in metres, NaN beyond the last corner of each. Two corners are a wall without thickness;
-            three or more, in either order, are solid. None unless given.
+            three or more, in either order, are solid. None without obstacles.
     """
 
     start: Agents
@@ -54,7 +54,7 @@ Layout = Callable[..., Placement]
 - `radius` and `preferred_speed` are `[agent]`, in metres and in m/s, the vehicle first.
 - The options are keyword-only parameters with defaults.
 
-It raises InputError where there is no room for an agent."""
+It raises InputError if there is no room for an agent."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class LayoutCall:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __call__(self, rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent) -> Any:
-        """Return a `Placement`; anything at all where it is a user's and wrong."""
+        """Return a `Placement`, or an object of any type if a user's layout is wrong."""
         return self.function(rng, radius, preferred_speed, **self.options)
 
 
@@ -73,17 +73,17 @@ def complete_placement(answer: object, radius: PerAgent) -> Placement:
     """Complete the placement of a layout: with routes if there are obstacles, and solid polygons counter-clockwise.
 
     Args:
-        answer: Whatever that is.
+        answer: Return value of the layout, of any type.
         radius: Radii in metres.
 
     Raises:
-        InputError: It is no placement of these agents, or cannot be.
+        InputError: It is not a valid placement of these agents.
     """
     return add_routes(check_obstacles(check_finite(check_shape(answer, len(radius))), radius), radius)
 
 
 def check_shape(answer: object, agents: int) -> Placement:
-    """Return the placement of a layout. Raises InputError where it is no placement of so many agents."""
+    """Return the placement of a layout. Raises InputError if it is not a placement of `agents` agents."""
     if not isinstance(answer, Placement):
         raise InputError(f"the layout returned a {type(answer).__name__} instead of a Placement")
     shapes = {"start": (agents, 2), "goal": (agents, 2), "route": (agents, None, 2), "obstacles": (None, None, 2)}
@@ -101,7 +101,7 @@ def check_shape(answer: object, agents: int) -> Placement:
 
 
 def check_finite(placement: Placement) -> Placement:
-    """Return a placement. Raises InputError where a number in it is not finite, beyond the padding, or is too large."""
+    """Return the placement. Raises InputError if a number outside the padding is not finite or too large."""
     right = f"whose coordinates must be numbers from {-EXTENT:g} to {EXTENT:g}"
     for part, points in (("start", placement.start), ("goal", placement.goal)):
         for agent in _find_wrong(points):
@@ -115,12 +115,12 @@ def check_finite(placement: Placement) -> Placement:
 
 
 def _find_wrong(points: Float[np.ndarray, "point 2"]) -> list[int]:
-    """Return which points have a coordinate that is not finite or too large."""
+    """Return the indices of points with a coordinate that is not finite or too large."""
     return np.flatnonzero(~(np.abs(points) <= EXTENT).all(axis=1)).tolist()
 
 
 def check_obstacles(placement: Placement, radius: PerAgent) -> Placement:
-    """Return a placement among obstacles, solid polygons counter-clockwise.
+    """Check the obstacles of a placement, and return it with solid polygons counter-clockwise.
 
     Args:
         placement: The placement.
@@ -144,14 +144,14 @@ def check_obstacles(placement: Placement, radius: PerAgent) -> Placement:
 
 
 def add_routes(placement: Placement, radius: PerAgent) -> Placement:
-    """Return a placement with routes if there are obstacles, without waypoints at the end that are the goal.
+    """Return a placement with routes if there are obstacles. Last waypoints that equal the goal are removed.
 
     Args:
         placement: The placement.
         radius: Radii in metres.
 
     Raises:
-        InputError: No way leads an agent to its goal.
+        InputError: There is no path from the start of an agent to its goal.
     """
     route = placement.route
     if route is None:
@@ -174,7 +174,7 @@ def _points(row: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point_there
 
 
 def check_routes(placement: Placement, radius: PerAgent) -> Placement:
-    """Return the same placement. Raises InputError where a route leads nearer to an obstacle than the radius in
+    """Return the placement. Raises InputError if a route comes nearer to an obstacle than the agent's radius in
     metres."""
     if placement.route is None or placement.obstacles is None:
         return placement
@@ -190,7 +190,7 @@ def check_routes(placement: Placement, radius: PerAgent) -> Placement:
 
 
 def _shape(i: int, corners: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:
-    """Return an obstacle as a shape. Raises InputError where it is none."""
+    """Return an obstacle as a shape of shapely. Raises InputError if the shape is not valid."""
     name = f"obstacles[{i}]"
     if len(corners) == 1:
         raise InputError(f"{name} has one corner, but a wall has two and a solid polygon three or more")
@@ -211,7 +211,7 @@ def _shape(i: int, corners: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:
 
 
 def _apart(shapes: Mapping[int, shapely.Geometry]) -> None:
-    """Raise InputError where two obstacles cross or overlap. They may touch."""
+    """Raise InputError if two obstacles cross or overlap. They may touch."""
     number, geometries = list(shapes), list(shapes.values())
     pairs = shapely.STRtree(geometries).query(np.array(geometries, object), predicate="intersects")
     for first, second in pairs.T.tolist():
@@ -220,7 +220,7 @@ def _apart(shapes: Mapping[int, shapely.Geometry]) -> None:
 
 
 def _outside(placement: Placement, radius: PerAgent, shapes: Mapping[int, shapely.Geometry]) -> None:
-    """Raise InputError where a start or a goal is in a wall, or nearer to it than the agent's radius."""
+    """Raise InputError if a start or a goal is in a wall, or nearer to it than the agent's radius."""
     for part, points in (("start", placement.start), ("goal", placement.goal)):
         for i, shape in shapes.items():
             distance = shapely.distance(shapely.points(points), shape)

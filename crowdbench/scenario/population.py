@@ -20,27 +20,27 @@ ARRIVALS = ("walk_on", "stop", "leave", "new_goal", "respawn", "back_and_forth")
 """Behaviour of a pedestrian that has reached its goal:
 
 - `walk_on`: keep walking to it, as in CrowdNav,
-- `stop`: stand where it is from then on,
-- `leave`: be gone,
+- `stop`: stand still from then on,
+- `leave`: disappear,
 - `new_goal`: walk to another goal,
-- `respawn`: make room for somebody else who comes in at another place, as in CrowdNav++,
-- `back_and_forth`: walk back to where it came from, and so on.
+- `respawn`: be replaced by a new pedestrian at another position, as in CrowdNav++,
+- `back_and_forth`: walk back to its origin, and so on.
 """
 
 RECORDED = "recorded"
-"""The name of the policy of those who walk as they were recorded."""
+"""The name of the policy of pedestrians that walk as they were recorded."""
 
 GOES_ON = ("new_goal", "respawn", "back_and_forth")
-"""After these somebody walks on to another goal."""
+"""Behaviours after which a pedestrian walks to another goal."""
 
 
 class Distribution(TomlTable):
-    """Distribution of a quantity over pedestrians; a number in a scenario's file stands for a constant.
+    """Distribution of a quantity over pedestrians; a number in a scenario's file means a constant.
 
     Attributes:
         mean: The constant, or the mean of a normal distribution before it is truncated, or the middle of a uniform one.
         std: Standard deviation of a truncated normal distribution; 0 for a constant, None for a uniform distribution.
-        low: Smallest value: what a normal distribution draws below it is drawn again.
+        low: Smallest value; a normal distribution repeats draws below it.
         high: Largest value. The bounds must not be so narrow that hardly any draw is within them.
     """
 
@@ -92,7 +92,7 @@ class Traits(NamedTuple):
     Attributes:
         radius: In metres.
         preferred_speed: In m/s.
-        policy: The policy that moves each, as an index.
+        policy: Index of the policy that moves each pedestrian.
         parameters: By policy and name, the parameters of the policies.
     """
 
@@ -110,15 +110,15 @@ class GoalChange(TomlTable):
     """`[pedestrians] goal_change`: how pedestrians change their goals on the way.
 
     Attributes:
-        period: At each multiple of it in seconds, a multiple of dt,
-        chance: each pedestrian takes another goal with this probability.
+        period: Time in seconds between goal changes, a multiple of dt.
+        chance: Probability with which each pedestrian takes another goal after each period.
     """
 
     period: float = number(above=0.0, below=1e6)
     chance: float = Field(ge=0, le=1, description="a probability from 0 to 1")
 
     def is_due(self, world: World) -> Bool[np.ndarray, "world"]:
-        """Return in which worlds goals may change after this step."""
+        """Return the worlds in which goals may change after this step."""
         return np.asarray(world.step % round(self.period / world.rules.dt) == 0)
 
 
@@ -129,7 +129,7 @@ class Limits(TomlTable):
         acceleration: In m/s^2; gaits start with 0.14 g on average (Fugger et al. 2000).
         braking: In m/s^2; a rapid stop from 1.29 m/s takes 0.463 s (Tirosh and Sparrow 2004).
         sideways: In m/s^2. The critical angular velocity falls with speed to the power -0.8 (Wang et al. 2025), so that
-            this limit would grow with speed to the power 0.2, which is left out.
+            this limit would grow with speed to the power 0.2, which is neglected.
     """
 
     acceleration: float = number(above=0.0, below=1e3)
@@ -144,14 +144,14 @@ class Crowd:
     Attributes:
         number: The smallest and the largest number of them.
         radius: Radii in metres.
-        preferred_speed: Preferred and largest speeds in m/s; of recorded people the largest of all.
+        preferred_speed: Preferred and largest speeds in m/s; for recorded pedestrians the largest of all.
         shares: By policy, the share of the pedestrians that follow it, in any unit.
         standing: The policies whose pedestrians stand, by name.
         parameters: By policy and name, the parameters of the policies.
-        groups: By size, the share of the groups that are so large; empty where all walk alone.
+        groups: Shares of the groups by size; empty without groups.
         arrival: Behaviour of pedestrians on arrival, one of `ARRIVALS`.
-        goal_change: How they change their goals on the way, if they do.
-        clear_space: The space around the vehicle in which nobody starts or comes in, if there is one.
+        goal_change: Changes of goals during an episode; None without changes.
+        clear_space: The space around the vehicle in which no pedestrian starts or respawns; None without one.
     """
 
     number: tuple[int, int]
@@ -167,18 +167,18 @@ class Crowd:
 
     @property
     def stands(self) -> Bool[np.ndarray, "policy"]:
-        """True if the pedestrians of each policy stand. Recorded cars have a policy that nobody is drawn for."""
+        """True for policies whose pedestrians stand. The policy of recorded cars is included, but never drawn."""
         return np.array([name in self.standing for name in self.parameters])
 
     def walking(self) -> Crowd:
-        """Return the pedestrians who walk: who replace others that have arrived."""
+        """Return the crowd without standing pedestrians, from which replacements for arrived pedestrians are drawn."""
         shares = {name: 0.0 if name in self.standing else share for name, share in self.shares.items()}
-        if not any(shares.values()):  # then nobody arrives
+        if not any(shares.values()):  # then no pedestrian arrives
             return self
         return dataclasses.replace(self, shares=shares)
 
     def draw(self, stream: np.random.Generator, n: int | None = None) -> Traits:
-        """Draw n pedestrians from a random stream; without n as many as a case has, whose number is drawn first."""
+        """Draw n pedestrians from a random stream. If n is None, their number is drawn first."""
         if n is None:
             n = int(stream.integers(self.number[0], self.number[1] + 1))
         radius, speed = self.radius.draw(stream, n), self.preferred_speed.draw(stream, n)

@@ -21,29 +21,29 @@ from crowdbench.sim.routes import with_route
 
 @dataclass(frozen=True)
 class LayoutPostStepRule:
-    """Applied after each step: arrivals, respawn, goal changes.
+    """Rule applied after each step: arrivals, respawn, goal changes.
 
-    Random draws depend on the case, the step and the pedestrian alone.
+    Random draws depend only on the case, the step and the pedestrian.
 
     Attributes:
-        crowd: The pedestrians. A new person has the number of the one it replaces, plus the largest number of them.
-        layout: Draws people and goals again.
+        crowd: The pedestrians. A new person has the number of the replaced one, plus the largest number of pedestrians.
+        layout: The layout, which draws pedestrians and goals again.
     """
 
     crowd: Crowd
     layout: LayoutCall
 
     def __call__(self, world: World, running: Bool[np.ndarray, "world"]) -> World:
-        """Return worlds in which pedestrians who have arrived or change their goals have been dealt with.
+        """Apply arrivals and goal changes to worlds.
 
-        A pedestrian has arrived where its goal is nearer than its radius.
+        A pedestrian has arrived if its goal is nearer than its radius.
 
         Args:
             world: The worlds after a step.
-            running: Which of them are still running; the others stay as they are.
+            running: True for worlds that are still running; the others do not change.
 
         Returns:
-            The worlds; the same object where nothing happens.
+            The worlds; the same object if nothing changes.
 
         Raises:
             InputError: The layout fails.
@@ -72,10 +72,10 @@ class LayoutPostStepRule:
         return after
 
     def _replace(self, world: World, row: int, members: Int[np.ndarray, "member"], is_new: bool) -> World:
-        """Replace one pedestrian or a group by another goal, or by other people, in the arrays of the worlds.
+        """Give one pedestrian or a group a new goal, or replace them by new pedestrians, in the arrays of the worlds.
 
-        A pedestrian without room walks on, to be drawn again in the next step. The worlds are new ones where the arrays
-        of routes are too short.
+        If there is no room, the pedestrian walks on, and is drawn again in the next step. The returned object is a new
+        one if the arrays of routes are too short.
         """
         agents, of_this = members + 1, (int(world.step[row]), int(members[0]))
         traits = None
@@ -113,7 +113,7 @@ class LayoutPostStepRule:
 
 
 def _add_groups(chosen: PedestrianFlags, group_or_person_id: Int[np.ndarray, "world pedestrian"]) -> PedestrianFlags:
-    """Return those who are chosen, and all others of their groups."""
+    """Return the chosen pedestrians and all members of their groups."""
     together = chosen.copy()
     for row, pedestrian in np.argwhere(chosen).tolist():
         together[row] |= group_or_person_id[row] == group_or_person_id[row, pedestrian]
@@ -121,12 +121,12 @@ def _add_groups(chosen: PedestrianFlags, group_or_person_id: Int[np.ndarray, "wo
 
 
 def find_walking(world: World, running: Bool[np.ndarray, "world"]) -> PedestrianFlags:
-    """Return pedestrians that prefer some speed, in worlds that are running."""
+    """Return pedestrians with a preferred speed above 0 in running worlds."""
     return np.asarray(running[:, None] & world.present[:, 1:] & (world.preferred_speed[:, 1:] > 0.0))
 
 
 def find_arrived(world: World, running: Bool[np.ndarray, "world"]) -> PedestrianFlags:
-    """Return pedestrians that have arrived: the goal is nearer than the radius. Standing ones have not."""
+    """Return pedestrians that have arrived: the goal is nearer than the radius. Standing ones are excluded."""
     to_goal = (world.goal - world.position)[:, 1:]
     return np.asarray(find_walking(world, running) & (norm(to_goal) < world.radius[:, 1:]))
 
@@ -134,16 +134,16 @@ def find_arrived(world: World, running: Bool[np.ndarray, "world"]) -> Pedestrian
 def replace_person(
     world: World, row: int, pedestrian: int, traits: Traits, index: int, start: Position, numbers: int
 ) -> None:
-    """Put somebody new in the place of a pedestrian, in the arrays of worlds.
+    """Replace a pedestrian by a new one in the arrays of worlds.
 
     Args:
         world: The worlds.
         row: The pedestrian's world.
         pedestrian: Its index.
         traits: Traits of the new pedestrians.
-        index: Which of them this is.
-        start: Where it comes in, in metres.
-        numbers: Additions to the numbers of the person and of its group.
+        index: Index of the new pedestrian in `traits`.
+        start: Its start position in metres.
+        numbers: Increment of the number of the person and of the number of its group.
     """
     agent = pedestrian + 1
     world.position[row, agent], world.velocity[row, agent] = start, 0.0
@@ -160,12 +160,12 @@ def replace_person(
 
 
 def _stop(world: World, arrived: PedestrianFlags) -> None:
-    """Let those who have arrived stand: nothing moves who prefers no speed."""
+    """Stop pedestrians that have arrived: with a preferred speed of 0 they do not move."""
     world.preferred_speed[:, 1:][arrived] = 0.0
 
 
 def _leave(world: World, arrived: PedestrianFlags) -> None:
-    """Turn those who have arrived into padding, see `World`."""
+    """Turn pedestrians that have arrived into padding, see `World`."""
     world.present[:, 1:][arrived] = False
     for array in (world.position, world.velocity, world.origin, world.goal):
         array[:, 1:][arrived] = 0.0
@@ -178,7 +178,7 @@ def _leave(world: World, arrived: PedestrianFlags) -> None:
 
 
 def _turn_back(world: World, arrived: PedestrianFlags) -> None:
-    """Send those who have arrived back to where they came from, on the same route."""
+    """Send pedestrians that have arrived back to their origin, on the same route."""
     origin, goal = world.origin[:, 1:], world.goal[:, 1:]
     origin[arrived], goal[arrived] = goal[arrived], origin[arrived]
     world.waypoint[:, 1:][arrived] = 0

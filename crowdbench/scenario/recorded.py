@@ -1,4 +1,4 @@
-"""Crowds of recorded people: which window of time a case is, and who starts where in it."""
+"""Crowds of recorded pedestrians: the time window of each case, and the starts in it."""
 
 from __future__ import annotations
 
@@ -28,29 +28,29 @@ from crowdbench.utils.errors import InputError
 Tracked = Float[np.ndarray, "time pedestrian 2"]
 
 SLOWEST = 1e-3
-"""Smallest preferred speed in m/s, that of people who stood."""
+"""Smallest preferred speed in m/s, for recorded pedestrians that stood still."""
 
 _ROOM = 1.0 + 1e-9
-"""By what the largest speed of recorded people is multiplied, so that rounding does not slow them down."""
+"""Factor on the largest speed of recorded pedestrians, so that rounding does not slow them down."""
 
 CELL = 0.5
-"""Side of a cell in metres: space is free in a cell in which somebody has walked, and in the eight cells around it."""
+"""Side of a cell in metres. A cell is free if a pedestrian has walked in it or in one of its eight neighbours."""
 
 FARTHER = 2.0
-"""The goal is at most so much farther away than asked for, in metres."""
+"""Largest excess in metres of the goal's distance over the requested distance."""
 
 CLEAR_TIME = 1.0
-"""Nobody comes near the vehicle's start in so many seconds, in which it cannot have got away."""
+"""Initial time in seconds in which no pedestrian comes near the vehicle's start, because the vehicle is still there."""
 
 MOST_BUSY = 0.5
-"""The largest part of the time in which somebody stands on the goal."""
+"""Largest share of the time in which a pedestrian covers the goal."""
 
 DRAWS = 20_000
 """Number of pairs of a start and a goal that are tried."""
 
 
 class FreeSpace:
-    """Free space of a recorded scene without a map, for starts and goals of the vehicle: where somebody has walked.
+    """Free space for the vehicle's start and goal in a recorded scene without a map: cells in which pedestrians walked.
 
     Args:
         tracks: The recording of the scene.
@@ -65,13 +65,13 @@ class FreeSpace:
         self.free[around[..., 0], around[..., 1]] = True
 
     def draw(self, stream: np.random.Generator, distance: float, radius: PerAgent, track: Tracked, dt: float) -> Way:
-        """Draw start and goal of the vehicle, with free space on the straight way.
+        """Draw start and goal of the vehicle, with free space on the straight line between them.
 
         Args:
             stream: The random stream to draw from.
             distance: Their smallest distance in metres.
             radius: Radii in metres, the vehicle's first.
-            track: Where the pedestrians are at each step, in metres; NaN who is not there.
+            track: Positions of the pedestrians at each step in metres; NaN for absent pedestrians.
             dt: Length of a step in seconds.
 
         Raises:
@@ -96,7 +96,7 @@ class FreeSpace:
 
 
 def _dense(path: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
-    """Return a way with points that are no farther apart than half a cell."""
+    """Return a path with added points, so that neighbouring points are at most half a cell apart."""
     if len(path) < 2:
         return path
     parts = np.maximum(np.ceil(norm(np.diff(path, axis=0)) / (CELL / 2.0)).astype(np.int64), 1)
@@ -106,14 +106,14 @@ def _dense(path: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
 
 @dataclass(frozen=True)
 class TrackedCrowd:
-    """The people of a scene, as a scenario has them.
+    """The recorded crowd of a scenario.
 
     Attributes:
         scene: The name of the scene.
-        distance: Smallest distance in metres from the vehicle's start to its goal, where no car gives them.
+        distance: Smallest distance in metres from the vehicle's start to its goal; unused if cars are recorded.
         windows: The windows by split.
         free_space: The free space of each recording by its name.
-        has_cars: True if the vehicle takes the place of a recorded car, and other cars are there.
+        has_cars: True if the scene has cars: the vehicle replaces one of them, and the others drive as recorded.
         table: Its table in results.
     """
 
@@ -130,11 +130,11 @@ class TrackedCrowd:
 
         Args:
             scene: The scene.
-            distance: Smallest distance in metres from the vehicle's start to its goal, where no car gives them.
+            distance: Smallest distance in metres from the vehicle's start to its goal; unused if cars are recorded.
             rules: The rules of the scenario.
 
         Raises:
-            InputError: No recording is as long as an episode may be.
+            InputError: No recording with pedestrians is as long as the longest episode.
         """
         windows = cut_windows(scene, rules.max_steps, rules.dt)
         if not windows:
@@ -149,23 +149,23 @@ class TrackedCrowd:
 
     @property
     def number(self) -> tuple[int, int]:
-        """The smallest and the largest number of people and discs of cars in a window."""
+        """The smallest and the largest number of pedestrians and discs of cars in a window."""
         numbers = [len(window.radius) for window in self._all]
         return min(numbers), max(numbers)
 
     @property
     def top_speed(self) -> float:
-        """The largest speed of anybody in a window, in m/s."""
+        """The largest speed of a pedestrian or car in all windows, in m/s."""
         return max(SLOWEST, *(_ROOM * float(window.top_speed.max()) for window in self._all))
 
     @property
     def largest_radius(self) -> float:
-        """The largest radius in metres of a disc of a car; 0 where there are no cars."""
+        """The largest radius in metres of a disc of a car; 0 without cars."""
         return max(float(np.max(window.radius, initial=0.0, where=window.radius > 0.0)) for window in self._all)
 
     @property
     def extent(self) -> float:
-        """The largest coordinate in metres of anybody, or of their goal."""
+        """The largest absolute coordinate in metres of all positions and goals."""
         return max(float(np.nanmax(np.abs(points))) for window in self._all for points in (window.track, window.goal))
 
     @property
@@ -173,14 +173,14 @@ class TrackedCrowd:
         return [window for windows in self.windows.values() for window in windows]
 
     def most_cases(self, split: str) -> int | None:
-        """Return how many cases a split has at most; None where the windows start again with other draws."""
+        """Return the number of cases of a split; None if the windows are repeated with other random draws."""
         return len(self.windows[split]) if self.has_cars and split != "train" else None
 
     def window(self, split: str, case: int) -> Excerpt:
-        """Return the window of a case: they follow each other, and start again after the last one with other draws.
+        """Return the window of a case. After the last window, cases repeat the windows with other random draws.
 
-        Raises InputError where the split has no windows. Where the vehicle takes the place of a car, so that nothing is
-        drawn, it has no more cases than windows; only training repeats them.
+        Raises InputError if the split has no such case. If the vehicle replaces a car, nothing is drawn: then only the
+        training split repeats windows.
         """
         windows = self.windows[split]
         most = self.most_cases(split)
@@ -192,7 +192,7 @@ class TrackedCrowd:
         return windows[case % len(windows)]
 
     def blocks(self, split: str, cases: Int[np.ndarray, "world"]) -> Int[np.ndarray, "world"]:
-        """Return the block of time of each case, of which no two share a moment.
+        """Return the block of recorded time of each case. Different blocks do not overlap.
 
         Args:
             split: The split of the cases.
@@ -201,7 +201,7 @@ class TrackedCrowd:
         return np.array([self.window(split, case).block for case in cases.tolist()], np.int64)
 
     def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
-        """Draw the start of a case, see `LayoutStarts`. Later pedestrians start where they enter."""
+        """Draw the start of a case, see `LayoutStarts`. Later pedestrians start at their first recorded position."""
         window = self.window(case.split, case.number)
         traits = crowd.draw(rng.generator(case.key, "crowd"), len(window.radius))
         traits = _take_recorded(window, traits, list(crowd.parameters))
@@ -211,15 +211,15 @@ class TrackedCrowd:
         return Start(traits, placement, np.full(len(window.radius), -1))
 
     def post_step_rule(self, crowd: Crowd) -> PostStepRule:
-        """Let people come and go as they were recorded."""
+        """Return the rule by which pedestrians appear and disappear as recorded."""
         return come_and_go
 
     def _place(self, window: Excerpt, stream: np.random.Generator, radius: PerAgent, rules: Rules) -> Placement:
-        """Place starts and goals, and the recorded paths. Raises InputError where there is no room for the vehicle."""
+        """Return starts, goals and recorded paths. Raises InputError if there is no room for the vehicle."""
         if window.driven is None:
             start, goal = self.free_space[window.recording].draw(stream, self.distance, radius, window.track, rules.dt)
         else:
-            middle = (rules.body[0] + rules.body[-1]) / 2.0  # how far that of the body is ahead of its position
+            middle = (rules.body[0] + rules.body[-1]) / 2.0  # offset of the body from the position
             offset = middle * np.array([np.cos(window.driven.heading), np.sin(window.driven.heading)])
             start, goal = window.driven.start - offset, window.driven.goal - offset
         people = np.arange(len(window.radius))
@@ -229,7 +229,7 @@ class TrackedCrowd:
         return Placement(starts, goals, route)
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
-        """Return the worlds with tracks, velocities, and those present who are there at the start."""
+        """Return the worlds with tracks, velocities, and the agents that are present at the start."""
         windows = [self.window(case.split, case.number) for case in cases]
         track = np.full((len(world), world.rules.max_steps + 1, *world.person.shape[1:], 2), np.nan)
         recorded = np.zeros((*world.person.shape, 2))
@@ -249,10 +249,10 @@ class TrackedCrowd:
 
 
 def _take_recorded(window: Excerpt, traits: Traits, policies: Sequence[str]) -> Traits:
-    """Return pedestrians with their recorded speeds, and whether they are parts of cars.
+    """Return pedestrians with their recorded speeds; discs of cars get their radius and the policy `recorded`.
 
-    The speeds are those that tracks need, and the mean ones of those who react. `policies` has the names of what
-    `traits.policy` counts.
+    Pedestrians with the policy `recorded` get their largest speed, which their track needs, others their mean speed.
+    `policies` are the names of the policies that `traits.policy` indexes.
     """
     recorded = policies.index(RECORDED) if RECORDED in policies else -1
     is_car = ~np.isnan(window.radius)

@@ -1,4 +1,4 @@
-"""How a layout draws a person or a goal again, while others walk."""
+"""Respawn: a layout draws a new pedestrian or a new goal during an episode."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from crowdbench.sim.visibility_graph import edges_of, nearest_on, solids
 from crowdbench.utils.errors import InputError, plugin_errors
 
 TRIES = 20
-"""Draws for one person after which it waits for the next step. A draw among walls takes milliseconds."""
+"""Largest number of draws for one pedestrian per step. A draw among walls takes milliseconds."""
 
 SHORTEST_WAY = 1.0
-"""Distance in metres from a person to its new goal, at least."""
+"""Smallest distance in metres from a pedestrian to its new goal."""
 
 
 @dataclass(frozen=True)
 class Room:
-    """Everybody in a world beside the one who is drawn, the vehicle first, and what stands there.
+    """The surroundings of a pedestrian that is drawn again: the other agents, the vehicle first, and the obstacles.
 
     Attributes:
         position: Centres in metres.
         goal: In metres.
-        radius: In metres; the vehicle's is around its whole body.
+        radius: In metres; for the vehicle, of a disc around its whole body.
         preferred_speed: In m/s.
         obstacles: Polygons in metres, NaN beyond the last corner of each.
     """
@@ -47,7 +47,7 @@ class Room:
 
     @classmethod
     def of(cls, world: World, row: int, without: Int[np.ndarray, "agent"]) -> Room:
-        """Return the room in one of several worlds, without some of its agents."""
+        """Return the surroundings in one world of a batch, without some of its agents."""
         others = world.present[row].copy()
         others[without] = False
         radius = world.radius[row].copy()
@@ -76,7 +76,7 @@ class Room:
         return not any(shapely.contains_xy(solid, *point) for solid in solids(self.obstacles))
 
     def find_route(self, start: Position, goal: Position, radius: float) -> np.ndarray | None:
-        """Return the waypoints `[waypoint, 2]` in metres of a disc's shortest path, None where there is no path."""
+        """Return the waypoints `[waypoint, 2]` in metres of a disc's shortest path; None if there is no path."""
         if not np.isfinite(self.obstacles).any():
             return np.empty((0, 2))
         placement = Placement(start[None], goal[None], obstacles=self.obstacles)
@@ -89,27 +89,27 @@ class Room:
 
 
 Respawn = Callable[..., Way | None]
-"""A function `(rng, room, radius, preferred_speed, position, **options) -> (start, goal)` that draws one person again.
+"""A function `(rng, room, radius, preferred_speed, position, **options) -> (start, goal)` that redraws one pedestrian.
 
-- `rng` is the random stream for this person and step, the only source of random numbers.
-- `room` is a `Room`, from whose people start and goal keep a distance.
-- `radius` and `preferred_speed` are the person's, in metres and in m/s.
-- `position` is where the person is, in metres, who only gets another goal; None for somebody new.
+- `rng` is the random stream for this pedestrian and step, the only source of random numbers.
+- `room` is a `Room`; start and goal must keep a distance from its agents.
+- `radius` and `preferred_speed` are the pedestrian's, in metres and in m/s.
+- `position` is the position in metres of a pedestrian that only gets another goal; None for a new pedestrian.
 - The options are the options of the layout.
 
-It returns None where it finds no room; the person walks on then, and is drawn again in the next step."""
+It returns None if there is no room. Then the pedestrian walks on, and is drawn again in the next step."""
 
 
 class LayoutWithRespawn:
-    """A layout that says itself how people and goals are drawn again; others place a crowd of one again and again.
+    """A layout with a function that draws pedestrians and goals again; other layouts place a crowd of one repeatedly.
 
     Args:
-        layout: Places the agents at the start.
-        again: Draws one of them again.
+        layout: The layout, which places the agents at the start.
+        again: The function that draws one pedestrian again.
     """
 
     def __init__(self, layout: Layout, again: Respawn) -> None:
-        functools.update_wrapper(self, layout)  # so that it shows the layout's options and docstring
+        functools.update_wrapper(self, layout)  # copies the layout's signature and docstring
         self.layout, self.again = layout, again
 
     def __call__(self, *args: Any, **options: Any) -> Placement:
@@ -120,7 +120,7 @@ class LayoutWithRespawn:
 def _respawn_by_layout(
     layout: LayoutCall, rng: np.random.Generator, room: Room, radius: float, speed: float, position: Position | None
 ) -> Way | None:
-    """Have a layout place the vehicle and one pedestrian until the latter is clear of all; see `Respawn`."""
+    """Call a layout for the vehicle and one pedestrian until the pedestrian is clear of all agents; see `Respawn`."""
     both = np.array([room.radius[0], radius]), np.array([room.preferred_speed[0], speed])
     for _ in range(TRIES):
         placement = check_shape(layout(rng, *both), 2)
@@ -132,14 +132,14 @@ def _respawn_by_layout(
 
 
 def draw_again(layout: LayoutCall, *arguments: Any) -> Way | None:
-    """Return the draw of a layout for one person, checked.
+    """Draw one pedestrian again by a layout, and check the result.
 
     Args:
         layout: The layout with its options.
         *arguments: Arguments of a `Respawn`.
 
     Raises:
-        InputError: It raises, or returns neither None nor two points.
+        InputError: The layout raises, or returns neither None nor two points.
     """
     draw = layout.function.again if isinstance(layout.function, LayoutWithRespawn) else None
     with plugin_errors("the layout raised"):

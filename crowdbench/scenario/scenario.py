@@ -1,4 +1,4 @@
-"""A scenario: what all its cases have in common, and how the start of each case is drawn."""
+"""A scenario: the constants of all its cases, and the random draw of the start of each case."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ from crowdbench.sim.simulator import PostStepRule, init_memories
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.toml import Location
 
-if TYPE_CHECKING:  # most scenarios have nobody recorded
+if TYPE_CHECKING:  # most scenarios have no recorded pedestrians
     from crowdbench.scenario.recorded import TrackedCrowd
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """Scenario, which makes worlds from case numbers. `crowdbench.scenario.load` reads it from a file.
+    """Scenario, a generator of worlds from case numbers. `crowdbench.scenario.load` reads it from a file.
 
     Attributes:
         name: Name of the scenario.
         source: Name of its file in error messages.
         rules: Constants of all cases.
-        seed: Every case has its own random stream, which depends on this seed, the split and the case number.
+        seed: Seed of the random streams. Each case has a stream that depends on seed, split and case number.
         vehicle: The vehicle's radius and speed.
         crowd: The pedestrians.
-        starts: How cases start: by a layout, as in CrowdNav++, or as people were recorded.
+        starts: Generator of the starts of cases: from a layout, as in CrowdNav++, or from recorded tracks.
         policies: The pedestrian policies by name.
-        table: The scenario in full, as it is written into results.
+        table: The complete table of the scenario, as written to results.
         digest: Twelve hexadecimal digits that change with the cases: see `crowdbench.scenario.load`.
-        certificates: Its certificates; None where there are none.
+        certificates: Certificates of its cases; None if there are none.
     """
 
     name: str
@@ -62,17 +62,17 @@ class Scenario:
 
     @functools.cached_property
     def post_step_rule(self) -> PostStepRule | None:
-        """Applied after each step: arrivals, respawn, goal changes; None where pedestrians only walk."""
+        """Rule applied after each step: arrivals, respawn, goal changes; None if pedestrians only walk."""
         return self.starts.post_step_rule(self.crowd)
 
     @property
     def tracks(self) -> TrackedCrowd | None:
-        """The recorded people who are its crowd, instead of a layout; None for a simulated crowd."""
+        """The recorded pedestrians that form the crowd; None for a simulated crowd."""
         return None if isinstance(self.starts, LayoutStarts) else self.starts
 
     @property
     def layout(self) -> LayoutCall | None:
-        """Places the agents of a case, with its options; None where people are recorded."""
+        """The layout that places the agents of a case, with its options; None if pedestrians are recorded."""
         return self.starts.layout if isinstance(self.starts, LayoutStarts) else None
 
     @property
@@ -107,7 +107,7 @@ class Scenario:
             A world per case, in the given order.
 
         Raises:
-            InputError: A layout has no room for a crowd, fails, or places what cannot be, or a policy makes no memory.
+            InputError: A layout has no room, raises, or returns an invalid placement, or a policy returns no memory.
         """
         keys = rng.case_keys(self.seed, split, cases)
         drawn = [
@@ -166,12 +166,12 @@ class Scenario:
         return init_memories(look(self.starts.complete(world, drawn, starts)), self.policies)
 
     def blocks(self, cases: Cases) -> Int[np.ndarray, "world"] | None:
-        """Return the block of recorded time of each case; None where nobody is recorded, so that cases are
-        independent."""
+        """Return the block of recorded time of each case; None if no pedestrians are recorded: then
+        cases are independent."""
         if self.tracks is None:
             return None
         return self.tracks.blocks(cases.split, cases.indices)
 
 
 _NOTHING = np.empty((0, 0, 2))
-"""The routes and the obstacles of a case without any."""
+"""The routes or the obstacles of a case that has none."""

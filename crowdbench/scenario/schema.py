@@ -1,7 +1,7 @@
 """The content of a scenario's TOML file: its tables, their keys, and the default of each key.
 
 The options of a layout are the keyword-only parameters of its function, the options of a pedestrian policy its
-`parameters`; the tables that hold them are made for the layout and the policies that a scenario names.
+`parameters`. The tables that contain them are created for the layout and the policies of a scenario.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from crowdbench.utils.toml import Flag, Name, Text, TomlTable, choice, integer, 
 Spec = TypeVar("Spec", bound=TomlTable)
 
 SHOWN, SHOWN_IN = 20, 100
-"""Planners are shown the nearest 20 pedestrians in scenarios with more than 100, and everybody in others."""
+"""Planners observe the nearest 20 pedestrians in scenarios with more than 100, and all pedestrians in others."""
 
 LAYOUT_KEYS = ("generator", "generator_file")
-"""Keys of `[layout]` beside the layout's options: its name, and in results the digest of its file."""
+"""Keys of `[layout]` in addition to the layout's options: its name, and in results the digest of its file."""
 
 MIN_SIZE = 1e-3
-"""Pedestrians' radii in metres and preferred speeds in m/s are no smaller than this."""
+"""Lower bound of pedestrians' radii in metres and of their preferred speeds in m/s."""
 
 
 class Size(Distribution):
@@ -45,7 +45,7 @@ class Size(Distribution):
 
 
 def quantity(default: float, least: float = 0.0) -> Any:
-    """Return the field of a `Distribution` with its value where it is left out, and the smallest value allowed."""
+    """Return the field of a `Distribution` with its default and the smallest allowed value."""
     return Field(
         default=default,
         validate_default=True,
@@ -85,7 +85,7 @@ class LayoutSpec(TomlTable, extra="allow"):
 
 
 class DynamicsSpec(TomlTable, extra="allow"):
-    """The key of `[vehicle]` that determines which other keys there are; see `scenario_spec`."""
+    """The key of `[vehicle]` that determines its other allowed keys; see `scenario_spec`."""
 
     dynamics: str = choice(DYNAMICS, default="holonomic")
 
@@ -102,7 +102,7 @@ class PoliciesSpec(TomlTable, extra="allow"):
 
 
 class NamesSpec(TomlTable, extra="allow"):
-    """The names in a scenario's file that determine which other keys it may hold; see `scenario_spec`."""
+    """The names in a scenario's file that determine its other allowed keys; see `scenario_spec`."""
 
     layout: LayoutSpec = table("layout")
     vehicle: DynamicsSpec = table("vehicle")
@@ -112,8 +112,8 @@ class NamesSpec(TomlTable, extra="allow"):
 class VehicleSpec(DynamicsSpec):
     """`[vehicle]`, to which `scenario_spec` adds the limits of the dynamics.
 
-    Radius, length and goal tolerance are in metres, the preferred speed in m/s. Without a length the vehicle is a disc,
-    without a goal tolerance it has arrived where its goal is nearer than its radius.
+    Radius, length and goal tolerance are in metres, the preferred speed in m/s. Without a length the vehicle is a disc.
+    Without a goal tolerance it has arrived when its goal is nearer than its radius.
     """
 
     visible: Flag = False
@@ -124,9 +124,9 @@ class VehicleSpec(DynamicsSpec):
 
 
 class PedestriansSpec(PoliciesSpec):
-    """`[pedestrians]`, with a table for each policy besides; see `scenario_spec`.
+    """`[pedestrians]`, with an additional table for each policy; see `scenario_spec`.
 
-    `number` is the least and the largest number of pedestrians.
+    `number` is the smallest and the largest number of pedestrians.
     """
 
     number: Annotated[
@@ -159,9 +159,9 @@ class PedestriansSpec(PoliciesSpec):
 
 
 class TracksSpec(TomlTable):
-    """`[tracks]`: recorded people in a scene, instead of a layout. Lengths are in metres.
+    """`[tracks]`: recorded pedestrians of a scene, instead of a layout. Lengths are in metres.
 
-    `files` has the sha256 of files of one's own; the digests of ETH/UCY and DUT are known.
+    `files` contains the sha256 of the user's files; the digests of ETH/UCY and DUT are built in.
     """
 
     scene: Name
@@ -170,7 +170,7 @@ class TracksSpec(TomlTable):
 
 
 class ScenarioSpec(TomlTable):
-    """The whole file. `dt` and `time_limit` are in seconds."""
+    """The complete file of a scenario. `dt` and `time_limit` are in seconds."""
 
     description: Text = ""
     dt: float = number(0.25, above=0.0, below=1.0)
@@ -186,9 +186,9 @@ class ScenarioSpec(TomlTable):
 
 
 def scenario_spec(layout: Layout, dynamics: str, parameters: Mapping[str, Mapping[str, float]]) -> type[ScenarioSpec]:
-    """Return the model of a whole file.
+    """Return the pydantic model of a complete file.
 
-    A limit of the vehicle that is infinite by default is None there.
+    A limit of the vehicle that is infinite by default is None in the model.
 
     Args:
         layout: The layout that the file names.
@@ -196,7 +196,7 @@ def scenario_spec(layout: Layout, dynamics: str, parameters: Mapping[str, Mappin
         parameters: By pedestrian policy, the defaults of its parameters.
 
     Raises:
-        InputError: As `layout_spec` does.
+        InputError: See `layout_spec`.
     """
     limits = {
         field.name: (float | None, number(None if field.default == math.inf else field.default, above=0.0, below=1e6))
@@ -220,10 +220,10 @@ def layout_spec(layout: Layout) -> type[LayoutSpec]:
     """Return `[layout]` with the options of one layout: its keyword-only parameters, of the types of their defaults.
 
     Args:
-        layout: The layout. Numbers with a fraction, which of a built-in layout are lengths, must not be negative there.
+        layout: The layout. Options of a built-in layout whose default is a float are lengths, and must not be negative.
 
     Raises:
-        InputError: An option has no default, or one of another type than TOML has, or the name of another key.
+        InputError: An option has no default, a default of a type that TOML lacks, or the name of another key.
     """
     options = {}
     for option in read_options(layout):
@@ -236,7 +236,7 @@ def layout_spec(layout: Layout) -> type[LayoutSpec]:
 
 
 def _option(option: Option, is_length: bool) -> tuple[Any, Any]:
-    """Return the type and the field of an option, by its default."""
+    """Return the type and the field of an option, derived from its default."""
     default = option.default
     if isinstance(default, float) and is_length:
         return float, number(default, least=0.0, below=1e6)
@@ -254,12 +254,12 @@ _OPTIONS: Mapping[type, tuple[Any, str]] = {kind: (kind, right) for kind, (_, ri
     list: (list[JsonValue], "a list"),
     dict: (dict[str, JsonValue], "a table"),
 }
-"""Allowed values of an option of a layout, by the type of its default: its type, and its name in errors."""
+"""Allowed values of a layout's option, by the type of its default: their type, and its name in error messages."""
 
 
 def _extended(base: type[Spec], fields: Mapping[str, tuple[Any, Any]]) -> type[Spec]:
-    """Return a table with further keys, given as types and fields, and no others."""
-    # Keys are aliases: as names of attributes, some would be in the way of pydantic's own.
+    """Return the model of a table with additional keys, given as types and fields. Other keys are refused."""
+    # Keys are aliases, because as names of attributes some would collide with attributes of pydantic.
     keys: dict[str, Any] = {
         f"key_{i}": (Annotated[kind, Field(alias=key)], field) for i, (key, (kind, field)) in enumerate(fields.items())
     }

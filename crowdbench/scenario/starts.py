@@ -1,4 +1,4 @@
-"""How cases start: who is there, where all start and go, and what becomes of them on the way."""
+"""Starts of cases: the pedestrians, the starts and goals of all agents, and the rule applied after each step."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.toml import Location
 
 TRIES = 1000
-"""Placements that are drawn until one keeps the vehicle's space clear."""
+"""Largest number of placements that are drawn until one keeps the vehicle's space clear."""
 
 CROWDNAV_TEST_SEED = 1000
 """CrowdNav draws test case c with NumPy's legacy generator, seeded with this number plus c."""
@@ -42,8 +42,8 @@ class Case(NamedTuple):
     Attributes:
         location: The scenario's file and the case, for errors.
         split: `train`, `val` or `test`.
-        number: The number by which it is drawn.
-        key: Start of its random streams.
+        number: Number of the case within its split.
+        key: Key of its random streams.
     """
 
     location: Location
@@ -57,9 +57,9 @@ class Start(NamedTuple):
 
     Attributes:
         traits: The pedestrians.
-        placement: Where all start and go.
-        group: The number of each one's group, -1 for who is alone.
-        drawn: How many numbers of its stream were drawn, where all of a case is drawn from one; -1 elsewhere.
+        placement: Starts and goals of all agents.
+        group: Group number of each pedestrian, -1 without a group.
+        drawn: Count of numbers drawn from its stream, if the whole case is drawn from one stream; otherwise -1.
     """
 
     traits: Traits
@@ -85,7 +85,7 @@ class LayoutStarts:
         return case.split == "test" and case.number < self.crowdnav_cases
 
     def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
-        """Draw the start of a case. Raises InputError where that cannot be."""
+        """Draw the start of a case. Raises InputError if that is impossible."""
         traits = crowd.draw(rng.generator(case.key, "crowd"))
         leader, group = np.arange(len(traits.radius)), np.full(len(traits.radius), -1)
         if crowd.groups:
@@ -111,7 +111,7 @@ class LayoutStarts:
                     answer = call_layout(radius, speed)
                 try:
                     placement = check_shape(answer, len(radius))
-                    # Before ways around obstacles are found, which takes longest.
+                    # Before the search for routes around obstacles, which takes longest.
                     if crowd.clear_space and _is_entered(crowd.clear_space, placement, vehicle, rules, walkers):
                         continue
                     placement = complete_placement(placement, radius)
@@ -123,25 +123,25 @@ class LayoutStarts:
             raise InputError(f"somebody is in the clear_space in all {TRIES} placements: make it smaller, or the crowd")
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
-        """Return worlds at their start, with what only these cases have."""
+        """Return worlds at their start, with additional data of these cases."""
         return world
 
     def post_step_rule(self, crowd: Crowd) -> simulator.PostStepRule | None:
-        """Return what is applied after each step; None where pedestrians only walk."""
+        """Return the rule applied after each step; None if pedestrians only walk."""
         if crowd.arrival == "walk_on" and crowd.goal_change is None:
             return None
         return LayoutPostStepRule(crowd, self.layout)
 
 
 def _is_entered(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:
-    """Return whether somebody starts in the clear space, judged by the vehicle's middle disc, whose place needs no
-    heading."""
+    """Return whether a pedestrian starts in the clear space of the vehicle's middle disc, whose position does not
+    depend on the heading."""
     start = placement.start
     return 0.0 in rules.body and space.is_entered(start[:1], start[1:], people.radius, vehicle.radius)
 
 
 def _is_clear(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:
-    """Return whether nobody starts in the clear space of the vehicle, or so that they soon touch as they set out."""
+    """Return whether no pedestrian starts in the clear space, or on a course on which it soon touches the vehicle."""
     start, goal = placement.start, placement.goal
     velocity = velocities_ahead(start, goal, placement.route, np.append(vehicle.speed, people.preferred_speed))
     heading = math.atan2(velocity[0, 1], velocity[0, 0])
@@ -150,7 +150,7 @@ def _is_clear(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: 
 
 
 def seed_legacy(seed: int) -> np.random.MT19937:
-    """Return the bits of NumPy's legacy generator."""
+    """Return the bit generator of NumPy's legacy random state."""
     legacy = np.random.MT19937()
     legacy._legacy_seeding(seed)
     return legacy

@@ -1,5 +1,5 @@
-"""Stand-ins for layouts and pedestrian policies whose files are not at hand: the table of a scenario says all of them
-that its digest depends on, so that it can be checked without them.
+"""Stand-ins for layouts and pedestrian policies whose files are not available. The digest of a scenario depends only
+on its table, so that it can be checked without these files.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from crowdbench.utils.errors import InputError
 
 
 def unseen_layout(options: Mapping[str, Any]) -> Callable[..., Any]:
-    """Return a layout with these options, which draws nothing. Raises InputError where an option can have no such name.
+    """Return a layout with these options that draws nothing. Raises InputError if the name of an option is invalid.
 
     Args:
-        options: Their values, of which each is taken for the default.
+        options: Their values by name, which become their defaults.
     """
 
     def layout() -> None:

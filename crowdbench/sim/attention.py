@@ -1,11 +1,11 @@
-"""Which pedestrians notice the vehicle, and which of them adapt to it: an assumed model of attention. Compiled.
+"""An assumed model of attention: which pedestrians notice the vehicle, and which of them adapt to it. Compiled.
 
-A pedestrian notices the vehicle when it has been in its field of view, not behind walls, for the delay of
-`crowdbench.core.types.Attention`, and keeps it in mind for `MEMORY` afterwards. One who has noticed it adapts, by its
-own reaction, where the vehicle would otherwise come near. `World.memory` keeps the state.
+A pedestrian notices the vehicle after it has been in its field of view, not behind walls, for the delay of
+`crowdbench.core.types.Attention`, and remembers it for `MEMORY` seconds. Then it adapts, according to its reaction, if
+the vehicle would otherwise come near. `World.memory` contains the state.
 
-Sources: field of view and range are of Moussaïd et al. (2011), the delay of Rio et al. (2014), and the distance of
-closest approach below which people adapt of Olivier et al. (2012). All other numbers are assumptions.
+Sources: Moussaïd et al. (2011) for field of view and range, Rio et al. (2014) for the delay, and Olivier et al. (2012)
+for the distance of closest approach below which people adapt. All other numbers are assumptions.
 """
 
 from __future__ import annotations
@@ -31,41 +31,41 @@ HALF_FIELD, HALF_FIELD_DISTRACTED = math.radians(75.0), math.radians(25.0)
 """Half the field of view in radians, around the direction of walking; the second one while looking away."""
 
 MEMORY = 5.0
-"""A noticed vehicle is kept in mind for so many seconds after it was last in view."""
+"""Seconds for which a noticed vehicle is remembered after it was last in view."""
 
 CLOSE = 1.0
-"""Pedestrians adapt where the predicted distance of closest approach between the centres is below this, in metres. For
-a vehicle that is larger than a person it grows by the difference of the radii."""
+"""Pedestrians adapt if the predicted distance of closest approach between the centres is below this, in metres. For a
+vehicle that is larger than a person, it increases by the difference of the radii."""
 
 LATE = 1.5
-"""Those who yield late adapt so many seconds before the closest approach."""
+"""Seconds before the closest approach at which pedestrians that yield late adapt."""
 
 LOOKS_AWAY, PERIOD = 4.0, 10.0
-"""Distracted pedestrians look away for so many seconds in each period of so many seconds."""
+"""Seconds for which distracted pedestrians look away in each period, and length of a period in seconds."""
 
 CLEARANCE = 0.2
 """Pedestrians who adapt keep this distance between rims, in metres: the discomfort distance of Chen et al. (2019)."""
 
 STANDS = 0.2
-"""Below this speed in m/s the vehicle stands, and all who have noticed it walk around it."""
+"""Speed in m/s below which the vehicle stands. All pedestrians that have noticed it then walk around it."""
 
 INTEREST, STAND_OFF = 8.0, 1.2
-"""Attracted pedestrians approach the vehicle for so many seconds, up to this distance between rims in metres."""
+"""Seconds for which attracted pedestrians approach the vehicle, and their distance to it between rims in metres."""
 
 _REACTION, _PHASE = purpose_bits("reaction to the vehicle"), purpose_bits("distraction")
 
 
 class AttentionState(NamedTuple):
-    """The state of attention, as `World.memory` keeps it.
+    """The state of attention in `World.memory`.
 
     Attributes:
-        person: The person it is of; -1 before the first step.
+        person: The person with this state; -1 before the first step.
         reaction: One of `REACTIONS`, by index.
         phase: The time in seconds at which a distracted pedestrian first looks away; NaN for others.
         facing: The direction of walking, in radians.
-        in_view: For how many seconds the vehicle has been in view; -1 where it is not.
-        remaining: For how many seconds the pedestrian keeps the vehicle in mind; 0 where it has not noticed it.
-        known: For how many seconds the pedestrian has kept the vehicle in mind.
+        in_view: Seconds for which the vehicle has been in view; -1 if it is not.
+        remaining: Seconds for which the pedestrian will remember the vehicle; 0 if it has not noticed it.
+        known: Seconds for which the pedestrian has remembered the vehicle.
     """
 
     person: Int[np.ndarray, "world pedestrian"]
@@ -78,7 +78,7 @@ class AttentionState(NamedTuple):
 
 
 def init_attention(world: World) -> AttentionState:
-    """Return the state of pedestrians who have not noticed anything."""
+    """Return the state of pedestrians that have not noticed the vehicle."""
     persons = np.full(world.person.shape, -1)
     return AttentionState(persons, np.zeros_like(persons), *np.zeros((5, *persons.shape)))
 
@@ -90,11 +90,11 @@ def update_attention(
 
     Args:
         world: The worlds as they are now, in which the vehicle is the smallest disc around its body.
-        intended: The velocities in m/s that pedestrians would take if the vehicle were not there.
+        intended: The velocities in m/s that pedestrians would take without the vehicle.
         state: The state after the step before.
 
     Returns:
-        Which pedestrians adapt to the vehicle in this step, and the state.
+        A mask of the pedestrians that adapt to the vehicle in this step, and the new state.
     """
     attention, dt = world.rules.attention, world.rules.dt
     assert attention is not None
@@ -131,7 +131,7 @@ def adapted_view(world: World, state: AttentionState) -> World:
 @no_type_check
 @njit(error_model="numpy")
 def _update(adapts, traits, intended, key, step, position, velocity, ahead, radius, present, person, obstacles, *state):
-    """Fill who adapts, and update the fields of `AttentionState`; `ahead` has local goals `[world, agent, 2]`."""
+    """Fill `adapts`, and update the fields of `AttentionState`; `ahead` contains local goals `[world, agent, 2]`."""
     known_person, reaction, phase, facing, in_view, remaining, known = state
     ignores, yields_late, attracted, distracted, delay, dt = traits
     for w in range(len(key)):

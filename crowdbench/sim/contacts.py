@@ -1,12 +1,12 @@
-"""Contacts of the vehicle with pedestrians: whose part in it was how large, and how fast they were.
+"""Contacts of the vehicle with pedestrians: the vehicle's share in them, and the relative speed.
 
 The vehicle's share in a contact is
 
     phi = D_v / (D_v + D_p),  D_v = integral of max(0, v_v . n),  D_p = integral of max(0, -v_p . n)
 
-over the last second before it, or since the start or since the person came, where that is later. n is the unit vector
-from the nearest point of the vehicle's body to the person, v_v the velocity of this point, v_p that of the person. So
-phi says which part of the approach was the vehicle's, and braking in the last moment does not change much in it.
+over the last second before the contact, or since the start or the arrival of the person, if that is later. n is the
+unit vector from the nearest point of the vehicle's body to the person, v_v the velocity of this point, v_p that of the
+person. Thus phi is the vehicle's part of the approach. Braking in the last moment changes it little.
 """
 
 from __future__ import annotations
@@ -25,37 +25,37 @@ WINDOW = 1.0
 """Seconds before a contact over which the shares are measured."""
 
 SAMPLES = 64
-"""Times in the window at which it is looked, in the middles of equal parts."""
+"""Number of sampled times in the window, in the middles of equal parts."""
 
 STANDING = 0.05
-"""A vehicle whose path in the window is shorter stands, in metres."""
+"""Length in metres of the path in the window below which the vehicle stands."""
 
 UNDETERMINED = 0.01
-"""Where both together came nearer by less, in metres, nobody has a share."""
+"""Sum of both approaches in metres below which the share is undetermined."""
 
 LITTLE, MUCH = 0.1, 0.9
-"""A vehicle with a smaller share than the one was struck, and with a larger one than the other it alone drove."""
+"""Share below which the vehicle was struck, and share above which only the vehicle approached."""
 
 BEHIND = np.cos(np.radians(120.0))
 """Cosine of 120 degrees: pedestrians at larger angles from the vehicle's heading are behind it."""
 
 SAME_TIME = 1e-9
-"""Contacts that are not further apart than so many steps are at the same time."""
+"""Largest time difference of simultaneous contacts, in steps."""
 
 
 class Fault(enum.IntEnum):
-    """Kind of a contact: the first that holds."""
+    """Kind of a contact: the first one whose condition is true."""
 
     NONE = -1
     """There was no contact."""
     STRUCK_STANDING = 0
     """It stood: its path in the window was under 5 cm."""
     STRUCK_BEHIND = 1
-    """Its share is under 0.1, and who struck it was behind it."""
+    """The vehicle's share is under 0.1, and the pedestrian was behind it."""
     STRUCK = 2
     """Its share is under 0.1."""
     ALONE = 3
-    """Its share is over 0.9; also where it drove into an obstacle."""
+    """The vehicle's share is over 0.9, or it drove into an obstacle."""
     BOTH = 4
     """Both came nearer."""
     UNDETERMINED = 5
@@ -66,12 +66,12 @@ _Numbers = Float[np.ndarray, "touch"]
 
 
 class Contacts(NamedTuple):
-    """The contact of each world, of several at the same time that in which the vehicle's share is largest.
+    """The contact of each world; of simultaneous contacts, the one with the largest share of the vehicle.
 
     Attributes:
         fault: Kind of the contact, a `Fault`.
-        share: The vehicle's share phi, from 0 to 1; NaN without contact and where it is undetermined.
-        agent: Index of the pedestrian as an agent; 0 where there was no contact with a pedestrian.
+        share: The vehicle's share phi, from 0 to 1; NaN without contact, or if it is undetermined.
+        agent: Index of the pedestrian as an agent; 0 without contact with a pedestrian.
         speed: Relative speed of the two in m/s; NaN without contact with a pedestrian.
         saw: True if the pedestrian saw the vehicle.
     """
@@ -89,7 +89,7 @@ class _Touches(NamedTuple):
     Attributes:
         row: The row of each in the trace.
         agent: Index of the pedestrian as an agent.
-        time: When they touched, in steps.
+        time: Time of the touch in steps.
     """
 
     row: Int[np.ndarray, "touch"]
@@ -102,7 +102,7 @@ def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Co
 
     Args:
         trace: The episodes.
-        row: The rows of the trace that are looked at; all if None. Of others it says that there was no contact.
+        row: The rows of the trace to evaluate; all if None. Other rows are returned without a contact.
     """
     n = len(trace)
     fault, share, speed = np.full(n, Fault.NONE), np.full(n, np.nan), np.full(n, np.nan)
@@ -114,7 +114,7 @@ def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Co
         return contacts
     touches = _first_touches(trace, row)
     share, fault, speed = _attribute(trace, touches)
-    # The last of several in a world counts.
+    # Of several contacts in a world, the last one is kept: the one with the largest share.
     order = np.argsort(np.nan_to_num(share, nan=-1.0), kind="stable")
     row, agent = touches.row[order], touches.agent[order]
     contacts.fault[row], contacts.share[row], contacts.speed[row] = fault[order], share[order], speed[order]
@@ -127,7 +127,7 @@ def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Co
 def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> _Touches:
     """Return the first touches in the last step of episodes that ended in a collision with a pedestrian.
 
-    Where nobody touches the vehicle but for rounding, it is the one who came nearest.
+    If no pedestrian touches the vehicle because of rounding errors, the nearest pedestrian counts as touching.
     """
     ends = np.stack([trace.steps[row] - 1, trace.steps[row]], axis=1)
     position, person = trace.position[row[:, None], ends], trace.person[row[:, None], ends]
@@ -154,11 +154,11 @@ def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> _Touches:
 
 
 def _attribute(trace: Trace, touches: _Touches) -> tuple[_Numbers, Int[np.ndarray, "touch"], _Numbers]:
-    """Return the vehicle's share in each touch, what it did (a `Fault`), and the relative speed at the touch in m/s."""
+    """Return the vehicle's share in each touch, its kind (a `Fault`), and the relative speed at the touch in m/s."""
     row, agent, time = touches
     length = _window(trace, touches)
     parts = length[:, None] * (np.arange(SAMPLES) + 0.5) / SAMPLES
-    # The touch itself comes first.
+    # The first sample is the touch.
     at = time[:, None] - np.concatenate([np.zeros((len(row), 1)), parts], axis=1)
     step = np.clip(np.floor(at).astype(int), 0, trace.steps[row][:, None] - 1)
     step[:, 0] = trace.steps[row] - 1
@@ -194,14 +194,13 @@ def _attribute(trace: Trace, touches: _Touches) -> tuple[_Numbers, Int[np.ndarra
 
 
 def _integrate(values: Float[np.ndarray, "touch sample"], seconds: _Numbers) -> _Numbers:
-    """Return the integral over the window of values, the first of which are at the touch and do not count."""
-    # One after the other, so that a sum does not depend on how many there are.
+    """Return the integral of samples over the window, without the first sample, which is at the touch."""
+    # Summed one after the other, so that a sum does not depend on the number of touches.
     return np.cumsum(values[:, 1:], axis=1)[:, -1] * seconds
 
 
 def _window(trace: Trace, touches: _Touches) -> _Numbers:
-    """Return the length of the window before each touch in steps: a second, or less where the person was not there
-    before."""
+    """Return the length of the window before each touch in steps: a second, or less if the person arrived later."""
     row, agent, time = touches
     most = WINDOW / trace.rules.dt
     last = trace.steps[row] - 1

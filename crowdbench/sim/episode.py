@@ -3,8 +3,8 @@
 The simulator calls `check_step` for the vehicle of each world. Environments (for pedestrians as agents) and the
 lookahead (for predicted steps) call `step_outcome`.
 
-A vehicle on wheels drives an arc, which is swept disc by disc and chord by chord, so that no point of it is off by more
-than a millimetre. A holonomic vehicle is a disc that moves straight.
+A vehicle on wheels drives an arc. The check sweeps each of its discs along chords of the arc, with an error of at most
+a millimetre. A holonomic vehicle is a disc that moves straight.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ class StepCheck(NamedTuple):
 
     Attributes:
         outcome: An `Outcome`.
-        gap: Smallest distance in metres between the vehicle's rim and a pedestrian's in the step; infinite where
-            there are no pedestrians.
-        wall_gap: The same to the obstacles; infinite where there are none.
+        gap: Smallest distance in metres between the vehicle's rim and a pedestrian's in the step; infinite without
+            pedestrians.
+        wall_gap: Smallest distance in metres between the vehicle's rim and the obstacles; infinite without obstacles.
     """
 
     outcome: Int[np.ndarray, "world"]
@@ -42,16 +42,16 @@ class StepCheck(NamedTuple):
 @no_type_check
 @njit
 def check_step(rules, before, after, check):
-    """Find out whether a step ended the episode, and how close the vehicle came to pedestrians and obstacles in it.
+    """Compute the outcome of a step, and the smallest distances of the vehicle to pedestrians and obstacles in it.
 
-    - Time-out: it is the last step of `Rules.max_steps`, whatever else happens in it.
-    - Collision: a disc of the vehicle overlaps that of a pedestrian during the step. Under the rule `swept` both move
-      as they really did; under `crowdnav` the pedestrian moves with its velocity from before the step, as in CrowdNav.
+    - Time-out: it is the last step of `Rules.max_steps`, regardless of collisions or arrival in it.
+    - Collision: a disc of the vehicle overlaps that of a pedestrian during the step. Under the rule `swept` both have
+      their actual motion; under `crowdnav` the pedestrian moves with its velocity from before the step, as in CrowdNav.
     - Collision with a wall: a disc of the vehicle overlaps an obstacle during the step.
     - Success: after the step, the vehicle's position is nearer to its goal than `Rules.goal_tolerance`.
 
-    Under the rule `crowdnav_plus`, that of CrowdNav++ (Liu et al. 2023), nothing moves: collisions and arrival are
-    those at the positions before the step, so that nobody notices what overlaps between two steps.
+    Under the rule `crowdnav_plus` of CrowdNav++ (Liu et al. 2023), collisions and arrival are checked only at the
+    positions before the step. Overlaps between two steps are not detected.
 
     The first of these that applies is the outcome, in CrowdNav's order.
 
@@ -136,7 +136,7 @@ def step_outcome(gap, wall_gap, dx, dy, tolerance, is_last):
     Args:
         gap (float): Smallest distance in metres between its rim and another agent's during the step.
         wall_gap (float): The same to the obstacles.
-        dx (float): x of the way from its centre to its goal after the step, in metres.
+        dx (float): x of the vector from its centre to its goal after the step, in metres.
         dy (float): Its y.
         tolerance (float): Distance in metres to its goal below which it has arrived.
         is_last (bool): True if this is the last step of the time limit.
@@ -164,7 +164,7 @@ def gaps_on_arc(body, heading, speed, turn_rate, dt, discs, obstacles):
     Compiled, for one world.
 
     Args:
-        body (array): Where the centres of its discs are, in metres ahead of its position.
+        body (array): The centres of its discs, in metres ahead of its position.
         heading (float): Its heading before the step in radians.
         speed (float): Its speed during the step in m/s.
         turn_rate (float): Its turn rate during the step in rad/s.
@@ -173,13 +173,13 @@ def gaps_on_arc(body, heading, speed, turn_rate, dt, discs, obstacles):
         obstacles (array): `[polygon, corner, 2]`, in metres, NaN after the last corner.
 
     Returns:
-        gap (float): To pedestrians, in metres; negative where discs overlap, infinite without pedestrians.
-        wall_gap (float): To obstacles, likewise.
+        gap (float): To pedestrians, in metres; negative if discs overlap, infinite without pedestrians.
+        wall_gap (float): To obstacles, in metres; negative if they overlap, infinite without obstacles.
     """
     position, motion = discs.position, discs.motion
     x, y = position[0, 0], position[0, 1]
     number = chords(speed, turn_rate, max(abs(body[0]), abs(body[-1])), dt)
-    # By hand: numba takes seconds to compile expressions of arrays.
+    # In loops, because numba takes seconds to compile array expressions.
     begin, chord = np.empty(position.shape), np.empty(motion.shape)
     on_chord = Discs(begin, chord, discs.radius, discs.counts)
     for agent in range(1, len(position)):
@@ -211,8 +211,8 @@ def stopping_gap(body, deceleration, x, y, vx, vy, heading, radius, obstacles):
     A vehicle that cannot stop in front of a wall is in an inevitable collision state (Fraichard and Asama 2004).
 
     Args:
-        body (array): Where the centres of its discs are, in metres ahead of its position.
-        deceleration (float): How hard it can brake, in m/s^2; infinite if it can stop at once.
+        body (array): The centres of its discs, in metres ahead of its position.
+        deceleration (float): Largest deceleration in m/s^2; infinite if it can stop at once.
         x (float): x of its position in metres.
         y (float): Its y.
         vx (float): x of its velocity in m/s.
@@ -222,7 +222,7 @@ def stopping_gap(body, deceleration, x, y, vx, vy, heading, radius, obstacles):
         obstacles (array): `[polygon, corner, 2]`, in metres, NaN after the last corner.
 
     Returns:
-        gap (float): In metres; negative where it would hit an obstacle.
+        gap (float): In metres; negative if it would hit an obstacle.
     """
     gap = math.inf
     if deceleration == math.inf:

@@ -16,9 +16,9 @@ from crowdbench.utils.threads import share
 
 
 def in_blocks(work: Callable[[int, int], None], items: int, least: int, most: int) -> None:
-    """Divide items into blocks, and do them in the threads of a pool where there are enough items.
+    """Divide items into blocks, and process them in the threads of a pool if there are enough items.
 
-    Bits do not depend on the blocks where kernels compute each item by itself. Kernels release Python's lock.
+    Results do not depend on the blocks if kernels compute each item independently. Kernels release Python's lock.
 
     Args:
         work: Called with the first item of each block, and with the one after its last.
@@ -37,10 +37,10 @@ def in_blocks(work: Callable[[int, int], None], items: int, least: int, most: in
 
 
 class FlatKernel:
-    """A kernel of named tuples, which Python calls with their fields, one after the other.
+    """Kernel of named tuples that Python calls with the fields of the tuples as arguments.
 
-    numba takes about a microsecond to receive a named tuple of arrays. Given as such, the arguments of a step would
-    take a third of its time in one world.
+    numba takes about a microsecond to receive a named tuple of arrays. Passed as named tuples, the arguments of a step
+    would take a third of its time in one world.
 
     Attributes:
         compiled: The kernel that takes the fields.
@@ -79,14 +79,14 @@ def per_agent(value: float | np.ndarray) -> Shaped[np.ndarray, "_ _"]:
 
 @functools.cache
 def _number(value: float) -> Shaped[np.ndarray, "1 1"]:
-    # Cached, because making this array takes as long as a kernel does for one world.
+    # Cached, because creating this array takes as long as a kernel call for one world.
     return np.full((1, 1), value, np.float64)
 
 
 @no_type_check
 @njit
 def at(array, w, i):
-    """Return one agent's value in an array that `per_agent` made.
+    """Return one agent's value in an array of `per_agent`.
 
     Args:
         array (array): The array.

@@ -1,5 +1,4 @@
-"""Straight lines from the vehicle: visible pedestrians, where the beams of a lidar end, distances to walls.
-Compiled.
+"""Straight lines from the vehicle: visible pedestrians, beams of a lidar, distances to walls. Compiled.
 
 Obstacles are polygons `[polygon, corner, 2]` in metres, NaN after the last corner, of which only the edges count.
 """
@@ -20,7 +19,7 @@ from crowdbench.utils.compiled import njit
 @no_type_check
 @njit(error_model="numpy")
 def is_hidden(seen, position, radius, present, obstacles):
-    """Return whether walls and other people hide an agent from the vehicle. Compiled.
+    """Return whether walls and other pedestrians hide an agent from the vehicle. Compiled.
 
     It is hidden if none of three points can be seen from the vehicle's position: its centre, and the two ends of its
     diameter across the line of sight.
@@ -29,7 +28,7 @@ def is_hidden(seen, position, radius, present, obstacles):
         seen (int): Index of the agent.
         position (array): `[agent, 2]`, the vehicle's first, in metres.
         radius (array): `[agent]`, in metres.
-        present (array): `[agent]`; agents that are not present hide nobody.
+        present (array): `[agent]`; agents that are not present do not hide others.
         obstacles (array): `[polygon, corner, 2]`, in metres.
 
     Returns:
@@ -51,7 +50,7 @@ def is_hidden(seen, position, radius, present, obstacles):
 @no_type_check
 @njit(error_model="numpy")
 def _is_behind_people(dx, dy, seen, position, radius, present):
-    """Return whether a line from the vehicle, which ends at (dx, dy) from it, meets the disc of another agent than
+    """Return whether the line from the vehicle to the relative position (dx, dy) meets the disc of an agent except
     `seen`."""
     squared = dx * dx + dy * dy
     for a in range(1, len(radius)):
@@ -79,7 +78,7 @@ def share_to_walls(x, y, dx, dy, obstacles):
             ax, ay = polygon[k, 0] - x, polygon[k, 1] - y
             ex, ey = polygon[(k + 1) % corners, 0] - x - ax, polygon[(k + 1) % corners, 1] - y - ay
             turn = dx * ey - dy * ex
-            # An edge along the line would show its end only.
+            # An edge parallel to the line is not hit, except at its end.
             if turn == 0.0:
                 continue
             share, on_edge = (ax * ey - ay * ex) / turn, (ax * dy - ay * dx) / turn
@@ -97,10 +96,10 @@ def measure_all_beams(heading, position, radius, present, obstacles, reach, dist
         heading (array): `[world]`, direction of the first beam in radians; the others follow counter-clockwise.
         position (array): `[world, agent, 2]`, in metres.
         radius (array): `[world, agent]`, in metres.
-        present (array): `[world, agent]`; agents that are not present stop no beam.
+        present (array): `[world, agent]`; agents that are not present do not stop beams.
         obstacles (array): `[world, polygon, corner, 2]`, in metres.
         reach (float): The longest distance in metres.
-        distance (array): `[world, beam]`, filled: to the first person or edge in metres, `reach` without one.
+        distance (array): `[world, beam]`, filled: to the nearest pedestrian or edge in metres, `reach` without one.
     """
     near = np.empty(radius.shape[1], np.int64)
     for w in range(len(heading)):

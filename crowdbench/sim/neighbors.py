@@ -1,9 +1,9 @@
 """The neighbours of an agent: the nearest others within its reach, among all or from cells. Compiled.
 
-Both searches find the same neighbours in the same order: by distance, and where distances are equal by index.
+Both searches find the same neighbours in the same order: by distance, and by index if distances are equal.
 
-The cells are squares of a grid, as the cell lists of molecular dynamics. An agent looks through the square of cells
-around it, ring by ring, until the others are too far away.
+The cells are squares of a grid, as in the cell lists of molecular dynamics. The search covers the cells around an
+agent, ring by ring, until the remaining cells are too far away.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from crowdbench.sim.obstacles import touches_in_step
 from crowdbench.utils.compiled import njit
 
 CELLS_FROM = 128
-"""Worlds with at least this many agents get cells. In smaller ones it takes no longer to look at all."""
+"""Smallest number of agents of a world with cells. In smaller worlds, a search among all agents takes no longer."""
 
 _PER_CELL = 2.0
 """Agents of a cell, on average. With 5 the search takes a tenth longer, with 1 as long."""
 
 _SPREAD = 1.8
-"""Half the length of the grid in standard deviations of the positions: a little more than for agents that are evenly
-spread. Agents farther away count to the cell at the border, so that a few cannot make the cells large."""
+"""Half the length of the grid in standard deviations of the positions: slightly more than for evenly spread agents.
+Agents farther away belong to the cell at the border, so that a few outliers do not enlarge the cells."""
 
 _SLACK = 1e-6
 """Tolerance of rounding, in lengths of a cell."""
@@ -38,8 +38,8 @@ class Cells(NamedTuple):
     Attributes:
         corner: The lowest corner of the grid in metres.
         length: Length of a cell's side in metres.
-        size: Columns and rows of the grid: 1 and 1 where nobody is seen, or a position is not finite.
-        first: Where each cell begins in `member`; cells are counted by rows.
+        size: Columns and rows of the grid: 1 and 1 if no agent is seen, or a position is not finite.
+        first: Index in `member` at which each cell begins; cells are counted by rows.
         member: Indices of the agents, by cells.
         point: Positions of these agents in metres.
     """
@@ -94,7 +94,7 @@ def _fill_cells(begin, end, position, seen, corner, length, size, first, member,
                 first[w, cell_of[j] + 1] += 1
         for cell in range(columns * rows):
             first[w, cell + 1] += first[w, cell]
-        # Backwards, so that each cell's beginning ends up as its end did before, and its agents are in their order.
+        # Backwards: `first` moves from the end of each cell to its beginning, and the agents keep their order.
         for k in range(agents):
             j = agents - 1 - k
             if at(seen, w, j):
@@ -109,7 +109,7 @@ def _fill_cells(begin, end, position, seen, corner, length, size, first, member,
 @no_type_check
 @njit
 def _lay(w, position, seen, corner, length):
-    """Lay the grid of world w over those that are seen.
+    """Lay the grid of world w over the agents that are seen.
 
     Args:
         w: Index of the world.
@@ -119,7 +119,7 @@ def _lay(w, position, seen, corner, length):
         length: `[world]`, of which element w is filled, in metres.
 
     Returns:
-        The number of those who are seen, and of columns and rows. One cell holds all where a position is not finite.
+        The numbers of seen agents, columns and rows. One cell contains all agents if a position is not finite.
     """
     n = 0
     low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
@@ -155,10 +155,10 @@ def _lay(w, position, seen, corner, length):
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
 def _index(distance, length, number):
-    """Return the index of the column or row at a distance from the grid's corner, the nearest one beyond the border.
+    """Return the index of the column or row at a distance from the grid's corner, clipped to the grid.
 
     Args:
-        distance: In metres; not finite only where there is one cell.
+        distance: In metres; not finite only if there is one cell.
         length: Length of a cell's side in metres.
         number: Number of columns or rows.
     """
@@ -168,13 +168,13 @@ def _index(distance, length, number):
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
 def insert_sorted(j, squared, n, limit, neighbor, distance):
-    """Insert somebody into a sorted list: by distance, and where distances are equal by index.
+    """Insert an item into a list sorted by distance, and by index if distances are equal.
 
     Args:
-        j (int): The index; if the list is full, of somebody who comes before its last one.
+        j (int): Index of the item; if the list is full, it must come before the last one.
         squared (float): The squared distance.
         n (int): Length of the list.
-        limit (int): Its largest length, above 0: the last one falls out of a full list.
+        limit (int): Its largest length, above 0; the last item of a full list is dropped.
         neighbor (array): The indices.
         distance (array): The squared distances.
 
@@ -201,7 +201,7 @@ def find_neighbors(begin, end, position, moves, cells, avoidance, obstacles, nei
         moves (array): True if the agent has neighbours, read by `at`.
         cells (Cells): The cells of the agents.
         avoidance (tuple): The fields of `crowdbench.sim.pedestrians.orca.Avoidance`.
-        obstacles (array): `[world, polygon, corner, 2]`, in metres; one world's may stand for all.
+        obstacles (array): `[world, polygon, corner, 2]`, in metres; or the array of one world for all.
         neighbor (array): `[agent * most]`, filled: indices of the neighbours of each agent, nearest first.
         number (array): `[agent]`, filled: how many there are.
     """
@@ -242,11 +242,11 @@ def nearest_in_cells(w, i, position, cells, reach, limit, polygons, neighbor, di
     Returns:
         n (int): The number of neighbours.
     """
-    n = np.int64(0)  # a literal would have `insert_sorted` compiled twice
+    n = np.int64(0)  # with a literal, `insert_sorted` would be compiled twice
     if limit == 0:
         return n
     corner, length, size, first, member, point = cells
-    # The one that is the first too far away to be a neighbour: among those that are equally far, by its index.
+    # The bound on neighbours: their squared distance, and their index if distances are equal.
     farthest, last = reach * reach, -1
     x, y, side, columns, rows = position[w, i, 0], position[w, i, 1], length[w], size[w, 0], size[w, 1]
     to_x, to_y = x - corner[w, 0], y - corner[w, 1]
@@ -278,7 +278,7 @@ def nearest_in_cells(w, i, position, cells, reach, limit, polygons, neighbor, di
                     n = insert_sorted(j, squared, n, limit, neighbor, distance)
                     if n == limit:
                         farthest, last = distance[n - 1], neighbor[n - 1]
-        # How far away the nearest cells are that are left, on each of the four sides where there are some.
+        # Distance to the nearest remaining cells on each of the four sides, infinite if there are none.
         west = to_x - left * side if left > 0 else np.inf
         east = (right + 1) * side - to_x if right < columns - 1 else np.inf
         south = to_y - bottom * side if bottom > 0 else np.inf

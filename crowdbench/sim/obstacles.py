@@ -1,4 +1,4 @@
-"""Moving discs among obstacles: gaps, sight, and how pedestrians slide along walls. Compiled, for one world.
+"""Moving discs among obstacles: gaps, lines of sight, and sliding along walls. Compiled, for one world.
 
 Obstacles are polygons `[polygon, corner, 2]` in metres, NaN after the last corner. Two corners are a wall that can be
 touched from both sides, three or more are solid.
@@ -15,7 +15,7 @@ _TOUCHING = 1e-9
 """Discs whose gap to a wall is below this, in metres, touch it."""
 
 _SLIDES = 4
-"""How often a disc can meet another wall in a step; what is left of its motion then is lost."""
+"""Largest number of contacts of a disc with walls in a step; the rest of its motion is lost."""
 
 
 @no_type_check
@@ -34,8 +34,7 @@ def wall_gap_in_step(x, y, dx, dy, radius, obstacles):
         obstacles (array): `[polygon, corner, 2]`, in metres.
 
     Returns:
-        gap (float): In metres, negative where the disc overlaps an obstacle, at least -radius; infinite without
-            obstacles.
+        gap (float): In metres, negative if the disc overlaps an obstacle, at least -radius; infinite without obstacles.
     """
     return _least_distance(x, y, dx, dy, obstacles, -1.0) - radius
 
@@ -43,8 +42,7 @@ def wall_gap_in_step(x, y, dx, dy, radius, obstacles):
 @no_type_check
 @njit(error_model="numpy", nogil=True)
 def touches_in_step(x, y, dx, dy, radius, obstacles):
-    """Return whether a disc touches obstacles while it moves straight: where `wall_gap_in_step` is not positive.
-    Compiled.
+    """Return whether a disc touches obstacles while it moves straight: `wall_gap_in_step` is not positive. Compiled.
 
     Args:
         x (float): x of its centre before the motion, in metres.
@@ -60,7 +58,7 @@ def touches_in_step(x, y, dx, dy, radius, obstacles):
 @no_type_check
 @njit(error_model="numpy", nogil=True)
 def _least_distance(x, y, dx, dy, obstacles, enough):
-    """Return the smallest distance in metres between a motion and obstacles, or one that is no larger than `enough`."""
+    """Return the smallest distance in metres between a motion and obstacles, or any distance of at most `enough`."""
     least = math.inf
     for polygon in obstacles:
         corners = number_of_corners(polygon)
@@ -82,7 +80,7 @@ def _least_distance(x, y, dx, dy, obstacles, enough):
 @no_type_check
 @njit(error_model="numpy")
 def _are_apart(x, y, dx, dy, ax, ay, bx, by, distance):
-    """Return whether the rectangles around a motion and the segment from a to b are surely farther apart than that."""
+    """Return whether the rectangles around a motion and the segment from a to b are farther apart than `distance`."""
     across = max(min(ax, bx) - max(x, x + dx), min(x, x + dx) - max(ax, bx), 0.0)
     along = max(min(ay, by) - max(y, y + dy), min(y, y + dy) - max(ay, by), 0.0)
     return across * across + along * along > distance * distance * (1.0 + 1e-9) + 1e-18
@@ -154,10 +152,10 @@ def _squared_to_segment(x, y, ax, ay, bx, by):
 @no_type_check
 @njit(error_model="numpy")
 def slide(x, y, dx, dy, radius, obstacles):
-    """Return the position at which a disc arrives that cannot pass walls. Compiled.
+    """Return the position of a disc after a motion in which it cannot pass walls. Compiled.
 
-    Where its rim touches a wall, it loses the part of the motion that leads into the wall and goes on along it. A disc
-    that overlaps a wall can move along the wall and away from it.
+    If its rim touches a wall, it loses the component of the motion into the wall and slides along it. A disc that
+    overlaps a wall can move along the wall and away from it.
 
     Args:
         x (float): x of its centre before the motion, in metres.
@@ -168,7 +166,7 @@ def slide(x, y, dx, dy, radius, obstacles):
         obstacles (array): `[polygon, corner, 2]`, in metres.
 
     Returns:
-        touched (bool): True if a wall was in the way.
+        touched (bool): True if the disc touched a wall.
         x (float): x of its centre after the motion, in metres.
         y (float): Its y.
     """
@@ -210,12 +208,12 @@ def _first_touch(x, y, dx, dy, radius, obstacles):
 @no_type_check
 @njit(error_model="numpy")
 def _touch_of_edge(x, y, dx, dy, radius, ax, ay, bx, by):
-    """Return the touch as `_first_touch` does, for the edge from a to b."""
+    """Return the result of `_first_touch` for the edge from a to b only."""
     px, py = nearest_on_segment(x, y, ax, ay, bx, by)
     nx, ny = x - px, y - py
     distance = math.sqrt(nx * nx + ny * ny)
     if distance < radius + _TOUCHING:
-        # A centre on the wall itself has no side, and may go anywhere.
+        # A centre exactly on the wall has no side, and may move in all directions.
         if distance > 0.0 and dx * nx + dy * ny < -_TOUCHING * distance:
             return 0.0, nx / distance, ny / distance
         return 1.0, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""People who come and go at the times at which they were recorded."""
+"""Pedestrians that appear and disappear at their recorded times."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from crowdbench.core.types import World
 
 
 def track_at(world: World, step: Int[np.ndarray, "world"]) -> Float[np.ndarray, "world pedestrian 2"]:
-    """Return where recorded people were.
+    """Return the positions of recorded pedestrians.
 
     Args:
         world: The worlds.
-        step: At which step of each.
+        step: The step of each world.
 
     Returns:
-        Positions in metres; NaN for those who were not there, and after the last step.
+        Positions in metres; NaN for absent pedestrians, and after the last step.
     """
     last = world.track.shape[1] - 1
     position = world.track[np.arange(len(world)), np.minimum(step, last)]
@@ -27,17 +27,17 @@ def track_at(world: World, step: Int[np.ndarray, "world"]) -> Float[np.ndarray, 
 
 
 def come_and_go(world: World, running: Bool[np.ndarray, "world"]) -> World:
-    """Return worlds in which those are present who were recorded at this step.
+    """Return worlds in which the pedestrians recorded at this step are present.
 
-    A new pedestrian stands at its recorded position, without a history. Nobody comes in where the vehicle is: they
-    come as soon as they were recorded elsewhere. A pedestrian that leaves is not present any more.
+    A new pedestrian appears at its recorded position, without a history. If it would overlap the vehicle, it appears at
+    its first recorded position without overlap. A pedestrian that leaves is no longer present.
 
     Args:
-        world: Worlds of recorded people after a step, in which those are present who were so before the step.
-        running: Which of them are still running; the others stay as they are.
+        world: Worlds of recorded pedestrians after a step, with the presence before the step.
+        running: Mask of the running worlds; the others do not change.
 
     Returns:
-        The worlds with presence, position, velocity and history of those who come and go.
+        The worlds with the new presence, positions, velocities and histories.
     """
     now = track_at(world, world.step)
     before = world.present[:, 1:]

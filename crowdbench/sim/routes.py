@@ -1,4 +1,4 @@
-"""Routes: which waypoint an agent heads for, and new routes for agents that have lost sight of theirs. Compiled."""
+"""Routes: the next waypoint of each agent, and new routes for agents without a waypoint in sight. Compiled."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Routes = Float[np.ndarray, "world agent waypoint 2"]
 Rerouted = Float[np.ndarray, "world agent waypoint_after 2"]
 
 SIGHT_GAP = 0.01
-"""A waypoint is in sight where the straight way to it passes all walls with this gap, in metres."""
+"""Smallest gap in metres between walls and the straight path to a waypoint that is in sight."""
 
 REACH = 1.0
-"""In a world without obstacles, where all waypoints are in sight, a waypoint is reached at this distance in metres."""
+"""Distance in metres at which a waypoint is reached in a world without obstacles, where all waypoints are in sight."""
 
 
 def goals_on_way(world: World) -> AgentPoints:
@@ -56,19 +56,19 @@ def follow_routes(
     obstacles: Walls,
     present: AgentFlags,
 ) -> tuple[Rerouted, AgentInts]:
-    """Return the routes of agents after a step, and the waypoint that each heads for next.
+    """Return the routes of agents after a step, and the next waypoint of each agent.
 
-    An agent among obstacles that sees no point of its route, because others have pushed it off, takes the shortest way
-    from where it is. Without a way that is wide enough it keeps its route.
+    An agent that was pushed off its route, so that no point of it is in sight, gets the shortest path from its
+    position. It keeps its route if no path is wide enough.
 
     Args:
-        position: As `next_waypoints` has it, and so have the following.
+        position: Centres in metres; see `next_waypoints`.
         goal: Goals in metres.
         route: Waypoints in metres.
-        waypoint: AgentInts of waypoints.
-        radius: AgentNumbers in metres.
+        waypoint: Index of the current waypoint of each agent.
+        radius: Radii in metres.
         obstacles: Polygons in metres.
-        present: True if the agent is there.
+        present: True if the agent is present.
     """
     following, lost = next_waypoints(position, goal, route, waypoint, radius, obstacles)
     if not (lost & present).any():
@@ -76,14 +76,14 @@ def follow_routes(
     route = route.copy()
     for w, agent in np.argwhere(lost & present).tolist():
         start, end, size = position[w, agent, None], goal[w, agent, None], radius[w, agent, None]
-        with contextlib.suppress(InputError):  # no way is wide enough
+        with contextlib.suppress(InputError):  # no path is wide enough
             route = with_route(route, w, agent, find_routes(start, end, size, obstacles[w])[0])
             following[w, agent] = 0
     return route, following
 
 
 def with_route(route: Routes, row: int, agent: int, points: Float[np.ndarray, "point 2"]) -> Rerouted:
-    """Give one agent other waypoints, in metres: in this array, or in a longer one where they have no room."""
+    """Replace the waypoints of one agent, in metres: in this array, or in a longer one if they do not fit."""
     if (longer := len(points) - route.shape[2]) > 0:
         route = np.pad(route, [(0, 0), (0, 0), (0, longer), (0, 0)], constant_values=np.nan)
     route[row, agent] = np.nan
@@ -99,23 +99,23 @@ def next_waypoints(
     radius: AgentNumbers,
     obstacles: Walls,
 ) -> tuple[AgentInts, AgentFlags]:
-    """Return the waypoint that each agent heads for next, and which agents have none in sight.
+    """Return the next waypoint of each agent, and a mask of the agents without one in sight.
 
-    Among obstacles it is the last one of the route that is in sight, the goal included: a disc of the agent's radius
-    could go straight there. Where there is none, as beside a wall, it is the last one to which no wall crosses the line
-    from the agent's centre, and else it does not change. Without obstacles it is the first one that the agent has not
+    Among obstacles it is the last point of the route in sight, the goal included: a disc of the agent's radius could
+    move straight to it. If there is none, as beside a wall, it is the last point to which no wall crosses the line from
+    the agent's centre; otherwise it does not change. Without obstacles it is the first waypoint that the agent has not
     reached.
 
     Args:
         position: Centres in metres.
         goal: Goals in metres.
         route: Waypoints on the way to the goal, in metres, NaN after the last one.
-        waypoint: Index of the waypoint that each agent has been heading for.
-        radius: AgentNumbers in metres.
+        waypoint: Index of the current waypoint of each agent.
+        radius: Radii in metres.
         obstacles: Polygons in metres, NaN after the last corner.
 
     Returns:
-        Indices of waypoints, the number of waypoints of the route for the goal; and who has none in sight.
+        Indices of waypoints (for the goal, the number of waypoints of the route), and the mask.
     """
     lost = np.zeros(waypoint.shape, np.bool_)
     if not route.shape[2] and not obstacles.shape[1]:

@@ -1,6 +1,6 @@
 """The vehicle's sensor: makes observations of worlds. `sight` stores the measurements of limited sight.
 
-Where there are more pedestrians than a planner could use, it is shown the nearest ones.
+If there are more pedestrians than `Sensor.nearest`, an observation contains only the nearest ones.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def observe(
         world: The worlds as they are now.
         row: Number of each world in the batch as it started; counted from 0 if None.
         future: The pedestrians' next velocities in m/s, for privileged planners only.
-        logs: Receives what the planner logs.
+        logs: Receives the values that the planner logs.
 
     Returns:
         The observation. Its arrays are copies, so that a planner cannot change the world.
@@ -70,12 +70,12 @@ def with_nearest(obs: Observation, number: int | None) -> Observation:
 
     Args:
         obs: The observation.
-        number: How many pedestrians there are in the new one, if the old one has more; all if None.
+        number: Largest number of pedestrians in the new observation; all if None.
 
     Returns:
-        The observation of those whose centres are nearest to the vehicle's position, of two at the same distance the
-        one that comes first. They are in the same order as before. Unseen pedestrians only fill the rows of a world in
-        which fewer are seen.
+        The observation of the pedestrians whose centres are nearest to the vehicle's position; at the same distance,
+        the first one is kept. Their order does not change. Unseen pedestrians only fill the rows of a world in which
+        fewer are seen.
     """
     crowd = obs.pedestrians
     if number is None or number >= crowd.seen.shape[1]:
@@ -88,7 +88,7 @@ def with_nearest(obs: Observation, number: int | None) -> Observation:
 
 
 def _take(array: np.ndarray, index: Int[np.ndarray, "world nearest"], is_over_time: bool) -> np.ndarray:
-    """Return the rows of some pedestrians, in an array of its own."""
+    """Return a copy of the rows of some pedestrians."""
     row = np.arange(len(index))[:, None]
     return array[row, :, index].swapaxes(1, 2).copy() if is_over_time else array[row, index]
 
@@ -135,7 +135,7 @@ def _tracked(world: World) -> Pedestrians:
 
 
 def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:
-    """Return the seconds since each pedestrian was where it was last measured, infinite where it is not seen.
+    """Return the age in seconds of each pedestrian's last measurement, infinite if the pedestrian is not seen.
 
     Args:
         world: Worlds with limited sight.
@@ -155,7 +155,7 @@ def beams(world: World, lidar: Lidar) -> Float[np.ndarray, "world beam"]:
 @no_type_check
 @njit
 def _see(seen, step, since, observed, age):
-    """Return how many positions of each pedestrian were observed, and how long ago it was seen.
+    """Fill the number of observed positions of each pedestrian, and the time since it was last seen.
 
     Compiled, because in one world NumPy would take half as long for this as for the rest of an observation.
 
@@ -164,7 +164,7 @@ def _see(seen, step, since, observed, age):
         step: `[world]`, steps done so far.
         since: `[world, pedestrian]`, the step after which the pedestrian came.
         observed: `[world, pedestrian]`, filled: positions that were really observed, at most `HISTORY`.
-        age: `[world, pedestrian]`, filled: 0 s where the pedestrian is seen, infinite where it never was.
+        age: `[world, pedestrian]`, filled: 0 s if the pedestrian is seen, infinite otherwise.
     """
     for w in range(len(step)):
         for p in range(seen.shape[1]):

@@ -1,13 +1,13 @@
-"""Measurements of a vehicle with limited sight, step by step: measurements, and tracks made of them.
+"""Measurements of a vehicle with limited sight in each step, and tracks computed from them.
 
 `World.sight` has these arrays; a measurement is x, y, vx, vy and radius of a pedestrian.
 
-- `sent` `[world, delay, pedestrian, 5]`: measurements on their way, the oldest first, NaN where there is none; `sender`
-  `[world, delay, pedestrian]`: the person in each place then, -1 where there was none.
-- `person` `[world, pedestrian]`: the person whose track it is, -1 before the first one.
-- `state` `[world, pedestrian, 5]`: the last measurement, moved on at constant velocity since; padding where the
-  pedestrian is neither seen nor remembered.
-- `unseen` `[world, pedestrian]`: steps since the last measurement; -1 where it is neither seen nor remembered.
+- `sent` `[world, delay, pedestrian, 5]`: delayed measurements that have not arrived, the oldest first, NaN without one;
+  `sender` `[world, delay, pedestrian]`: the person of each column at the measurement, -1 if absent.
+- `person` `[world, pedestrian]`: the person of each track, -1 before the first one.
+- `state` `[world, pedestrian, 5]`: the last measurement, extrapolated at constant velocity; padding if the pedestrian
+  is neither seen nor remembered.
+- `unseen` `[world, pedestrian]`: steps since the last measurement; -1 if it is neither seen nor remembered.
 - `observed` `[world, pedestrian]`, `history` `[world, time, pedestrian, 2]` and `filled` `[world, time, pedestrian]` as
   in `crowdbench.core.types.Pedestrians`.
 """
@@ -49,16 +49,16 @@ class Tracks(NamedTuple):
 
 
 def look(world: World) -> World:
-    """Let the vehicles look around, once in each step.
+    """Update the measurements of the vehicles' sensors, once in each step.
 
-    Noise and missed detections follow from case, step and person. They are drawn from the key of the case, which
-    planners do not see.
+    Noise and missed detections are determined by case, step and person. They are drawn from the key of the case, which
+    is not part of observations.
 
     Args:
-        world: The worlds as they are now; with the `sight` of the step before, or empty at the start.
+        world: The current worlds; `sight` is that of the step before, or empty at the start.
 
     Returns:
-        The worlds with their new `sight`. Worlds whose vehicles see everybody exactly and at once stay as they are.
+        The worlds with their new `sight`. Worlds with exact sensors without limits or delay do not change.
     """
     if world.rules.sensor.sees_all:
         return world
@@ -76,7 +76,7 @@ def look(world: World) -> World:
 
 
 def _nothing(world: World) -> dict[str, np.ndarray]:
-    """Return the sight of vehicles that have never looked."""
+    """Return the sight of vehicles before the first measurement."""
     worlds, pedestrians = world.person.shape
     delay = world.rules.sensor.steps_delayed(world.rules.dt)
     return {
@@ -111,7 +111,7 @@ def _measure(measured, reach, least_cosine, occlusion, position_noise, velocity_
         measured: `[world, pedestrian, 5]`, filled with measurements.
         reach: Largest distance in metres between the rims of the vehicle and of a person that is seen.
         least_cosine: Smallest cosine of the angle between the heading and a person that is seen.
-        occlusion: True if walls and other people hide persons.
+        occlusion: True if walls and other pedestrians hide pedestrians.
         position_noise: Standard deviation in metres.
         velocity_noise: Standard deviation in m/s.
         missed: Probability that a person is not detected.
@@ -147,12 +147,12 @@ def _measure(measured, reach, least_cosine, occlusion, position_noise, velocity_
 def _track(measured, sender, dt, remembered, *tracks):
     """Continue the tracks by the measurements that arrive in a step.
 
-    A measured person after a gap has the gap in its history filled on the line from its last measured position. Another
-    person in the same place has a track of its own.
+    If a person is measured again after a gap, linear interpolation from its last measured position fills the gap in its
+    history. Another person in the same column starts a new track.
 
     Args:
-        measured: `[world, pedestrian, 5]`, NaN where none arrives.
-        sender: `[world, pedestrian]`, the person in each place when it was measured, -1 where there was none.
+        measured: `[world, pedestrian, 5]`, NaN if none arrives.
+        sender: `[world, pedestrian]`, the person of each column at the measurement, -1 if absent.
         dt: Length of a step in seconds.
         remembered: For how many steps a person is remembered.
         *tracks: The fields of `Tracks`, which are changed.
@@ -195,7 +195,7 @@ def _track(measured, sender, dt, remembered, *tracks):
 @no_type_check
 @njit
 def _forget(w, p, state, unseen, observed, history, filled):
-    """Make a pedestrian one that is not seen, in the arrays of `_track`."""
+    """Reset a pedestrian to unseen in the arrays of `_track`."""
     for k in range(5):
         state[w, p, k] = PADDING[k]
     unseen[w, p], observed[w, p] = -1, 0

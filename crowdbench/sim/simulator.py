@@ -24,39 +24,39 @@ from crowdbench.sim.sight import look
 from crowdbench.utils.compiled import njit
 
 PostStepRule = Callable[[World, Bool[np.ndarray, "world"]], World]
-"""Applied after each step: arrivals, respawn, goal changes. A function of the worlds and of which are still running.
+"""Rule applied after each step: arrivals, respawn, goal changes. Arguments: the worlds, a mask of the running ones.
 
 See `crowdbench.scenario.post_step_rule`.
 """
 
 
 BLIND, ATTENTION = "without the vehicle", "attention"
-"""Where a world's memory holds what policies remember of a crowd in which nobody sees the vehicle, and where it holds
-the state of the pedestrians' attention."""
+"""Keys of a world's memory: the policies' memories for a crowd in which no pedestrian sees the vehicle, and the state
+of the pedestrians' attention."""
 
 
 def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Velocities:
-    """Return the velocities of `crowd_decisions`, for worlds that go no further."""
+    """Return the velocities of `crowd_decisions`, for worlds that are not simulated further."""
     return crowd_decisions(world, policies)[0]
 
 
 def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> tuple[Velocities, World]:
     """Return the decisions of the pedestrians' policies: velocities and memories.
 
-    Policies are asked only here, in a world in which an invisible vehicle is not `present`. There a visible one is the
-    smallest disc around its body. With a model of attention, policies are asked once with the vehicle and once without,
-    and remember both by themselves.
+    Policies are queried only here. In their input, an invisible vehicle is not `present`, and a visible one is the
+    smallest disc around its body. With a model of attention, policies are queried once with the vehicle and once
+    without it, with a separate memory for each.
 
     Args:
         world: The worlds as they are now.
         policies: The scenario's policies by name.
 
     Returns:
-        A velocity in m/s per pedestrian, by the pedestrian's own policy, and the worlds with the memories of the
-        policies and the attention after this decision.
+        A velocity in m/s per pedestrian, computed by its policy, and the worlds with the memories of the policies and
+        the state of attention after this decision.
 
     Raises:
-        InputError: A policy raises an exception, does not return a finite velocity per pedestrian, or no memory.
+        InputError: A policy raises an exception, or does not return a finite velocity per pedestrian or a memory.
     """
     view = _policy_view(world)
     if not has_attention(world.rules):
@@ -107,7 +107,7 @@ def has_attention(rules: Rules) -> bool:
 
 
 def _query_policies(view: World, policies: Mapping[str, PedestrianPolicy]) -> tuple[Velocities, dict[str, Memory]]:
-    """Return the velocities in m/s that policies ask for, each pedestrian's own, and by policy what they remember."""
+    """Return each pedestrian's velocity in m/s, computed by its policy, and the memory of each policy by name."""
     velocities, memories = [], {}
     for name, policy in policies.items():
         velocity, memory = query_policy(policy, name, view)
@@ -118,7 +118,7 @@ def _query_policies(view: World, policies: Mapping[str, PedestrianPolicy]) -> tu
 
 
 def _policy_view(world: World) -> World:
-    """Return worlds as policies see them."""
+    """Return worlds as input of the policies."""
     return with_bounding_disc(world) if world.rules.visible else _without_vehicle(world)
 
 
@@ -166,14 +166,14 @@ def step(
 ) -> tuple[World, StepCheck]:
     """Simulate one step, for rollouts and for environments.
 
-    Motion and the check of how it ended, then what becomes of people, and the vehicle's look around.
+    The parts are: motion, check of the outcome, post-step rule, and measurement of the vehicle's sensor.
 
-    The simulator limits speeds only here: an agent that is faster than its preferred speed is slowed down to it. In a
-    run the `Driver` has rejected such commands of a planner before. The vehicle's other limits are enforced too, and
-    the limits of pedestrians in `Rules.walking`: where they leave no room to keep apart, people overlap.
+    The simulator limits speeds only here, to the preferred speed of each agent. In a run, the `Driver` has already
+    rejected faster commands of a planner. The vehicle's other limits and the limits of pedestrians in `Rules.walking`
+    are enforced too. Pedestrians overlap if these limits prevent avoidance.
 
-    Pedestrians cannot pass walls: whose rim touches one goes on along it, and has the velocity that this took. The
-    vehicle is not stopped, because its episode ends there.
+    Pedestrians cannot pass walls: they slide along a wall that their rim touches, and have the velocity of this motion.
+    The vehicle is not stopped by walls, because a collision ends its episode.
 
     Args:
         world: The worlds before the step.
@@ -182,14 +182,14 @@ def step(
         post_step_rule: Applied to the worlds that are still running, if given.
 
     Returns:
-        The worlds one step later, and what the check of the step found.
+        The worlds one step later, and the result of the check.
     """
     after, check = move(world, command, crowd)
     return finish_step(after, check, post_step_rule), check
 
 
 def move(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[World, StepCheck]:
-    """Return the first part of a step: motion, and the check of how it ended; see `step`."""
+    """Compute the first part of a step: motion, and check of the outcome; see `step`."""
     after, check = advance(world, command, crowd)
     routes, sizes = (world.goal, world.route, world.waypoint), (world.radius, world.obstacles, world.present)
     route, waypoint = follow_routes(after.position, *routes, *sizes)
@@ -197,7 +197,7 @@ def move(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities)
 
 
 def finish_step(after: World, check: StepCheck, post_step_rule: PostStepRule | None) -> World:
-    """Return the second part of a step: what becomes of people, and the vehicle's look around.
+    """Compute the second part of a step: post-step rule, and measurement of the vehicle's sensor.
 
     Args:
         after: The worlds after the first part.
@@ -208,7 +208,7 @@ def finish_step(after: World, check: StepCheck, post_step_rule: PostStepRule | N
 
 
 def walk(world: World, crowd: Velocities, post_step_rule: PostStepRule | None) -> World:
-    """Simulate one step in which the vehicle stands and nothing is checked.
+    """Simulate one step without a check, in which the vehicle stands.
 
     Args:
         world: The worlds before the step.
@@ -223,8 +223,7 @@ def walk(world: World, crowd: Velocities, post_step_rule: PostStepRule | None) -
 
 
 def limit_velocities(world: World, crowd: Velocities) -> Velocities:
-    """Return the velocities in m/s that pedestrians take in the next step, of those in m/s that their policies ask
-    for."""
+    """Return the velocities in m/s of pedestrians in the next step, from those in m/s that their policies request."""
     return advance(world, np.zeros((len(world), 2)), crowd)[0].velocity[:, 1:]
 
 
@@ -244,7 +243,7 @@ def advance(world: World, command: Float[np.ndarray, "world 2"], crowd: Velociti
 
 @no_type_check
 def _step(rules, before, commands, after, check):
-    """Compute the motion and the check of a step: to enter a kernel takes as long as what it does in one world."""
+    """Compute motion and check of a step in one kernel: a kernel call takes as long as the work in one world."""
     move_agents(rules, before, commands, after)
     _slide_pedestrians(rules.dt, before, after)
     check_step(rules, before, after, check)
@@ -252,7 +251,7 @@ def _step(rules, before, commands, after, check):
 
 @no_type_check
 def _step_in_the_open(rules, before, commands, after, check):
-    """Compute the same for discs without walls, which most scenarios have: it is compiled in half the time."""
+    """Compute `_step` for discs without walls, as in most scenarios: this kernel compiles in half the time."""
     move_agents(rules, before, commands, after)
     check_disc(rules, before, after, check)
 
@@ -263,7 +262,7 @@ _step, _step_in_the_open = FlatKernel(_step, *STEP), FlatKernel(_step_in_the_ope
 @no_type_check
 @njit
 def _slide_pedestrians(dt, before, after):
-    """Let pedestrians whose rims touch walls go on along them."""
+    """Let pedestrians slide along the walls that their rims touch."""
     worlds, agents = before.radius.shape
     last = before.history.shape[1] - 1
     for w in range(worlds):
@@ -280,7 +279,7 @@ def _slide_pedestrians(dt, before, after):
 @no_type_check
 @njit(inline="always")
 def move_agents(rules, before, commands, after):
-    """Move all agents, limit their speeds and how these change, and update heading and history."""
+    """Move all agents, limit their speeds and accelerations, and update heading and history."""
     worlds, agents = before.radius.shape
     dt, length = rules.dt, before.history.shape[1]
     for w in range(worlds):

@@ -1,8 +1,8 @@
-"""The shortest ways of discs around obstacles, over a visibility graph (Lozano-Pérez and Wesley 1979).
+"""Shortest paths of discs around obstacles, over a visibility graph (Lozano-Pérez and Wesley 1979).
 
-A way keeps some clearance from every corner. Around each corner lies a regular polygon outside the circle that the
-centre of the disc must not enter; the vertices of these polygons are the nodes of the graph, and two nodes are joined
-where the straight line between them enters no such circle and crosses no wall.
+A path keeps a clearance from every corner: the centre of the disc must not enter a circle around it. The vertices of a
+regular polygon around each circle are the nodes of the graph. Two nodes are joined if the straight line between them
+enters no circle and crosses no wall.
 """
 
 from __future__ import annotations
@@ -26,34 +26,34 @@ from crowdbench.utils.errors import InputError
 Points = Float[np.ndarray, "point 2"]
 
 CLEARANCE = 0.2
-"""Distance in metres that a way keeps between an agent's rim and the corners of obstacles, where there is room."""
+"""Distance in metres between an agent's rim and the corners of obstacles on a path, if the gap is wide enough."""
 
 LEAST_CLEARANCE = 0.02
-"""The same in a gap that is too narrow for more. Through a narrower gap leads no way."""
+"""Smallest clearance in metres, in narrow gaps. No path leads through a narrower gap."""
 
 SPACING = 1.0
 """Waypoints are at most this far apart, in metres."""
 
 SIDES = 16
-"""Sides of the polygon around a corner. A way half around a corner is longer than the arc by 1.3 %."""
+"""Sides of the polygon around a corner. A path half around a corner is longer than the arc by 1.3 %."""
 
 _TOLERANCE = 1e-6
 
 
 def find_routes(start: Agents, goal: Agents, radius: PerAgent, obstacles: Polygons) -> WayPoints:
-    """Return the waypoints of each agent on its shortest way to its goal.
+    """Return the waypoints of each agent on its shortest path to its goal.
 
     Args:
-        start: Where each agent starts, in metres.
-        goal: Where each agent is going, in metres.
+        start: Start of each agent in metres.
+        goal: Goal of each agent in metres.
         radius: Radii in metres.
         obstacles: Polygons in metres, NaN beyond the last corner of each; two corners are a wall.
 
     Returns:
-        Waypoints in metres, at most `SPACING` apart, NaN beyond the last one of an agent, which is before its goal.
+        Waypoints in metres, at most `SPACING` apart, without the goal, NaN after the last one of an agent.
 
     Raises:
-        InputError: No way leads an agent to its goal.
+        InputError: An agent has no path to its goal.
     """
     routes: list[Float[np.ndarray, "waypoint 2"]] = [np.empty((0, 2))] * len(start)
     for size in np.unique(radius):
@@ -73,7 +73,7 @@ def find_routes(start: Agents, goal: Agents, radius: PerAgent, obstacles: Polygo
 
 
 def who(agent: int) -> str:
-    """Return what an agent is called in errors."""
+    """Return the name of an agent in error messages."""
     return "the vehicle" if agent == 0 else f"pedestrian {agent}"
 
 
@@ -96,7 +96,7 @@ def nearest_on(edges: Float[np.ndarray, "edge 2 2"], points: Points) -> Float[np
 
     Args:
         edges: Both ends of each edge in metres.
-        points: Agents in metres.
+        points: The points in metres.
 
     Returns:
         In metres.
@@ -107,7 +107,7 @@ def nearest_on(edges: Float[np.ndarray, "edge 2 2"], points: Points) -> Float[np
 
 
 def _add_marks(start: Agents, goal: Agents, routes: Sequence[np.ndarray]) -> WayPoints:
-    """Return routes with waypoints at most `SPACING` apart, so that an agent pushed off its way sees one of them."""
+    """Return routes with waypoints at most `SPACING` apart, so that an agent pushed off its route has one in sight."""
     marked = []
     for agent, corners in enumerate(routes):
         points = np.concatenate([start[agent, None], corners, goal[agent, None]])
@@ -122,13 +122,13 @@ def _add_marks(start: Agents, goal: Agents, routes: Sequence[np.ndarray]) -> Way
 
 @dataclass(frozen=True)
 class _Roadmap:
-    """The corners of all obstacles, as an agent of one size must avoid them, and the ways between them.
+    """The corners of all obstacles with their clearances for agents of one radius, and the paths between them.
 
     Attributes:
         edges: The edges of all obstacles.
-        point: Where the corners are, in metres.
+        point: The corners in metres.
         keep: Distance in metres that the centre of the agent keeps from each.
-        angle: Direction in radians that a side of the polygon around each faces.
+        angle: Direction in radians of the normal of one side of the polygon around each corner.
         least: Distance in metres that waypoints keep from all edges.
     """
 
@@ -141,8 +141,8 @@ class _Roadmap:
     def free(self, start: Float[np.ndarray, "line 2"], end: Float[np.ndarray, "line 2"]) -> Bool[np.ndarray, "line"]:
         """Return whether the agent can go straight from one point to another.
 
-        An end that is nearer to a corner than agents keep from it must be reached all the same: then the way must not
-        come any nearer.
+        An end of the line inside the clearance of a corner is permitted, but then the rest of the line must not come
+        nearer to this corner.
         """
         free = np.empty(len(start), bool)
         _fill_free(start, end, self.point, self.keep - _TOLERANCE, self.edges, free)
@@ -166,7 +166,7 @@ class _Roadmap:
 
 @functools.lru_cache(maxsize=32)
 def _roadmap(obstacles: bytes, shape: tuple[int, ...], radius: float) -> _Roadmap:
-    """Return the roadmap of an agent; kept, because most layouts have the same obstacles in all cases.
+    """Return the roadmap of an agent; cached, because most layouts have the same obstacles in all cases.
 
     Args:
         obstacles: The bytes of polygons in metres, in double precision.
@@ -182,7 +182,7 @@ def _roadmap(obstacles: bytes, shape: tuple[int, ...], radius: float) -> _Roadma
     distance = norm(offset)
     corner, edge = np.nonzero((distance > _TOLERANCE) & (distance < most))
     between = (points[corner] + nearest[corner, edge]) / 2
-    # The space between two edges of one polygon may be the polygon.
+    # The space between two edges of one polygon may be its inside.
     inside = norm(nearest_on(edges, between) - between[:, None]).min(axis=1, initial=np.inf) < _TOLERANCE
     for solid in solids(polygon):
         inside |= shapely.contains_xy(solid, between)
@@ -198,7 +198,7 @@ def _roadmap(obstacles: bytes, shape: tuple[int, ...], radius: float) -> _Roadma
 
 
 def _go_around(start: Agents, goal: Agents, roadmap: _Roadmap) -> list[Float[np.ndarray, "waypoint 2"] | None]:
-    """Return the waypoints of agents of one size that cannot go straight, None for an agent without a way."""
+    """Return the waypoints of agents of one size that cannot go straight, None for an agent without a path."""
     node = roadmap.nodes
     n, agents = len(node), len(start)
     point = np.concatenate([node, start, goal])
@@ -206,7 +206,7 @@ def _go_around(start: Agents, goal: Agents, roadmap: _Roadmap) -> list[Float[np.
     ends = np.stack(np.meshgrid(np.arange(n), np.r_[starts, goals]), axis=2).reshape(-1, 2)
     ends = ends[roadmap.free(point[ends[:, 0]], point[ends[:, 1]])]
     lines = np.concatenate([roadmap.lines, ends])
-    # Lines lead from nodes to goals and from starts to nodes, so that no way leads over somebody else's start or goal.
+    # Lines lead from nodes to goals and from starts to nodes, so that no path leads over another agent's start or goal.
     lines = np.concatenate([lines[~np.isin(lines[:, 1], starts)], lines[~np.isin(lines[:, 1], goals), ::-1]])
     length = norm(point[lines[:, 1]] - point[lines[:, 0]])
     graph = coo_array((length, tuple(lines.T)), shape=(len(point), len(point))).tocsr()
@@ -217,7 +217,7 @@ def _go_around(start: Agents, goal: Agents, roadmap: _Roadmap) -> list[Float[np.
 def _trace_back(
     point: Points, before: Int[np.ndarray, "point"], start: int, goal: int
 ) -> Float[np.ndarray, "waypoint 2"] | None:
-    """Return the points between a start and a goal, found backwards from the goal; None where it was not reached."""
+    """Return the points between a start and a goal, in order, traced back from the goal; None if it was not reached."""
     waypoints = []
     at = before[goal]
     while at != start:
@@ -231,7 +231,7 @@ def _trace_back(
 @no_type_check
 @njit(error_model="numpy")
 def _fill_free(start, end, corner, keep, edges, free):
-    """Fill `free`, as `_Roadmap.free` says; `keep` has the distance to keep from each corner in metres."""
+    """Fill `free` as defined by `_Roadmap.free`; `keep` contains the distance to keep from each corner in metres."""
     for line in range(len(start)):
         ax, ay = start[line]
         x, y = end[line, 0] - ax, end[line, 1] - ay
@@ -242,7 +242,7 @@ def _fill_free(start, end, corner, keep, edges, free):
             share = min(max((px * x + py * y) / length, 0.0), 1.0) if length > 0.0 else 0.0
             to_start, to_end = px * px + py * py, (px - x) ** 2 + (py - y) ** 2
             nearest = (px - share * x) ** 2 + (py - share * y) ** 2
-            # An end of the line itself is never too near.
+            # The ends of the line may be inside the clearance.
             if nearest < min(keep[k] * keep[k], to_start - _TOLERANCE, to_end - _TOLERANCE):
                 free[line] = False
                 break

@@ -1,6 +1,6 @@
-"""The directory of a training, which one process at a time writes to, and the checkpoint in it.
+"""The directory of a training and its checkpoint. Only one process at a time writes to the directory.
 
-A checkpoint is one safetensors file, written whole, from which a training continues bit for bit.
+A checkpoint is one safetensors file, written atomically. A training that is resumed from it continues bit for bit.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import half_written, hold_lock, whole
 
 CHECKPOINT = "checkpoint.safetensors"
-"""The state of the training. It is removed last: while it is there, the training is not finished."""
+"""The state of the training. It is removed last: while it exists, the training is not finished."""
 
 LOCK = ".lock"
-"""Locked by the process that trains in the directory, and by nobody once that has been killed."""
+"""The file that the process that trains in the directory locks. The lock ends when the process is killed."""
 
 
 def save(path: Path, parts: Mapping[str, Any], facts: Mapping[str, Any]) -> None:
@@ -32,7 +32,7 @@ def save(path: Path, parts: Mapping[str, Any], facts: Mapping[str, Any]) -> None
 
     Args:
         path: The file.
-        parts: Networks, optimizers and replay buffers by name. The names of their tensors begin with it and a dot.
+        parts: Networks, optimizers and replay buffers by name. Names of their tensors begin with the name and a dot.
         facts: `config`, the options of the training; `threads`, the number of torch's threads; `amount`, `seconds` and
             `curve`, the attributes of `Training`.
 
@@ -79,14 +79,14 @@ def restore(name: str, part: Any, tensors: Mapping[str, Tensor]) -> None:
 
 
 def check_free(directory: Path, program: str) -> None:
-    """Check that a directory is free for a new training: missing, empty, or left by a training killed at once.
+    """Check that a directory is free for a new training: missing, empty, or left by a training killed at its start.
 
     Args:
         directory: The directory.
         program: The command that resumes a training.
 
     Raises:
-        InputError: The directory holds something.
+        InputError: The directory has other contents.
     """
     if (directory / CHECKPOINT).exists():
         raise InputError(
@@ -110,7 +110,7 @@ def hold(directory: Path, program: str) -> Iterator[None]:
     path = directory / LOCK
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        # First, because a lock would wait for ever where the file cannot be made.
+        # Before the lock, which would wait forever if the file could not be created.
         path.touch()
         with hold_lock(path, 0):
             try:

@@ -1,7 +1,7 @@
 """The options of `crowdbench train`: a dataclass for each method, with a field for each option.
 
-Nothing here imports torch, so that the command line starts without it. A new method is a dataclass here, a line in
-`METHODS`, and a subclass of `crowdbench.train.training.Training` in a file of its own.
+This module does not import torch, so that the command line starts without it. A new method is a dataclass here, a line
+in `METHODS`, and a subclass of `crowdbench.train.training.Training` in a file of its own.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SCENARIO = "circle_crossing_mixed"
 """The default scenario."""
 
 MOST_SEED = 10**9
-"""The largest seed: every seed has training cases of its own, whose numbers are 64-bit integers."""
+"""The largest seed: every seed has separate training cases, whose numbers are 64-bit integers."""
 
 EPISODES = 4000
 """The default length of the training of a value network."""
@@ -75,7 +75,7 @@ class Config(abc.ABC):
         overrides: Keys of the scenario that are changed, dotted: `{"pedestrians.number": 5}`.
         data: The folder with recorded tracks, or None.
         seed: The seed of weights, batches and training cases.
-        minutes: The length of the training in minutes; None for the one in the field named `length`.
+        minutes: The length of the training in minutes; None for the length in the field named by `length`.
     """
 
     network: str
@@ -118,7 +118,7 @@ class Config(abc.ABC):
 
     @property
     def command(self) -> str:
-        """The command that trains with these options: without defaults, except those that are `always` named."""
+        """The command that trains with these options: without defaults, except for options with `always`."""
         words = [self.program, *self.source]
         for field in dataclasses.fields(self):
             value, metadata = getattr(self, field.name), field.metadata
@@ -137,8 +137,8 @@ class DrivingConfig(Config):
     """The options of a network that drives.
 
     Attributes:
-        validation: The scenarios that choose the checkpoint, by name or path, with commas between them; None for the
-            training scenario.
+        validation: The scenarios on which the checkpoint is chosen, by name or path, with commas between them; None for
+            the training scenario.
         card: The cases of the figures on the card: `val`, or `test` for test cases too.
     """
 
@@ -155,9 +155,9 @@ class ValueConfig(DrivingConfig):
     Attributes:
         predictor: The predictor in the lookahead: a name, or the path of its file.
         episodes: The episodes that the network drives, without demonstrations.
-        max_acceleration: As in `Limits`; None for no limit, and so are the next two.
-        max_turn: As in `Limits`.
-        max_velocity_change: As in `Limits`.
+        max_acceleration: As in `Limits`; None for no limit.
+        max_turn: As in `Limits`; None for no limit.
+        max_velocity_change: As in `Limits`; None for no limit.
     """
 
     predictor: str = option("oracle", "The predictor in the lookahead: a name or ./mine.py", always=True)
@@ -193,7 +193,7 @@ class PPOConfig(DrivingConfig):
     """The options of `crowdbench.train.ppo`.
 
     Attributes:
-        steps: The steps that the vehicles of all worlds drive together.
+        steps: The total number of steps of the vehicles of all worlds.
         reward: The name of a reward of the environments, or a file.
         also_train_in: Further scenarios to train in, by name or path, with commas between them.
         encoder: The file of an encoder that replaces the network's; None for the network's.
@@ -230,9 +230,9 @@ METHODS: dict[str, type[Config]] = {
 def method_options(
     methods: Mapping[str, type[Config]] = METHODS,
 ) -> dict[str, tuple[dataclasses.Field[Any], list[str]]]:
-    """Return the options made by `option`, by name, with the networks that have them.
+    """Return the fields declared with `option`, by name, with the networks that have them.
 
-    Methods that share the name of an option mean the same by it: the first of them describes it.
+    An option with the same name has the same meaning in all methods: the field is that of the first method.
     """
     options: dict[str, tuple[dataclasses.Field[Any], list[str]]] = {}
     for network, method in methods.items():
@@ -251,7 +251,7 @@ def make_config(network: str, options: Mapping[str, Any], methods: Mapping[str, 
         methods: The options of the methods, by the name of the network.
 
     Raises:
-        InputError: There is no such network, an option is another network's or not finite, or two set the same.
+        InputError: There is no such network, an option is another network's or not finite, or two options conflict.
     """
     method = find_named("network", network, methods)
     for name, (_, networks) in method_options(methods).items():
@@ -261,5 +261,5 @@ def make_config(network: str, options: Mapping[str, Any], methods: Mapping[str, 
         if isinstance(value, float) and not math.isfinite(value):
             raise InputError(f"{flag(name)} is {value}, but must be a finite number")
     if "minutes" in options and method.length in options:
-        raise InputError(f"--minutes and --{method.length} both say how long to train: give one")
+        raise InputError(f"--minutes and --{method.length} both set the length of a training: give one")
     return method(network=network, **options)

@@ -1,4 +1,4 @@
-"""Exports trained policies of stable-baselines3 and of torch as ONNX files, which `crowdbench run --planner` drives."""
+"""Exports trained policies of stable-baselines3 and of torch as ONNX files for `crowdbench run --planner`."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from crowdbench.envs.views import KEYS
 from crowdbench.utils.errors import InputError, plugin_errors
 
 EXAMPLES = 3
-"""Worlds in the example that is traced. With one, the exporter takes the batch axis for a constant."""
+"""Number of worlds in the traced example. With one world, the exporter treats the batch axis as a constant."""
 
 
 def export_policy(model: Any, file: str | Path, env: Any, state: Sequence[tuple[int, ...]] = ()) -> None:
-    """Write the mean action of a policy as an ONNX file, which `crowdbench run --planner policy.onnx` drives.
+    """Write the mean action of a policy as an ONNX file for `crowdbench run --planner policy.onnx`.
 
     The graph takes and returns float32. It contains the running normalisation of observations, if a wrapper has one,
-    and squashing. The metadata say what the policy observes, what its actions are, and in which scenario it was
+    and squashing. The metadata contain the observation of the policy, its actions, and the scenario in which it was
     trained. Needs `pip install 'crowdbench[onnx]'`.
 
     Args:
         model: A model of stable-baselines3 or sb3-contrib with an actor (PPO, A2C, SAC, TD3, RecurrentPPO, ...), or a
             torch module that maps observations, `[world, features]` or a dictionary, to actions `[world, 2]`.
         file: The file to write.
-        env: The environment that it was trained in, with its wrappers: `CrowdVecEnv`, `crowdbench/Vehicle-v0`, or many
-            of it. Give the `VecNormalize` of the training: a model that is loaded without one is exported without one.
-        state: Of a recurrent module, the shapes of the arrays that it remembers of one world. It is called as
+        env: Its training environment with all wrappers: `CrowdVecEnv`, `crowdbench/Vehicle-v0`, or a vector of these.
+            Include the `VecNormalize` of the training: a model that is loaded without it is exported without it.
+        state: The shapes of the memory arrays of a recurrent module for one world. The module is called as
             `module(observed, *state)` and returns `(action, *state)`.
 
     Raises:
-        InputError: The environment is not one of crowdbench's, the model is none of these or was trained with other
+        InputError: The environment is not from crowdbench, the model is of another kind or was trained with other
             observations or actions, or a package is missing.
     """
     layers = [*_layers(env), *_layers(getattr(model, "env", None))]
@@ -78,7 +78,7 @@ def export_policy(model: Any, file: str | Path, env: Any, state: Sequence[tuple[
 
 
 def _layers(env: Any) -> Iterator[Any]:
-    """Yield an environment and what it wraps, of several that it holds the first."""
+    """Yield an environment and the environments that it wraps; of a vector of environments, only the first."""
     while env is not None:
         yield env
         env = getattr(env, "venv", None) or getattr(env, "env", None) or next(iter(getattr(env, "envs", ())), None)
@@ -129,7 +129,7 @@ class _MeanAction(nn.Module):
             features = policy.extract_features(observed)
             features = features[0] if isinstance(features, tuple) else features  # the others are the critic's
             if state:
-                # [world, layer, unit] here, and [layer, world, unit] there, whose sequence has one step.
+                # The state is [world, layer, unit], but [layer, world, unit] in the LSTM, whose sequence has one step.
                 hidden = tuple(array.transpose(0, 1).contiguous() for array in state)
                 sequence, hidden = policy.lstm_actor(features[None], hidden)
                 features, state = sequence[0], tuple(array.transpose(0, 1) for array in hidden)

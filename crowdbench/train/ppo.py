@@ -1,9 +1,9 @@
 """Trains a policy by proximal policy optimization (PPO, Schulman et al. 2017).
 
-A policy observes the vehicle and the nearest pedestrians in the frame of the goal, and gives a velocity in it; a
-recurrent one observes more (`planners.policy.PolicyInterface`). It learns from a reward in many
-worlds at once. Each update drives some steps of every world, then passes over them several times in minibatches of
-whole segments. The value loss is not clipped, and there is no entropy bonus.
+A policy observes the vehicle and the nearest pedestrians in the frame of the goal, and returns a velocity in this
+frame; a recurrent policy observes more (`planners.policy.PolicyInterface`). It learns from a reward in many worlds at
+once. Each update simulates some steps of every world, then passes over them several times in minibatches of whole
+segments. The value loss is not clipped, and there is no entropy bonus.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ CHUNK = 64
 """Worlds of a minibatch that a thread differentiates at once: few enough for the cache of a core."""
 
 NEAREST = 8
-"""Pedestrians that a policy with a memory is shown, at most."""
+"""Largest number of pedestrians in the input of a policy with a memory."""
 
 FEWEST = 256
-"""Training cases of a scenario between two validations, at least, where it shares `CASES` with others."""
+"""Smallest number of training cases of a scenario between two validations, if several scenarios share `CASES`."""
 
 VALIDATIONS = 20
-"""Validations of a training, after which it can be resumed."""
+"""Number of validations of a training, which can be resumed after each of them."""
 
 keep_freed_memory()
 
@@ -67,10 +67,10 @@ class Parameters:
         steps: Steps of each world between two updates [1].
         segments: Worlds in a minibatch, each with all its steps in order of time, as recurrent policies need them [1].
         epochs: Passes of each update over its steps [1].
-        learning_rate: Of Adam at the start; it falls linearly to 0 [1].
+        learning_rate: Learning rate of Adam at the start; it decreases linearly to 0 [1].
         gamma: Discount per step [1].
         gae_lambda: Lambda of the generalized advantage estimate (Schulman et al. 2016) [1].
-        clip: Largest difference from 1 of the ratio of two probabilities, where it counts (equation 7) [1].
+        clip: Clipping range of the probability ratio, its largest difference from 1 (equation 7) [1].
         value_weight: Weight of the value's squared error in the loss [1].
         max_norm: The largest norm of a gradient: larger ones are scaled down [1].
 
@@ -107,9 +107,9 @@ class Experience(NamedTuple):
     Attributes:
         seen: The observations.
         memory: The policy's memory before the first of the steps.
-        begins: Where a step was the first of an episode.
+        begins: True for steps that were the first of an episode.
         action: The actions, in m/s.
-        log_probability: The logarithms of their probability densities then.
+        log_probability: The logarithms of their probability densities at the time of the action.
         advantage: The advantages, normalized to mean 0 and standard deviation 1.
         target: The targets of the value.
     """
@@ -158,7 +158,7 @@ class PPOTraining(DrivingTraining[Policy]):
         self.current = self.network.policy
         self.nearest = min(most, NEAREST) if self.current.remembered else most
         self.interface = PolicyInterface(self.nearest, ConstantVelocity() if self.current.remembered else None)
-        # The first scenarios have a world more where worlds cannot be shared evenly.
+        # The first scenarios have one more world if worlds cannot be shared evenly.
         self.rows = np.array_split(np.arange(self.parameters.worlds), len(scenarios))
         reward = load_reward(config.reward)
         self.worlds = [
@@ -199,7 +199,7 @@ class PPOTraining(DrivingTraining[Policy]):
             yield
 
     def train_until(self, goal: float) -> None:
-        """Train up to some progress, with episodes from training cases that are drawn again.
+        """Train up to a given progress, with episodes from newly drawn training cases.
 
         All random numbers follow from the seed and the number of validations so far.
         """
@@ -214,14 +214,14 @@ class PPOTraining(DrivingTraining[Policy]):
             self._observe()
             self.memory = self.network.policy.initial_memory(self.parameters.worlds)
             self.begins = torch.ones(1, self.parameters.worlds, dtype=torch.bool, device=self.device)
-        while True:  # once in any case: where cases take long to draw, they alone may have taken until the goal
+        while True:  # at least once: drawing the cases may have taken until the goal
             with self.timed():
                 self.update()
             if self.progress >= min(goal, 1.0):
                 return
 
     def update(self) -> None:
-        """Drive, and learn from it."""
+        """Simulate steps in all worlds, and update the policy with them."""
         with one_torch_thread():  # whose sums are the same with any number of threads
             experience = self._drive()
             for _ in range(self.parameters.epochs):
@@ -232,7 +232,7 @@ class PPOTraining(DrivingTraining[Policy]):
 
     @torch.no_grad()
     def _drive(self) -> Experience:
-        """Drive some steps of every world."""
+        """Simulate some steps of every world, and return them."""
         steps, memory = [], self.memory
         for _ in range(self.parameters.steps):
             mean, value, self.memory = self.network(self.seen, self.memory, self.begins)
@@ -256,7 +256,7 @@ class PPOTraining(DrivingTraining[Policy]):
         return Experience(Seen(*observed), memory, begins, action, log_probability, normalized, advantage + value)
 
     def _observe(self) -> None:
-        """Observe all worlds: what the policy sees, and what gives its actions their meaning in each scenario."""
+        """Observe all worlds: set the input of the policy, and the frames of its actions in each scenario."""
         pairs = zip(self.worlds, self.filters, strict=True)
         observations = [self._filtered(observe(worlds.worlds), tracker) for worlds, tracker in pairs]
         features = [self.interface(obs) for obs in observations]
@@ -265,14 +265,14 @@ class PPOTraining(DrivingTraining[Policy]):
         self.seen = Seen(*map(torch.cat, zip(*seen, strict=True)))
 
     def _filtered(self, obs: Observation, tracker: KalmanFilter) -> Observation:
-        """Return what a filter makes of an observation, for a policy with a memory; see `FilteredPlanner`."""
+        """Return a filtered observation for a policy with a memory and a limited sensor; see `FilteredPlanner`."""
         return tracker.filter(obs) if self.current.remembered and not obs.sensor.sees_all else obs
 
     def _step(self, action: Float[np.ndarray, "world 2"]) -> tuple[Float[Tensor, "world"], Bool[Tensor, "world"]]:
-        """Act in all worlds, and observe them. Return the rewards, and where an episode has ended.
+        """Act in all worlds, and observe them. Return the rewards, and True for worlds whose episode has ended.
 
-        The time limit cuts an episode off: there the discounted value of the last state is added to the reward, for
-        what would have followed (Pardo et al. 2018).
+        If the time limit truncates an episode, the discounted value of the last state is added to the reward, in place
+        of the rewards after it (Pardo et al. 2018).
         """
         rewards, ends = [], []
         for worlds, rows, frame, tracker in zip(self.worlds, self.rows, self.frames, self.filters, strict=True):
@@ -297,7 +297,7 @@ class PPOTraining(DrivingTraining[Policy]):
         Threads share the worlds. The gradients of chunks are added in their order, so that the bits do not depend on
         the number of threads.
         """
-        # Those with as many pedestrians come together, so that a chunk has few empty rows.
+        # Sorted by the number of pedestrians, so that a chunk has few empty rows.
         worlds = worlds[experience.seen.mask[:, worlds].sum(dim=(0, 2)).argsort(stable=True).cpu()]
         parameters = list(self.network.parameters())
         gradients: dict[int, tuple[Tensor, ...]] = {}
@@ -330,7 +330,7 @@ def advantages(
     Args:
         reward: The rewards.
         value: The values before each step, and after the last one.
-        continues: Where the episode continues after a step.
+        continues: True if the episode continues after a step.
         gamma: See `Parameters`.
         gae_lambda: See `Parameters`.
     """

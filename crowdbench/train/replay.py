@@ -28,13 +28,13 @@ class Transitions:
         joint: The joint states.
         next_joint: The joint states k steps later, where k is n or the number of steps to the end of the episode.
         present: Which pedestrians are present.
-        next_present: Which are k steps later.
+        next_present: Which pedestrians are present k steps later.
         reward: The discounted sum of the k rewards in between.
-        bootstrap: The factor of the next state's value in the target: gamma^k, or 0 where the episode
-            terminated within the k steps. A time-out only truncates an episode, so that the next state keeps its
-            value and the factor is gamma^k (Pardo et al. 2018).
-        episode_return: The discounted sum of all rewards to the end of the episode. For an episode that was truncated
-            it lacks what would have followed.
+        bootstrap: The factor of the next state's value in the target: gamma^k, or 0 if the episode terminated within
+            the k steps. A time-out only truncates an episode, so that the next state keeps its value and the factor is
+            gamma^k (Pardo et al. 2018).
+        episode_return: The discounted sum of all rewards to the end of the episode. For a truncated episode it lacks
+            the rewards after the truncation.
     """
 
     joint: Float32[np.ndarray, "step pedestrian 13"]

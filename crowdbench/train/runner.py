@@ -44,11 +44,11 @@ class Runner:
 
         Args:
             config: The options.
-            directory: The directory: missing, empty, or left by a training that was killed at once.
+            directory: The directory: missing, empty, or left by a training that was killed at its start.
             device: `cpu` or `cuda`.
 
         Raises:
-            InputError: An option is impossible, or the directory is used.
+            InputError: An option is invalid, or the directory is not free.
         """
         _prepare(device)
         checkpoint.check_free(directory, config.program)
@@ -63,7 +63,7 @@ class Runner:
         Args:
             directory: The directory of the training.
             device: `cpu` or `cuda`.
-            threads: The number of torch's threads, which has been set; None to set the one that the training had.
+            threads: The number of torch's threads, if it has been set; None to set the number of the training.
             methods: The options of the methods, by the name of the network.
 
         Raises:
@@ -113,7 +113,7 @@ class Runner:
     def finish(self, progress: Callable[[float], None]) -> Path:
         """Measure the best network and write weights and card; the checkpoint is removed.
 
-        A kill at any moment leaves a checkpoint that can be resumed, and weights only beside their card.
+        If the process is killed, a checkpoint remains that can be resumed. Weights never exist without their card.
 
         Args:
             progress: Called with the number of the training's `card_cases` that were run since its last call.

@@ -123,17 +123,17 @@ class DrivingTraining(Training, Generic[Network]):
         scenario: The training scenario, in which the card's figures are measured too.
         validation: The scenarios of validations.
         validated: The networks of all validations.
-        current: The present network, which is copied at each validation. A method's constructor sets it.
+        current: The current network, which is copied at each validation. A method's constructor sets it.
 
     Raises:
-        InputError: There is no such scenario, or the folder of recorded tracks does not go with it.
+        InputError: There is no such scenario, or the folder of recorded tracks does not belong to it.
     """
 
     metrics: ClassVar[Sequence[str]] = ("success_rate", "collision_rate", "timeout_rate", "navigation_time")
     """The metrics on the card."""
 
     curve_metric: ClassVar[str]
-    """The metric in the curve beside success and time."""
+    """The metric in the curve in addition to success and time."""
 
     current: Network
 
@@ -157,13 +157,13 @@ class DrivingTraining(Training, Generic[Network]):
         """Return the conditions of the training on a card that are specific to the method."""
 
     def validate(self, **quantities: float) -> None:
-        """Drive the validation cases. Add the present network to `validated`, and to the curve a point.
+        """Run the validation cases. Add the current network to `validated`, and a point to the curve.
 
-        Its means are over the cases of all validation scenarios: `success` from 0 to 1; `navigation_time_or_limit` in
-        seconds, the time limit for failures; and `curve_metric`.
+        The point has means over the cases of all validation scenarios: `success` from 0 to 1;
+        `navigation_time_or_limit` in seconds, the time limit for failures; and `curve_metric`.
 
         Args:
-            quantities: Further quantities of the point, before them.
+            quantities: Further quantities of the point, which precede these means.
         """
         with self.timed():
             network = copy.deepcopy(self.current)
@@ -227,10 +227,10 @@ def choose_point(curve: Sequence[Point], cases: int) -> Point:
         cases: The number of cases of each point.
 
     Returns:
-        The quickest of the points whose success is at most one standard error below the largest (the rule of Breiman
-        et al., *Classification and Regression Trees*, 1984); the latest of equally quick ones. The standard error is
-        that of two successes and two failures more (Agresti and Coull 1998), because it would be 0 where all cases
-        succeed.
+        The quickest of the points whose success is at most one standard error below the largest (the rule of Breiman et
+        al., *Classification and Regression Trees*, 1984); the latest of equally quick ones. The standard error is
+        computed with two more successes and two more failures (Agresti and Coull 1998), because otherwise it would be 0
+        if all cases succeed.
     """
     best = max(point["success"] for point in curve)
     rate = (best * cases + 2) / (cases + 4)

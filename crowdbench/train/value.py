@@ -1,14 +1,14 @@
 """Trains a value network: on the returns of ORCA's demonstrations, then on its own episodes.
 
-Deep V-learning (Chen et al. 2019, algorithm 1), for any of the value networks. Differs from CrowdNav, because it must
-take minutes:
+Deep V-learning (Chen et al. 2019, algorithm 1), for any of the value networks. It differs from CrowdNav to train within
+minutes:
 
 - All episodes of a round run in lock-step, and the network learns after each round.
 - Targets are n-step returns (Sutton and Barto 2018, equation 7.1) instead of one-step returns.
 - The target network is an exponential moving average of the network (Lillicrap et al. 2016, "soft" target updates)
   instead of a copy at intervals. It is also the network that is validated and saved.
-- A time-out only truncates an episode: the target takes the value of its last state for what would have followed
-  (Pardo et al. 2018). CrowdNav leaves such episodes out; here demonstrations that time out are left out.
+- A time-out only truncates an episode: the target uses the value of its last state instead of the rewards after it
+  (Pardo et al. 2018). CrowdNav discards such episodes; here only demonstrations that time out are discarded.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
 from crowdbench.train.training import DrivingTraining
 
 DEMONSTRATIONS = 2000
-"""Episodes that ORCA demonstrates."""
+"""Number of demonstration episodes, driven by ORCA."""
 
 SAFETY_SPACE = 0.15
 """Metres by which ORCA enlarges every radius in demonstrations."""
@@ -84,8 +84,8 @@ CASES_PER_SEED = 1_000_000
 class ValueTraining(DrivingTraining[ValueNetwork]):
     """A training of a value network. Its current network is a moving average, which is also the target network.
 
-    A point of its curve has `exploration`, the present epsilon; `loss`, the mean loss of the latest round, the first
-    time of imitation; and the discounted return.
+    A point of its curve has `exploration`, the present epsilon; `loss`, the mean loss of the latest round, or of
+    imitation at the first point; and the discounted return.
 
     Args:
         config: The options.
@@ -109,7 +109,7 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
 
     def planner(self, network: ValueNetwork) -> ValuePlanner:
         """See `DrivingTraining`."""
-        # Always with constant velocity, which a vehicle can know; the predictor in training may be the oracle.
+        # Always with constant velocity, which is not privileged; the predictor in training may be the oracle.
         return ValuePlanner(ConstantVelocity(), network, limits=self.limits)
 
     def conditions(self) -> dict[str, Any]:
@@ -193,12 +193,12 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
 
 
 class EpsilonGreedy(Planner):
-    """Planner of a random command within another planner's limits with probability epsilon, else of the best one.
+    """Epsilon-greedy planner: with probability epsilon a random command within another planner's limits, else its best.
 
     The random choice depends only on seed, case and step.
 
     Args:
-        planner: The planner that knows the best command.
+        planner: The planner that computes the best command.
         epsilon: The probability of a random command, from 0 to 1.
         seed: The seed of the random choices.
     """
@@ -218,7 +218,7 @@ class EpsilonGreedy(Planner):
         if limits is not None:
             velocities = vehicle.dynamics.velocities(vehicle.state, commands, vehicle.preferred_speed, obs.dt)
             allowed = limits.allow(vehicle.velocity, velocities, obs.dt)
-        # Uniform numbers by the normal distribution function: the streams of a case have only normal numbers.
+        # Uniform numbers from the normal distribution function, because the streams of a case have only normal numbers.
         chance, choice = ndtr(obs.noise(self.purpose, (2,))).T
         index = (choice * allowed.sum(axis=1)).astype(int)
         command = commands[np.arange(len(obs)), (allowed.cumsum(axis=1) > index[:, None]).argmax(axis=1)]

@@ -1,1 +1,1 @@
-"""Small tools that know nothing of crowds: files, errors, interrupts, tables, compiled code."""
+"""General tools, independent of crowds: files, errors, interrupts, tables, compiled code."""

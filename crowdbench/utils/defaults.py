@@ -1,4 +1,4 @@
-"""Defaults that the command line shows: apart, because it starts without the modules that use them."""
+"""Defaults of the command line. They are separate, because it starts without the modules that use them."""
 
 DECISION_LIMIT = 60.0
 """Seconds that a planner may take for one decision, for all worlds of a batch together."""
@@ -17,14 +17,14 @@ RECORD = ("failures", "all", "commands", "none")
 viewer."""
 
 WITH_EPISODES = ("failures", "all")
-"""Which episodes the viewer can show: see `MOST_FAILURES` and `FIRST_RECORDED`."""
+"""Extents that include episodes for the viewer: see `MOST_FAILURES` and `FIRST_RECORDED`."""
 
 FIRST_RECORDED = 10
-"""With "failures": so many of the first cases are recorded, whatever their outcome."""
+"""With "failures": the number of first cases that are recorded, independent of their outcome."""
 
 MOST_FAILURES = 100
-"""With "failures": no more failures than this are recorded. A fast planner's run would take longer to record than to
-drive, and nobody looks at more."""
+"""With "failures": the largest number of recorded failures. More would take longer to record than a fast planner takes
+to drive, and are not needed."""
 
 RECORDED_CROWD = 100
-"""In scenarios with more pedestrians, fewer failures are recorded: as many as have so many pedestrians together."""
+"""In scenarios with more pedestrians, fewer failures are recorded: inversely proportional to their number."""

@@ -17,14 +17,14 @@ from typing import Any, NoReturn, TypeVar
 Item = TypeVar("Item")
 
 LONGEST = 500
-"""Characters of somebody else's message that are shown."""
+"""Largest number of printed characters of an external message."""
 
 INSTALLED = (str(Path(__file__).parents[1]), *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")))
-"""Where the files of crowdbench, of Python and of installed packages lie."""
+"""Folders of crowdbench, of Python and of installed packages."""
 
 
 class InputError(ValueError):
-    """Something the user gave is wrong. The message is one sentence: what, where, and what would be right."""
+    """Raised for wrong input of the user. The message is one sentence: the error, its location, and valid values."""
 
 
 class MachineFault(InputError):
@@ -40,14 +40,14 @@ class Interrupted(KeyboardInterrupt):
 
 
 class ForkGuard:
-    """Terminate child processes that escape this block: they would write, and remove, the same files.
+    """Context that ends forked processes that leave it, because they would write, and remove, the same files.
 
     Args:
         who: Name of the forking object, for the message.
     """
 
-    # Classes, and no generators: the policies of pedestrians are asked in here in every step, and a generator would
-    # take as long as all the rest of asking them.
+    # Classes instead of generators: pedestrian policies are queried in this context in every step, and a generator
+    # would take as long as the rest of the query.
     __slots__ = ("_process", "_who")
 
     def __init__(self, who: str) -> None:
@@ -62,15 +62,15 @@ class ForkGuard:
 
 
 class plugin_errors(ForkGuard):
-    """Turn whatever a plug-in raises, even SystemExit, into an InputError. A process that it forks ends here.
+    """Context that turns any exception of a plug-in, even SystemExit, into an InputError. Forked processes end here.
 
     Args:
-        beginning: How the sentence begins, such as `metric mine raised`. The exception's type and message follow.
+        beginning: Beginning of the sentence, such as `metric mine raised`. The exception's type and message follow.
         where: Text between type and message, such as ` in reset()`.
 
     Raises:
-        InputError: The plug-in raised something. An InputError of its own stays as it is.
-        KeyboardInterrupt: Somebody interrupted it.
+        InputError: The plug-in raised an exception. An InputError of the plug-in is not changed.
+        KeyboardInterrupt: The user interrupted it.
     """
 
     __slots__ = ("_beginning", "_where")
@@ -85,7 +85,7 @@ class plugin_errors(ForkGuard):
 
 
 def _end_fork(who: str, error: BaseException | None) -> NoReturn:
-    """End a forked process, quietly where it asks for that by SystemExit."""
+    """End a forked process, without a message if it raised SystemExit."""
     if isinstance(error, SystemExit) and isinstance(error.code, int | None):
         os._exit(error.code or 0)
     message = f"crowdbench: a process that {who} has forked went on with the run and was ended: use os._exit(0)\n"
@@ -96,7 +96,7 @@ def _end_fork(who: str, error: BaseException | None) -> NoReturn:
 
 def is_interrupt(error: BaseException) -> bool:
     """Return whether an exception comes from Ctrl-C or SIGTERM, not from a plug-in that raises KeyboardInterrupt."""
-    # Where Python's own handler is in place, the two look alike.
+    # With Python's default handler, the two cannot be distinguished.
     has_handler = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
     return isinstance(error, Interrupted if has_handler else KeyboardInterrupt)
 
@@ -106,7 +106,7 @@ def describe_error(error: BaseException, where: str = "") -> str:
 
     Args:
         error: The exception.
-        where: Text between the two, such as ` in reset()`.
+        where: Text between type and message, such as ` in reset()`.
     """
     try:
         message = " ".join(str(error).split())[:LONGEST]
@@ -118,7 +118,7 @@ def describe_error(error: BaseException, where: str = "") -> str:
 
 
 def defuse(text: str) -> str:
-    """Return a text of a plug-in in which a service that reads logs finds no commands, such as `::error::`."""
+    """Return a text of a plug-in without commands for services that read logs, such as `::error::`."""
     return re.sub(r":(?=:)|##(?=\[)", r"\g<0> ", text)
 
 
@@ -145,7 +145,7 @@ def is_number(value: Any) -> bool:
 
 
 def require(name: str, value: object, good: bool, right: str) -> None:
-    """Raise InputError, which says what the value called `name` is and what it must be, unless it is good."""
+    """Raise InputError with the value called `name` and the valid values, `right`, unless `good` is true."""
     if not good:
         raise InputError(f"{name} is {value!r}, but must be {right}")
 
@@ -166,7 +166,7 @@ def require_not_negative(name: str, value: object) -> None:
 
 
 def find_named(kind: str, name: str, known: Mapping[str, Item], suffix: str = "") -> Item:
-    """Return the item that has a name. Raises InputError, which tells their names, where none has it.
+    """Return the item that has a name. Raises InputError with the known names if no item has it.
 
     Args:
         kind: The noun for each of them, such as `planner`.
@@ -184,11 +184,11 @@ def find_named(kind: str, name: str, known: Mapping[str, Item], suffix: str = ""
 
 
 def did_you_mean(name: str, known: Iterable[str], files: Sequence[str] = ()) -> str:
-    """Return ` (did you mean A or B?)` with names that are like a name, or have it as a word; empty without any.
+    """Return ` (did you mean A or B?)` with names that resemble a name or contain it as a word; else empty.
 
     Args:
         name: The name.
-        known: The names that there are.
+        known: The existing names.
         files: Files of that name, which come first.
     """
     names = list(known)

@@ -1,4 +1,4 @@
-"""Files and directories that appear under their name only once they are complete, locks, and files that end."""
+"""Writes files and directories that get their name only when they are complete; holds locks; reads regular files."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from crowdbench.utils.errors import InputError, NotWritten
 
 # Beside the directory `runs/a`, while a run is under way:
 #   runs/.a.partial-<token>  what it has written so far
-#   runs/.a.lock-<token>     locked by its process, and by nobody once that has been killed
-#   runs/.a.earlier-<token>  the earlier run that it replaces, for the moment in which it does
+#   runs/.a.lock-<token>     locked by its process, and unlocked once that process has been killed
+#   runs/.a.earlier-<token>  the earlier run, only while it is replaced
 _LOCK = re.compile(r"(\..*\.)lock-([0-9a-f]{8})", re.DOTALL)
 
 RUN = "result.json"
 """A directory that holds this file is a run, and may be replaced by another one."""
 
 PATIENCE = 1.0
-"""Seconds to wait for a lock that another process looks at, to find out whether it is held."""
+"""Seconds to wait for a lock while another process tests whether it is held."""
 
 
 @contextlib.contextmanager
@@ -46,11 +46,11 @@ def whole(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def hold_lock(path: Path, patience: float = -1) -> Iterator[None]:
-    """Hold a lock. On a file system without locks there is none.
+    """Hold a lock. Do nothing on a file system without locks.
 
     Args:
         path: The lock's file.
-        patience: Seconds to wait for a process that holds it; below 0, as long as it takes.
+        patience: Seconds to wait for a process that holds it; below 0, wait without limit.
 
     Raises:
         Timeout: Another process still holds it.
@@ -74,9 +74,9 @@ def new_directory(path: Path, overwrite: bool, mark: str = RUN) -> Iterator[Path
     """Yield a directory to write into, which is renamed to `path` if all goes well, and removed otherwise.
 
     Args:
-        path: The name that it gets.
-        overwrite: True if an earlier one of that name is replaced.
-        mark: A file that the earlier one must hold, so that nothing else is replaced.
+        path: The final path of the directory.
+        overwrite: True to replace an earlier directory of that path.
+        mark: A file that the earlier directory must contain, so that no other directory is replaced.
 
     Raises:
         NotWritten: `path` exists and may not be overwritten, or cannot be written.
@@ -91,14 +91,14 @@ def new_directory(path: Path, overwrite: bool, mark: str = RUN) -> Iterator[Path
 
 
 def check_free(path: Path, overwrite: bool, mark: str = RUN) -> Path:
-    """Find out before anything is made whether `new_directory` could write; its arguments and errors are the same.
+    """Check in advance whether `new_directory` can write; its arguments and errors are the same.
 
     Returns:
         The resolved path.
     """
     try:
         path = path.resolve()
-        # Before the name is refused: an earlier run may have to get its name back.
+        # Before all checks: an interrupted replacement may have renamed an earlier run.
         _restore_earlier(path)
         is_there, is_directory = path.exists(), path.is_dir()
         holds_other = overwrite and is_directory and any(path.iterdir()) and not (path / mark).is_file()
@@ -115,20 +115,20 @@ def check_free(path: Path, overwrite: bool, mark: str = RUN) -> Path:
 
 @contextlib.contextmanager
 def parent_of(path: Path) -> Iterator[None]:
-    """Make the folder that `path` lies in, and remove it again if it was not there before and stays empty."""
+    """Make the parent folder of `path`, and remove it again if it is new and stays empty."""
     is_new = not path.parent.exists()
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         yield
     finally:
         if is_new:
-            with contextlib.suppress(OSError):  # raised where a run lies in it
+            with contextlib.suppress(OSError):  # raised if it contains a run
                 path.parent.rmdir()
 
 
 @contextlib.contextmanager
 def _partial(path: Path) -> Iterator[Path]:
-    """Yield a directory beside `path`, locked as long as it is written to, and removed unless it is renamed.
+    """Yield a directory beside `path`. It is locked while it is written, and removed unless it is renamed.
 
     Files that killed processes left in the same folder are removed first.
     """
@@ -136,7 +136,7 @@ def _partial(path: Path) -> Iterator[Path]:
     token = secrets.token_hex(4)
     partial, lock = (path.with_name(f".{path.name}.{role}-{token}") for role in ("partial", "lock"))
     try:
-        # First, because FileLock would wait where the file cannot be made.
+        # First, because FileLock would wait if the file cannot be made.
         lock.touch()
         with hold_lock(lock, PATIENCE):
             try:
@@ -149,25 +149,25 @@ def _partial(path: Path) -> Iterator[Path]:
 
 
 def _clear_abandoned(folder: Path) -> None:
-    """Remove what killed processes have left in a folder: whatever has a lock that no process holds."""
-    with contextlib.suppress(OSError):  # raised where the folder is not there yet, or may not be read
+    """Remove partial directories of killed processes from a folder: directories with a lock that no process holds."""
+    with contextlib.suppress(OSError):  # raised if the folder does not exist yet, or cannot be read
         for match in filter(None, map(_LOCK.fullmatch, os.listdir(folder))):
             lock, partial = folder / match[0], folder / f"{match[1]}partial-{match[2]}"
-            # Raised where the lock is held, which says that its process is alive, where it is somebody else's file, and
-            # on a file system without locks, where `hold_lock` would go on.
+            # Raised if the lock is held, because its process is alive, if the file belongs to another user, and on a
+            # file system without locks, on which `hold_lock` would continue.
             with contextlib.suppress(OSError, NotImplementedError), FileLock(lock, timeout=0):
                 shutil.rmtree(partial, ignore_errors=True)
                 _release(lock, partial)
 
 
 def _release(lock: Path, partial: Path) -> None:
-    """Remove a lock, unless something is left that it says to be abandoned."""
+    """Remove a lock, unless its partial directory still exists."""
     if not partial.exists():
         lock.unlink(missing_ok=True)
 
 
 def _move(partial: Path, path: Path, overwrite: bool) -> None:
-    """Give the finished directory its name; an earlier run is removed only once the new one is there."""
+    """Rename the finished directory to `path`. An earlier run is removed only after that."""
     earlier = path.with_name(f".{path.name}.earlier-{secrets.token_hex(4)}")
     if overwrite and path.exists():
         path.rename(earlier)
@@ -183,7 +183,7 @@ def _move(partial: Path, path: Path, overwrite: bool) -> None:
 
 
 def _restore_earlier(path: Path) -> None:
-    """Give an earlier run its name back if its replacement was killed in between; remove it if it was replaced."""
+    """Rename an earlier run back if its replacement was killed before the end; remove it if it was replaced."""
     for earlier in list(path.parent.glob(f".{glob.escape(path.name)}.earlier-*")):
         if path.exists():
             shutil.rmtree(earlier, ignore_errors=True)
@@ -192,7 +192,7 @@ def _restore_earlier(path: Path) -> None:
 
 
 def check_regular(path: Path) -> None:
-    """Raise OSError, which says why, unless a path is a file: reading a pipe or a device might never end."""
+    """Raise OSError with the reason unless a path is a regular file: reading a pipe or a device might never end."""
     try:
         mode = path.stat().st_mode
     except ValueError:
@@ -204,8 +204,7 @@ def check_regular(path: Path) -> None:
 
 
 def read_regular(path: Path) -> bytes:
-    """Return the content of a file. Raises OSError where it cannot be read, or may never end, like a pipe or a
-    device."""
+    """Return the content of a file. Raises OSError if it cannot be read, or is no regular file."""
     check_regular(path)
     return path.read_bytes()
 
@@ -222,7 +221,7 @@ def read_text(path: Path) -> str:
 
 
 def read_json(path: Path) -> Any:
-    """Return the content of a JSON file. Raises OSError where it cannot be read, and InputError where it is no JSON."""
+    """Return the content of a JSON file. Raises OSError if it cannot be read, and InputError if it is not JSON."""
     try:
         return json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
@@ -231,7 +230,7 @@ def read_json(path: Path) -> Any:
 
 
 def sha256(path: Path) -> str:
-    """Return the sha256 of a file of any size. Raises OSError where it cannot be read."""
+    """Return the sha256 of a file of any size. Raises OSError if it cannot be read."""
     check_regular(path)
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""Ctrl-C (SIGINT) and SIGTERM, handled only where nothing is left half-written, and only in crowdbench's process."""
+"""Handles Ctrl-C (SIGINT) and SIGTERM only when no file is half-written, and only in crowdbench's process."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def handle() -> None:
-    """Raise `Interrupted` where Ctrl-C or SIGTERM arrives, wherever that is."""
+    """Install handlers that raise `Interrupted` when Ctrl-C or SIGTERM arrives."""
     for number in SIGNALS:
         signal.signal(number, _raise)
 
 
 class Interrupts:
-    """Delay of interrupts: in a `with` statement they are noted, and `Interrupted` is raised in `let_through` only.
+    """Context that delays interrupts: they are recorded, and `Interrupted` is raised only in `let_through`.
 
-    Outside the main thread, where no signal arrives, it does nothing.
+    Outside the main thread, in which no signal arrives, it does nothing.
 
     Attributes:
         pending: True if an interrupt has arrived.
@@ -65,8 +65,8 @@ def _raise(number: int, frame: FrameType | None) -> None:
     raise Interrupted
 
 
-# A forked process, such as a worker of a planner's pool, is ended by the signals, and quietly. They wait while it is
-# made: one that came before its handlers are reset would be lost.
+# The signals end a forked process, such as a worker of a planner's pool, without a message. They are blocked during the
+# fork: a signal that arrives before the handlers are reset would be lost.
 _before_fork = threading.local()
 
 

@@ -1,4 +1,4 @@
-"""Progress of work that takes long, and the wait for the compiler, on standard error."""
+"""Messages on standard error about the progress of long work, and about compilation."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import time
 from collections.abc import Callable, Iterator
 
 PLAIN_INTERVAL = 2.5
-"""Seconds between two lines of progress, where there is no terminal."""
+"""Seconds between two lines of progress, if there is no terminal."""
 
 KNOWN_AFTER = 2.0
-"""Seconds after the first piece of work, from which on the time left is estimated."""
+"""Seconds after the first piece of work before the remaining time is estimated."""
 
 
 @contextlib.contextmanager
@@ -50,10 +50,10 @@ def progress(total: float, what: str = "") -> Iterator[Callable[[float], None]]:
 
 
 class _Work:
-    """Progress of some work, and the time that the rest takes.
+    """Progress of some work, and the remaining time.
 
-    The time left is estimated as if each piece of work took as long as those after the first report: what comes before
-    is compilation and the loading of files.
+    The remaining time is estimated from the mean time of pieces of work after the first report. The time before that is
+    compilation and the loading of files.
     """
 
     def __init__(self, total: float, what: str) -> None:
@@ -69,13 +69,13 @@ class _Work:
             self.before, self.start = self.done, time.monotonic()
 
     def print(self, done: float) -> None:
-        """Count work, and print a line now and then."""
+        """Count work, and print a line every few seconds."""
         self.add(done)
         self.show()
 
     def show(self, more: str = "") -> None:
-        """Print a line, unless there was one not long ago."""
-        # The end is told after other lines only, because what comes then, such as intervals, may take its time too.
+        """Print a line, unless the last one was less than `PLAIN_INTERVAL` ago."""
+        # 100 % is printed only after other lines, because later work, such as intervals, may also take long.
         is_end = self.percent == 100 and self.printed > self.created
         if is_end or time.monotonic() - self.printed >= PLAIN_INTERVAL:
             self.printed = time.monotonic()
@@ -88,7 +88,7 @@ class _Work:
 
     @property
     def percent(self) -> int:
-        """Rounded down, so that 100 is all of it; the parts of a piece sum to it only up to rounding."""
+        """Percentage of finished work, rounded down: 100 is all of it, up to rounding in sums of parts."""
         return int(100 * self.done / self.total + 1e-6) if self.total else 100
 
     def __str__(self) -> str:
@@ -102,7 +102,7 @@ class _Work:
 
 
 def say(text: str) -> None:
-    """Print a message that is not a result. Where standard error is closed or full, nobody reads it."""
+    """Print a message that is not a result. It is lost if standard error is closed or full."""
     with contextlib.suppress(OSError, ValueError):
         print(text, file=sys.stderr, flush=True)
 

@@ -13,7 +13,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def check_record(model: type[Model], contents: Any, path: Path, what: str, version: int) -> Model:
-    """Check what a JSON file holds.
+    """Check the contents of a JSON file.
 
     Args:
         model: Model of the contents.

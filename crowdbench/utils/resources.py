@@ -1,4 +1,4 @@
-"""Processor time and memory: a limit of time that is fair on a busy machine, and how much memory a process takes."""
+"""Limits the time of processes, in a fair way on a busy machine, and the memory of this process."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 MAX_FACTOR = 10.0
-"""However long a process waits for a processor, it is not given more than this many times its limit."""
+"""Largest elapsed time as a multiple of the limit, even if a process waits for a processor."""
 
 HEAD = 1.0
-"""So many seconds of the work count in any case, or half of its limit, so that short work costs nothing."""
+"""Seconds at the start that always count, or half of the limit if less, so that short work needs no measurement."""
 
 
 class FairLimit:
     """A limit of time for the work of one or several processes, which starts now.
 
-    After `HEAD`, the time is left out in which the thread that waited longest was ready to run and had no processor.
-    Only Linux says how long that is: elsewhere all time counts.
+    After `HEAD`, the time in which the thread that waited longest was ready to run, but had no processor, does not
+    count. Only Linux reports this time: on other systems all time counts.
 
     Attributes:
         seconds: The limit.
-        head: The seconds that count in any case.
+        head: The seconds at the start that always count.
 
     Args:
         seconds: The limit.
-        processes: The numbers of the processes that work, read at each look.
+        processes: Function that returns the ids of the working processes, called at each check.
     """
 
     def __init__(self, seconds: float, processes: Callable[[], Iterable[int]]) -> None:
@@ -39,7 +39,7 @@ class FairLimit:
         self._first_look: tuple[float, dict[Path, float]] | None = None
 
     def over(self) -> bool:
-        """Return whether it is over. Call it now and then after `head`: the leaving out starts with the first call."""
+        """Return whether the limit is exceeded. Call it repeatedly after `head`: exclusion starts at the first call."""
         return self.spent() > self.seconds or time.perf_counter() - self._start > MAX_FACTOR * self.seconds
 
     def spent(self) -> float:
@@ -61,7 +61,7 @@ def _waited(processes: Iterable[int]) -> dict[Path, float]:
     waited = {}
     for process in processes:
         for thread in Path(f"/proc/{process}/task").glob("*"):
-            with contextlib.suppress(OSError, ValueError, IndexError):  # it has ended, or the kernel does not say
+            with contextlib.suppress(OSError, ValueError, IndexError):  # it has ended, or the kernel does not report it
                 waited[thread] = int((thread / "schedstat").read_text().split()[1]) / 1e9
     return waited
 
@@ -71,10 +71,10 @@ _MAX_KEPT = 32 * 2**20
 
 
 def keep_freed_memory() -> None:
-    """Have this process keep the memory that arrays of some megabytes leave, for the next ones.
+    """Keep the freed memory of arrays of some megabytes in this process, for later arrays.
 
-    The layers of a network would otherwise give pages back to the system and get them again, zeroed, which takes as
-    long as their products. Only glibc can be told so.
+    Otherwise the layers of a network return pages to the system and receive them again, zeroed, which takes as long as
+    their matrix products. Only glibc supports this.
     """
     with contextlib.suppress(OSError, AttributeError):
         libc = ctypes.CDLL(None)
@@ -84,9 +84,9 @@ def keep_freed_memory() -> None:
 
 @contextlib.contextmanager
 def limit_memory(extra: float) -> Iterator[None]:
-    """Have this process take so many bytes more at most: where it asks for more, MemoryError is raised.
+    """Limit the additional memory of this process to `extra` bytes: a larger allocation raises MemoryError.
 
-    Only Linux keeps to it: elsewhere there is no limit.
+    Only Linux enforces the limit: on other systems there is none.
     """
     if sys.platform != "linux":
         yield

@@ -1,4 +1,4 @@
-"""How tables are written: as Markdown, LaTeX, CSV or JSON."""
+"""Formats tables as Markdown, LaTeX, CSV or JSON."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class Grid:
     Attributes:
         title: Its title.
         header: The headings of its columns.
-        rows: Its cells, as people read them.
-        records: Content of each row, as programs read it: dataclasses, or values by name.
-        align: How each column is aligned: `l` for left, `r` for right.
+        rows: Its cells, as text for readers.
+        records: Content of each row for programs: dataclasses, or values by name.
+        align: Alignment of each column: `l` for left, `r` for right.
         note: Text below it, in Markdown.
     """
 
@@ -45,15 +45,15 @@ class Grid:
 
 
 def printed_by(command: str) -> str:
-    """Return the first line of a page that a command prints, for those who would mend the page by hand."""
+    """Return the first line of a page that a command prints: it warns against editing the page by hand."""
     return f"Printed by `{command}`. Do not edit this page: the command overwrites it."
 
 
 def format_tables(grids: Sequence[Grid], kind: Format) -> str:
     """Return tables as a text.
 
-    In Markdown and LaTeX the titles stand above the tables where there are several, in CSV in the first column. LaTeX
-    needs the package booktabs; intervals are indices, so that some metrics fit a column of a paper.
+    Titles are printed if there are several tables: above them in Markdown and LaTeX, in the first column in CSV. LaTeX
+    needs the package booktabs. Intervals are indices in LaTeX, so that some metrics fit a column of a paper.
     """
     if kind is Format.JSON:
         records = {grid.title: plain(list(grid.records)) for grid in grids}
@@ -83,7 +83,7 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Return a dataclass and what is in it as JSON knows it: undefined and infinite numbers become null."""
+    """Return a value, such as a dataclass, in the types of JSON: undefined and infinite numbers become null."""
     if dataclasses.is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, dict):
@@ -112,14 +112,14 @@ def _latex(grid: Grid) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Return a text as LaTeX writes it: the interval of an estimate as indices, and what is bold in Markdown bold."""
+    """Return a text in LaTeX: intervals of estimates become indices, and bold Markdown becomes bold LaTeX."""
     plain = re.sub(r"\^(\d)", r"$^\1$", re.sub(r"([%&_#{}])", r"\\\1", text.replace(r"\*", "*")))
     plain = re.sub(r" \((-?[\d.]+) to (-?[\d.]+)\)", r"$_{\1}^{\2}$", plain)
     return re.sub(r"\*\*(.+?)\*\*", r"\\textbf{\1}", plain).replace("†", r"$^\dagger$").replace("≥", r"$\geq$")
 
 
 def _csv(records: Sequence[Mapping[str, Any]]) -> str:
-    """Return a row for each record, a column for each name that any of them has."""
+    """Return CSV with a row for each record, and a column for each name in any record."""
     text = io.StringIO()
     names = dict.fromkeys(name for record in records for name in record)
     writer = csv.DictWriter(text, list(names), lineterminator="\n")
@@ -132,7 +132,7 @@ def _csv(records: Sequence[Mapping[str, Any]]) -> str:
 
 
 def flatten(record: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the values of a record, which may hold others, by their dotted names."""
+    """Return the values of a record, which may contain other records, by their dotted names."""
     flat: dict[str, Any] = {}
     for name, value in record.items():
         flat |= flatten(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}

@@ -22,9 +22,9 @@ _here = _Here()
 
 
 def share(work: Callable[[Part], None], parts: Iterable[Part], threads: int, start: Callable[[], None] | None) -> None:
-    """Do parts of some work in threads; in the calling thread where there is one part, or where it is in the pool.
+    """Do parts of some work in threads; in the calling thread if there is one part, or if it belongs to the pool.
 
-    Each part is done by a single thread, so that its bits do not depend on the number of threads.
+    A single thread does each part, so that its result is bitwise independent of the number of threads.
 
     Args:
         work: Called with each part once.
@@ -38,14 +38,14 @@ def share(work: Callable[[Part], None], parts: Iterable[Part], threads: int, sta
             work(part)
         return
     futures = [_workers(threads, start).submit(work, part) for part in parts]
-    wait(futures)  # all of them, so that none works on after an exception
+    wait(futures)  # all of them, so that no thread continues after an exception
     for future in futures:
         future.result()
 
 
 @functools.cache
 def _workers(threads: int, start: Callable[[], None] | None) -> ThreadPoolExecutor:
-    """Return threads that are kept. New ones would start slowly, without buffers for matrix products."""
+    """Return a pool of threads, which is cached. New threads start slowly, without buffers for matrix products."""
 
     def begin() -> None:
         _here.is_worker = True

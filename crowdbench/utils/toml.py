@@ -1,7 +1,7 @@
-"""Reads TOML files, and says in one sentence what is wrong with them.
+"""Reads TOML files, and reports an error in a file in one sentence.
 
-The model of a table is a pydantic model, a `TomlTable`. The `description` of each of its fields says what is right
-there: it ends the sentence "FILE: KEY is FOUND, but must be ...".
+The model of a table is a pydantic model, a `TomlTable`. The `description` of each of its fields states the valid
+values: it ends the sentence "FILE: KEY is FOUND, but must be ...".
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def toml(text: str) -> dict[str, Any]:
         raise
     except RecursionError:
         raise InputError(TOO_DEEP) from None
-    except ValueError:  # raised where Python refuses to read an integer of thousands of digits
+    except ValueError:  # raised if Python refuses to read an integer of thousands of digits
         raise InputError(TOO_LARGE) from None
     values: list[Any] = [table]
     for _ in range(DEEPEST):
@@ -86,7 +86,7 @@ class TomlTable(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
 
     def complete(self) -> dict[str, Any]:
-        """Return all keys with their values, defaults included, as JSON writes them."""
+        """Return all keys with their values, including defaults, in the types of JSON."""
         return self.model_dump(mode="json", by_alias=True)
 
 
@@ -95,20 +95,20 @@ Model = TypeVar("Model", bound=TomlTable)
 
 @dataclass(frozen=True)
 class Location:
-    """A table of a file, to say in which one something is wrong: `key` is dotted, empty for the whole file."""
+    """Location of a table in a file, for errors: `key` is dotted, and empty for the whole file."""
 
     file: str
     key: str = ""
 
     def at(self, *path: str | int) -> Location:
-        """Return a location below this one: keys, and indices into lists, which people see counted from 1."""
+        """Return a location below this one: keys, and indices of lists, which errors count from 1."""
         key = self.key
         for part in path:
             key += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if key else part
         return Location(self.file, key)
 
     def wrong(self, value: str, expected: str) -> InputError:
-        """Return the error that says what is here, and what it must be.
+        """Return the error with the value at this location and the valid values.
 
         Args:
             value: The value.
@@ -121,7 +121,7 @@ class Location:
 
     @contextlib.contextmanager
     def named(self) -> Iterator[None]:
-        """Say of an InputError raised within that this table is the reason."""
+        """Add this location to the message of an InputError that is raised inside."""
         try:
             yield
         except InputError as error:
@@ -134,14 +134,14 @@ def parse_table(model: type[Model], table: Mapping[str, Any], location: Location
 
     Args:
         model: Model of the table.
-        table: As read from the file.
-        location: Where the table is.
+        table: The table, as read from the file.
+        location: The location of the table.
 
     Returns:
-        The table, with defaults for what it leaves out.
+        The table, with defaults for missing keys.
 
     Raises:
-        InputError: There is an unknown key, which is told first, or a value is missing or wrong.
+        InputError: There is an unknown key, which is reported first, or a value is missing or wrong.
     """
     try:
         return model.model_validate(table)
@@ -158,7 +158,7 @@ def number(default: Any = ..., *, above: float | None = None, least: float | Non
     """Return a field for a number.
 
     Args:
-        default: Its value where it is left out; without it, the field is required.
+        default: Its value if it is left out; without a default, the field is required.
         above: It must be larger than this.
         least: Or it must be at least this.
         below: It must be smaller than this.
@@ -174,7 +174,7 @@ def integer(default: Any = ..., *, least: int, most: int) -> Any:
     """Return a field for a whole number.
 
     Args:
-        default: Its value where it is left out; without it, the field is required.
+        default: Its value if it is left out; without a default, the field is required.
         least: The smallest number allowed.
         most: The largest number allowed.
 
@@ -189,7 +189,7 @@ def choice(names: Iterable[str], default: Any = ...) -> Any:
 
     Args:
         names: The names.
-        default: Its value where it is left out; without it, the field is required.
+        default: Its value if it is left out; without a default, the field is required.
 
     Returns:
         The field.
@@ -227,7 +227,7 @@ Values = Annotated[
 def _explained(
     model: type[TomlTable], table: Mapping[str, Any], path: tuple[str | int, ...], location: Location
 ) -> InputError:
-    """Return the error at a path, in the words of the innermost field there that has a description."""
+    """Return the error at a path, with the description of the innermost field on the path that has one."""
     owner: type[TomlTable] | None = model
     key, expected = path, ""
     for depth, part in enumerate(path, 1):
@@ -257,7 +257,7 @@ def _table_in(annotation: Any) -> type[TomlTable] | None:
 
 
 def _value_at(table: Any, path: tuple[str | int, ...]) -> str:
-    """Return what is at a path, as people see it."""
+    """Return the value at a path as a text for an error."""
     for part in path:
         if isinstance(table, dict) and part not in table:
             return "missing"

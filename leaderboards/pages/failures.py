@@ -29,7 +29,7 @@ MOST = 10
 RECORDED = "Recorded pedestrians are not shown: their tracks may not be redistributed."
 
 WORDS = {Outcome.TIMEOUT: "time-out", Outcome.WALL_COLLISION: "collision with a wall"}
-"""The words for outcomes, where they are not their labels."""
+"""Names of outcomes that differ from their labels."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class Failures:
     """Failures on the page of an entry.
 
     Attributes:
-        number: How many public cases it failed in.
+        number: Number of public cases in which it failed.
         examples: Some of them, see `_read_failures`.
-        problem: Why nothing is shown; empty if something is, or there is no failure.
+        problem: Reason why no failure is shown; empty if failures are shown, or if there are none.
     """
 
     number: int = 0
@@ -53,7 +53,7 @@ def write_replay(board: Board, entries: Sequence[Entry], folder: Path) -> dict[s
     Args:
         board: The board.
         entries: Its entries. Those that cannot be simulated again are left out of the page.
-        folder: The folder of the page, which is not made where no entry can be simulated again.
+        folder: The folder of the page, which is not created if no entry can be simulated again.
     """
     scenarios = {} if board.spec.recorded else {scenario.name: scenario for scenario in board.load(None)}
     found, runs = {}, []
@@ -72,7 +72,7 @@ def write_replay(board: Board, entries: Sequence[Entry], folder: Path) -> dict[s
 
 
 def _public_runs(board: Board, entry: Entry, scenarios: Mapping[str, Scenario]) -> list[RunResult]:
-    """Return the runs of an entry, each with its name. Raises InputError where a case has no commands."""
+    """Return the runs of an entry, each with its name. Raises InputError if a case has no commands."""
     runs = []
     for scenario in scenarios.values():
         if (entry.public / scenario.name).is_dir():
@@ -84,7 +84,7 @@ def _public_runs(board: Board, entry: Entry, scenarios: Mapping[str, Scenario]) 
 
 
 def _read_failures(board: Board, entry: Entry, scenarios: Mapping[str, Scenario], folder: Path) -> Failures:
-    """Return the failures of an entry, with what its replay found."""
+    """Return the failures of an entry, with the results of its replay."""
     episodes, examples = read_episodes(board, entry.public), []
     for name, cases in _choose(episodes).items():
         for case in cases:
@@ -108,7 +108,7 @@ def _read_failures(board: Board, entry: Entry, scenarios: Mapping[str, Scenario]
 
 
 def _described(run: RunResult, entry: Entry, scenario: Scenario) -> RunResult:
-    """Return a run with its scenario, whose planner has the name of an entry."""
+    """Return a run with its scenario, and with the name of an entry as planner."""
     planner = {"name": entry.name, "options": entry.spec.options}
     stated = run.result["run"] | {"planner": planner, "replanning": {}, "scenario": scenario.digest}
     return dataclasses.replace(
@@ -117,7 +117,7 @@ def _described(run: RunResult, entry: Entry, scenario: Scenario) -> RunResult:
 
 
 def _choose(episodes: dict[str, Episodes]) -> dict[str, list[int]]:
-    """Return the cases that are shown, by scenario: of each scenario and each kind of failure one, then the next."""
+    """Return the shown cases by scenario: one of each scenario and kind of failure, then the next of each."""
     kinds = [
         [(name, case) for case in each.case[each.outcome == outcome].tolist()]
         for outcome in (Outcome.COLLISION, Outcome.TIMEOUT, Outcome.WALL_COLLISION)

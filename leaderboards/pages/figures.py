@@ -18,7 +18,7 @@ from standings import Standing, Standings
 from texts import shorten
 
 COLOURS = {name: f"#0102{number:02x}" for number, name in enumerate(("muted", "accent", "ink", "line", "page"))}
-"""By the name of a variable of `style.css`, the colour that stands for it while Matplotlib draws."""
+"""Placeholder colours for variables of `style.css`, by name. They are replaced after Matplotlib has drawn."""
 
 _STYLE = {
     "svg.fonttype": "none",
@@ -43,10 +43,10 @@ _STYLE = {
 }
 
 CLOSE = 0.9
-"""Entries that succeed at least so often are also shown in a figure of their own, where others are far from them."""
+"""Least success rate of entries that are also shown in a separate close-up, if other entries are below."""
 
 LETTER = 6.0
-"""About the width of a letter, in units of the SVG."""
+"""Approximate width of a letter, in units of the SVG."""
 
 _OFFSETS = np.array(
     [
@@ -58,7 +58,7 @@ _OFFSETS = np.array(
         )
     ]
 )
-"""Where a name may stand beside its point, the best place first, in units of the SVG."""
+"""Offsets of a name from its point, in order of preference, in units of the SVG."""
 
 _SHORTENED = (
     (r"<metadata>.*?</metadata>", ""),
@@ -81,8 +81,7 @@ def _axes(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
 
 
 def _to_svg(figure: Figure, label: str) -> Markup:
-    """Return a figure as an element of a page, with a label for those who cannot see it. Call it inside `with
-    _axes(...)`."""
+    """Return a figure as an SVG element, with a label for screen readers. Call it inside `with _axes(...)`."""
     file = io.StringIO()
     figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
     text = file.getvalue()
@@ -99,10 +98,9 @@ def _to_svg(figure: Figure, label: str) -> Markup:
 
 
 def success_against_time(table: Standings) -> list[Markup]:
-    """Draw success against time of all entries that were measured on the same cases, and a close-up of the best of
-    them.
+    """Draw success against time of all entries measured on the same cases, and a close-up of the best ones.
 
-    Nothing where nobody was measured, and no close-up where it would show nothing more.
+    Return no figure if no entry was measured, and no close-up if it would add nothing.
     """
     entries = [one for one in table.entries if one.is_measured and np.isfinite(_point(one)).all()]
     near = [one for one in entries if one.figures["success_rate"].mean >= CLOSE]
@@ -115,7 +113,7 @@ def success_against_time(table: Standings) -> list[Markup]:
 
 
 def _scatter(entries: Sequence[Standing], with_names: Sequence[Standing], which: str) -> Markup:
-    """Draw entries with their intervals, and with the step line of the Pareto set; some have their names."""
+    """Draw entries with their intervals, the step line of the Pareto set, and the names of some."""
     with _axes(9.6, 5.2) as (figure, axes):
         front = np.array(sorted(_point(one) for one in entries if one.is_pareto)).reshape(-1, 2)
         axes.step(*front.T, where="post", color=COLOURS["muted"], lw=1, linestyle=(0, (2, 3)))
@@ -147,7 +145,7 @@ def _point(one: Standing) -> tuple[float, float]:
 
 
 def _ends(one: Standing) -> list[tuple[float, float]]:
-    """Return time and success at the lower ends of their intervals, in the mean, and at the upper ends."""
+    """Return time and success at the lower ends of their intervals, at their means, and at the upper ends."""
     time, success = one.figures["navigation_time"], one.figures["success_rate"]
     return [(getattr(time, end), 100.0 * getattr(success, end)) for end in ("low", "mean", "high")]
 

@@ -1,7 +1,7 @@
 """Hook of MkDocs: pages of all boards, of each board and of each entry of the leaderboards, and replays of their cases.
 
-The folder of boards is `extra.boards` of mkdocs.yml. Strangers write the texts of entries, so these never are Markdown:
-the Markdown of a page has its headings, and marks where the HTML of its template is put afterwards.
+The folder of boards is `extra.boards` of mkdocs.yml. Texts of entries are untrusted, and never interpreted as Markdown.
+The Markdown of a page has only its headings, and marks that are replaced by the HTML of its template.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_content(content: str, page: Any, **kwargs: Any) -> str:
-    """Put the HTML of a page where its marks are."""
+    """Replace the marks in a page by its HTML."""
     return re.sub(r"<!-- part (\d+) -->", lambda mark: parts[page.file.src_uri][int(mark[1])], content)
 
 
 def _pages(boards: Sequence[Board], root: Path) -> Iterator[tuple[str, str | bytes]]:
-    """Make all pages and replays, by their addresses. Boards that tell little, or nothing, come last."""
+    """Yield all pages and replays, by their addresses. Saturated and empty boards come last."""
     season = read_season(root) if (root / SEASON).exists() else None
     seeds: dict[str, int] = {}
     with progress(2 * len(boards), "of the leaderboards") as report:
@@ -85,7 +85,7 @@ def _pages(boards: Sequence[Board], root: Path) -> Iterator[tuple[str, str | byt
 
 
 def _of_board(table: Standings, **context: Any) -> Iterator[tuple[str, str | bytes]]:
-    """Make the page of a board, the pages of its entries, and the replay of its public cases."""
+    """Yield the page of a board, the pages of its entries, and the replay of its public cases."""
     board = table.board
     with tempfile.TemporaryDirectory() as place:
         failures = write_replay(board, [one.entry for one in table.entries], Path(place) / "replay")
@@ -103,7 +103,7 @@ def _of_board(table: Standings, **context: Any) -> Iterator[tuple[str, str | byt
 
 
 def _page(uri: str, meta: dict[str, Any], template: str, **context: Any) -> tuple[str, str]:
-    """Make the Markdown of a page, and keep the HTML of its parts, which lines that begin with ## separate."""
+    """Return the Markdown of a page, and store the HTML of its parts, separated by lines that begin with ##."""
     before, *rest = re.split(r"^(## .+)\n", _templates().get_template(template).render(context), flags=re.MULTILINE)
     parts[f"{FOLDER}/{uri}"] = [before, *rest[1::2]]
     marks = [f"{heading}\n\n<!-- part {number} -->" for number, heading in enumerate(["", *rest[::2]])]
@@ -112,7 +112,7 @@ def _page(uri: str, meta: dict[str, Any], template: str, **context: Any) -> tupl
 
 @functools.cache
 def _templates() -> jinja2.Environment:
-    """Return the templates, which escape every text that they are given."""
+    """Return the templates, which escape every inserted text."""
     templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         autoescape=True,
@@ -123,6 +123,6 @@ def _templates() -> jinja2.Environment:
     templates.filters |= {function.__name__: function for function in texts.FILTERS}
     headings = {name: info_of(name).heading for name in MEASURED}
     meanings = {name: str(METRICS[name].__doc__).partition(" [")[0] for name in MEASURED}
-    templates.globals |= {"METRICS": headings, "METRICS_SAY": meanings, "MANNERS": texts.MANNERS}
+    templates.globals |= {"METRICS": headings, "METRICS_SAY": meanings, "COMPLIANCE": texts.COMPLIANCE}
     templates.globals |= {"FILLING": FILLING, "tables": page_tables}
     return templates

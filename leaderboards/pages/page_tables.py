@@ -14,7 +14,7 @@ from crowdbench.core.types import Outcome
 from crowdbench.metrics.summary import Estimate
 
 MOST_CASES = 80
-"""The most cases that are shown: those in which most entries fail."""
+"""Largest number of shown cases: the ones in which most entries fail."""
 
 LETTERS = {
     Outcome.RUNNING: NOTHING,
@@ -27,7 +27,7 @@ LETTERS = {
 
 
 def success_axis(table: Standings) -> float:
-    """Return where the axis of success begins, as a share; it ends at 1. The same for all entries of a board."""
+    """Return the start of the success axis, a share; it ends at 1. It is the same for all entries of a board."""
     lows = [one.figures["success_rate"].low for one in table.entries]
     return min(math.floor(10.0 * min((low for low in lows if math.isfinite(low)), default=0.0)) / 10.0, 0.9)
 
@@ -36,7 +36,7 @@ def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
     """Return a share on an axis from `begin` to 1, in per cent of its length.
 
     Returns:
-        Where the interval begins, the mean, and the length of the interval, at least so long that it can be seen.
+        The start of the interval, the mean, and the length of the interval, which is large enough to be visible.
     """
     low, mean, high = (
         100.0 * min(max((value - begin) / (1.0 - begin), 0.0), 1.0) if math.isfinite(value) else 0.0
@@ -52,8 +52,8 @@ TAGS = "reactive learned planning;real-time;privileged"
 def tags(one: Standing) -> str:
     """Return the tags of an entry, in the groups of `TAGS`.
 
-    A learned planner states the digest of weights, or its card names training. A planning one declares it. A reactive
-    one is neither.
+    An entry is `learned` if it states a digest of weights or its card states a training, `planning` if its card states
+    so, and `reactive` if it is neither.
     """
     card, spec = one.entry.card, one.entry.spec
     has_weights = any(name.endswith("weights") for facts in spec.facts.values() for name in facts)
@@ -68,7 +68,7 @@ def tags(one: Standing) -> str:
 
 
 def near(table: Standings, one: Standing) -> tuple[list[str], list[str]]:
-    """Return the names of the ranked entries that an entry is equivalent to, and of those not told apart from it."""
+    """Return the names of the ranked entries equivalent to an entry, and of those without a decided difference."""
     pairs = [pair for pair in table.pairs if one.name in (pair.higher, pair.lower)]
     other = {pair: pair.higher if pair.lower == one.name else pair.lower for pair in pairs}
     unclear = [other[pair] for pair in pairs if not pair.is_sure and not pair.is_equivalent]
@@ -76,7 +76,7 @@ def near(table: Standings, one: Standing) -> tuple[list[str], list[str]]:
 
 
 def pair_table(table: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
-    """Return a row for each ranked entry with a cell for each one, None for itself and where they are not compared."""
+    """Return a row for each ranked entry with a cell for each one; None for itself and for pairs not compared."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
     for pair in table.pairs:
         cells[pair.higher, pair.lower] = _pair_cell(pair, "better", 1.0)
@@ -106,9 +106,9 @@ def case_table(table: Standings, is_public: bool) -> dict[str, Any] | None:
         is_public: True for the public cases of all entries, False for the cases of the season.
 
     Returns:
-        `groups` are the scenarios with how many of their cases are shown, `cases` the numbers of these, `links` their
-        names in a replay; `rows` the entries with their outcomes in them. Of `total` cases some entry failed in
-        `failed`, and all in `by_all`.
+        `groups` are the scenarios with their number of shown cases, `cases` the numbers of these cases, `links` their
+        names in a replay, and `rows` the entries with their outcomes. Of `total` cases, some entry failed in `failed`,
+        and all entries failed in `by_all`.
     """
     board = table.board
     entries = [one for one in table.entries if (not one.is_pending if is_public else one.is_measured)]

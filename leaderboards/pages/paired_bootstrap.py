@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, Shaped
 RESAMPLES = 2000
 
 _SEED = 0
-"""The same entries have the same ranks."""
+"""Fixed, so that the same entries have the same ranks."""
 
 
 class Studentised(NamedTuple):
@@ -34,14 +34,14 @@ def studentise(
 ) -> Studentised:
     """Resample the cases of each scenario, the same ones for all pairs.
 
-    A variance is at least that of the discordant cases and one more: where few cases differ, or none, as many others
-    may differ by chance.
+    A variance is at least that of the discordant cases and one more: if few cases differ, or none, as many others may
+    differ by chance.
 
     Args:
         scenarios: The differences in success in each case of each scenario: 1, 0 or -1.
         weights: The weight of each scenario; the sum is 1.
-        blocks: The block of each case of each scenario, where cases of the same block are not independent: then they
-            are resampled together.
+        blocks: The block of each case of each scenario, if cases of the same block are not independent: then they are
+            resampled together.
     """
     draws = np.random.default_rng(_SEED)
     shape = 1 + RESAMPLES, scenarios.shape[1]

@@ -6,8 +6,8 @@ than another if the bounds of their difference are above 0, and equivalent to it
 rank goes from 1 plus the number of entries that are surely better to the number of entries minus those that are surely
 worse (Mogstad, Romano, Shaikh and Wilhelm 2024).
 
-A tier begins where each entry so far is surely better than each of the following ones. Entries of the same rank are
-listed by success weighted by completion time (SCT): an order, and no rank.
+A tier begins at an entry if each entry before it is surely better than it and than each following one. Entries of the
+same rank are listed by success weighted by completion time (SCT), which is an order and no rank.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from jaxtyping import Bool, Float, Int
 from paired_bootstrap import studentise
 
 CONFIDENCE = 0.95
-"""Of the bounds of all pairs of a board together."""
+"""Joint confidence of the bounds of all pairs of a board."""
 
 NORMAL = 1.96
-"""The least number of standard errors of a significant difference. Where few cases differ, that of a bootstrap is
+"""The least number of standard errors of a significant difference. If few cases differ, the number of a bootstrap is
 smaller, because it draws from no other cases."""
 
 MARGIN = 0.02
@@ -57,7 +57,7 @@ class Pair:
 
     @property
     def is_equivalent(self) -> bool:
-        """Check if the entries surely differ by less than `MARGIN`."""
+        """True if the entries surely differ by less than `MARGIN`."""
         return self.difference + self.error < MARGIN
 
 
@@ -74,7 +74,7 @@ class Rank:
     last: int
 
     def __str__(self) -> str:
-        """Return the interval, or the rank where it is the only one."""
+        """Return the interval, or a single rank."""
         return f"{self.first} to {self.last}" if self.last > self.first else f"{self.first}"
 
 
@@ -86,7 +86,7 @@ def compare_all(
     Args:
         successes: The successes of each entry by its name, in the same cases.
         weights: The weight of each scenario; the sum is 1.
-        blocks: The block of each case of each scenario, where cases of the same block are not independent: then the
+        blocks: The block of each case of each scenario, if cases of the same block are not independent: then the
             bootstrap resamples blocks.
     """
     mean = {name: float(weights @ values.mean(axis=1)) for name, values in successes.items()}
@@ -126,8 +126,8 @@ def sort_entries(rank: Mapping[str, Rank], sct: Mapping[str, float]) -> list[str
 
 
 def tiers(order: Sequence[Rank]) -> list[bool]:
-    """Return which entries begin a tier; the ranks in the order of `sort_entries`."""
-    # So many entries are surely better than this one, and than the following ones, as stand before it.
+    """Return which entries begin a tier; the ranks are in the order of `sort_entries`."""
+    # The number of entries that are surely better than this one is the number of entries before it.
     return [rank.first == place for place, rank in enumerate(order, start=1)]
 
 

@@ -1,4 +1,4 @@
-"""The standings of a board: its entries with their ranks, or why they have none."""
+"""The standings of a board: its entries with their ranks, or the reasons why they have none."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from crowdbench.runs.results import Episodes
 from crowdbench.utils.errors import InputError
 
 MAX_RANKED = 2
-"""The most ranked entries of a submitter on a board."""
+"""Largest number of ranked entries of a submitter on a board."""
 
-POLITE = ("intimate_zone", "imposed_delay", "imposed_delay_positive")
+SOCIAL = ("intimate_zone", "imposed_delay", "imposed_delay_positive")
 """The metrics of social compliance among `SHOWN`."""
 
-SHOWN = ("collision_rate", "at_fault_rate", "sct", "navigation_time", *POLITE, "jerk")
+SHOWN = ("collision_rate", "at_fault_rate", "sct", "navigation_time", *SOCIAL, "jerk")
 """The metrics that the table of a board shows beside success."""
 
 PENDING = "Its board or planner has changed since: it must be submitted again."
@@ -52,14 +52,14 @@ class Standing:
         verification: The verification of the season; None if none counts.
         outcomes: The outcome of each case of the season, or else of each public case; `RUNNING` in scenarios that the
             planner cannot drive.
-        public: The outcome of each public case in the same way.
-        blocks: The blocks of recorded time of these cases, by scenario; none if nobody was recorded.
+        public: The outcome of each public case, or `RUNNING`.
+        blocks: The blocks of recorded time of these cases, by scenario; empty without recorded pedestrians.
         scenarios: The means with their intervals by scenario and metric; none for scenarios that the planner cannot
             drive.
         figures: The means over the board, with intervals; undefined for a pending entry.
         profile: Success by family of scenarios, with its interval; empty for a pending entry.
         is_pending: True if it must be submitted again.
-        reason: Why it has no rank, in a few words; empty if it has a rank.
+        reason: Reason why it has no rank, in a few words; empty if it has a rank.
         explanation: The same in a sentence.
         rank: Its rank.
         is_pareto: True if no ranked entry succeeds more often and is quicker.
@@ -83,27 +83,27 @@ class Standing:
 
     @property
     def name(self) -> str:
-        """Return the name of the entry."""
+        """Name of the entry."""
         return self.entry.name
 
     @property
     def is_baseline(self) -> bool:
-        """Check if it is a planner that ships, submitted by the maintainers."""
+        """True if it is a shipped planner, submitted by the maintainers."""
         return fold(self.entry.spec.submitted_by) == MAINTAINERS
 
     @property
     def is_measured(self) -> bool:
-        """Check if the figures were measured in the season; otherwise they are those that the authors report."""
+        """True if the figures were measured in the season; otherwise they are reported by the authors."""
         return self.verification is not None and bool(self.verification.figures)
 
     @property
     def decision_time(self) -> DecisionTime | None:
-        """Return the time of decisions, if it was measured in the season."""
+        """Time of decisions, if it was measured in the season."""
         return self.verification.decision_time if self.verification else None
 
     @property
     def method(self) -> Method | None:
-        """Return the means of the method, if they were measured in the season."""
+        """Means of the method, if they were measured in the season."""
         return self.verification.method if self.verification else None
 
 
@@ -127,28 +127,28 @@ class Standings:
 
     @property
     def entries(self) -> Sequence[Standing]:
-        """Return ranked and other entries."""
+        """Ranked and other entries."""
         return [*self.ranked, *self.others]
 
     @property
     def shown(self) -> Sequence[str]:
-        """Return the metrics beside success that any ranked entry has, or any entry if none is ranked."""
+        """Metrics beside success that any ranked entry has, or any entry if none is ranked."""
         entries = self.ranked or self.others
         return [name for name in SHOWN if any(np.isfinite(entry.figures[name].mean) for entry in entries)]
 
     @property
     def has_methods(self) -> bool:
-        """Check if the method of some entry was measured."""
+        """True if the method of some entry was measured."""
         return any(entry.method for entry in self.entries)
 
     @property
     def is_saturated(self) -> bool:
-        """Check if more than half of the ranked entries may be the best one, so that the board tells little."""
+        """True if more than half of the ranked entries may be the best one, so that the board separates few entries."""
         return 2 * sum(one.rank is not None and one.rank.first == 1 for one in self.ranked) > len(self.ranked) > 2
 
     @property
     def tiers(self) -> Sequence[bool]:
-        """Return which ranked entries begin a tier; only the best of each submitter can."""
+        """For each ranked entry, True if it begins a tier; only the best entry of each submitter can."""
         starts = iter(tiers([entry.rank for entry in self.ranked if entry.rank and entry.is_best]))
         return [entry.is_best and next(starts) for entry in self.ranked]
 
@@ -185,7 +185,7 @@ def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> 
 def _best_of_each(board: Board, candidates: Mapping[str, Standing]) -> list[str]:
     """Return the names of the entries that count for the ranks of others: the one of highest success of each submitter.
 
-    Every planner that ships counts.
+    Every shipped planner counts.
     """
     best: dict[str, tuple[float, str]] = {}
     for name, entry in candidates.items():
@@ -197,9 +197,9 @@ def _best_of_each(board: Board, candidates: Mapping[str, Standing]) -> list[str]
 
 
 def _compare(board: Board, candidates: Mapping[str, Standing]) -> tuple[list[Pair], dict[str, Rank]]:
-    """Compare the best entries of all submitters with each other, and each other entry with the best of others.
+    """Compare the best entries of all submitters with each other, and each other entry with other submitters' best.
 
-    So an entry changes the rank of no other one by standing beside a better one of its submitter.
+    So an entry does not change the rank of others if its submitter has a better one.
     """
     best, pairs, rank = _best_of_each(board, candidates), [], {}
     for name in [None, *(name for name in candidates if name not in best)]:
@@ -219,7 +219,7 @@ def _compare(board: Board, candidates: Mapping[str, Standing]) -> tuple[list[Pai
 
 
 def _blocks(entries: Sequence[Standing]) -> Sequence[Int[np.ndarray, "case"]] | None:
-    """Return the blocks of recorded time of the cases of each scenario; None if nobody was recorded.
+    """Return the blocks of recorded time of the cases of each scenario; None without recorded pedestrians.
 
     All entries drove the same cases, so that a scenario has the same blocks in all of them.
     """
@@ -231,7 +231,7 @@ def _blocks(entries: Sequence[Standing]) -> Sequence[Int[np.ndarray, "case"]] | 
 
 
 def _limit_ranked(entries: Sequence[Standing]) -> list[Standing]:
-    """Return the same entries, with a reason for those beyond the most of their submitter, by name."""
+    """Return the same entries, with a reason for entries of a submitter beyond `MAX_RANKED`."""
     ranked: Counter[str] = Counter()
     limited = []
     for entry in entries:
@@ -305,13 +305,13 @@ def success_by_family(board: Board, scenarios: Estimates) -> dict[str, Estimate]
 
 
 def _why_unranked(board: Board, entry: Entry, pending: bool, verification: Verification | str) -> tuple[str, str]:
-    """Return why an entry has no rank, in a few words and in a sentence; both empty if it has one.
+    """Return the reason why an entry has no rank, in a few words and in a sentence; both are empty if it has one.
 
     Args:
         board: The board.
         entry: The entry.
         pending: True if it must be submitted again.
-        verification: The verification of the season, or why none counts.
+        verification: The verification of the season, or the reason why none counts.
     """
     if not board.spec.ranked:
         return "not ranked", "This board has no ranks: it shows results only."

@@ -1,4 +1,4 @@
-"""Numbers and texts as the pages show them. Entries are written by strangers, so that their texts are only data."""
+"""Numbers and texts of the pages. The texts of entries are untrusted, and treated only as data."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from urllib.parse import quote, urlsplit
 from crowdbench.metrics import info_of
 
 NOTHING = "\N{EN DASH}"
-"""Shown where there is no value."""
+"""Text of a missing value."""
 
 LONGEST = 1000
-"""Characters of a stranger's text that are shown."""
+"""Largest number of shown characters of an entry's text."""
 
 _ARXIV = re.compile(r"(?:arXiv:)?(\d{4}\.\d{4,5}(?:v\d+)?)", re.IGNORECASE)
 _DOI = re.compile(r"(?:doi:)?(10\.\d{4,9}/[^\s<>\"]+)", re.IGNORECASE)
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """Return a number with a fixed number of decimal places; a dash where it is undefined.
+    """Return a number with a fixed number of decimal places; a dash if it is undefined.
 
     Args:
         value: The number; None and NaN are undefined.
-        digits: How many decimal places.
+        digits: Number of decimal places.
     """
     if value is None or not math.isfinite(value):
         return NOTHING
@@ -35,7 +35,7 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def metric(value: float | None, name: str) -> str:
-    """Return a value of a metric as tables show it, in per cent where the metric is a share.
+    """Return a value of a metric as in tables, in per cent if the metric is a share.
 
     Args:
         value: The value; None and NaN are undefined.
@@ -46,28 +46,28 @@ def metric(value: float | None, name: str) -> str:
 
 
 def milliseconds(value: float) -> str:
-    """Return a time with two or three digits that count."""
+    """Return a time with two or three significant digits."""
     return number(value, 0 if value >= 99.5 else 1 if value >= 9.95 else 2)
 
 
 def sortable(value: float | None) -> str:
-    """Return a number for the script that sorts; empty where it is undefined."""
+    """Return a number for the sorting script; empty if it is undefined."""
     return "" if value is None or not math.isfinite(value) else f"{value:.9g}"
 
 
 def shorten(text: str, longest: int = LONGEST) -> str:
-    """Return a stranger's text without control characters, cut where it is too long for a page.
+    """Return an entry's text without control characters, cut if it is too long for a page.
 
     Args:
         text: The text.
-        longest: How many characters are shown.
+        longest: Largest number of shown characters.
     """
     plain = "".join(letter if letter.isprintable() else " " for letter in text)
     return plain if len(plain) <= longest else plain[: longest - 1] + "…"
 
 
 def web_address(text: str) -> str:
-    """Return the address of a paper or of code, if it is one of the web, an arXiv number or a DOI; otherwise empty."""
+    """Return the web address of a paper or of code, from an address, an arXiv number or a DOI; otherwise empty."""
     text = text.strip()
     if len(text) > LONGEST or not text.isprintable():
         return ""
@@ -87,8 +87,8 @@ def options_text(options: Mapping[str, Any]) -> str:
     return json.dumps(options, sort_keys=True, ensure_ascii=False)
 
 
-MANNERS = ("at_fault_rate", "intimate_zone", "imposed_delay", "imposed_delay_positive", "jerk")
-"""The metrics of manners, which stand with their intervals."""
+COMPLIANCE = ("at_fault_rate", "intimate_zone", "imposed_delay", "imposed_delay_positive", "jerk")
+"""The metrics of social compliance, which are shown with their intervals."""
 
 FILTERS = number, metric, milliseconds, sortable, shorten, web_address, options_text
-"""Filters of the templates, each by its own name."""
+"""Filters of the templates, by the names of the functions."""

@@ -1,1 +1,1 @@
-"""Certificates: commands by which the vehicle succeeds in a case, found with foresight of what people will do."""
+"""Certificates: commands by which the vehicle succeeds in a case, found with knowledge of the pedestrians' future."""

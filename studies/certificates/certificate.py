@@ -1,4 +1,4 @@
-"""Certificates of cases: commands by which the vehicle succeeds, found by cheap means first, and kept as a run."""
+"""Certificates of cases: commands by which the vehicle succeeds, from fast planners or a search, stored as a run."""
 
 from __future__ import annotations
 
@@ -37,24 +37,24 @@ from studies.certificates.search import Effort, SearchResult, Task, search
 from studies.pages import keep
 
 PLANNERS = ("orca_margin", "orca", "social_force")
-"""Planners that decide fast, and need no torch. A run of theirs that succeeds is a certificate."""
+"""Fast planners without torch. An episode in which one of them succeeds is a certificate."""
 
 SEARCH = "search"
-"""Origin of a certificate that no planner gave."""
+"""Origin of a certificate that is not from a planner."""
 
 KNOWN = (Effort(cell=0.2, states=2_000), Effort(cell=0.1, states=20_000))
 REACTING = (Effort(cell=0.2, states=256), Effort(cell=0.2, states=1_024))
-"""The efforts one after the other, where people's ways are known, and where a world is simulated for each state."""
+"""Efforts in order, for crowds with known trajectories, and for crowds that are simulated for each state."""
 
 
 NAME = "certificate"
 """The name of the planner in a run of certificates."""
 
 CODE = sorted(set(Path(__file__).parent.glob("*.py")) - {Path(__file__).with_name("run.py")})
-"""The files that certificates are made by."""
+"""The files with the code that computes certificates."""
 
 PART = 25
-"""Cases of a part: what an interrupt loses is no more than one."""
+"""Cases of a part: an interrupt loses one part at most."""
 
 
 class Certificate(NamedTuple):
@@ -62,13 +62,12 @@ class Certificate(NamedTuple):
 
     Attributes:
         case: Its number.
-        means: Origin of the commands, the name of a planner or `SEARCH`; empty where none were found.
-        margin: The margin that was asked for in metres, not a number where none were found.
-        gap: The smallest gap to pedestrians and obstacles in metres, likewise.
-        seconds: The time to the goal, likewise.
-        is_exhausted: True if the whole grid of a search was looked through, and none were found.
-        commands: The commands of all steps until the vehicle arrives; none where none were found, nor in a row of a
-            table.
+        means: Origin of the commands, the name of a planner or `SEARCH`; empty if no commands were found.
+        margin: The requested margin in metres; NaN if no commands were found.
+        gap: The smallest gap to pedestrians and obstacles in metres; NaN if no commands were found.
+        seconds: The time to the goal in seconds; NaN if no commands were found.
+        is_exhausted: True if a search has covered its whole grid without finding commands.
+        commands: The commands of all steps until the vehicle arrives; empty if none were found, and in rows of a table.
     """
 
     case: int
@@ -90,12 +89,12 @@ def certificates(scenario: Scenario, cases: Cases, margins: Sequence[float], pro
         progress: Called with the number of cases that are done.
 
     Returns:
-        One for each case. It does not depend on the others.
+        The certificate of each case, which does not depend on the other cases.
 
     Raises:
         InputError: The scenario breaks its contract.
     """
-    # The vehicle's sight need not be simulated: people do not mind it, and planners do better without noise.
+    # The vehicle's sensor need not be simulated: it does not affect pedestrians, and planners are better without noise.
     scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT))
     drivers = [Driver(load_planner(name)[1], name) for name in PLANNERS]
     driven = [(driver.name, rollout(driver, scenario, cases, undisturbed=False)) for driver in drivers]
@@ -118,8 +117,7 @@ def certificates(scenario: Scenario, cases: Cases, margins: Sequence[float], pro
 
 
 def _in_trace(trace: Trace, means: str, margin: float) -> Iterator[Certificate]:
-    """Yield the certificates among some episodes, with gaps of at least `margin` in metres; `means` gave their
-    commands."""
+    """Yield the certificates among episodes by commands of `means`, with gaps of at least `margin` in metres."""
     gaps = np.fmin(np.fmin.reduce(trace.gap, axis=1), np.fmin.reduce(trace.wall_gap, axis=1))
     for row in np.flatnonzero((trace.outcome == Outcome.SUCCESS) & (gaps >= margin)).tolist():
         commands = trace.command[row, : trace.steps[row]]
@@ -132,20 +130,20 @@ def _search_cases(
 ) -> Iterator[Certificate]:
     """Search for commands in cases that no planner has solved, and yield those by which the vehicle succeeds.
 
-    The cases whose whole grid was looked through are added to `exhausted`.
+    The cases in which a search has covered the whole grid are added to `exhausted`.
     """
     if not cases:
         return
     is_visible = scenario.rules.visible
-    # People depend on the vehicle's motion where they see it, or are placed where it is not.
+    # Pedestrians depend on the vehicle's motion if they see it, or if they are placed away from it.
     is_placed = scenario.crowd.arrival in ("new_goal", "respawn") or scenario.crowd.goal_change is not None
-    heeds_vehicle = is_visible or is_placed or scenario.tracks is not None
+    depends_on_vehicle = is_visible or is_placed or scenario.tracks is not None
     world = scenario.draw(split, np.array(cases))
     tasks = [Task.of(world, row, margin) for row in range(len(cases))]
     certified: set[int] = set()
 
     def replay(rows: Sequence[int], results: Iterable[SearchResult]) -> Iterator[Certificate]:
-        """Simulate what was found in some rows, and yield the certificates of those in which the vehicle succeeds."""
+        """Simulate the found commands of some rows, and yield certificates for rows in which the vehicle succeeds."""
         for row, result in zip(rows, results, strict=True):
             certificate = None
             if result.commands is not None:
@@ -155,7 +153,7 @@ def _search_cases(
             if certificate is not None:
                 certified.add(row)
                 yield certificate
-            elif result.is_exhaustive and not heeds_vehicle:
+            elif result.is_exhaustive and not depends_on_vehicle:
                 exhausted.add(cases[row])
 
     if not is_visible:
@@ -164,10 +162,10 @@ def _search_cases(
         def search_known(row: int) -> SearchResult:
             return _search_harder(tasks[row], Known([step.row(row) for step in steps]), margin, KNOWN)
 
-        # Threads, because the compiled search lets others go on.
+        # Threads, because the compiled search releases Python's lock.
         with ThreadPoolExecutor(numba.get_num_threads()) as pool:
             yield from replay(range(len(cases)), pool.map(search_known, range(len(cases))))
-    if heeds_vehicle:
+    if depends_on_vehicle:
         left = [row for row in range(len(cases)) if row not in certified]
 
         def search_reacting(row: int) -> SearchResult:
@@ -178,7 +176,7 @@ def _search_cases(
 
 
 def play_back(commands: Sequence[Float[np.ndarray, "step 2"]], scenario: Scenario) -> Driver:
-    """Drive each of some cases by its commands, as long as there are any."""
+    """Return a driver that replays the commands of each case until they end."""
     padded = np.zeros((len(commands), scenario.rules.max_steps, 2))
     for row, of_case in zip(padded, commands, strict=True):
         row[: len(of_case)] = of_case
@@ -204,10 +202,10 @@ def make(
     overwrite: bool = False,
     progress: Progress,
 ) -> list[Certificate]:
-    """Make certificates, going on from those that are there.
+    """Create the missing certificates of cases.
 
-    In `out` they are a run, in a directory named after the split. Beside it, `SPLIT.json` tells what each one
-    is from, and `NAME.toml` which cases have none, if the first ones are among the cases.
+    In `out` they are a run, in a directory named after the split. Beside it, `SPLIT.json` has the origin of each one,
+    and `NAME.toml` lists the cases without certificate, if the cases begin with the first one of the split.
 
     Args:
         scenario: The scenario.
@@ -222,8 +220,8 @@ def make(
         The certificate of each case.
 
     Raises:
-        InputError: The margin cannot be, the scenario breaks its contract, or the directory cannot be written.
-        KeyboardInterrupt: Interrupted. The parts that are finished are kept.
+        InputError: The margin is out of range, the scenario breaks its contract, or the directory cannot be written.
+        KeyboardInterrupt: Interrupted. Finished parts are kept.
     """
     if not 0.0 <= margin < LARGEST:
         raise InputError(f"a margin of {margin:g} m is not possible: give 0 m or more, and less than {LARGEST:g} m")
@@ -250,12 +248,12 @@ def make(
 
 
 def _write(found: Sequence[Certificate], path: Path) -> None:
-    """Write what was found for some cases, without the commands."""
+    """Write the certificates of some cases, without the commands."""
     keep([{name: getattr(each, name) for name in Certificate._fields[:-1]} for each in found], path)
 
 
 def _read(paths: Sequence[Path]) -> list[Certificate]:
-    """Return what some files say, by the number of the case."""
+    """Return the certificates in some files, in the order of cases."""
     found = []
     for row in (row for path in paths for row in json.loads(path.read_text(encoding="utf-8"))):
         fields: dict[str, Any] = {name: math.nan if value is None else value for name, value in row.items()}
@@ -264,14 +262,14 @@ def _read(paths: Sequence[Path]) -> list[Certificate]:
 
 
 def _list_without(scenario: Scenario, split: str, margin: float, found: Sequence[Certificate], path: Path) -> None:
-    """Write which cases of a split have no certificate beside what the file says of other splits.
+    """Write the cases of a split without certificate to a file, and keep its entries for other splits.
 
     Args:
         scenario: The scenario.
         split: The split.
         margin: The wider margin in metres.
         found: The certificate of each case, from the first one.
-        path: The file; one for another digest or another margin is replaced.
+        path: The file; it is replaced if it is for another digest or another margin.
     """
     before = Certified.read(path)
     is_same = before is not None and (before.scenario, before.margin) == (scenario.digest, margin)

@@ -1,4 +1,4 @@
-"""How long the way to the goal is from everywhere, around obstacles: what tells a search where it is worth going on."""
+"""Lengths of the shortest paths around obstacles to the goal, from all positions: the cost-to-go of a search."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.utils.compiled import njit
 
 CELL = 0.1
-"""Distance in metres between the points from which ways are known."""
+"""Distance in metres between the points of the grid."""
 
 ROOM = 4.0
-"""The vehicle is looked for so far around its start, its goal and all obstacles, in metres, or half the distance from
-start to goal where that is farther."""
+"""Margin in metres of the searched area around the start, the goal and all obstacles, or half the distance from start
+to goal if that is larger."""
 
 _STEPS = np.array([[1, 0], [0, 1], [1, 1], [1, -1], [2, 1], [1, 2], [2, -1], [1, -2]])
-"""From a point of the grid to its neighbours, one of both directions; with these a way is too long by 2.7 % at most."""
+"""Offsets from a grid point to its neighbours, one per pair of directions; paths are too long by 2.7 % at most."""
 
 
 Point = Float[np.ndarray, "2"]
 
 
 class CostToGo(NamedTuple):
-    """How long the way to a goal is from the points of a grid. For kernels.
+    """Lengths of the shortest paths to a goal from the points of a grid. For kernels.
 
     Attributes:
-        goal: In metres.
-        low: The corner of the area that is searched, and the first point of the grid, in metres.
+        goal: The goal in metres.
+        low: The corner of the searched area, and the first point of the grid, in metres.
         high: The opposite corner.
-        length: The length of the way from each point of the grid, in metres, infinite where none leads. It is empty
-            where there are no obstacles, and ways are straight.
+        length: The length of the path from each point of the grid in metres, infinite if there is no path. It is empty
+            without obstacles, because paths are straight.
     """
 
     goal: Point
@@ -46,12 +46,12 @@ class CostToGo(NamedTuple):
 
 
 def find_cost_to_go(start: Point, goal: Point, radius: float, obstacles: Polygons) -> CostToGo:
-    """Return the ways of a disc.
+    """Return the path lengths of a disc.
 
     Args:
-        start: Where the vehicle starts, in metres.
-        goal: Where it goes, in metres.
-        radius: Of the disc, in metres.
+        start: Start of the vehicle in metres.
+        goal: Goal of the vehicle in metres.
+        radius: Radius of the disc in metres.
         obstacles: Polygons in metres, NaN beyond the last corner of each.
     """
     corners = obstacles[np.isfinite(obstacles[..., 0])]
@@ -78,7 +78,7 @@ def find_cost_to_go(start: Point, goal: Point, radius: float, obstacles: Polygon
 @no_type_check
 @njit(nogil=True, error_model="numpy")
 def cost_left(x, y, cost):
-    """Return the length of the way from a point (x, y) to the goal of a `CostToGo`, in metres. Compiled."""
+    """Return the length of the path from a point (x, y) to the goal of a `CostToGo`, in metres. Compiled."""
     goal, low, _, length = cost
     if length.shape[0] == 0:
         return math.hypot(goal[0] - x, goal[1] - y)
@@ -93,11 +93,11 @@ def cost_left(x, y, cost):
 @no_type_check
 @njit
 def _fill_free(low, radius, obstacles, free):
-    """Find out between which points of a grid a disc can move.
+    """Compute the pairs of neighbouring grid points between which a disc can move.
 
     Args:
         low (array): `[2]`, the first point in metres.
-        radius (float): Of the disc in metres.
+        radius (float): Radius of the disc in metres.
         obstacles (array): `[polygon, corner, 2]`, in metres.
         free (array): `[step, x, y]`, filled: whether each of `_STEPS` can be taken from each point.
     """

@@ -1,4 +1,4 @@
-"""The crowds that a search meets: one that walks its ways whatever the vehicle does, or one that reacts to it."""
+"""Crowds of a search: one with known trajectories, which do not depend on the vehicle, or one that reacts to it."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from crowdbench.sim.simulator import crowd_decisions, finish_step, move, step
 
 
 class CrowdStep(NamedTuple):
-    """Motion of crowds in a step. Row 0 of the agents is the vehicle's, which only has its radius there.
+    """Motion of crowds in a step. Row 0 of the agents is the vehicle, of which only the radius is set.
 
     Attributes:
         before: Positions before the step in metres.
-        end: Positions after it, before anybody comes or goes.
+        end: Positions after it, before pedestrians spawn or leave.
         velocity: Velocities before it in m/s.
-        radius: In metres.
+        radius: Radii in metres.
         present: True for agents that exist.
     """
 
@@ -43,10 +43,10 @@ class CrowdStep(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """A crowd whose ways are known: the same around all states of a layer.
+    """A crowd with known trajectories, which are the same for all states of a layer.
 
     Attributes:
-        steps: Its motion in each of the steps that are left.
+        steps: Its motion in each of the remaining steps.
     """
 
     steps: Sequence[CrowdStep]
@@ -56,13 +56,12 @@ class Known:
         return self.steps[0]
 
     def after(self, parent: Int[np.ndarray, "state"], command: Float[np.ndarray, "state 2"]) -> Known:
-        """Return the crowd around the states of the next layer, which come from the states `parent` by these
-        commands."""
+        """Return the crowd of the states of the next layer, which follow from the states `parent` by these commands."""
         return Known(self.steps[1:])
 
 
 class Reacting:
-    """Crowds that see the vehicle: a world for each state, which the simulator takes on.
+    """Crowds that react to the vehicle: a world for each state, which the simulator advances.
 
     Args:
         scenario: The scenario.
@@ -75,7 +74,7 @@ class Reacting:
 
     def ahead(self) -> CrowdStep:
         """Return the motion of the crowds in the next step: one for each state."""
-        standing = np.zeros((len(self.world), 2))  # in a step, nobody minds what the vehicle does in it
+        standing = np.zeros((len(self.world), 2))  # the motion of a crowd in a step does not depend on the command
         return CrowdStep.of(self.world, move(self.world, standing, self.velocities)[0])
 
     def after(self, parent: Int[np.ndarray, "state"], command: Float[np.ndarray, "state 2"]) -> Reacting:
@@ -88,7 +87,7 @@ Crowd = Known | Reacting
 
 
 def known_steps(scenario: Scenario, world: World) -> list[CrowdStep]:
-    """Return the motion of crowds in all steps of an episode in which the vehicle stands and nothing stops it.
+    """Return the motion of crowds in all steps of an episode in which the vehicle stands and no outcome ends it.
 
     Args:
         scenario: The scenario.

@@ -1,8 +1,7 @@
-"""From the states of a layer to the states of the next one: every command of every state, checked as the simulator
-does.
+"""Expansion of a layer of states to the next one: every command of every state, checked as in the simulator.
 
-A layer holds what the vehicle may be after so many steps. Of all states in one cell of a grid over position, heading
-and speed it keeps one, that with the shortest way left. Compiled.
+A layer contains states that the vehicle can reach after a number of steps. Of all states in one cell of a grid over
+position, heading and speed, it contains only the one with the shortest remaining path. Compiled.
 """
 
 from __future__ import annotations
@@ -25,15 +24,15 @@ from studies.certificates.cost_to_go import cost_left
 _PLUS = COLLISION_RULES.index("crowdnav_plus")
 
 SAFE = 1e-9
-"""Excess of a gap over the margin, in metres, so that rounding does not make a collision of it."""
+"""Excess of a gap over the margin, in metres, so that rounding does not cause a collision."""
 
 
 class Vehicle(NamedTuple):
-    """How a vehicle moves, and what it must not touch. For kernels.
+    """Motion of a vehicle, and the obstacles. For kernels.
 
     Attributes:
         rules: The rules.
-        max_speed: In m/s.
+        max_speed: Largest speed in m/s.
         tolerance: Distance in metres to the goal below which it has arrived.
         obstacles: Polygons in metres.
     """
@@ -63,9 +62,9 @@ class Layer(NamedTuple):
 
     Attributes:
         state: Position, velocity, heading and turn rate.
-        cost: The way left in metres.
-        parent: The state of the layer before that each comes from.
-        command: The command by which.
+        cost: The length of the remaining path in metres.
+        parent: The preceding state of each state, in the layer before.
+        command: The command from the preceding state to this one.
     """
 
     state: Float[np.ndarray, "state 6"]
@@ -81,22 +80,22 @@ class Layer(NamedTuple):
 @no_type_check
 @njit(nogil=True)
 def expand(vehicle, cost, margin, farthest, states, commands, crowds, grid, layer):
-    """Find the states that are reached in a step without coming nearer to anything than a margin.
+    """Find the states that are reached in a step with a margin to all pedestrians and obstacles.
 
     Args:
-        vehicle (Vehicle): How the vehicle moves.
-        cost (CostToGo): The ways to its goal.
+        vehicle (Vehicle): Motion of the vehicle, and the obstacles.
+        cost (CostToGo): The lengths of the paths to its goal.
         margin (float): Smallest gap to pedestrians and obstacles, in metres.
         farthest (float): Distance in metres to the goal from which it can still be reached after the step.
         states (array): `[state, 6]`, as in `Layer`, the most promising first.
         commands (array): `[state, action, 2]`, the commands to try.
         crowds (CrowdStep): Motion of the crowd of each state in the step, or the one crowd of all states.
         grid (Grid): The cells, whose table is filled.
-        layer (Layer): Filled.
+        layer (Layer): The new states, which are filled.
 
     Returns:
         count (int): The number of new states.
-        arrived (int): The index of one that has arrived at the goal; -1 if there is none. No others follow it.
+        arrived (int): The index of a state that has arrived at the goal; -1 if there is none. No states follow it.
         is_cut (bool): True if states were left out because they do not fit; those outside the grid do not count.
     """
     rules, max_speed, tolerance, obstacles = vehicle
@@ -114,7 +113,7 @@ def expand(vehicle, cost, margin, farthest, states, commands, crowds, grid, laye
         if c != last:
             fill_motion(before[c], end[c], velocity[c], rules.collision, dt, motion)
             last = c
-        # Only who can come near in this step.
+        # Only pedestrians that can come near in this step.
         near = 1
         for j in range(1, agents):
             if present[c, j]:
@@ -174,7 +173,7 @@ def _cell_of(x, y, speed, heading, low, grid):
 
     Args:
         x (float): x of its position in metres.
-        y (float): Its y.
+        y (float): y of its position in metres.
         speed (float): As a share of the largest one.
         heading (float): In radians.
         low (array): `[2]`, the corner of the grid in metres.

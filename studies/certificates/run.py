@@ -1,4 +1,4 @@
-"""Find out in which cases of a scenario the vehicle can succeed."""
+"""Find the cases of a scenario in which the vehicle can succeed."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def certify(
     overwrite: bool = False,
     threads: ThreadsOption = None,
 ) -> None:
-    """Find commands by which the vehicle succeeds in the cases of a scenario, with foresight of what people will do.
+    """Find commands by which the vehicle succeeds in the cases of a scenario, given the pedestrians' future.
 
-    They are kept as a run, which `crowdbench score DIR --replay` simulates again.
+    They are stored as a run, which `crowdbench score DIR --replay` simulates again.
 
     Args:
         scenario: Name of a scenario, or a file of your own: ./mine.toml.
         cases: test:500 (the first 500 test cases), val:100, test/37 (one case).
-        margin: Smallest gap to people and obstacles in metres that is tried first; then 0.
+        margin: Smallest gap in metres to pedestrians and obstacles in the first attempt; in the second one it is 0.
         out: Directory for the certificates.
         overwrite: Replace earlier certificates.
     """

@@ -1,8 +1,8 @@
-"""Looks for commands that take the vehicle to its goal: breadth first, step by step, with foresight of the crowd.
+"""Breadth-first search, step by step, for commands that take the vehicle to its goal, given the crowd's future.
 
-This is reachability in space and time (the vehicle's configuration and the time make its state, as in Fraichard 1998),
-on a grid of cells in each of which one state goes on. The first layer in which a state has arrived ends the search, so
-that no faster way was found on this grid.
+This is reachability in space and time (a state is the vehicle's configuration and the time, as in Fraichard 1998), on a
+grid in which one state per cell is expanded. The search ends at the first layer with a state at the goal, so that no
+faster path was found on this grid.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from studies.certificates.crowds import Crowd
 from studies.certificates.expand import SAFE, Grid, Layer, Vehicle, expand
 
 _HEADINGS, _SPEEDS = (16, 96), (4, 8)
-"""The least and the largest number of cells of headings and speeds, where the vehicle cannot change them at once."""
+"""The least and the largest number of cells of headings and speeds, if the vehicle cannot change them at once."""
 
 _OF_STEP = 0.8
-"""A cell of positions is no larger than this share of the farthest way in a step, or the vehicle would stay in it."""
+"""Largest cell of positions as a share of the longest path in a step: in a larger one the vehicle could stay."""
 
 _OF_GRID = np.array([0, *(1 + (speed - 1) * HEADINGS + k for speed in (3, SPEEDS) for k in range(HEADINGS))])
-"""Of the commands of a holonomic vehicle: to stand, and two speeds in all headings."""
+"""Commands of a holonomic vehicle: to stand, and two speeds in all headings."""
 
 _OF_REACHED = np.array([speed * TURNS + turn for speed in (0, 3, REACHED - 1) for turn in range(0, TURNS, 3)])
-"""Of the commands of a vehicle on wheels: three speeds and five turns."""
+"""Commands of a vehicle on wheels: three speeds and five turns."""
 
 
 class Effort(NamedTuple):
-    """How thoroughly is searched.
+    """Effort of a search.
 
     Attributes:
         cell: Side of the cells of positions in metres.
-        states: How many states of a layer go on.
+        states: Largest number of states of a layer that are expanded.
     """
 
     cell: float
@@ -51,7 +51,7 @@ class SearchResult(NamedTuple):
 
     Attributes:
         commands: The commands of each step until the vehicle arrives; None if none are found.
-        is_exhaustive: True if no state was left out but for others in the same cell.
+        is_exhaustive: True if states were left out only for other states in the same cell.
     """
 
     commands: Float[np.ndarray, "step 2"] | None
@@ -59,13 +59,13 @@ class SearchResult(NamedTuple):
 
 
 class Task(NamedTuple):
-    """The way of one vehicle that is looked for.
+    """The search problem of one vehicle.
 
     Attributes:
         rules: The rules of the scenario.
         start: Position, velocity, heading and turn rate at the start.
-        vehicle: How it moves.
-        cost: The ways to its goal that keep the margin to walls.
+        vehicle: Its motion, and the obstacles.
+        cost: The lengths of the paths to its goal, with the margin to walls.
     """
 
     rules: Rules
@@ -86,17 +86,17 @@ class Task(NamedTuple):
 
 
 def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> SearchResult:
-    """Look for commands by which the vehicle succeeds.
+    """Search for commands by which the vehicle succeeds.
 
     Args:
-        task: Where it goes.
+        task: The search problem.
         crowd: The crowd at the start.
-        margin: Smallest gap to pedestrians and obstacles on the way, in metres.
-        effort: How thoroughly to search.
+        margin: Smallest gap to pedestrians and obstacles in metres.
+        effort: The effort of the search.
     """
     rules, vehicle, cost = task.rules, task.vehicle, task.cost
     if margin and math.isinf(cost_left(task.start[0], task.start[1], cost)):
-        return SearchResult(None, False)  # a door is too narrow, say, and no search need find that out
+        return SearchResult(None, False)  # no path has the margin, for example through a narrow door
     cell = min(effort.cell, _OF_STEP * vehicle.max_speed * rules.dt)
     number = np.array([*np.ceil((cost.high - cost.low) / cell).astype(np.int64), *_turns_and_speeds(task)])
     cells = int(number.prod())
@@ -124,7 +124,7 @@ def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> SearchRes
 
 
 def _turns_and_speeds(task: Task) -> tuple[int, int]:
-    """Return the numbers of cells of headings and speeds, so small that a step leads from one into the next."""
+    """Return the numbers of cells of headings and speeds, such that a step leads from one cell into the next."""
     dynamics, dt, speed = task.rules.dynamics, task.rules.dt, task.vehicle.max_speed
     if isinstance(dynamics, Unicycle):
         turn = dt * min(dynamics.max_angular_speed, dt * dynamics.max_angular_acceleration)
@@ -133,7 +133,7 @@ def _turns_and_speeds(task: Task) -> tuple[int, int]:
     elif dynamics.limits[0] < math.inf:
         turn = math.inf
     else:
-        return 1, 1  # its velocity can be any other one after the step
+        return 1, 1  # its velocity can change to any other one in a step
     change = dt * float(dynamics.limits[0])  # of speed
     cells = (_HEADINGS, 8 * math.ceil(math.pi / turn / 4.0)), (_SPEEDS, speed / change + 1.0)
     headings, speeds = (min(max(least, math.ceil(number)), most) for (least, most), number in cells)
@@ -141,7 +141,7 @@ def _turns_and_speeds(task: Task) -> tuple[int, int]:
 
 
 def commands(task: Task, states: Float[np.ndarray, "state 6"]) -> Float[np.ndarray, "state action 2"]:
-    """Return the commands that are tried in each state: some of the dynamics, and the one straight to the goal."""
+    """Return the commands to try in each state: some commands of the dynamics, and the one straight to the goal."""
     dynamics, dt = task.rules.dynamics, task.rules.dt
     of = State(states[:, :2], states[:, 2:4], states[:, 4], states[:, 5])
     speed = np.full(len(states), task.vehicle.max_speed)
@@ -152,10 +152,9 @@ def commands(task: Task, states: Float[np.ndarray, "state 6"]) -> Float[np.ndarr
 
 
 def _select_states(cost: Float[np.ndarray, "state"], most: int) -> Int[np.ndarray, "kept"]:
-    """Return which states go on, those nearest to the goal first: where there are too many, half of them are the
-    nearest ones.
+    """Return the states to expand, nearest to the goal first. If there are too many, half of them are the nearest ones.
 
-    The others are spread evenly over the rest, because those who wait or go back must go on too.
+    The others are spread evenly over the rest, because states that wait or go back must be expanded too.
     """
     order = np.argsort(cost, kind="stable")
     if len(order) <= most:

@@ -21,10 +21,10 @@ from crowdbench.utils.toml import Location, Name, TomlTable, parse_table, read_t
 from studies.ladder.rungs import RUNGS, load_rung
 
 FOLDER = SCENARIOS / "dials"
-"""Where the built-in dials lie."""
+"""The folder of the built-in dials."""
 
 FIRST, SECOND = Cases("test", 0, 30), Cases("test", 30, 270)
-"""The cases that are driven at all levels, and those that are driven at the three around the figure."""
+"""The cases that are driven at all levels, and the cases that are driven only at the three around the figure."""
 
 
 def _in_order(levels: list[float]) -> list[float]:
@@ -62,7 +62,7 @@ class Dial:
         description: Its description in the file.
         key: The knob, a dotted key of the scenario.
         levels: Its values, from easy to hard.
-        holds: Name of a level that a planner holds, with {} for the level.
+        holds: Text for a level that a planner holds, with {} for the level.
     """
 
     name: str
@@ -73,12 +73,11 @@ class Dial:
     holds: str
 
     def level(self, number: float) -> float:
-        """Return the level at a number that may lie between two of them, which are counted from 0; infinite if that
-        is."""
+        """Interpolate the level at a number; levels are counted from 0. An infinite number is returned unchanged."""
         return float(np.interp(number, range(len(self.levels)), self.levels)) if math.isfinite(number) else number
 
     def say(self, level: float) -> str:
-        """Return a level in words, with three digits; an infinite one is beyond the first or the last."""
+        """Return a level as text, with three digits; an infinite one is beyond the first or the last."""
         if math.isfinite(level):
             return f"{level:.3g}"
         end, rises = self.levels[0 if level < 0.0 else -1], self.levels[0] < self.levels[-1]
@@ -104,7 +103,7 @@ class Dial:
 
 
 def load_dial(spec: str) -> Dial:
-    """Find a dial.
+    """Load a dial.
 
     Args:
         spec: The name of a built-in dial, or `file.toml`.
@@ -123,7 +122,7 @@ def load_dial(spec: str) -> Dial:
 
 
 def dials() -> list[tuple[str, str]]:
-    """Name and description of the built-in dials."""
+    """Return name and description of each built-in dial."""
     return [(path.stem, load_dial(str(path)).description) for path in _files()]
 
 

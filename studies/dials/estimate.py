@@ -5,8 +5,8 @@ Success does not rise with the level. So the rates are fitted by isotonic regres
 from 0 here.
 
 Cases are driven in two stages: few at all levels, then many at the three levels around the crossing. The bootstrap
-repeats both. It resamples cases, and all levels of a case together; where a resample crosses elsewhere, so that its
-second stage has other levels, the cases of the first stage stand for those that were not driven there.
+repeats both. It resamples cases, and all levels of a case together. If a resample crosses at other levels, its second
+stage includes levels without cases: there, it resamples the cases of the first stage.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from scipy.optimize import isotonic_regression
 from crowdbench.metrics.summary import CONFIDENCE
 
 WANTED, HALF = 0.9, 0.5
-"""The rate that a dial asks for, and the one that is told beside it."""
+"""The success rate that defines the figure of a dial, and the rate that is reported beside it."""
 
 AROUND = 3
 """Levels of the second stage."""
 
 RESAMPLES = 2000
 SIGNIFICANT = 0.01
-"""Where success rises with the level more than chance would have it in this share of dials, a level means nothing."""
+"""Significance level of a rise of success with the level: after a significant rise, a dial has no figure."""
 
 _SEED = 0
-"""Of the bootstrap: the same cases are resampled for every planner, so that differences are paired."""
+"""Seed of the bootstrap: the same cases are resampled for every planner, so that differences are paired."""
 
 First = Bool[np.ndarray, "level case"]
 Second = Mapping[int, Bool[np.ndarray, "other_case"]]
-"""Where a planner succeeds: at all levels in the cases of the first stage, and by level in the second."""
+"""Successes of a planner: at all levels in the cases of the first stage, and by level in the second stage."""
 
 Rates = Float[np.ndarray, "*resample level"]
 Counts = Int[np.ndarray, "*#resample level"]
-"""Success rates, and the numbers of cases that they are of."""
+"""Success rates, and their numbers of cases."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Crossing:
     """The level at which success crosses a rate.
 
     Attributes:
-        level: The level, -inf where success is below the rate at all of them, inf where at none.
+        level: The level; -inf if success is below the rate at all levels, inf if at none.
         low: The lower bound of its 95 % interval.
         high: The upper bound.
         resampled: The level in each resample; resamples of two planners are paired.
@@ -67,10 +67,10 @@ class Fit:
     Attributes:
         cases: The number of cases driven at each level.
         success: The success rate at each level.
-        fitted: The same where it must not rise.
-        p_rising: How likely success rises as much by chance, where it does not rise.
-        wanted: Where it crosses `WANTED`.
-        half: Where it crosses `HALF`.
+        fitted: The isotonic fit, which does not rise.
+        p_rising: The p-value of the rise of success, if the fit is the truth.
+        wanted: The crossing of `WANTED`.
+        half: The crossing of `HALF`.
     """
 
     cases: Int[np.ndarray, "level"]
@@ -82,12 +82,12 @@ class Fit:
 
     @property
     def is_monotone(self) -> bool:
-        """True if success may be said not to rise with the level, so that there is a figure at all."""
+        """True if success does not rise significantly with the level, so that the dial has a figure."""
         return self.p_rising >= SIGNIFICANT
 
 
 def levels_around(first: First) -> list[int]:
-    """Return the levels of the second stage: those nearest to where the first stage crosses `WANTED`."""
+    """Return the levels of the second stage: the nearest to the crossing of `WANTED` in the first stage."""
     return np.flatnonzero(_around(first.mean(axis=1), np.full(len(first), first.shape[1]))).tolist()
 
 
@@ -96,7 +96,7 @@ def fit(first: First, second: Second) -> Fit:
 
     Args:
         first: See `First`.
-        second: See `Second`; the levels that `levels_around` gives.
+        second: See `Second`; the levels are the return value of `levels_around`.
     """
     draws, levels = np.random.default_rng(_SEED), len(first)
     pools = [second.get(level, first[level]) for level in range(levels)]
@@ -115,15 +115,15 @@ def fit(first: First, second: Second) -> Fit:
         Crossing(float(_cross(fitted, cases, rate)), *_interval(each), each)
         for rate, each in ((rate, _cross(again_fitted, count, rate)) for rate in (WANTED, HALF))
     )
-    # As likely as success rises, if the fit were the truth.
+    # The probability of such a rise of success if the fit were the truth.
     rising = _rise((one + two * is_second) / cases + fitted - success, cases) >= _rise(success, cases)
     return Fit(cases, success, fitted, float(rising.mean()), wanted, half)
 
 
 def difference(one: Crossing, other: Crossing) -> tuple[float, float, float]:
-    """Return how many levels more one planner holds than another, with the 95 % interval of the paired bootstrap.
+    """Return the difference of the levels that two planners hold, with the 95 % interval of the paired bootstrap.
 
-    NaN where one of them has no level, or none in some resample.
+    NaN if one of them has no level, or none in some resample.
     """
     if not (np.isfinite(one.resampled).all() and np.isfinite(other.resampled).all()):
         return math.nan, math.nan, math.nan
@@ -133,16 +133,16 @@ def difference(one: Crossing, other: Crossing) -> tuple[float, float, float]:
 def _draw(
     outcomes: Bool[np.ndarray, "case"], where: Float[np.ndarray, "resample draw"], coin: Bool[np.ndarray, "resample"]
 ) -> Int[np.ndarray, "resample"]:
-    """Return how many succeed of some outcomes, drawn with replacement.
+    """Return the number of successes among outcomes, drawn with replacement.
 
-    Among them is one more, by chance: else where nobody failed, nobody ever would.
+    The draws include one more, random outcome: otherwise outcomes without a failure would have none in any resample.
     """
     case = (where * (len(outcomes) + 1)).astype(np.int64)
     return np.asarray((np.append(outcomes, False)[case] | ((case == len(outcomes)) & coin[:, None])).sum(axis=1))
 
 
 def _around(success: Rates, cases: Counts) -> Bool[np.ndarray, "*resample level"]:
-    """Return which levels are nearest to where success crosses `WANTED`."""
+    """Return which levels are nearest to the crossing of `WANTED`."""
     number = np.arange(success.shape[-1])
     level = np.clip(_cross(_not_rising(success, cases), cases, WANTED), 0.0, number[-1])
     away = np.abs(number - level[..., None])
@@ -158,12 +158,12 @@ def _not_rising(success: Rates, cases: Counts) -> Rates:
 
 
 def _rise(success: Rates, cases: Counts) -> Float[np.ndarray, "*resample"]:
-    """Return the rise of rates: their squared distance from those that do not rise."""
+    """Return the rise of rates: their squared distance from their isotonic regression, weighted by cases."""
     return np.asarray((cases * (success - _not_rising(success, cases)) ** 2).sum(axis=-1))
 
 
 def _cross(fitted: Rates, cases: Counts, wanted: float) -> Float[np.ndarray, "*resample"]:
-    """Return where rates that do not rise cross a rate; infinite where they do not."""
+    """Return the level at which non-rising rates cross a rate; infinite if they do not."""
     holds = (fitted >= wanted).sum(axis=-1)
     # With half a success and half a failure more, since the log odds of 0 and of 1 are infinite (Haldane 1956).
     odds = np.log((fitted * cases + 0.5) / ((1.0 - fitted) * cases + 0.5)) - math.log(wanted / (1.0 - wanted))

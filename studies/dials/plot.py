@@ -26,10 +26,10 @@ LINE = 0.17
 """Height of a line of the legend, in inches."""
 
 BESIDE = 0.08
-"""How far the points of planners are beside each other, in levels."""
+"""Horizontal distance between the points of planners, in levels."""
 
 COMMAND = "python studies/dials/run.py"
-"""Writes the files."""
+"""The command that writes the files."""
 
 
 @help_from_docstring
@@ -37,7 +37,7 @@ def plot(files: list[Path], out: Path = Path("dial.pdf")) -> None:
     """Draw the success of planners at the levels of a dial, with 95 % intervals, and the level that each holds.
 
     Args:
-        files: Files that `python studies/dials/run.py` kept.
+        files: Files written by `python studies/dials/run.py`.
         out: The figure: a .pdf, .svg or .png file.
     """
     found = [
@@ -73,7 +73,7 @@ def plot(files: list[Path], out: Path = Path("dial.pdf")) -> None:
                 ax.plot([held, held], [0.0, wanted], ":", color=colour, linewidth=0.8)
         ax.set_xticks(place, [f"{level:g}" for level in levels])
         ax.set(xlabel=dial["holds"].format("…"), ylabel="success, %", ylim=(0, 102))
-        # Above, because curves fall from one corner to the other.
+        # Above the axes, because curves fall from one corner to the other.
         ax.legend(ncols=columns, loc="lower center", bbox_to_anchor=(0.45, 1.0), columnspacing=1.0)
     say(f"wrote {out}")
 

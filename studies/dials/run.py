@@ -1,4 +1,4 @@
-"""Turn a knob of a scenario up until planners fail. Prints README.md beside this file."""
+"""Increase the level of a dial until planners fail. Prints README.md beside this file."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def dial(
 
     Args:
         name: A dial of scenarios/dials, or a file: ./mine.toml.
-        planner: A planner, or a rung of the ladder, on 30 cases a level: P2 and C say where the world itself ends.
+        planner: A planner, or a rung of the ladder on 30 cases per level: P2 and C show the limit of the scenario.
         file: The dials and planners of the page.
-        out: Folder that keeps the runs, and a file for plot.py.
+        out: Folder for the runs, and a file for plot.py.
     """
     use_threads(threads)
     from studies.dials.dial import load_dial

@@ -1,4 +1,4 @@
-"""`[[dials]]`: how far planners can be turned up on dials, and by how much the best of them holds more."""
+"""`[[dials]]`: the levels that planners hold on dials, and the distances to the best planner."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ class Measurement:
 
     @classmethod
     def of(cls, dial: Dial, planner: str, options: Mapping[str, Any]) -> Measurement:
-        """Plan the runs; raises InputError where the planner or the scenario cannot be loaded."""
+        """Plan the runs; raises InputError if the planner or the scenario cannot be loaded."""
         return cls(dial, dial.runs(planner, options, FIRST, range(len(dial.levels))))
 
     @property
     def is_rung(self) -> bool:
-        """True if it is a rung of the ladder, and no planner, such as one in a file C.py."""
+        """True if it is a rung of the ladder; False for a planner, also for one in a file C.py."""
         return self.first[0].spec.planner in RUNGS
 
     @property
@@ -63,15 +63,14 @@ class Measurement:
         return directory_name(run.driver.name, self.dial.name, dataclasses.replace(run.spec, overrides={}))
 
     def outcomes(self, out: Path) -> First:
-        """Return where the planner succeeds in the first stage; raises InputError where a run is not in the folder
-        `out`."""
+        """Return the successes in the first stage; raises InputError if a run is missing in the folder `out`."""
         return np.stack([read_successes(run, out) for run in self.first])
 
     def second(self, out: Path) -> dict[int, Run]:
         """Return the runs of the second stage by the numbers of their levels, which follow from the first stage in
         `out`.
 
-        A rung of the ladder has none: 30 cases at each level show where the world ends.
+        A rung of the ladder has none: 30 cases at each level show the limit of the scenario.
         """
         if self.is_rung:
             return {}
@@ -97,8 +96,8 @@ class DialsTable:
         """Plan the runs of a table.
 
         Args:
-            spec: The request.
-            location: Where in a file.
+            spec: The table of the file.
+            location: Its location in the file, for errors.
 
         Raises:
             InputError: A planner or a dial does not exist, or two planners have the same name and options.
@@ -117,7 +116,7 @@ class DialsTable:
         return [run for each in self.by_dial for measurement in each for run in measurement.first]
 
     def second(self, out: Path) -> list[Run]:
-        """Return all runs of the second stage; raises InputError where one of the first is not in the folder `out`."""
+        """Return all runs of the second stage; raises InputError if one of the first is missing in `out`."""
         return [run for each in self.by_dial for measurement in each for run in measurement.second(out).values()]
 
     def fill(self, out: Path) -> FilledDialsTable:
@@ -152,12 +151,12 @@ class DialRow:
     Attributes:
         planner: The planner with its options.
         is_rung: True if it is a rung of the ladder, and no planner.
-        holds: Up to where it succeeds in 90 % of the cases; None where success rises with the level.
-        half: Up to where it succeeds in 50 %; likewise.
-        behind: How many levels the best planner holds more, with the 95 % interval; NaN where that is not known,
-            and of the best itself and of rungs.
-        said: Its result in words, such as `41 (12 to 50)` or `below 2`; empty where success rises with the level.
-        p_rising: How likely success would rise with the level as much by chance.
+        holds: The level up to which it succeeds in 90 % of the cases; None if success rises with the level.
+        half: The level up to which it succeeds in 50 %; None if success rises with the level.
+        behind: Number of levels that the best planner holds more, with the 95 % interval; NaN if it is unknown, for the
+            best planner and for rungs.
+        said: Its result in words, such as `41 (12 to 50)` or `below 2`; empty if success rises with the level.
+        p_rising: The p-value of the rise of success with the level.
         cases: The number of cases at each level.
         success: The success rate at each level.
     """
@@ -198,14 +197,14 @@ class DialRow:
 
 @dataclasses.dataclass(frozen=True)
 class FilledDial:
-    """A dial with its figures: rungs of the ladder, then planners, each with what holds most first."""
+    """A dial with its figures: rungs of the ladder, then planners, each by level, the highest first."""
 
     dial: Dial
     rows: list[DialRow]
 
     @classmethod
     def of(cls, measurements: Sequence[Measurement], out: Path) -> FilledDial:
-        """Fit what the runs in the folder `out` say of planners on the same dial."""
+        """Fit the outcomes of planners on the same dial, from the runs in the folder `out`."""
         found = [(each, each.fit(out)) for each in measurements]
         found.sort(key=lambda each: (each[0].is_rung, each[1].is_monotone, each[1].wanted.level), reverse=True)
         best = next((each for measurement, each in found if not measurement.is_rung), found[0][1])
@@ -237,13 +236,13 @@ class FilledDial:
 
 @dataclasses.dataclass(frozen=True)
 class FilledDialsTable:
-    """Dials with their figures. Its fields are what `--format json` prints."""
+    """Dials with their figures. `--format json` prints its fields."""
 
     title: str
     dials: list[FilledDial]
 
     def markdown(self) -> str:
-        """Return the tables as GitHub shows them, under their headings."""
+        """Return the tables in GitHub's Markdown, under their headings."""
         parts = [f"## {self.title}"]
         for each, grid in zip(self.dials, self.grids(), strict=True):
             parts += [f"### {each.dial.name}", f"{each.dial.description}.", markdown(grid.header, grid.rows)]
@@ -259,6 +258,6 @@ class FilledDialsTable:
 
 
 def _with_interval(held: Held, say: Callable[[float], str]) -> str:
-    """Return a level with its interval, which is left out where all of it is beyond the levels."""
+    """Return a level with its interval, which is left out if all of it is beyond the levels."""
     same = held.low == held.level == held.high
     return say(held.level) if same else f"{say(held.level)} ({say(held.low)} to {say(held.high)})"

@@ -1,1 +1,1 @@
-"""A ladder: the success of one search with ever more knowledge of the crowd."""
+"""A ladder: the success of one search with increasing knowledge of the crowd."""

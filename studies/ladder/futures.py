@@ -19,20 +19,20 @@ from crowdbench.sim.pedestrians import ORCA
 from crowdbench.sim.simulator import ATTENTION, crowd_decisions, has_attention, move
 
 AWAY = 1e3
-"""Pedestrians who have left go so many metres straight away from the vehicle, so that no sequence meets them."""
+"""Distance in metres from the vehicle to which pedestrians that leave are moved, so that no sequence meets them."""
 
 FUTURES = 8
-"""Number of futures where something is left to chance."""
+"""Number of futures if futures are random."""
 
 ASSUMED = "assumed"
-"""The policy of all pedestrians for those who know only their goals: ORCA with its default parameters."""
+"""The assumed policy of all pedestrians if only goals are known: ORCA with its default parameters."""
 
 
 class Knowledge(enum.IntEnum):
     """Knowledge of the crowd beside its true state; each kind includes the kinds before it.
 
-    `GOALS`: goals and preferred speeds. `POLICIES`: policies with their parameters, and that people react to the
-    vehicle. `ATTENTION`: who has noticed the vehicle, and how each person reacts. `ALL`: the true future.
+    `GOALS`: goals and preferred speeds. `POLICIES`: policies with their parameters, and reactions to the vehicle.
+    `ATTENTION`: which pedestrians have noticed the vehicle, and the reaction of each. `ALL`: the true future.
     """
 
     GOALS = 0
@@ -42,11 +42,11 @@ class Knowledge(enum.IntEnum):
 
 
 class Simulated(Predictor):
-    """Simulates the crowd ahead. Pedestrians that spawn later are not predicted, and those who leave are gone.
+    """Predictor that simulates the crowd. Pedestrians that spawn later are not predicted; those that leave are gone.
 
-    Without knowledge of policies all walk by ORCA and ignore the vehicle; those who stand go on standing. Without
-    knowledge of attention nobody has noticed the vehicle yet, and reactions are drawn again in each future. Turns and
-    stops from now on are drawn again too, except in the true future.
+    Without knowledge of policies all walk by ORCA and ignore the vehicle; standing pedestrians remain standing. Without
+    knowledge of attention no pedestrian has noticed the vehicle yet, and reactions are drawn again in each future.
+    Later turns and stops are drawn again too, except in the true future.
 
     Args:
         scenario: The scenario.
@@ -61,11 +61,11 @@ class Simulated(Predictor):
         self._world: World
 
     def foresee(self, world: World) -> None:
-        """Learn the worlds as they are now, before the observation of them."""
+        """Store the current worlds, before their observation."""
         self._world = world
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
-        """See `Predictor`: where the vehicle stands."""
+        """See `Predictor`. The vehicle is assumed to stand."""
         return self.predict_given(obs, steps, np.zeros((len(obs), steps, 2)))
 
     def predict_given(self, obs: Observation, steps: int, plan: Float[np.ndarray, "world time 2"]) -> Prediction:
@@ -92,7 +92,7 @@ class Simulated(Predictor):
         return Prediction(found, np.diff(found, axis=2, prepend=start) / obs.dt)
 
     def _known(self, world: World) -> World:
-        """Return the worlds of all futures as far as they are known."""
+        """Return the worlds of all futures, with assumptions in place of unknown parts."""
         if self.knows < Knowledge.ALL:
             step = int(self._world.step[0])  # all worlds of a batch are in the same one
             keys = [rng.other_chance(self._world.key, step, future) for future in range(self.futures)]

@@ -26,10 +26,10 @@ KNOWLEDGE = dict(
         strict=True,
     )
 )
-"""The marker and the colour of a rung, by what it knows beyond the rung before it."""
+"""The marker and the colour of a rung, by its additional knowledge over the rung before it."""
 
 COMMAND = "python studies/ladder/run.py"
-"""Writes the files."""
+"""The command that writes the files."""
 
 
 @help_from_docstring
@@ -39,7 +39,7 @@ def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
     A rung that changes nothing has no mark.
 
     Args:
-        files: Files that `python studies/ladder/run.py` kept.
+        files: Files written by `python studies/ladder/run.py`.
         out: The figure: a .pdf, .svg or .png file.
     """
     found = [

@@ -1,4 +1,4 @@
-"""Show what a search gains with ever more knowledge in scenarios. Prints README.md beside this file."""
+"""Measure the gain of a search with increasing knowledge in scenarios. Prints README.md beside this file."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ def ladder(
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Show what a search gains with ever more knowledge in scenarios. Without any print the page.
+    """Measure the gain of a search with increasing knowledge in scenarios. Without a scenario print the page.
 
     The same search drives with perception, goals, policies, attention and chance known. Finished runs are kept, and the
-    same command goes on after them.
+    same command continues after them.
 
     Args:
         scenarios: Scenarios.
-        planner: A planner; the best of those that are named is measured beside. Repeatable.
+        planner: A planner; the best of the named planners is measured for comparison. Repeatable.
         cases: 100 (the first 100 test cases), 2000:2100, val:100 (validation cases).
-        out: Folder that keeps the runs, and a file for plot.py for each scenario.
+        out: Folder for the runs, and a file for plot.py for each scenario.
     """
     use_threads(threads)
     from studies.ladder.table import CANDIDATES, LaddersSpec, LaddersTable, LadderStudy

@@ -1,4 +1,4 @@
-"""The rungs of a ladder: the same search with ever more knowledge, and certificates."""
+"""The rungs of a ladder: the same search with increasing knowledge, and certificates."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from studies.ladder import futures
 from studies.ladder.futures import FUTURES, Knowledge, Simulated
 
 SECONDS = 5.0
-"""How far ahead the search looks."""
+"""Horizon of the search in seconds."""
 
 WORST = 0.25
-"""The share of the futures, the worst for a sequence of commands, that count (CVaR)."""
+"""The share of the futures that count, the worst ones for a sequence of commands (CVaR)."""
 
 LIMIT = 3600.0
-"""Seconds that a decision may take, for all worlds of a batch together; rungs are no planners that must be fast."""
+"""Longest time of a decision in seconds, for all worlds of a batch together; rungs need not be fast."""
 
 RUNGS = {
     "P0": "sensed state; people at constant velocity",
@@ -54,10 +54,10 @@ KNOWLEDGE = dict(zip(("G", "GP", "P2", "P3"), Knowledge, strict=True))
 
 
 class CertifiedPlanner(Planner):
-    """Drives by the commands of certificates, which it searches for with foresight when a batch of episodes starts.
+    """Planner that replays certificates. They are searched with the true future when a batch of episodes starts.
 
     Args:
-        scenario: The scenario, in which the vehicle sees all.
+        scenario: The scenario, with a perfect sensor of the vehicle.
         split: The split of its cases.
     """
 
@@ -69,15 +69,15 @@ class CertifiedPlanner(Planner):
         self._commands: Planner
 
     def foresee(self, world: World) -> None:
-        """Look for the commands when episodes start, of successive cases."""
+        """Search for the commands when episodes of successive cases start."""
         if world.step[0] == 0:
             cases = Cases(self._split, int(world.case[0]), int(world.case[-1]) + 1)
-            # Any gap above 0 is a success, so that no wider margin is asked for.
+            # Any gap above 0 is a success, so that no wider margin is required.
             found = certificates(self._scenario, cases, [0.0], lambda share: None)
             self._commands = play_back([each.commands for each in found], self._scenario).planner
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """Return the command of this step; none where no certificate was found."""
+        """Return the command of this step; none if no certificate was found."""
         return self._commands.plan(obs)
 
 
@@ -86,8 +86,8 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
 
     Args:
         rung: One of `RUNGS`.
-        spec: The run, whose planner does not count.
-        scenario: The scenario that the spec names, where it has been loaded before.
+        spec: The run, whose planner is ignored.
+        scenario: The scenario of the spec, if it has been loaded before.
 
     Raises:
         InputError: The scenario cannot be loaded.

@@ -1,4 +1,4 @@
-"""`[[ladders]]`: one search with ever more knowledge in scenarios, beside the certificates and the best planner."""
+"""`[[ladders]]`: one search with increasing knowledge in scenarios, beside the certificates and the best planner."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from studies.pages import SUCCESS, draw_bar, read_successes
 from studies.schema import CasesText, Planners, PlannerSpec, StudyHead
 
 CHOICE = Cases("val", 0, 50)
-"""The cases that choose the best planner."""
+"""The cases on which the best planner is selected."""
 
 STEPS = {
     "P1": "perception",
@@ -37,7 +37,7 @@ STEPS = {
     "P3": "chance",
     "C": "search",
 }
-"""The knowledge that a rung has and the one below lacks."""
+"""The additional knowledge of a rung over the rung below."""
 
 NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
 """The notes below the table."""
@@ -48,11 +48,11 @@ CANDIDATES = [
     PlannerSpec(planner="orca_margin"),
     PlannerSpec(planner="ppo_attention", options={"filter": "kalman"}),
 ]
-"""Planners among which the best one is, where nobody names others: the strongest of each kind."""
+"""The default candidates for the best planner: the strongest of each kind."""
 
 
 class LaddersSpec(TomlTable):
-    """`[[ladders]]`: scenarios, in which the best of some planners is a marker."""
+    """`[[ladders]]`: scenarios, and planners of which the best one is compared with the rungs."""
 
     title: Name
     planners: Planners
@@ -68,13 +68,13 @@ class LadderStudy(StudyHead):
 
 @dataclasses.dataclass(frozen=True)
 class Ladder:
-    """A scenario with the runs of its rungs, and those that choose the best planner.
+    """A scenario with the runs of its rungs, and the runs that select the best planner.
 
     Attributes:
         scenario: The scenario.
         rungs: The runs by the names of their rungs. Rungs that are equal by construction have the same run.
         choices: Runs of the planners on `CHOICE`.
-        certified: Which of the cases have a certificate; None where it is not known of each.
+        certified: True for cases with a certificate; None if some cases were not examined.
     """
 
     scenario: Scenario
@@ -84,7 +84,7 @@ class Ladder:
 
     @classmethod
     def of(cls, name: str, spec: LaddersSpec) -> Ladder:
-        """Plan the runs in a scenario; raises InputError where it or a planner cannot be loaded."""
+        """Plan the runs in a scenario; raises InputError if it or a planner cannot be loaded."""
         sensed = load_scenario(name)
         base = RunSpec("", name, spec.cases, record="none")
         first = load_rung("P1", base, sensed)
@@ -101,12 +101,11 @@ class Ladder:
 
     @property
     def runs(self) -> list[Run]:
-        """Its runs, one perhaps twice."""
+        """Its runs, possibly with duplicates."""
         return [*self.rungs.values(), *self.choices]
 
     def best(self, out: Path) -> Run:
-        """Return the run of the planner that is best on `CHOICE`; raises InputError where a run is not in the folder
-        `out`."""
+        """Return the run of the best planner on `CHOICE`; raises InputError if a run is missing in the folder `out`."""
         successes = [read_successes(run, out).mean() for run in self.choices]
         spec = self.choices[int(np.argmax(successes))].spec
         return load_run(dataclasses.replace(spec, cases=self.rungs["P0"].spec.cases))
@@ -189,8 +188,8 @@ class LaddersTable:
         """Plan the runs of a table.
 
         Args:
-            spec: The request.
-            location: Where in a file.
+            spec: The table of the file.
+            location: Its location in the file, for errors.
 
         Raises:
             InputError: A scenario or a planner does not exist, or two scenarios have the same name.
@@ -204,12 +203,11 @@ class LaddersTable:
 
     @property
     def runs(self) -> list[Run]:
-        """The runs of all rungs, and those that choose the best planners."""
+        """The runs of all rungs, and the runs that select the best planners."""
         return [run for ladder in self.ladders for run in ladder.runs]
 
     def second(self, out: Path) -> list[Run]:
-        """Return the runs of the best planners; raises InputError where a run that chooses is not in the folder
-        `out`."""
+        """Return the runs of the best planners; raises InputError if a run that selects them is missing in `out`."""
         return [ladder.best(out) for ladder in self.ladders]
 
     def fill(self, out: Path) -> FilledLaddersTable:
@@ -219,13 +217,13 @@ class LaddersTable:
 
 @dataclasses.dataclass(frozen=True)
 class FilledLaddersTable:
-    """Ladders with their figures. Its fields are what `--format json` prints."""
+    """Ladders with their figures. `--format json` prints its fields."""
 
     title: str
     ladders: list[FilledLadder]
 
     def markdown(self) -> str:
-        """Return the table as GitHub shows it, under its heading."""
+        """Return the table in GitHub's Markdown, under its heading."""
         (grid,) = self.grids()
         return "\n\n".join([f"## {self.title}", f"Cases {self.ladders[0].cases}.", markdown(grid.header, grid.rows)])
 
@@ -244,7 +242,7 @@ class FilledLaddersTable:
 def paired_gain(above: Bool[np.ndarray, "case"], below: Bool[np.ndarray, "case"]) -> Estimate:
     """Return the gain in success of one run over another in the same cases, with its 95 % interval.
 
-    One discordant case is added to each side, so that the interval has a width where no case differs: the adjusted Wald
+    One discordant case is added to each side, so that the interval has a width if no case differs: the adjusted Wald
     interval of Bonett and Price (2012), Journal of Educational and Behavioral Statistics 37(4), 479-488.
     """
     n = len(above) + 2
@@ -259,7 +257,7 @@ def _say_points(gain: Estimate | None) -> str:
 
 
 def find_certified(scenario: Scenario, cases: Cases) -> Bool[np.ndarray, "case"] | None:
-    """Return which of some cases have a certificate; None where some were not examined."""
+    """Return which of some cases have a certificate; None if some were not examined."""
     status = scenario.certificates
     examined = getattr(status.certified, cases.split) if status else None
     if status is None or status.certified.scenario != scenario.digest or not examined or examined.examined < cases.stop:

@@ -1,1 +1,1 @@
-"""Vehicle and pedestrians are one learner, and every vehicle drives in every crowd."""
+"""Training of vehicle and pedestrians with one shared network, and cross-play of vehicles and crowds."""

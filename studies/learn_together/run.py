@@ -1,4 +1,4 @@
-"""Print the cross-play of vehicles and crowds that learned with each other, or train them again."""
+"""Print the cross-play of vehicles and crowds that were trained together, or train them again."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def cross_play(
     out: Path = Path("runs/study-learn_together"),
     threads: ThreadsOption = None,
 ) -> None:
-    """Make the runs of each vehicle in each crowd that are not there yet, and print the page of the study.
+    """Execute the missing runs of each vehicle in each crowd, and print the page of the study.
 
     Args:
-        train: Train both networks first, for so many minutes of processor time each, and replace those that ship.
+        train: Train both networks first, for this many minutes of processor time each, and replace the shipped ones.
         cases: The cases of each run.
-        out: Folder that keeps the runs.
+        out: Folder for the runs.
     """
     use_threads(threads)
     from crowdbench.runs.folder import run_directory
@@ -69,7 +69,7 @@ def cross_play(
 
 
 def train_both(minutes: float) -> None:
-    """Train the network of everybody, and that of a vehicle among ORCA pedestrians, for some minutes each."""
+    """Train the shared network, and the network of a vehicle among ORCA pedestrians, for some minutes each."""
     import numpy as np
     import supersuit
     from stable_baselines3.common.utils import set_random_seed
@@ -79,7 +79,7 @@ def train_both(minutes: float) -> None:
 
     set_random_seed(0)
     alone = CrowdVecEnv(WORLDS * 6, SCENARIO, **VIEW)
-    # SuperSuit makes each agent a copy of the same learner; one at its goal observes zeros until its episode is over.
+    # SuperSuit makes each agent a copy of the same learner; an agent at its goal observes zeros until the episode ends.
     single = supersuit.pettingzoo_env_to_vec_env_v1(supersuit.black_death_v3(parallel_env(SCENARIO, **VIEW)))
     worlds = supersuit.concat_vec_envs_v1(single, WORLDS, num_cpus=1, base_class="stable_baselines3")
     worlds.venv.reset(seed=0)

@@ -1,4 +1,4 @@
-"""Claims about two rows of a table, with margins fixed before the runs, and what the measurements say of them."""
+"""Claims about two rows of a table, with margins fixed before the runs, and the verdicts of the measurements."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ POINTS = dataclasses.replace(SUCCESS, unit="points")
 REDUCTION = MetricInfo("reduction", share=True)
 
 ROUNDING = 1e-9
-"""An interval must lie clear of a margin by more than this, so that no rounded sum decides."""
+"""An interval must be separated from a margin by more than this, so that rounding does not decide a verdict."""
 
 NOTES = (
     "A claim says that a figure is larger than a margin, and all margins were fixed before the runs. Figures are "
@@ -71,7 +71,7 @@ class Verdict(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Assessment:
-    """A claim, its figure over `cases` cases and so many networks of each row, and the verdict.
+    """A claim, its figure over `cases` cases and `networks` networks of each row, and the verdict.
 
     The other fields come from `ClaimSpec`.
     """
@@ -106,15 +106,15 @@ class Assessment:
 
 
 def check_claim(claim: ClaimSpec, networks: Mapping[str, Sequence[str]], location: Location) -> None:
-    """Check what a claim says of its table.
+    """Check the rows and the measure of a claim.
 
     Args:
         claim: The claim.
         networks: The networks of each row, by its label.
-        location: Where the claim is.
+        location: Its location in the file, for errors.
 
     Raises:
-        InputError: A row does not exist, the two are the same or share some of their networks but not all, or less of
+        InputError: A row does not exist, both rows are the same or share only some of their networks, or a reduction of
             the measure is no gain.
     """
     for key, label in (("row", claim.row), ("than", claim.than)):
@@ -159,10 +159,9 @@ def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Asse
 
 
 def _verdict(figure: Estimate, bound: float, networks: tuple[int, int], cases: int) -> Verdict:
-    """Return the verdict on a figure that is over so many networks of each row, 0 for a planner without any, and
-    `cases`.
+    """Return the verdict on a figure over `cases` and the numbers of networks of both rows, 0 for a row without any.
 
-    It holds where the interval lies above the bound, and is refuted where it lies below.
+    The claim holds if the interval lies above the bound, and is refuted if it lies below.
     """
     if 1 in networks:
         return Verdict.ONE_NETWORK
@@ -180,7 +179,7 @@ def claims_table(claims: Sequence[Assessment]) -> str:
 
 
 def tally(claims: Sequence[Assessment]) -> str:
-    """Return in a sentence how many of the paper's claims have each verdict. Claims that are `OURS` do not count."""
+    """Return a sentence with the number of the paper's claims by verdict. Claims of `OURS` do not count."""
     count = Counter(claim.verdict for claim in claims if claim.source != OURS)
     words = ("hold", "are refuted", "are undecided", "have no verdict (one network)")
     verdicts = ", ".join(f"{count[verdict]} {word}" for verdict, word in zip(Verdict, words, strict=True))
@@ -196,7 +195,7 @@ def reduction_over_networks(ours: Values, theirs: Float[np.ndarray, "their_netwo
         paired: As in `difference_over_networks`.
 
     Returns:
-        The share with its interval, by linearisation (the delta method); NaN where the mean of `theirs` is 0.
+        The share with its interval, by linearisation (the delta method); NaN if the mean of `theirs` is 0.
     """
     if np.isnan(ours).all() or np.isnan(theirs).all() or (base := mean_of_means(theirs)) == 0.0:
         return UNDEFINED

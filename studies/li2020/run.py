@@ -27,14 +27,14 @@ def reproduce(
 ) -> None:
     """Make the tables of Li et al. (2020), measured beside reported, with a verdict on each of the paper's claims.
 
-    Table 1 is of five pedestrians, 2 of ten, 3 of eight commands per observation, 4 of KCE. A quick look takes some
-    minutes and has no verdicts, all tables take one to two hours. Finished runs are kept, and the same command goes on
-    after them.
+    Table 1 has five pedestrians, 2 ten pedestrians, 3 eight commands per observation, 4 KCE. A quick look takes some
+    minutes and has no verdicts, all tables take one to two hours. Finished runs are kept, and the same command
+    continues after them.
 
     Args:
-        table: One of the paper's four tables alone.
+        table: Make only one of the paper's four tables.
         quick: A quick look: one network per row, few cases.
-        out: Folder that keeps the runs.
+        out: Folder for the runs.
     """
     use_threads(threads)
     from studies.li2020.claims import tally

@@ -34,7 +34,7 @@ class ClaimedSpec(NetworksSpec):
     claims: list[ClaimSpec] = Field(default=[], description="a list of tables")
 
     def quick_look(self) -> ClaimedSpec:
-        """Return the same table with the first network of each row alone, on the cases for a quick look."""
+        """Return the same table with only the first network of each row, on the cases for a quick look."""
         rows = [row.model_copy(update={"weights": row.weights[:1], "second_reading": None}) for row in self.rows]
         return self.model_copy(update={"rows": rows, "cases": self.quick})
 
@@ -53,7 +53,7 @@ class ClaimedTable(NetworksTable):
 
     @classmethod
     def plan(cls, spec: ClaimedSpec, location: Location) -> ClaimedTable:
-        """Plan the runs; raises InputError as `NetworksTable.of` does, and where a claim cannot be assessed."""
+        """Plan the runs; raises InputError as `NetworksTable.of` does, and if a claim cannot be assessed."""
         rows = NetworksTable.of(spec, location).rows
         networks = {row.label: row.networks for row in rows}
         for i, claim in enumerate(spec.claims):
@@ -61,7 +61,7 @@ class ClaimedTable(NetworksTable):
         return cls(spec, rows)
 
     def fill(self, out: Path) -> FilledClaimedTable:
-        """Fill the table from the runs in the folder `out`; raises InputError where one is not there."""
+        """Fill the table from the runs in the folder `out`; raises InputError if one is missing."""
         episodes = {row.label: row.episodes(out) for row in self.rows}
         claims = [assess(claim, episodes) for claim in self.spec.claims]
         return FilledClaimedTable(**vars(super().fill(out)), claims=claims)
@@ -69,13 +69,13 @@ class ClaimedTable(NetworksTable):
 
 @dataclass(frozen=True)
 class FilledClaimedTable(FilledNetworksTable):
-    """A table with its figures, and a verdict on each claim. Its fields are what `--format json` prints."""
+    """A table with its figures, and a verdict on each claim. `--format json` prints its fields."""
 
     with_maximum = ("max_velocity_change",)
     claims: list[Assessment]
 
     def markdown(self) -> str:
-        """Return the table and the claims as GitHub shows them, under the heading."""
+        """Return the table and the claims in GitHub's Markdown, under the heading."""
         planners = super().markdown()
         return f"{planners}\n\n{claims_table(self.claims)}" if self.claims else planners
 
@@ -88,7 +88,7 @@ def read_reproduction(number: int | None, quick: bool, file: Path | None = None)
     """Read the study, or a part of it.
 
     Args:
-        number: Which of the paper's tables is wanted, both readings of it where there are two; None for all.
+        number: The number of a table of the paper, both readings of it if there are two; None for all.
         quick: True if the tables are for a quick look.
         file: Another file with such tables.
 

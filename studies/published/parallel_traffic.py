@@ -1,4 +1,4 @@
-"""Parallel traffic of Van Der Meer et al. (2025): the vehicle goes against a stream of people, on open ground."""
+"""Parallel traffic of Van Der Meer et al. (2025): the vehicle drives against a stream of pedestrians on open ground."""
 
 import numpy as np
 
@@ -7,14 +7,14 @@ from crowdbench.scenario.placement import PerAgent, Placement, Position, Way
 from crowdbench.scenario.respawn import LayoutWithRespawn, Room
 
 HALF, SIDE = 7.0, 1.5
-"""Half of the length and of the width of the area in which people start, in metres."""
+"""Half of the length and of the width of the area in which pedestrians start, in metres."""
 
 GOAL = -HALF - 0.3
-"""The goals of people are at this x, in metres: somebody with a radius of 0.3 m has arrived where the area ends."""
+"""x of the pedestrians' goals in metres: a pedestrian with a radius of 0.3 m arrives at the end of the area."""
 
 
 def traffic(rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent) -> Placement:
-    """Return the vehicle goes from left to right, people straight from right to left."""
+    """Let the vehicle drive from left to right, and pedestrians walk straight from right to left."""
     placer = Placer(radius)
     placer.add((1.0 - HALF, 0.0), (HALF - 1.0, 0.0))
 
@@ -33,7 +33,7 @@ def traffic(rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgen
 def come_in(
     rng: np.random.Generator, room: Room, radius: float, preferred_speed: float, position: Position | None
 ) -> Way:
-    """Let people who have passed the area come in again at its right end, behind everybody else."""
+    """Return start and goal of a pedestrian that respawns at the right end of the area, behind all others."""
     x, y = max(HALF, float((room.position[:, 0] + room.radius).max()) + radius), rng.uniform(-SIDE, SIDE)
     return np.array([x, y]), np.array([GOAL, y])
 

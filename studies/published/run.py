@@ -1,4 +1,4 @@
-"""Drive networks that others have published, beside ours, on the same cases. Prints README.md beside this file."""
+"""Run published networks and ours on the same cases. Prints README.md beside this file."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def published(
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Make the runs of published networks that are not there yet, and print the page.
+    """Execute the missing runs of published networks, and print the page.
 
     Args:
         networks: Folder with their weights: SCENE__NETWORK_on_PEOPLE.safetensors, and dsrnn.safetensors.
         cases: Other cases of each scenario, such as val:20.
-        out: Folder that keeps the runs.
+        out: Folder for the runs.
     """
     use_threads(threads)
     from crowdbench.scenario.cases import Cases

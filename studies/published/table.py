@@ -1,4 +1,4 @@
-"""The tables of the study: published networks in scenarios, and how much the people of their training matter."""
+"""The tables of the study: published networks in scenarios, and the effect of the pedestrians of their training."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DS_RNN = Path(__file__).parents[2] / "adapters" / "ds_rnn" / "ds_rnn.py"
 
 
 class ScenariosSpec(TomlTable):
-    """`[[tables]]`: scenarios, and what predicts their pedestrians for the value networks."""
+    """`[[tables]]`: scenarios, and the predictor of pedestrians for the value networks."""
 
     title: Name
     scenarios: Names
@@ -50,7 +50,7 @@ class PublishedSpec(StudyHead):
 
 @dataclass(frozen=True)
 class FilledPublished:
-    """A table with its figures: of each network, and the differences between people of the training."""
+    """A table with its figures: of each network, and the differences between the pedestrians of the training."""
 
     title: str
     cases: str
@@ -84,7 +84,7 @@ class PublishedTable:
 
     @classmethod
     def load(cls, spec: ScenariosSpec, networks: Path) -> PublishedTable:
-        """Plan the runs of a table. Raises InputError where a scenario, or a network in the folder, does not exist."""
+        """Plan the runs of a table. Raises InputError if a scenario, or a network in the folder, does not exist."""
         weights = {
             _name(kind, people, scene): (kind, {"weights": f"{networks}/{scene}__{kind}_on_{people}.safetensors"})
             for kind, people, scene in itertools.product(KINDS, PEOPLE, SCENES)
@@ -105,7 +105,7 @@ class PublishedTable:
         return [run for runs in self.by_network.values() for run in runs]
 
     def fill(self, out: Path) -> FilledPublished:
-        """Fill the table from the runs in the folder `out`. Raises InputError where one is not there."""
+        """Fill the table from the runs in the folder `out`. Raises InputError if one is missing."""
         found = {name: [read_episodes(run, out).columns for run in runs] for name, runs in self.by_network.items()}
         scenarios = [run.scenario.name for run in self.by_network["ds_rnn"]]
         rates = {name: [[float(one[rate].mean()) for rate in RATES] for one in runs] for name, runs in found.items()}
@@ -128,7 +128,7 @@ class PublishedTable:
 
 
 def _gain(success: Mapping[str, Float[np.ndarray, "case"]], people: str, kinds: Sequence[str]) -> Estimate:
-    """Return how much more often networks trained among such people succeed than those trained among ORCA's."""
+    """Return the gain in success of networks trained among these pedestrians over networks trained among ORCA's."""
     pairs = [[success[_name(kind, each, scene)] for each in (people, "orca")] for kind in kinds for scene in SCENES]
     return mean_over_networks(np.array([theirs - orca for theirs, orca in pairs]))
 

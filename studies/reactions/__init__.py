@@ -1,1 +1,1 @@
-"""True if a ranking of planners depends on the reaction of people to the vehicle."""
+"""Dependence of a ranking of planners on the reaction of pedestrians to the vehicle."""

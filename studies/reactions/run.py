@@ -1,4 +1,4 @@
-"""Rank planners among people of each type of reaction to the vehicle. Prints README.md beside this file."""
+"""Rank planners among pedestrians of each type of reaction to the vehicle. Prints README.md beside this file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from studies.transfer.table import estimate_tau, read_cases, say_tau
 FILE = Path(__file__).with_name("study.toml")
 
 TYPES = {"avoid": "", "ignore": "ignores", "yield late": "yields_late", "are attracted": "attracted"}
-"""The types of reaction, with the share of `[pedestrians.attention]` that is 1; those who are in no share avoid."""
+"""The types of reaction, with the share of `[pedestrians.attention]` that is 1; pedestrians in no share avoid it."""
 
 NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
 """The notes below the tables."""
@@ -42,8 +42,8 @@ class ReactionsSpec(StudyHead):
 
     Attributes:
         cases: The cases of each scenario.
-        scenarios: The scenarios, in which people notice the vehicle.
-        planners: The planners, no two of them alike.
+        scenarios: The scenarios, in which pedestrians notice the vehicle.
+        planners: The planners, all different.
     """
 
     cases: CasesText
@@ -60,12 +60,12 @@ def reactions(
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Rank planners among people who avoid the vehicle, ignore it, yield late, or are attracted by it.
+    """Rank planners among pedestrians that avoid the vehicle, ignore it, yield late, or are attracted by it.
 
     Args:
         file: The scenarios and planners.
         cases: The cases of each scenario: test:200 (the first 200 test cases), val:20.
-        out: Folder that keeps the runs.
+        out: Folder for the runs.
     """
     use_threads(threads)
     spec = read_file(file, ReactionsSpec)

@@ -1,4 +1,4 @@
-"""The options of a training of Social GAN. Nothing here imports torch, so that the command line starts without it."""
+"""The options of a training of Social GAN. It does not import torch, so that the command line starts without it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class SocialGANConfig(Config):
     """The options of `studies.social_gan.training`: on recorded tracks in `data`, or else in a scenario.
 
     Attributes:
-        dt: The time step to which recordings are resampled, in seconds; None for their own.
-        held_out: The scene of the recordings that is not trained on; None to train on all.
+        dt: The time step to which recordings are resampled, in seconds; None to keep the recorded one.
+        held_out: The scene of the recordings left out of the training; None to train on all.
         pooling: True if the generator has the social pooling module.
         epochs: The number of passes over the training windows.
     """

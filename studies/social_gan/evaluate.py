@@ -51,10 +51,10 @@ def evaluate_predictor(
     Args:
         predictors: Names, ./mine.py or ./mine.py:function.
         scenario: A name or ./mine.toml; circle_crossing_5 if not given.
-        cases: Of the scenario, such as val:100; val:200 if not given.
-        data: A folder of recorded tracks to measure on: *.txt with frame, pedestrian, x, y, as ETH/UCY has. With
+        cases: Cases of the scenario, such as val:100; val:200 if not given.
+        data: A folder of recorded tracks to measure on: *.txt with frame, pedestrian, x, y, as in ETH/UCY. With
             --scenario, the folder that its table [tracks] needs.
-        ahead: Number of steps that are predicted.
+        ahead: Number of predicted steps.
     """
     announce_compilation()
     options = assignments(option or [], "--option")
@@ -130,7 +130,7 @@ def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
 def _print_errors(
     about: Mapping[str, Any], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]
 ) -> None:
-    """Print ADE / FDE in metres of each predictor in each scene or at several horizons, and what the numbers mean."""
+    """Print ADE / FDE in metres of each predictor in each scene or at several horizons, with explanations."""
     from crowdbench.runs.results import planner_label
 
     recorded, ahead = "data" in about, about["ahead"]

@@ -38,7 +38,7 @@ Positions = Float[np.ndarray, "world time pedestrian 2"]
 Displacements = Float[np.ndarray, "world pedestrian 3 2 time"]
 
 MEAN = "mean over scenes"
-"""The name under which `on_tracks` has the means over all scenes."""
+"""The key of the means over all scenes in the result of `on_tracks`."""
 
 TOGETHER = 1
 """Index in the result of `displacement` of the mode that is best for all pedestrians together."""
@@ -74,7 +74,7 @@ class Errors:
     each: Curves
 
     def choices(self) -> dict[str, Curves]:
-        """Return the errors that differ, by the names that tables give them."""
+        """Return the errors that differ, by their names in tables."""
         if self.modes == 1:
             return {"best of 1": self.first}
         best = f"best of {self.modes}"
@@ -91,10 +91,10 @@ def on_scenario(
 ) -> Errors:
     """Measure a predictor on the crowds of a scenario, without a vehicle, and so with perfect sight.
 
-    It predicts at every step that `ahead` more steps follow before the time limit. A pedestrian counts until it is
-    nearer to its goal than its radius, because pedestrians that have arrived are easy to predict, and while it is there
-    during all of these steps. Intervals come from resampled cases. Where people were recorded, they come from resampled
-    blocks of time, and a trained predictor predicts by weights that were not trained on the scene.
+    It predicts at every step with `ahead` more steps before the time limit. A pedestrian counts if it exists during all
+    of these steps, until its distance to its goal is below its radius: pedestrians that have arrived are easy to
+    predict. Intervals come from resampled cases. For recorded pedestrians, they come from resampled blocks of time, and
+    a trained predictor uses weights that were not trained on the scene.
 
     Args:
         name: Name of the predictor in errors.
@@ -137,8 +137,8 @@ def on_tracks(
 ) -> dict[str, Errors]:
     """Measure a predictor on recorded tracks.
 
-    It is measured in all windows of 8 observed frames and `ahead` frames after them. A trained predictor predicts each
-    scene by weights that were not trained on it. Every pedestrian of every window of a scene has the same weight.
+    It is measured in all windows of 8 observed frames and `ahead` frames after them. A trained predictor uses
+    weights for each scene that were not trained on it. Every pedestrian of every window of a scene has the same weight.
     Windows overlap, so intervals come from resampled pedestrians, each with all its windows.
 
     Args:
@@ -208,7 +208,7 @@ def _walks(
     positions: deque[Float[np.ndarray, "world pedestrian 2"]] = deque(maxlen=ahead)
     for _ in range(scenario.rules.max_steps):
         at_goal = (norm(world.position - world.goal) < world.radius)[:, 1:]
-        # An arrived pedestrian is on its way again where people then walk on to another goal.
+        # An arrived pedestrian is on its way again if pedestrians then walk on to another goal.
         arrived = at_goal if goes_on else arrived | at_goal
         walking = world.present[:, 1:] & ~arrived
         crowd, world = crowd_decisions(world, scenario.policies)
@@ -242,8 +242,7 @@ def _of_recording(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -
 
 
 def _predict(name: str, predictor: Predictor, obs: Observation, ahead: int) -> Prediction:
-    """Return the prediction of a predictor. Raises InputError where it raises, or returns anything but a finite
-    prediction."""
+    """Return the prediction of a predictor. Raises InputError if it fails, or returns no finite prediction."""
     with plugin_errors(f"predictor {name} raised"):
         answer = predictor.predict(obs, ahead)
     return validate_prediction(answer, name, obs, ahead)
@@ -254,9 +253,9 @@ class _Clusters:
     """Errors summed over each cluster of dependent samples: all of a case, or all of a pedestrian.
 
     Attributes:
-        total: Sum of the errors in metres, as `displacement` has them.
+        total: Sum of the errors in metres, as in `displacement`.
         count: The number of samples.
-        modes: The most modes that a prediction had.
+        modes: Largest number of modes of a prediction.
     """
 
     total: Float[np.ndarray, "cluster 3 2 time"]
@@ -297,7 +296,7 @@ def _estimate(by_scene: Sequence[_Clusters], choice: int, measure: int, step: in
         total, weights = clusters.total[seen, choice, measure, step], clusters.count[seen]
         values = total / weights
         of_scenes.append((float(total.sum() / weights.sum()), len(values), float(values.max())))
-        # Shifted, because two scenes of the same size are resampled alike, which would make them dependent.
+        # Shifted, because two scenes of the same size have the same resamples, which would make them dependent.
         resampled.append(np.roll(bootstrap_distribution(weighted_mean, values, weights), number))
     means, counts, largest = zip(*of_scenes, strict=True)
     return Estimate(sum(means) / len(means), *interval(np.mean(resampled, axis=0)), sum(counts), max(largest))

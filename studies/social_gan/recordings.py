@@ -9,11 +9,11 @@ from crowdbench.scenario.tracks.eth_ucy import SCENES, Tracks, read_tracks
 from crowdbench.utils.errors import InputError
 
 TRAINING_ONLY = ("crowds_zara03", "uni_examples")
-"""Files of ETH/UCY that no scene is tested on."""
+"""Files of ETH/UCY that belong to no test scene."""
 
 
 def read_folder(folder: Path) -> list[Tracks]:
-    """Return the recordings in `*.txt` of a folder. Raises InputError where there are none, or one is wrong."""
+    """Return the recordings in `*.txt` of a folder. Raises InputError if there are none, or one is wrong."""
     if not folder.is_dir():
         raise InputError(f"there is no folder {folder} with recorded tracks")
     tracks = [read_tracks(path) for path in sorted(folder.glob("*.txt"))]
@@ -23,7 +23,7 @@ def read_folder(folder: Path) -> list[Tracks]:
 
 
 def scenes(recordings: Iterable[Tracks]) -> dict[str, list[Tracks]]:
-    """Return the scenes to test on, by name: scenes of ETH/UCY whose files are all there, and every other recording."""
+    """Return the scenes to test on, by name: scenes of ETH/UCY with all of their files, and every other recording."""
     left = {tracks.name: tracks for tracks in recordings if tracks.name not in TRAINING_ONLY}
     whole = {scene: [left.pop(name) for name in names] for scene, names in SCENES.items() if left.keys() >= set(names)}
     return whole | {name: [tracks] for name, tracks in left.items()}

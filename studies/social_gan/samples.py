@@ -43,9 +43,9 @@ class Samples:
     """Windows of `HISTORY` observed steps and `HORIZON` steps to predict.
 
     Attributes:
-        position: In metres, from the position of the window's first pedestrian in the last observed step; 0 for the
-            absent.
-        present: Which pedestrians are present in all steps of a window; these come first.
+        position: Positions in metres, relative to the window's first pedestrian in the last observed step; 0 for absent
+            pedestrians.
+        present: True for pedestrians that are present in all steps of a window; these come first.
     """
 
     position: Float32[np.ndarray, "window time pedestrian 2"]
@@ -121,7 +121,7 @@ def from_scenario(scenario: Scenario, cases: Cases) -> Samples:
 def _order(
     position: Float[np.ndarray, "window time pedestrian 2"], present: Bool[np.ndarray, "window pedestrian"]
 ) -> Samples:
-    """Sort pedestrians who are present to the front, and make positions relative to the first of them.
+    """Sort present pedestrians to the front, and make positions relative to the first of them.
 
     float32 is coarse far from the origin, so positions in metres are made relative before they are converted.
     """

@@ -35,7 +35,7 @@ def train(
 ) -> None:
     """Train Social GAN on recorded tracks, or on the simulated pedestrians of a scenario.
 
-    The checkpoint that is kept is the one with the smallest ADE on validation windows.
+    The checkpoint with the smallest ADE on validation windows is kept.
 
     Args:
         scenario: Name of the scenario to train in, or a file: ./mine.toml.
@@ -54,7 +54,7 @@ def train(
 
 
 def check_options(options: Mapping[str, Any]) -> None:
-    """Raise InputError if the given options, by name, contradict each other; None stands for one that is not given."""
+    """Raise InputError if the given options, by name, contradict each other; None means that one is not given."""
     given = {name for name, value in options.items() if value is not None}
     if "data" in given and given & {"scenario", "overrides"}:
         raise InputError(

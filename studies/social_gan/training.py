@@ -2,8 +2,7 @@
 
 Differs from the published training, because a training must take minutes: the variety loss takes the mean distance over
 the steps instead of the squared distance, learning rates are annealed along a cosine (Loshchilov and Hutter 2017),
-scenes are rotated and mirrored at random, and what is validated and saved is an exponential moving average of the
-generator.
+scenes are rotated and mirrored at random, and an exponential moving average of the generator is validated and saved.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ VALIDATIONS = 24
 
 
 def make_discriminator() -> nn.Module:
-    """Return a network that tells real tracks from fake ones: an encoder, and a perceptron as its head.
+    """Return a network that distinguishes real tracks from fake ones: an encoder, and a perceptron as its head.
 
     It maps displacements in metres, observed and predicted, `[row, time, 2]`, to the logits `[row]` of real tracks.
     """
@@ -103,7 +102,7 @@ class SocialGANTraining(Training):
         )
 
     def best(self) -> tuple[Point, Generator]:
-        """See `Training`: the point with the smallest ADE; the latest of equals."""
+        """See `Training`: the point with the smallest ADE; the latest of equal ones."""
         return min(reversed(self.curve), key=lambda point: point["ade"]), self.validated
 
     def learn(self) -> Iterator[None]:
@@ -117,7 +116,7 @@ class SocialGANTraining(Training):
                 yield
 
     def _epoch(self) -> tuple[float, float]:
-        """Learn from every training window once. Return the mean losses of generator and discriminator."""
+        """Train on every training window once. Return the mean losses of generator and discriminator."""
         rate = 0.5 * LEARNING_RATE * (1.0 + np.cos(np.pi * self.progress))
         for optimizer in (self.generator_optimizer, self.discriminator_optimizer):
             for group in optimizer.param_groups:
@@ -139,7 +138,7 @@ class SocialGANTraining(Training):
         seen = position[:, :HISTORY], present
         with torch.no_grad():
             best = scene_errors(self.generator(*seen, noise, HORIZON), future, scene, len(rows)).argmin(dim=0)
-        # Only these two of the futures have a gradient: the first, which the discriminator sees, and the best.
+        # Only two of the futures have a gradient: the first, which is the input of the discriminator, and the best.
         two = torch.stack([noise[:, 0], noise[torch.arange(len(rows)), best]], dim=1)
         predicted = self.generator(*seen, two, HORIZON)
         fake = torch.cat([observed, predicted[0]], dim=1)
@@ -157,7 +156,7 @@ class SocialGANTraining(Training):
     ) -> tuple[Float[Tensor, "scene time pedestrian 2"], Bool[Tensor, "scene pedestrian"]]:
         """Return positions in metres and presence in the windows of the given rows, as tensors."""
         present = windows.present[rows]
-        widest = int(present.sum(axis=1).max())  # those who are present come first
+        widest = int(present.sum(axis=1).max())  # present pedestrians come first
         position = torch.from_numpy(windows.position[rows, :, :widest])
         return position.to(self.device), torch.from_numpy(present[:, :widest]).to(self.device)
 
@@ -230,7 +229,7 @@ def variety_loss(
         predicted: Displacements from step to step in metres; a row is a pedestrian of a scene.
         future: The true displacements in metres.
         scene: The number of each row's scene.
-        scenes: How many scenes there are.
+        scenes: Number of scenes.
 
     Returns:
         The mean over all pedestrians, in metres.

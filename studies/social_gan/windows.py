@@ -1,4 +1,4 @@
-"""Recorded tracks as predictors take them: windows of consecutive frames, the split for training, resampling."""
+"""Recorded tracks as input of predictors: windows of consecutive frames, the split for training, resampling."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Windows:
-    """A batch of windows: consecutive annotated frames with the pedestrians that are there in all of them.
+    """A batch of windows: consecutive annotated frames with the pedestrians that are present in all of them.
 
     Attributes:
         frame: The number of the first frame of each window.
@@ -53,8 +53,8 @@ class Windows:
     def observation(self, seen: int) -> Observation:
         """Return the observation of each window, for a predictor.
 
-        The noise depends on the number of the first frame, as elsewhere on the case. There is no vehicle: its values
-        are NaN. Recordings have no radii: they are 0.
+        The noise depends on the number of the first frame, instead of the case. There is no vehicle: its values are
+        NaN. Recordings have no radii: they are 0.
 
         Args:
             seen: Number of frames that are observed, the first ones of a window; the last of them is the present.
@@ -178,7 +178,7 @@ def resample(tracks: Tracks, dt: float) -> Tracks:
     time = tracks.frame / FRAME_STEP * (tracks.dt / dt)
     continued = (np.diff(tracks.pedestrian) == 0) & (np.diff(tracks.frame) == FRAME_STEP)
     continued = np.append(continued, False)
-    # The new steps from each row to before the next one; where a track stops or has a gap, at most the row's own time.
+    # The new steps from each row to before the next one; if a track ends or has a gap, at most the time of the row.
     first = np.ceil(time - ROUNDING).astype(np.int64)
     end = np.where(continued, np.roll(first, -1), np.floor(time + ROUNDING).astype(np.int64) + 1)
     row = np.repeat(np.arange(len(time)), end - first)

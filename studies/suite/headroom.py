@@ -59,8 +59,8 @@ def headroom(
 
     Args:
         scenario: Scenarios of the file.
-        file: The scenarios, those whose key is changed with its levels, and the planners.
-        out: Folder that keeps the runs.
+        file: The scenarios, the levels of keys of scenarios, and the planners.
+        out: Folder for the runs.
     """
     use_threads(threads)
     spec = read_file(file, HeadroomSpec)

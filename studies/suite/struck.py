@@ -1,4 +1,4 @@
-"""Metrics of the study: contacts that the vehicle could not have avoided, and those that people should have."""
+"""Metrics of the study: contacts that the vehicle could not have avoided, and contacts that pedestrians should have."""
 
 import numpy as np
 from jaxtyping import Bool
@@ -18,6 +18,6 @@ def struck_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
 
 @describe("struck standing though noticed", "less", share=True)
 def struck_noticed_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
-    """Share of episodes that ended with somebody who had noticed the vehicle touching it after it stood for 1 s [1]."""
+    """Share of episodes ended by a pedestrian that had noticed the vehicle, and touched it after it stood 1 s [1]."""
     contacts = contacts_of(trace)
     return (contacts.fault == Fault.STRUCK_STANDING) & contacts.saw

@@ -1,1 +1,1 @@
-"""True if a ranking of planners holds in other worlds."""
+"""Transfer of a ranking of planners to other worlds."""

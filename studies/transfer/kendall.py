@@ -1,4 +1,4 @@
-"""How far two rankings of planners agree, and how sure that is: Kendall's tau, with a bootstrap over families and time.
+"""Agreement of two rankings of planners, with an interval: Kendall's tau, with a bootstrap over families and time.
 
 Tau is the number of pairs of planners in the same order in both rankings minus those in opposite orders, as a share of
 all pairs (Kendall 1938, tau-a): a tie counts as neither.
@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 RESAMPLES = 2000
 
 CERTAIN = 1.96
-"""A pair is decided where its rates differ by more than so many standard errors."""
+"""A pair is decided if its rates differ by more than this number of standard errors."""
 
 Rates = Float[np.ndarray, "*resample planner"]
 """The success rates of planners; in resamples, of cases that were drawn with replacement."""
@@ -25,9 +25,9 @@ class Cases:
     """Outcomes of planners in the cases of a scenario.
 
     Attributes:
-        source: Where its people come from: scenarios of the same recording have it in common. Their blocks are drawn
+        source: Source of its pedestrians: scenarios of the same recording have it in common. Their blocks are drawn
             together.
-        success: True if each planner succeeds in each case, 1 or 0.
+        success: 1 if a planner succeeds in a case, 0 otherwise.
         block: The block of each case. Cases of the same block are drawn together.
     """
 
@@ -39,7 +39,7 @@ class Cases:
         """Return the success rate of each planner in the cases, which comes first, and in `RESAMPLES` resamples."""
         _, number = np.unique(self.block, return_inverse=True)
         blocks = int(number.max()) + 1
-        # Keyed by the source: two scenarios of one recording have the same hours drawn.
+        # Seeded by the source: the same hours are drawn for two scenarios of one recording.
         draws = np.random.default_rng([*self.source.encode()])
         times = np.ones((1 + RESAMPLES, blocks))
         times[1:] = draws.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=RESAMPLES)
@@ -49,15 +49,14 @@ class Cases:
 
 
 def mean_rates(scenarios: list[Cases]) -> Rates:
-    """Return the rates over scenarios that count alike, first of all cases and then of the resamples."""
+    """Return the mean rates over equally weighted scenarios, first of all cases and then of the resamples."""
     return np.mean([each.resample() for each in scenarios], axis=0)
 
 
 def draw_families(family: Int[np.ndarray, "planner"]) -> Float[np.ndarray, "resample pair"]:
-    """Return how often each pair of planners counts, first in the sample and then where families are drawn with
-    replacement.
+    """Return the weight of each pair of planners, first in the sample and then in resamples of families.
 
-    A family that is drawn twice is two families: their pairs count twice, and none is made between the two.
+    A family that is drawn twice counts as two families: its pairs count twice, and there is no pair between the two.
 
     Args:
         family: The number of each planner's family.
@@ -77,10 +76,10 @@ def kendall(a: Rates, b: Rates, times: Float[np.ndarray, "*resample pair"]) -> F
     Args:
         a: The rates of one.
         b: The rates of the other.
-        times: How often each pair counts.
+        times: The weight of each pair.
 
     Returns:
-        From -1 to 1; NaN where no pair counts.
+        From -1 to 1; NaN if no pair counts.
     """
     same = _signs(a) * _signs(b)
     pairs = times.sum(axis=-1)
@@ -89,7 +88,7 @@ def kendall(a: Rates, b: Rates, times: Float[np.ndarray, "*resample pair"]) -> F
 
 
 def decided(rates: Rates) -> Bool[np.ndarray, "pair"]:
-    """Return which pairs differ by more than `CERTAIN` standard errors; `rates` as `mean_rates` gives them."""
+    """Return which pairs differ by more than `CERTAIN` standard errors; `rates` is a result of `mean_rates`."""
     one, other = np.triu_indices(rates.shape[-1], 1)
     differences = rates[:, one] - rates[:, other]
     return np.abs(differences[0]) > CERTAIN * differences[1:].std(axis=0)
@@ -99,7 +98,7 @@ def agreement(a: Rates, b: Rates) -> tuple[int, int]:
     """Return the number of pairs with the same order in two rankings, and the number of pairs that are decided in both.
 
     Args:
-        a: The rates of one, as `mean_rates` gives them.
+        a: The rates of one, a result of `mean_rates`.
         b: The rates of the other.
     """
     both = decided(a) & decided(b)

@@ -1,7 +1,7 @@
-"""The power of the study, computed without any run: how often its criterion is met where the true tau is known.
+"""The power of the study, computed without runs: the share of simulated studies that meet its criterion, by true tau.
 
 Log-odds of success are normal over planners, of mean 1 and standard deviation `SPREAD`, and correlated between the
-suite and each world so that the expected tau is the one asked for (Kendall's tau of normal numbers, 2 / pi asin(rho)).
+suite and each world so that the expected tau is the requested one (Kendall's tau of normal numbers, 2 / pi asin(rho)).
 Successes are binomial. The interval is that of the study: families and cases are drawn with replacement.
 """
 
@@ -20,7 +20,7 @@ STUDIES, RESAMPLES = 200, 500
 """Studies that are simulated for each tau, and resamples of each."""
 
 SPREAD = 1.2
-"""About that of the planners that ship in the suite."""
+"""Approximately the spread of the shipped planners in the suite."""
 
 
 def power(
@@ -37,7 +37,7 @@ def power(
         family: The number of each planner's family.
         cases: The number of cases in the suite, and in each world.
         criterion: The bound that the lower end of the interval of the mean tau is to exceed.
-        studies: How many are simulated.
+        studies: Number of simulated studies.
     """
     draws, times = np.random.default_rng(0), draw_families(family)[: 1 + RESAMPLES]
     rho = np.sin(0.5 * np.pi * tau)
@@ -52,6 +52,6 @@ def power(
 
 
 def draw_rates(draws: np.random.Generator, skill: Float[np.ndarray, "planner"], cases: int) -> Rates:
-    """Return the success rates of planners in so many cases, and in resamples of them."""
+    """Return the success rates of planners in a number of cases, and in resamples of them."""
     rate = draws.binomial(cases, 1.0 / (1.0 + np.exp(-1.0 - SPREAD * skill))) / cases
     return np.vstack([rate, draws.binomial(cases, rate, size=(RESAMPLES, len(skill))) / cases])

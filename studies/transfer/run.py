@@ -31,7 +31,7 @@ def transfer(
 
     Args:
         file: The suite, the worlds, and the planners by families.
-        out: Folder that keeps the runs.
+        out: Folder for the runs.
         power: Print the power of the study, and make no runs.
     """
     use_threads(threads)

@@ -1,4 +1,4 @@
-"""`[[rankings]]`: whether the order in which planners stand in a suite of scenarios is that in other worlds."""
+"""`[[rankings]]`: agreement of the order of planners in a suite of scenarios with the order in other worlds."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split(
 class RankingsSpec(TomlTable):
     """`[[rankings]]`: planners by families, a suite that ranks them, and worlds in which that order is to hold.
 
-    `worlds` has the scenarios of each. `alone` is a scenario that is looked at in the place of the suite, in
+    `worlds` has the scenarios of each world. `alone` is a scenario that is compared in place of the suite, on
     `alone_cases`. `criterion` is the bound that the lower end of the interval of Kendall's tau is to exceed.
     """
 
@@ -58,7 +58,7 @@ class RankingsTable:
     """Planners in a suite and in worlds, and their runs.
 
     Attributes:
-        spec: The request.
+        spec: The table of the file.
         runs_by_world: The runs of each scenario of the suite and of the worlds, one list for each scenario.
         family: The number of each planner's family.
     """
@@ -72,8 +72,8 @@ class RankingsTable:
         """Plan the runs of a table.
 
         Args:
-            spec: The request.
-            location: Where in a file.
+            spec: The table of the file.
+            location: Its location in the file, for errors.
             data: The folder with the recorded tracks that its scenarios need.
 
         Raises:
@@ -107,8 +107,7 @@ class RankingsTable:
         return {f"{tau:g}": power(tau, self.family, cases, self.spec.criterion) for tau in TRUE_TAUS}
 
     def fill(self, out: Path) -> FilledRankings:
-        """Return the table with the figures of the runs in the folder `out`; raises InputError where one is not
-        there."""
+        """Return the table with the figures of the runs in the folder `out`; raises InputError if one is missing."""
         cases = {
             world: [read_cases(runs, out) for runs in scenarios] for world, scenarios in self.runs_by_world.items()
         }
@@ -117,7 +116,7 @@ class RankingsTable:
 
 
 def read_cases(runs: Sequence[Run], out: Path) -> Cases:
-    """Return in which cases of a scenario each planner succeeded. Raises InputError where a run is not there."""
+    """Return the successes of planners in the cases of a scenario. Raises InputError if a run is missing."""
     found = [read_episodes(run, out) for run in runs]
     success = np.stack([each.columns[SUCCESS_RATE].astype(float) for each in found])
     block, tracks = found[0].block, runs[0].scenario.tracks
@@ -127,14 +126,14 @@ def read_cases(runs: Sequence[Run], out: Path) -> Cases:
 
 @dataclasses.dataclass(frozen=True)
 class Agreement:
-    """How far the order of planners in the suite is that in a world.
+    """Agreement of the order of planners in the suite with the order in a world.
 
     Attributes:
         world: The world.
         tau: Kendall's tau, with its interval.
-        agree: The pairs decided in both that stand in the same order.
-        decided: The pairs that are decided in both.
-        alone: Tau of a single scenario in the place of the suite.
+        agree: Number of pairs that are decided in both and have the same order.
+        decided: Number of pairs that are decided in both.
+        alone: Tau of a single scenario in place of the suite.
         more: The difference between the taus of the suite and of the single scenario.
     """
 
@@ -153,13 +152,13 @@ class Agreement:
 
 @dataclasses.dataclass(frozen=True)
 class FilledRankings:
-    """The table with its figures. Its fields are what `--format json` prints.
+    """The table with its figures. `--format json` prints its fields.
 
     Attributes:
-        spec: The request.
+        spec: The table of the file.
         planners: The planners, the highest success in the suite first.
         rates: Their success in the suite and in the worlds.
-        worlds: How far each world agrees.
+        worlds: The agreement of each world with the suite.
         mean: The mean of tau over the worlds.
         power: The share of simulated studies that meet the criterion, by the true tau.
     """
@@ -183,10 +182,10 @@ class FilledRankings:
         """Compare the order of planners in the suite with those in the worlds.
 
         Args:
-            spec: The request.
+            spec: The table of the file.
             planners: The planners.
             family: The number of each one's family.
-            cases: Their outcomes in each scenario of the suite, the worlds and the scenario that stands alone.
+            cases: Their outcomes in each scenario of the suite, the worlds and the single scenario.
             power: The power of the study.
         """
         rates = {world: mean_rates(scenarios) for world, scenarios in cases.items()}
@@ -210,7 +209,7 @@ class FilledRankings:
 
     @property
     def verdict(self) -> str:
-        """True if the criterion is met, in words."""
+        """A text with the mean tau, and whether it meets the criterion."""
         met = self.mean.low > self.spec.criterion
         said = "Met" if met else "Not met"
         return (
@@ -219,7 +218,7 @@ class FilledRankings:
         )
 
     def markdown(self) -> str:
-        """Return the tables as GitHub shows them, under their heading."""
+        """Return the tables in GitHub's Markdown, under their heading."""
         tables = [markdown(grid.header, grid.rows) for grid in self.grids()]
         return "\n\n".join([f"## {self.spec.title}", f"Cases {self.spec.cases}.", self.verdict, *tables])
 
@@ -248,7 +247,7 @@ def say_power(power: Mapping[str, float]) -> str:
 
 
 def estimate_tau(tau: Float[np.ndarray, "resample"]) -> Estimate:
-    """Return a tau with its interval, the first of its values and the resampled ones."""
+    """Return a tau, the first of its values, with the interval of the resampled ones."""
     drawn = tau[1:][np.isfinite(tau[1:])]
     return Estimate(float(tau[0]), *interval(drawn), n=len(drawn), max=float(drawn.max()))
 

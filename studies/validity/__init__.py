@@ -1,1 +1,1 @@
-"""Validity of pedestrian policies: what crowds that they move do, beside what is published about pedestrians."""
+"""Validity of pedestrian policies: measurements of simulated crowds beside published measurements of pedestrians."""

@@ -1,9 +1,9 @@
-"""A corridor whose end is its beginning: agents that leave it on one side enter it on the other.
+"""A periodic corridor: agents that leave it on one side enter it on the other.
 
-Everybody has an image, one length of the corridor away, on the side where the other end is near. People see images as
-they see people, so that the seam is not felt: around each person, everybody within half a length is in sight on both
-sides. After every step, people who have left the corridor are put back by its length, and the images are put where they
-belong; what a policy has answered for an image is not used.
+Each pedestrian has an image, one length of the corridor away, beyond the farther end. Pedestrians see images like other
+pedestrians, so that the seam has no effect: each pedestrian sees all others within half a length on both sides. After
+every step, pedestrians that have left the corridor are moved by its length, and the images are updated. The velocities
+that a policy returns for images are not used.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from crowdbench.utils.errors import InputError
 OfPeople = Float[np.ndarray, "world person"]
 
 FAR = 1000.0
-"""How far ahead goals are, in metres: nobody arrives, and all walk straight along the corridor."""
+"""Distance to goals in metres: no pedestrian arrives, and all walk straight along the corridor."""
 
 BAND = 0.75
-"""Two people are in the same lane where they are at most this many diameters apart across it."""
+"""Two pedestrians are in the same lane if their lateral distance is at most this number of diameters."""
 
 LEAST_DIAMETER = 0.4
-"""Diameter in metres by which the lanes of smaller people are measured, who would all have a lane of their own."""
+"""Least diameter in metres for lanes: otherwise, each of very small pedestrians would have a separate lane."""
 
 
 def corridor(length: float, width: float, backward: float) -> Callable[..., Placement]:
@@ -38,7 +38,7 @@ def corridor(length: float, width: float, backward: float) -> Callable[..., Plac
     Args:
         length: Length of the corridor in metres.
         width: Its width in metres.
-        backward: Share of the people who walk towards smaller x.
+        backward: Share of the pedestrians that walk towards smaller x.
 
     Returns:
         The layout. Of the pedestrians, the second half are the images of the first.
@@ -60,10 +60,10 @@ def corridor(length: float, width: float, backward: float) -> Callable[..., Plac
 def spread(
     rng: np.random.Generator, number: int, radius: float, length: float, width: float
 ) -> Float[np.ndarray, "{number} 2"]:
-    """Return places on a rectangle at which discs do not overlap.
+    """Draw positions on a rectangle at which discs do not overlap.
 
-    The rectangle is divided into cells, as square as can be, at least one per disc. Each disc lies in a cell of its
-    own, drawn by chance, somewhere within it.
+    The rectangle is divided into cells that are as square as possible, at least one per disc. Each disc has a random
+    position in a different, random cell.
 
     Args:
         rng: The random stream to draw from.
@@ -76,7 +76,7 @@ def spread(
         Centres in metres.
 
     Raises:
-        InputError: There is no room for so many.
+        InputError: The discs do not fit on the rectangle.
     """
     rows = range(1, int(width / (2.0 * radius) + 1e-9) + 1)
     fits = [(min(length / math.ceil(number / row), width / row), row) for row in rows]
@@ -94,15 +94,15 @@ def spread(
 def walk(
     world: World, policies: Mapping[str, PedestrianPolicy], length: float, steps: int, single_file: bool = False
 ) -> Iterator[World]:
-    """Let people walk in a corridor.
+    """Simulate pedestrians in a corridor.
 
     Args:
         world: Their start, see `corridor`.
         policies: The policies that move them.
         length: Length of the corridor in metres.
         steps: Number of steps.
-        single_file: True if everybody is held in the middle of the corridor: after each step, what they have moved
-            sideways is undone. Without this, a social force swings them between walls that are near.
+        single_file: True to hold pedestrians in the middle of the corridor: after each step, their lateral motion is
+            undone. Otherwise, they would oscillate between near walls under a social force.
 
     Yields:
         The worlds after each step.
@@ -116,18 +116,18 @@ def walk(
 
 
 def people_of(world: World) -> slice:
-    """Return which agents are people: neither the vehicle nor images."""
+    """Return the slice of agents that are pedestrians: neither the vehicle nor images."""
     return slice(1, 1 + world.person.shape[1] // 2)
 
 
 def forward_speed(world: World) -> OfPeople:
-    """Return how fast each person walks in the direction of its goal, in m/s."""
+    """Return the speed of each pedestrian in the direction of its goal in m/s."""
     who = people_of(world)
     return world.velocity[:, who, 0] * direction(world)
 
 
 def direction(world: World) -> OfPeople:
-    """Return 1 for each person who walks towards larger x, -1 for those who walk the other way."""
+    """Return 1 for each pedestrian that walks towards larger x, -1 for the others."""
     who = people_of(world)
     return np.sign(world.goal[:, who, 0] - world.position[:, who, 0])
 
@@ -135,20 +135,20 @@ def direction(world: World) -> OfPeople:
 def lane_order(across: OfPeople, direction: OfPeople, radius: float) -> Float[np.ndarray, "world"]:
     """Return the reduced order parameter of lane formation.
 
-    For each person, with n people in the same lane in its own direction (itself among them) and m in the other one,
-    the order is ((n - m) / (n + m))^2 (Rex and Löwen 2007). Its mean over people, Phi, is 1 where every lane has one
-    direction. It is not 0 where directions are mixed, because lanes have few people. Nowak and Schadschneider (2012)
-    therefore reduce it: (Phi - Phi_0) / (1 - Phi_0), where Phi_0 is its mean over all ways to distribute the directions
-    among the same places. Here half of the N people walk in each direction, and then the mean of (n - m)^2 over these
-    ways is k (N - k) / (N - 1) for a lane of k = n + m people.
+    For each pedestrian, with n pedestrians in its lane in the same direction (itself included) and m in the other one,
+    the order is ((n - m) / (n + m))^2 (Rex and Löwen 2007). Its mean over pedestrians, Phi, is 1 if every lane has one
+    direction. Phi is not 0 for mixed directions, because lanes have few pedestrians. Nowak and Schadschneider (2012)
+    therefore reduce it: (Phi - Phi_0) / (1 - Phi_0), where Phi_0 is its mean over all assignments of the directions to
+    the same positions. Here half of the N pedestrians walk in each direction. Then the mean of (n - m)^2 over these
+    assignments is k (N - k) / (N - 1) for a lane of k = n + m pedestrians.
 
     Args:
-        across: Where each person is across the corridor, in metres.
-        direction: 1 or -1, each for half of the people.
-        radius: The people's radius in metres.
+        across: Lateral position of each pedestrian in metres.
+        direction: 1 or -1, each for half of the pedestrians.
+        radius: The pedestrians' radius in metres.
 
     Returns:
-        1 where every lane has one direction, on average 0 where directions are mixed; NaN where nobody shares a lane.
+        1 if every lane has one direction, on average 0 for mixed directions; NaN if no pedestrians share a lane.
     """
     near = np.abs(across[:, :, None] - across[:, None]) <= BAND * max(2.0 * radius, LEAST_DIAMETER)
     lane = near.sum(axis=2)
@@ -160,13 +160,13 @@ def lane_order(across: OfPeople, direction: OfPeople, radius: float) -> Float[np
 
 
 def _in_the_middle(world: World) -> World:
-    """Put everybody into the middle of the corridor, y = 0."""
+    """Move all agents to the middle of the corridor, y = 0."""
     along = np.array([1.0, 0.0])
     return world.replace(position=world.position * along, velocity=world.velocity * along)
 
 
 def _closed(world: World, ahead: Float[np.ndarray, "world agent 2"], length: float) -> World:
-    """Put people back into the corridor, images where they belong, and goals ahead of both."""
+    """Move pedestrians back into the corridor, and update their images and the goals of both."""
     position, velocity, history = world.position.copy(), world.velocity.copy(), world.history.copy()
     who = people_of(world)
     number = who.stop - 1
@@ -182,7 +182,7 @@ def _closed(world: World, ahead: Float[np.ndarray, "world agent 2"], length: flo
 
 
 def _to_image(position: Float[np.ndarray, "*batch 2"], length: float) -> Float[np.ndarray, "*batch 2"]:
-    """Return the vector from each person to its image, in metres."""
+    """Return the vector from each pedestrian to its image, in metres."""
     vector = np.zeros_like(position)
     vector[..., 0] = np.where(position[..., 0] < length / 2.0, length, -length)
     return vector

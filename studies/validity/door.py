@@ -16,7 +16,7 @@ from crowdbench.sim.simulator import crowd_velocities, walk
 from studies.validity.corridor import spread
 
 NUMBER = 60
-"""How many people leave."""
+"""Number of pedestrians in the hall."""
 
 HALL = 4.0
 """Width of the hall in metres."""
@@ -28,13 +28,13 @@ BEHIND = 8.0
 """Distance in metres from the wall with the door to the goals behind it, which lie side by side."""
 
 GONE = 4.0
-"""Agents so many metres behind the door have left, and are removed: nobody may stand in the way of others."""
+"""Distance in metres behind the door at which pedestrians are removed, so that they do not block others."""
 
 TIME = 120.0
 """Seconds after which the measurement ends."""
 
 STILL = 20.0
-"""A door is blocked where nobody has passed it in the last so many seconds, though people wait."""
+"""A door is blocked if pedestrians wait, and none has passed it for this number of seconds."""
 
 
 def hall(door: float, waiting: float) -> Callable[..., Placement]:
@@ -42,7 +42,7 @@ def hall(door: float, waiting: float) -> Callable[..., Placement]:
 
     Args:
         door: Width of the door in metres.
-        waiting: People per square metre where they wait, in 1/m^2.
+        waiting: Density of the waiting pedestrians in 1/m^2.
 
     Returns:
         The layout.
@@ -57,7 +57,7 @@ def hall(door: float, waiting: float) -> Callable[..., Placement]:
         walls = [[(-side, 0.0), (-door / 2.0, 0.0)], [(door / 2.0, 0.0), (side, 0.0)]]
         walls += [list(pair) for pair in itertools.pairwise(corners)]
         goal = np.stack([2.0 * start[:, 0], np.full(number, BEHIND)], axis=1)
-        # The vehicle, which nobody sees, stands at the goals.
+        # The vehicle, which no pedestrian sees, stands at the goals.
         vehicle = np.array([[0.0, BEHIND]])
         return Placement(np.concatenate([vehicle, start]), np.concatenate([vehicle, goal]), obstacles=np.array(walls))
 
@@ -66,10 +66,10 @@ def hall(door: float, waiting: float) -> Callable[..., Placement]:
 
 @dataclass(frozen=True)
 class Passages:
-    """Agents that have passed the door, and times.
+    """Passages of pedestrians through the door.
 
     Attributes:
-        step: The step after which each person was behind the door first; -1 for those who never were.
+        step: The step after which each pedestrian was first behind the door; -1 if it never was.
         dt: Length of a step in seconds.
         steps: Number of steps.
     """
@@ -80,19 +80,18 @@ class Passages:
 
     @property
     def share(self) -> Float[np.ndarray, "world"]:
-        """The share of the people who have passed."""
+        """The share of the pedestrians that have passed."""
         return (self.step >= 0).mean(axis=1)
 
     @property
     def blocked(self) -> Bool[np.ndarray, "world"]:
-        """True if people wait, and nobody has passed in the last `STILL` seconds."""
+        """True if pedestrians wait, and none has passed in the last `STILL` seconds."""
         return (self.share < 1.0) & (self.step.max(axis=1) < self.steps - STILL / self.dt)
 
     def flow(self) -> Float[np.ndarray, "world"]:
-        """Return the people per second from the first passage to the last one, or to the end where somebody has not
-        passed.
+        """Return pedestrians per second from the first passage to the last one, or to the end if some have not passed.
 
-        NaN where nobody has passed, or all in the same step.
+        NaN if none has passed, or all in the same step.
         """
         number = (self.step >= 0).sum(axis=1)
         first = np.where(self.step >= 0, self.step, self.steps).min(axis=1)
@@ -109,7 +108,7 @@ def leave(world: World, policies: Mapping[str, PedestrianPolicy]) -> Passages:
         policies: The policies that move it.
 
     Returns:
-        The agents that have passed the door, and times.
+        The passages through the door.
     """
     steps = round(TIME / world.rules.dt)
     passed = np.full(world.person.shape, -1)

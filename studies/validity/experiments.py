@@ -20,20 +20,20 @@ WORLDS = 6
 """Worlds of an experiment."""
 
 LENGTH, WIDTH = 10.0, 2.4
-"""Of the corridor, in metres. Everybody who counts is within 5 m: the ten nearest, which ORCA avoids, and for a social
-force agents whose ellipses are near."""
+"""Size of the corridor in metres. All relevant neighbours are within 5 m: the ten nearest, which ORCA avoids, and for
+a social force agents whose ellipses are near."""
 
 FILE_WIDTH = 2.5
 """Width of the corridor for single file, in radii."""
 
 TIME = 60.0
-"""Seconds that people walk. They start at rest: a jam of ORCA's needs half a minute to move."""
+"""Duration in seconds. Pedestrians start at rest: a jam of ORCA agents needs half a minute to move."""
 
 LAST = 20.0
-"""The last so many seconds of them are measured."""
+"""Measured duration at the end in seconds."""
 
 STUCK = 0.1
-"""Agents slower on average than this share of their preferred speed are stuck."""
+"""A crowd is stuck if its mean speed is below this share of the preferred speed."""
 
 DOORS = (0.8, 1.0, 1.2, 1.6)
 """Widths of the door in metres."""
@@ -41,16 +41,15 @@ DOORS = (0.8, 1.0, 1.2, 1.6)
 
 @dataclass(frozen=True, eq=False)
 class People:
-    """Common traits of the people of a crowd.
+    """Common properties of the pedestrians of a crowd.
 
     Attributes:
         title: Their name in tables.
         radius: In metres.
-        preferred_speed: In m/s, as a scenario's file writes it.
-        densities: How many of them per square metre walk in a corridor, in 1/m^2. More than the last number would not
-            fit, or hardly.
-        per_metre: How many of them per metre walk in single file, in 1/m.
-        waiting: How many of them per square metre wait before a door, in 1/m^2; None where they do not walk through it.
+        preferred_speed: In m/s, as in a scenario's file.
+        densities: Densities in a corridor in 1/m^2. Higher densities than the last one would not fit, or hardly.
+        per_metre: Densities in single file in 1/m.
+        waiting: Density of the waiting crowd before a door in 1/m^2; None if they do not walk through doors.
     """
 
     title: str
@@ -74,7 +73,7 @@ _WALKERS = {"mean": 1.34, "std": 0.26, "low": 0.82, "high": 1.86}
 """Walking speeds of pedestrians in m/s (Weidmann 1993), within two standard deviations."""
 
 MEASURED = People("radius 0.2 m, 1.34 m/s", 0.2, _WALKERS, (0.5, 1.0, 2.0, 3.0, 4.0), (0.8, 1.2, 1.6, 2.0), 3.3)
-"""With measured speeds, and bodies 0.4 m across, of which as many fit on a square metre as in experiments."""
+"""With measured speeds, and bodies of 0.4 m diameter, which allow the same densities as in experiments."""
 
 POINTS = People("radius 0.01 m, 1.34 m/s", 0.01, _WALKERS, (0.5, 1.0, 2.0, 3.0), (), None)
 """Almost points, as in the paper on the social force model (Helbing and Molnár 1995)."""
@@ -84,13 +83,13 @@ EVERYBODY = (DEFAULT, MEASURED, POINTS)
 
 @dataclass(frozen=True)
 class Walk:
-    """How people have walked in a corridor.
+    """Motion of pedestrians in a corridor.
 
     Attributes:
-        speed: Mean speed in m/s in the direction in which they want to go, negative where they go backwards.
+        speed: Mean speed in m/s in the direction of the goal, negative if they walk backwards.
         stuck: True if they hardly move, on average.
-        order: How far they have formed lanes, see `lane_order`; NaN where all walk in one direction.
-        overlapping: Share of the people whose disc overlaps another's by more than 1 cm, at the end.
+        order: Order of lanes, see `lane_order`; NaN if all walk in one direction.
+        overlapping: Share of the pedestrians whose disc overlaps another one by more than 1 cm, at the end.
     """
 
     speed: Float[np.ndarray, "world"]
@@ -101,13 +100,13 @@ class Walk:
 
 @dataclass(frozen=True)
 class Setting:
-    """A measurement: experiment, policy and place.
+    """A measurement: experiment, policy, pedestrians, and density or width.
 
     Attributes:
         experiment: `one way`, `two ways`, `single file` or `door`.
         policy: The pedestrian policy.
         people: The pedestrians.
-        at: People per square metre or, in single file, per metre; of a door its width in metres.
+        at: Pedestrians per square metre or, in single file, per metre; for a door its width in metres.
     """
 
     experiment: str
@@ -117,7 +116,7 @@ class Setting:
 
 
 def settings(policies: Sequence[str]) -> Iterator[Setting]:
-    """Yield all that is measured of some policies."""
+    """Yield all measurements of some policies."""
     for policy in policies:
         for people in EVERYBODY:
             values = {"one way": people.densities, "two ways": people.densities, "single file": people.per_metre}
@@ -127,13 +126,13 @@ def settings(policies: Sequence[str]) -> Iterator[Setting]:
 
 
 def crowd(policy: str, people: People, number: int, layout: Callable[..., Placement]) -> Scenario:
-    """Return a scenario without a vehicle in the way: pedestrians do not see it.
+    """Return a scenario in which pedestrians do not see the vehicle.
 
     Args:
         policy: The name of a pedestrian policy, or a file with one.
         people: The pedestrians.
-        number: How many.
-        layout: Places them. It is not a plug-in that a user could name.
+        number: Number of pedestrians.
+        layout: Function that places them. It is not a plug-in that a user could name.
 
     Returns:
         The scenario, with the policy's default parameters.
@@ -141,7 +140,7 @@ def crowd(policy: str, people: People, number: int, layout: Callable[..., Placem
     Raises:
         InputError: There is no such policy.
     """
-    size = {"radius": people.radius}  # the vehicle has to fit where people do
+    size = {"radius": people.radius}  # the vehicle must fit in the same space
     pedestrians = {"number": number, "policy": policy, "preferred_speed": people.preferred_speed, **size}
     return scenario_file.parse(
         {"vehicle": size, "pedestrians": pedestrians},
@@ -156,12 +155,12 @@ def run_experiment(setting: Setting, worlds: int = WORLDS, time: float = TIME) -
     """Run an experiment.
 
     Args:
-        setting: Which one.
-        worlds: In how many worlds.
-        time: How long people walk in corridors, in seconds; the last third is measured.
+        setting: The experiment.
+        worlds: Number of worlds.
+        time: Duration in corridors in seconds; the last third is measured.
 
     Returns:
-        How people walked, or of a door, how they passed it.
+        The motion in a corridor, or the passages through a door.
 
     Raises:
         InputError: There is no such policy, or it fails.
@@ -177,7 +176,7 @@ def run_experiment(setting: Setting, worlds: int = WORLDS, time: float = TIME) -
 
 
 def _walk(setting: Setting, cases: Cases, time: float) -> Walk:
-    """Simulate people who walk in a corridor."""
+    """Simulate pedestrians in a corridor, and measure their motion."""
     people = setting.people
     single_file, both_ways = setting.experiment == "single file", setting.experiment == "two ways"
     width = FILE_WIDTH * people.radius if single_file else WIDTH
@@ -193,7 +192,7 @@ def _walk(setting: Setting, cases: Cases, time: float) -> Walk:
             if both_ways:
                 across = world.position[:, people_of(world), 1]
                 orders.append(lane_order(across, direction(world), people.radius))
-    # The first `number` pedestrians are people, the others images.
+    # After the vehicle, the first `number` agents are pedestrians, the others are images.
     apart = world.position[:, 1 : 1 + number, None] - world.position[:, None, 1:]
     touching = np.hypot(apart[..., 0], apart[..., 1]) < 2.0 * people.radius - 0.01
     # Worlds first, so that the sum over one is taken in the same order in any batch.

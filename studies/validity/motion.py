@@ -1,4 +1,4 @@
-"""Measure how people move in scenarios without a vehicle, beside recorded people; prints motion.md beside this file."""
+"""Measure the motion of simulated and recorded pedestrians, without a vehicle; prints motion.md beside this file."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ FOLDERS = ("suite", "generalisation", "maps")
 Names = Annotated[list[str] | None, typer.Argument(show_default=" ".join(FOLDERS))]
 
 MOVING, SHORTEST = 0.3, 1.0
-"""Speed in m/s of both steps of a reversal; length in metres of the path of somebody who does not just stand."""
+"""Speed in m/s of both steps of a reversal; shortest path in metres of a pedestrian that counts as walking."""
 
 NEAR, MIDDLE = 2.0, 2.5
-"""Distances in metres: to others who count for the density, and to the middle of the crowd."""
+"""Distances in metres: to neighbours that count for the density, and to the mean position of the crowd."""
 
 DENSITIES = (0, 3, 6, 1000)
-"""Bounds of the classes of how many others are near."""
+"""Bounds of the classes of the number of near neighbours."""
 
 BRUSHING, RECORDED_RADIUS = 0.05, 0.2
-"""In metres: the largest overlap that does not count, and the radius of recorded people, which is unknown."""
+"""In metres: the largest overlap that does not count, and the assumed radius of recorded pedestrians."""
 
 TEXT = Path(__file__).with_suffix(".txt")
 """Text of the page in Markdown, with names for the numbers above."""
@@ -48,10 +48,10 @@ HEADER = "people|acceleration 50 %|90 %|99 %|largest|reversals|overlap|share|spe
 
 
 class Walks(NamedTuple):
-    """Where people are, a row for each person and moment, ordered by person and then by time.
+    """Positions of pedestrians, a row for each pedestrian and moment, ordered by pedestrian and then by time.
 
     Attributes:
-        person: A number for each person of each world.
+        person: A number for each pedestrian of each world.
         time: In seconds.
         moment: A number for each moment of each world.
         position: In metres.
@@ -66,11 +66,11 @@ class Walks(NamedTuple):
 
 
 def simulate(scenario: Scenario, cases: Cases) -> tuple[Walks, list[float]]:
-    """Simulate the people of a scenario up to its time limit as if there were no vehicle.
+    """Simulate the pedestrians of a scenario up to its time limit without a vehicle.
 
     Returns:
-        Their walks; and the share of those who arrive, the nearest distance in metres of a straight drive to their mean
-        position, and how many are within `MIDDLE` of it then.
+        Their walks; and the share that arrives, the smallest distance in metres of a straight drive to their mean
+        position, and the number of pedestrians within `MIDDLE` of that position at this time.
     """
     start, dt = scenario.worlds(cases), scenario.rules.dt
     world = init_memories(start.replace(rules=dataclasses.replace(start.rules, visible=False)), scenario.policies)
@@ -98,13 +98,13 @@ def simulate(scenario: Scenario, cases: Cases) -> tuple[Walks, list[float]]:
 
 
 def recorded(tracks: Tracks) -> Walks:
-    """Return recorded people as walks."""
+    """Return recorded pedestrians as walks."""
     rows = tracks.frame / FRAME_STEP * DT, tracks.frame, tracks.position
     return Walks(tracks.pedestrian, *rows, np.full(len(tracks.frame), RECORDED_RADIUS))
 
 
 def measure(walks: Walks) -> list[float]:
-    """Return what the page shows of walks, from accelerations to speeds."""
+    """Return the figures of walks for the page, from accelerations to speeds."""
     velocities = list(_velocities(walks))
     change = np.concatenate([norm(np.diff(velocity, axis=0)) / DT for velocity in velocities])
     fast = [velocity * (norm(velocity) > MOVING)[:, None] for velocity in velocities]
@@ -125,7 +125,7 @@ def measure(walks: Walks) -> list[float]:
 
 
 def _velocities(walks: Walks) -> Iterator[Float[np.ndarray, "step 2"]]:
-    """Yield the velocities in m/s of each person who walks, in steps of `DT`."""
+    """Yield the velocities in m/s of each walking pedestrian, in steps of `DT`."""
     for rows in np.split(np.arange(len(walks.time)), np.flatnonzero(np.diff(walks.person)) + 1):
         time, position = walks.time[rows], walks.position[rows]
         if norm(np.diff(position, axis=0)).sum() >= SHORTEST:
@@ -142,12 +142,12 @@ def row(name: str, numbers: list[float]) -> list[str]:
 
 @help_from_docstring
 def motion(scenarios: Names = None, data: Path | None = None, cases: int = 100) -> None:
-    """Measure accelerations, reversals, overlaps and speeds of people without a vehicle, and print a page of them.
+    """Measure accelerations, reversals, overlaps and speeds of pedestrians without a vehicle, and print a page.
 
     Args:
         scenarios: Scenarios, by name or file.
         data: The folder with the tracks of ETH/UCY, to measure these too.
-        cases: How many validation cases of each scenario.
+        cases: Number of validation cases of each scenario.
     """
     rows = [row(path.stem, measure(recorded(read_tracks(path)))) for path in sorted(data.glob("*.txt"))] if data else []
     for name in scenarios or [path.stem for folder in FOLDERS for path in sorted((SCENARIOS / folder).glob("*.toml"))]:

@@ -1,4 +1,4 @@
-"""The page of the study: what was measured, beside what is published."""
+"""The page of the study: measured results beside published ones."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SHARE = MetricInfo("share", share=True, digits=2)
 FLOW = MetricInfo("specific flow", "/(m s)", digits=2)
 
 JAM_DENSITY = 5.4
-"""People per square metre at which nobody moves any more (Weidmann 1993)."""
+"""Pedestrians per square metre at which all motion stops (Weidmann 1993)."""
 
 
 DOOR_FLOW = {0.8: 1.61, 1.0: 1.90, 1.2: 1.97}
@@ -71,7 +71,7 @@ def fill(**parts: str | int) -> str:
 
 
 def _speeds(results: Results, policies: list[str], experiment: str, people: People, at: str) -> str:
-    """Return the speeds of one kind of people by density, under all policies."""
+    """Return the speeds of one kind of pedestrians by density, under all policies."""
     in_file = experiment == "single file"
     rows = []
     for density in people.per_metre if in_file else people.densities:
@@ -84,7 +84,7 @@ def _speeds(results: Results, policies: list[str], experiment: str, people: Peop
 
 
 def _lanes(results: Results, policy: str) -> str:
-    """Return lanes under one policy, by kinds of people and density."""
+    """Return the order of lanes under one policy, by kinds of pedestrians and density."""
     rows = []
     for setting, walk in _of(results, "two ways", policy):
         free = float(results[replace(setting, experiment="one way")].speed.mean())
@@ -95,7 +95,7 @@ def _lanes(results: Results, policy: str) -> str:
 
 
 def _doors(results: Results, policy: str) -> str:
-    """Return the flow through doors under one policy, by kinds of people and width."""
+    """Return the flow through doors under one policy, by kinds of pedestrians and width."""
     rows = []
     for setting, passages in _of(results, "door", policy):
         published = FLOW.amount(DOOR_FLOW.get(setting.at, math.nan))
@@ -111,7 +111,7 @@ def weidmann_speed(density: float, free_speed: float = 1.34) -> float:
 
     Args:
         density: In 1/m^2.
-        free_speed: Mean speed of people who walk alone in m/s; Weidmann's is 1.34 m/s.
+        free_speed: Mean speed of single pedestrians in m/s; Weidmann's is 1.34 m/s.
 
     Returns:
         In m/s.
@@ -124,7 +124,7 @@ def single_file_speed(per_metre: float) -> float:
     2005).
 
     Args:
-        per_metre: People per metre, in 1/m.
+        per_metre: Pedestrians per metre, in 1/m.
 
     Returns:
         In m/s.
@@ -138,7 +138,7 @@ def _of(results: Results, experiment: str, policy: str) -> list[tuple[Setting, A
 
 
 def _estimate(info: MetricInfo, values: Shaped[np.ndarray, "world"]) -> str:
-    """Return a mean over worlds with its 95 % interval; a dash where no world has a value."""
+    """Return a mean over worlds with its 95 % interval; a dash if no world has a value."""
     return info.estimate(mean_over_networks(values.astype(float)[None]), with_unit=True)
 
 

@@ -37,7 +37,7 @@ def validity(
 
     chosen = policies or list(SHIPPED)
     for policy in chosen:
-        PEDESTRIANS.load(policy)  # before minutes of work with another one
+        PEDESTRIANS.load(policy)  # raises errors before minutes of simulation of another policy
     announce_compilation()
     experiments = list(settings(chosen))
     results = {}

@@ -309,7 +309,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(call, tmp_path):
     ("arguments", "message"),
     [
         (["mlp"], "no network is called 'mlp'; there are cadrl, lstm_rl, ppo, ppo_attention, sarl"),
-        (["cadrl", "--episodes", "9", "--minutes", "1"], "--minutes and --episodes both say how long to train"),
+        (["cadrl", "--episodes", "9", "--minutes", "1"], "--minutes and --episodes both set the length of a training"),
         (["cadrl", "--device", "abacus"], "nothing can be trained on the device 'abacus'"),
         (["cadrl", "--resume", "nowhere"], "there is no directory nowhere: name the one of a training with --resume"),
         (["cadrl", "--set", "pedestrians.number=-1"], "pedestrians.number is -1, but must be"),

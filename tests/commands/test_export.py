@@ -105,7 +105,7 @@ def socnav(request, tmp_path_factory):
 def test_socnav_files_have_the_keys_and_types_of_the_format(socnav):
     for content in socnav[2]:
         assert conforms(content, SOCNAV)
-        assert "rated by nobody" in content["metadata"]
+        assert "not rated by people" in content["metadata"]
 
 
 def test_the_robot_of_a_socnav_file_is_the_vehicle(socnav):

@@ -232,7 +232,7 @@ def test_several_runs_are_drawn_side_by_side(driven, tmp_path):
     elsewhere = ["--planner", "orca", "--cases", "2", "--set", "pedestrians.number=3", "--record", "all"]
     assert CliRunner().invoke(app, ["run", *elsewhere, "--out", str(tmp_path / "three")]).exit_code == 0
     for more, sentence in (
-        ([str(tmp_path / "three")], "case 1 starts otherwise in"),
+        ([str(tmp_path / "three")], "case 1 starts differently in"),
         (["corridor_8"], "are not all runs"),
         ([str(other), "--strip", "3"], "--strip draws a figure of one run"),
     ):
@@ -248,7 +248,7 @@ def test_several_runs_are_drawn_side_by_side(driven, tmp_path):
         (["--case", "1", "--out", "a.avi"], "with the ending .pdf, .png or .svg, not a.avi"),
         (
             ["--case", "1", "--out", "nowhere/a.gif"],
-            "in a folder that exists, with the ending .gif, .webp or .mp4, not nowhere",
+            "in an existing folder, with the ending .gif, .webp or .mp4, not nowhere",
         ),
         (["--case", "1", "--out", "a.mp4"], "needs the program ffmpeg"),
     ],

@@ -247,7 +247,7 @@ REFUSED = {
     "no predict": (Policy(), "a policy of CrowdNav has a method predict(state), but this Policy has none of its own"),
     "an abstract one": (Abstract(), "has a method predict(state), but this Abstract has none of its own"),
     "a class": (Straight, "takes a policy object, but Straight is a class"),
-    "the future": (with_(Straight(), query_env=True), "the policy Straight has query_env = True, with which it asks"),
+    "the future": (with_(Straight(), query_env=True), "the policy Straight has query_env = True: it would read"),
     "not copied": (with_(Straight(), handle=Uncopied()), "the policy Straight cannot be copied or prepared, which"),
 }
 
@@ -288,7 +288,7 @@ def test_a_policy_that_asks_its_environment_is_refused():
             return self.env.onestep_lookahead(ActionXY(0.0, 0.0))
 
     policy = with_(Cadrl(), env=SimpleNamespace(onestep_lookahead=lambda action: action), query_env=False)
-    with pytest.raises(InputError, match=r"the policy asks env\.onestep_lookahead .* which no vehicle can see"):
+    with pytest.raises(InputError, match=r"the policy reads .* from env\.onestep_lookahead, which no vehicle can see"):
         drive(CrowdNavPlanner(policy), "2")
 
 

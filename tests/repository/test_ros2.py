@@ -326,7 +326,7 @@ def test_drives_are_exported_as_tracks_and_steps(drives, tmp_path, call):
     rows = np.loadtxt(tmp_path / "txt" / "tracks" / "test-1.txt")
     np.testing.assert_allclose(rows[rows[:, 1] == 0, 2:], trace.position[1, : trace.steps[1] + 1, 0], atol=1e-6)
     written = json.loads((tmp_path / "socnav" / "tracks" / "test-0.json").read_text())
-    assert "recorded, rated by nobody" in written["metadata"]
+    assert "recorded, not rated by people" in written["metadata"]
     assert len(written["sequence"]) == trace.steps[0] + 1
     steps = pq.read_table(tmp_path / "txt" / "steps.parquet")
     assert steps.column_names == ["case", "step", "action", "reward", "terminated", "truncated"]

@@ -170,7 +170,7 @@ def run(*arguments):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both say how long to train"),
+        ({"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both set the length of a training"),
         ({"data": "eth_ucy", "dt": float("nan")}, "--dt is nan, but must be a finite number"),
     ],
 )

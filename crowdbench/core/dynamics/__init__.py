@@ -1,6 +1,6 @@
-"""How the vehicle moves: what a command is, which limits it has, and where it leads in a step.
+"""Dynamics of the vehicle: commands, their limits, and the motion in one step.
 
-Simulator, lookaheads, samplers and environments all move the vehicle by this package and by nothing else.
+Simulator, lookaheads, samplers and environments move the vehicle only by this package.
 """
 
 from crowdbench.core.dynamics.base import Dynamics as Dynamics

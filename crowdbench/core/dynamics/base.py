@@ -24,7 +24,7 @@ class State(NamedTuple):
     """Motion state of vehicles.
 
     Attributes:
-        position: In metres. Of a bicycle, the middle of the rear axle.
+        position: In metres. For a bicycle, the middle of the rear axle.
         velocity: At the end of the last step, in m/s.
         heading: Direction in which it faces, in radians.
         angular_speed: Turn rate in the last step, in rad/s.
@@ -47,8 +47,8 @@ class Dynamics(abc.ABC):
 
     Attributes:
         name: Its name in scenarios.
-        code: Which formulas `crowdbench.core.dynamics.motion.drive` takes.
-        bounds: The names of its limits, in the order in which that function takes them, with their largest values.
+        code: Code of its formulas in `crowdbench.core.dynamics.motion.drive`.
+        bounds: The names of its limits, in the order of `limits` in that function, with their largest values.
 
     Raises:
         InputError: A limit is not above 0, or larger than its bound.
@@ -67,7 +67,7 @@ class Dynamics(abc.ABC):
 
     @cached_property
     def limits(self) -> Float[np.ndarray, "3"]:
-        """Its limits as kernels take them, 0 for those that it does not have."""
+        """Its limits as an argument of kernels; unused entries are 0."""
         limits = np.zeros(3)
         limits[: len(self.bounds)] = [getattr(self, name) for name in self.bounds]
         return limits
@@ -88,21 +88,21 @@ class Dynamics(abc.ABC):
 
     @abc.abstractmethod
     def follow(self, state: State, velocity: Vectors, max_speed: Numbers, dt: float) -> Vectors:
-        """Return the commands by which vehicles take wanted velocities as far as they can.
+        """Return the commands with which vehicles approach desired velocities as closely as their limits allow.
 
         Args:
             state: The vehicles before the step.
-            velocity: The wanted velocities in m/s.
+            velocity: The desired velocities in m/s.
             max_speed: In m/s.
             dt: Duration of the step in seconds.
         """
 
     @abc.abstractmethod
     def broken_limit(self, command: Float[np.ndarray, "2"], max_speed: float) -> str:
-        """Return the fault of a command.
+        """Describe the limit that a command exceeds.
 
         Args:
-            command: One that is not within the limits.
+            command: A command that is not within the limits.
             max_speed: In m/s.
 
         Returns:
@@ -110,8 +110,8 @@ class Dynamics(abc.ABC):
         """
 
     def is_within(self, command: Vectors, max_speed: Numbers) -> Bool[np.ndarray, "*batch"]:
-        """Return whether commands are within the limits, but for rounding; accelerations are limited in the step
-        itself.
+        """Return whether commands are within the limits, apart from rounding errors. Accelerations are limited in
+        `step`.
 
         Args:
             command: Finite commands.
@@ -123,7 +123,7 @@ class Dynamics(abc.ABC):
         return within[..., 0] & within[..., 1]
 
     def velocities(self, state: State, commands: Choices, max_speed: Float[np.ndarray, "world"], dt: float) -> Choices:
-        """Return the velocities that vehicles have after a step under each of some commands.
+        """Return the velocities of vehicles after a step, for each of several commands.
 
         Args:
             state: The vehicles before the step.
@@ -132,7 +132,7 @@ class Dynamics(abc.ABC):
             dt: Duration of the step in seconds.
 
         Returns:
-            In m/s.
+            Velocities in m/s.
         """
         if self.code == HOLONOMIC and self.limits[0] == math.inf:
             return commands
@@ -198,7 +198,7 @@ def speeds_and_headings(preferred_speed: Float[np.ndarray, "world"]) -> Choices:
 
 
 def speeds_and_turns(slowest: Numbers, fastest: Numbers, right: Numbers, left: Numbers) -> Choices:
-    """Return 78 commands: 6 speeds and 13 turns, evenly between what a vehicle can reach in the step.
+    """Return 78 commands: 6 speeds and 13 turns, evenly spaced over the range that is reachable in the step.
 
     Args:
         slowest: The lowest speed in m/s.
@@ -207,7 +207,7 @@ def speeds_and_turns(slowest: Numbers, fastest: Numbers, right: Numbers, left: N
         left: The highest one.
 
     Returns:
-        Each speed with each turn. Of the turns, the one nearest to straight ahead is straight ahead if it can be.
+        All combinations of speeds and turns. The turn nearest to straight ahead is straight ahead if it is reachable.
     """
     speed, turns = np.linspace(slowest, fastest, REACHED, axis=1), np.linspace(right, left, TURNS, axis=1)
     world, straightest = np.arange(len(turns)), np.abs(turns).argmin(axis=1)

@@ -10,13 +10,13 @@ from jaxtyping import Float
 from crowdbench.core.arrays import Numbers, Vectors
 
 Body = tuple[float, ...]
-"""Where the centres of the discs are, in metres ahead of the vehicle's position."""
+"""Offsets of the centres of the discs ahead of the vehicle's position, in metres."""
 
 DISC: Body = (0.0,)
 """The body that is one disc."""
 
 SPACING = 0.5
-"""Largest distance between the centres of two discs, in radii: their sides are within 3.2 % of it from straight."""
+"""Largest distance between neighbouring centres in radii: the sides are straight to within 3.2 % of a radius."""
 
 
 def chain(length: float, radius: float, centre: float) -> Body:
@@ -25,7 +25,7 @@ def chain(length: float, radius: float, centre: float) -> Body:
     Args:
         length: Length of the rectangle along the heading in metres, at least twice the radius.
         radius: Half its width in metres.
-        centre: How far its centre is ahead of the vehicle's position, in metres.
+        centre: Offset of its centre ahead of the vehicle's position, in metres.
 
     Returns:
         The body.
@@ -47,7 +47,7 @@ def disc_centres(body: Body, position: Vectors, heading: Numbers) -> Float[np.nd
 
 
 def hull(body: Body, position: Vectors, heading: Numbers, radius: Numbers) -> tuple[Vectors, Numbers]:
-    """Return the smallest disc around a body: who thinks in discs sees it as this one.
+    """Return the smallest disc around a body, for models in which each agent is one disc.
 
     Args:
         body: The body.
@@ -65,17 +65,17 @@ def hull(body: Body, position: Vectors, heading: Numbers, radius: Numbers) -> tu
 
 
 def outline(body: Body, position: Vectors, heading: Numbers, radius: float) -> Float[np.ndarray, "*batch point 2"]:
-    """Return the rim of a body, for pictures: around its discs, from the right of the first one to the left of the last
+    """Return the rim of a body, for plots: around its discs, from the right of the first one to the left of the last
     one.
 
     Args:
         body: The body.
-        position: Where it is, in metres.
+        position: Its position in metres.
         heading: In radians.
         radius: The radius of its discs in metres.
 
     Returns:
-        Points in metres; the last one is the first one again.
+        Points in metres; the last one equals the first one.
     """
     angle = np.linspace(-np.pi / 2.0, np.pi / 2.0, 25)
     front = np.stack([body[-1] + radius * np.cos(angle), radius * np.sin(angle)], axis=1)
@@ -87,11 +87,11 @@ def outline(body: Body, position: Vectors, heading: Numbers, radius: float) -> F
 
 
 def nose(body: Body, position: Vectors, heading: Numbers, radius: float) -> Float[np.ndarray, "*batch 2 2"]:
-    """Return a line that shows where a body faces, from the centre of its front disc to the rim.
+    """Return a line that marks the heading of a body, from the centre of its front disc to the rim.
 
     Args:
         body: The body.
-        position: Where it is, in metres.
+        position: Its position in metres.
         heading: In radians.
         radius: The radius of its discs in metres.
 

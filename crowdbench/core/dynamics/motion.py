@@ -15,10 +15,10 @@ HOLONOMIC, UNICYCLE, BICYCLE = 0, 1, 2
 """Codes of the dynamics: kernels take a code and an array of limits, so that they are compiled once for all."""
 
 SPEED_TOLERANCE = 1e-6
-"""Relative tolerance for rounding: a speed is limited only where it exceeds the preferred speed by more than this."""
+"""Relative tolerance for rounding: a speed is limited only if it exceeds the preferred speed by more than this."""
 
 CHORD_ERROR = 1e-3
-"""Largest distance in metres between an arc and the chords that it is swept by."""
+"""Largest distance in metres between an arc and the chords that approximate it."""
 
 
 class Motion(NamedTuple):
@@ -80,7 +80,7 @@ def drive(code, limits, before, command, max_speed, dt):
 def drive_without_heading(code, limits, before, command, max_speed, dt):
     """Drive as `drive` does, but keep the heading of a holonomic vehicle, with a turn rate of 0. Compiled.
 
-    To compute the heading of a holonomic vehicle takes most of the time, and no planner needs it.
+    The computation of the heading of a holonomic vehicle takes most of the time, and no planner needs it.
     """
     if code == HOLONOMIC:
         x, y, vx, vy, heading, _ = before
@@ -105,7 +105,7 @@ def _move_freely(max_change, x, y, vx, vy, wanted_x, wanted_y, max_speed, dt):
 @no_type_check
 @njit(nogil=True)
 def limit_speed(vx, vy, limit):
-    """Slow a velocity down to a limit where it is faster. Compiled.
+    """Reduce a velocity to a limit if it is faster. Compiled.
 
     Args:
         vx (float): x of the velocity in m/s.
@@ -132,10 +132,10 @@ def limit_change(vx, vy, before_x, before_y, limits, dt):
     """Shorten the change of a pedestrian's velocity in a step to what its limits allow. Compiled.
 
     The change keeps its direction. The largest changes form two halves of an ellipse around the direction of walking.
-    Somebody who stops within the step has the rest of it to accelerate. From standing, all directions are alike.
+    A pedestrian that stops within the step can accelerate in the rest of it. From standing, all directions are equal.
 
     Args:
-        vx (float): x of the velocity that is asked for, in m/s.
+        vx (float): x of the requested velocity in m/s.
         vy (float): Its y.
         before_x (float): x of the velocity before the step, in m/s.
         before_y (float): Its y.
@@ -160,7 +160,7 @@ def limit_change(vx, vy, before_x, before_y, limits, dt):
 @no_type_check
 @njit(nogil=True)
 def along_arc(x, y, heading, speed, turn_rate, time):
-    """Return where a vehicle with wheels is after some time at constant speed and turn rate. Compiled.
+    """Return the pose of a vehicle with wheels after some time at constant speed and turn rate. Compiled.
 
     Args:
         x (float): x of its position in metres.
@@ -173,7 +173,7 @@ def along_arc(x, y, heading, speed, turn_rate, time):
     Returns:
         pose (tuple): x, y and heading.
     """
-    # The chord of the arc, which loses no digits where the turn rate is small.
+    # The chord of the arc, which is accurate also for small turn rates.
     half = 0.5 * turn_rate * time
     chord = speed * time * (math.sin(half) / half if half != 0.0 else 1.0)
     after = turn(0.0, heading + turn_rate * time) if turn_rate != 0.0 else heading
@@ -183,7 +183,7 @@ def along_arc(x, y, heading, speed, turn_rate, time):
 @no_type_check
 @njit(nogil=True)
 def chords(speed, turn_rate, reach, time):
-    """Return the number of equal chords that stand for an arc with an error of at most `CHORD_ERROR` at every moment.
+    """Return the number of equal chords that replace an arc with an error of at most `CHORD_ERROR` at every moment.
 
     A point at a distance of `reach` ahead of or behind the centre has the acceleration |w| sqrt(v^2 + (reach w)^2). A
     straight line over a time t is off by at most an eighth of that times t^2. Compiled.

@@ -23,7 +23,7 @@ from crowdbench.core.dynamics.motion import BICYCLE, HOLONOMIC, SPEED_TOLERANCE,
 from crowdbench.core.geometry import norm, wrap_angle
 
 CREEP = 0.3
-"""The share of the wanted speed at which a bicycle turns towards what is beside it or behind."""
+"""Share of the desired speed at which a bicycle turns towards a goal beside it or behind it."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Holonomic(Dynamics):
     max_acceleration: float = math.inf
 
     def space(self, max_speed: Numbers) -> tuple[Vectors, Vectors]:
-        """See `Dynamics`. In a corner the speed is larger than `max_speed`; a step limits it."""
+        """See `Dynamics`. At the corners of this space the speed is above `max_speed`; `step` limits it."""
         high = np.stack([max_speed, max_speed], axis=-1)
         return -high, high
 
@@ -67,10 +67,10 @@ class Holonomic(Dynamics):
 
 
 class _OnWheels(Dynamics):
-    """Vehicle that drives forwards only. A command is a speed and a turn, which has the second limit."""
+    """Vehicle that drives forwards only. A command is a speed and a turn; `limits[1]` limits the turn."""
 
     broken_turn: ClassVar[str]
-    """`broken_limit` of the second number of a command, and of its limit."""
+    """Format of the text of `broken_limit` for the second number of a command and its limit."""
 
     max_acceleration: float
 
@@ -123,7 +123,7 @@ class Unicycle(_OnWheels):
         """See `Dynamics`: the part of the velocity along the heading, and a turn towards its direction.
 
         With an angle d from the heading to the velocity u, the speed is |u| max(0, cos d): a vehicle whose goal is
-        behind it turns on the spot. The turn rate is d / dt, or as much less as lets the vehicle stop turning at d.
+        behind it turns on the spot. The turn rate is d / dt, or a smaller one that allows the vehicle to stop at d.
         """
         angle = _angle_to(state, velocity)
         speed = np.minimum(norm(velocity) * np.maximum(np.cos(angle), 0.0), max_speed)
@@ -144,7 +144,7 @@ class Bicycle(_OnWheels):
         max_acceleration: Largest change of speed, per second [m/s^2].
 
     Raises:
-        InputError: A limit is not positive, or one that must be limited is not.
+        InputError: A limit is not positive, or above its bound.
     """
 
     name = "bicycle"
@@ -162,10 +162,10 @@ class Bicycle(_OnWheels):
         return speeds_and_turns(*self._reachable(state, max_speed, dt), -steering, steering)
 
     def follow(self, state: State, velocity: Vectors, max_speed: Numbers, dt: float) -> Vectors:
-        """See `Dynamics`: a steering angle that turns towards the velocity, and a speed as far as it is ahead.
+        """See `Dynamics`: a steering angle towards the velocity, and a speed that falls with the angle to it.
 
         With an angle d from the heading to the velocity u, the speed is |u| max(cos d, 0.3): a vehicle that cannot turn
-        on the spot must drive on where its goal is behind. A goal inside its smallest circle is not reached so.
+        on the spot must drive on if its goal is behind it. A goal inside its smallest turning circle is not reached.
         """
         angle = _angle_to(state, velocity)
         speed = np.minimum(norm(velocity) * np.maximum(np.cos(angle), CREEP), max_speed)
@@ -175,7 +175,7 @@ class Bicycle(_OnWheels):
 
 
 def _angle_to(state: State, velocity: Vectors) -> Numbers:
-    """Return the angle in radians from the heading to a velocity; 0 where that is 0."""
+    """Return the angle in radians from the heading to a velocity; 0 if the velocity is 0."""
     angle = wrap_angle(np.arctan2(velocity[..., 1], velocity[..., 0]) - state.heading)
     return np.where(norm(velocity) > 0.0, angle, 0.0)
 
@@ -189,7 +189,7 @@ def _rate_for(angle: Numbers, acceleration: float, dt: float) -> Numbers:
         dt: Duration of a step in seconds.
 
     Returns:
-        Turn rates in rad/s. In the steps after this one they are smaller by `acceleration * dt` each, n times.
+        Turn rates in rad/s. In each of the next n steps they fall by `acceleration * dt`.
     """
     if acceleration == math.inf:
         return angle / dt

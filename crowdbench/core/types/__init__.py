@@ -1,4 +1,4 @@
-"""The data types: worlds, what a planner observes of them, the rules of a scenario, and traces of episodes.
+"""The data types: worlds, observations of planners, the rules of a scenario, and traces of episodes.
 
 Axes always have the order world, action, mode, time, agent, xy. On an axis `agent`, agent 0 is the vehicle and the
 others are pedestrians; an axis `pedestrian` has only the pedestrians. Units are SI: metres, seconds, metres per

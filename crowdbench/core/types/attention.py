@@ -9,8 +9,8 @@ from pydantic import Field
 from crowdbench.utils.toml import TomlTable, number
 
 AVOIDS, IGNORES, YIELDS_LATE, ATTRACTED = 0, 1, 2, 3
-"""Reactions of pedestrians who have noticed the vehicle: as to anybody, not at all, just before they would touch it,
-and by coming to look at it. Agrawal et al. (2025) name avoidance, neutrality and attraction."""
+"""Reactions of pedestrians that have noticed the vehicle: as to other pedestrians, none, only just before contact, and
+approach out of interest. Agrawal et al. (2025) name avoidance, neutrality and attraction."""
 
 
 def _share(default: float) -> Any:
@@ -20,14 +20,14 @@ def _share(default: float) -> Any:
 class Attention(TomlTable):
     """`[pedestrians.attention]`: how pedestrians notice a visible vehicle and react to it.
 
-    It has no effect where the vehicle is not visible. Shares are of all pedestrians. Those who neither ignore the
+    It has no effect if the vehicle is not visible. Shares are of all pedestrians. Pedestrians that neither ignore the
     vehicle, nor yield late, nor are attracted, avoid it.
 
     Attributes:
-        ignores: Share of those who adapt to it only while it stands.
-        yields_late: Share of those who adapt just before they would touch it.
-        attracted: Share of those who come to look at it.
-        distracted: Share of those who look away from time to time. Of 10,543 observed pedestrians 8 % were texting
+        ignores: Share of pedestrians that adapt to it only while it stands.
+        yields_late: Share of pedestrians that adapt just before they would touch it.
+        attracted: Share of pedestrians that approach it to look at it.
+        distracted: Share of pedestrians that look away at times. Of 10,543 observed pedestrians 8 % were texting
             while they walked (PMC5762430).
         delay: Time in seconds from the first sight of the vehicle until it is noticed.
     """

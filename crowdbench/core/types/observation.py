@@ -29,13 +29,13 @@ class Vehicle:
         velocity: Velocity of the last step in m/s.
         heading: Direction in which it faces, in radians.
         angular_speed: Change of the heading in the last step, divided by dt, in rad/s.
-        goal: Where it is going, in metres.
+        goal: Its goal in metres.
         route: Waypoints on the way to the goal, in metres; NaN after the last one.
         waypoint: Index in `route` of the next waypoint; the number of waypoints after the last one was reached.
         radius: Radius in metres.
         preferred_speed: Preferred and largest speed in m/s.
-        dynamics: How it moves.
-        goal_tolerance: Distance in metres to its goal below which it has arrived; None stands for its radius.
+        dynamics: Its dynamics.
+        goal_tolerance: Distance in metres to its goal below which it has arrived; None means its radius.
         body: The discs that it consists of.
     """
 
@@ -54,14 +54,14 @@ class Vehicle:
 
     @property
     def state(self) -> State:
-        """Its motion, as its dynamics takes it."""
+        """Its motion state, as an argument of its dynamics."""
         return State(self.position, self.velocity, self.heading, self.angular_speed)
 
     @property
     def local_goal(self) -> Float[np.ndarray, "*world 2"]:
         """The point in metres that it heads for on its route, see `crowdbench.core.geometry.local_goals`.
 
-        The goal itself where no waypoint is left.
+        If no waypoint is left, it is the goal.
         """
         return local_goals(self.position, self.goal, self.route, self.waypoint)
 
@@ -72,8 +72,8 @@ class Pedestrians:
 
     Ignore pedestrians that are not `seen`: they are padding, or hidden from the vehicle.
 
-    With limited sight (`Sensor`), all of this is as measured, with noise and delay. A pedestrian that is out of sight
-    and still remembered goes on at constant velocity: it counts as `seen`, and its `age` tells.
+    With limited sight (`Sensor`), all values are measurements, with noise and delay. A pedestrian that is out of sight
+    but remembered continues at constant velocity: it counts as `seen`, and its `age` is above 0.
 
     Attributes:
         position: Centres in metres.
@@ -83,12 +83,12 @@ class Pedestrians:
         history: The last 8 positions in metres, from the oldest to the current one. Before the first observed
             position, that one is repeated.
         observed: Number of positions in `history` since the pedestrian was first observed.
-        age: Time in seconds since the pedestrian was where it was last observed: 0 if it is seen now, infinite if it is
-            neither seen nor remembered.
-        filled: Which positions since the pedestrian was first observed were not observed, but filled in: on the line
-            between those before and after, or ahead at constant velocity. None if none ever is.
-        deviation: Standard deviations of a coordinate of the position in metres and of the velocity in m/s, where a
-            filter estimates them; None without one.
+        age: Time in seconds since the pedestrian was at its last observed position: 0 if it is seen now, infinite if it
+            is neither seen nor remembered.
+        filled: True for positions since the first observation that were not observed, but filled in: by linear
+            interpolation, or by extrapolation at constant velocity. None if positions are never filled in.
+        deviation: Standard deviations of each coordinate of the position in metres and of the velocity in m/s, as
+            estimated by a filter; None without one.
     """
 
     position: Float[np.ndarray, "*world pedestrian 2"]
@@ -106,25 +106,25 @@ class Pedestrians:
 class Observation:
     """Input of a planner at each decision, for every world that is still running.
 
-    Worlds whose episode has ended leave the batch, so that a planner with a memory must find its entries by `row`. A
-    planner for one world at a time is given the same without the world axis.
+    Worlds whose episode has ended leave the batch, so that a planner with a memory must index its entries by `row`.
+    For planners of one world at a time, the arrays have no world axis.
 
-    A planner is not told which case it drives, so that it cannot look up what it may not see. The start positions still
-    identify the case if the scenario and its seed are known.
+    Observations do not contain the number of the case, so that planners cannot look up hidden data. The start positions
+    still identify the case if the scenario and its seed are known.
 
     Attributes:
         vehicle: The vehicle's own state and goal.
         pedestrians: The observed pedestrians.
         obstacles: Polygons in metres, NaN after the last corner and the last polygon. Two corners make a wall.
-        row: Number of each world in the batch as it started: the same during the whole episode.
-        noise_key: Start of the noise of each world.
+        row: Index of each world in the initial batch: the same during the whole episode.
+        noise_key: Key of the noise of each world.
         step: Steps done so far.
         dt: Length of a step in seconds.
         future: The pedestrians' next velocities in m/s; None unless the planner is privileged.
-        logs: Arrays that the planner has logged in this decision, by name; None where nothing is recorded.
-        sensor: The data sheet of the vehicle's sensor: how far, how exactly and how late it sees.
-        lidar: Distance in metres at which each beam meets a person or an obstacle, from the vehicle's position, or the
-            lidar's range where it meets none; see `crowdbench.core.types.Lidar`. None without a lidar.
+        logs: Arrays that the planner has logged in this decision, by name; None if nothing is recorded.
+        sensor: Properties of the vehicle's sensor: range, noise, delay and others.
+        lidar: Distance in metres from the vehicle's position at which each beam meets a pedestrian or an obstacle, or
+            the lidar's range if it meets none; see `crowdbench.core.types.Lidar`. None without a lidar.
     """
 
     vehicle: Vehicle
@@ -150,8 +150,8 @@ class Observation:
         """Return the observation of some of the worlds.
 
         Args:
-            chosen: Takes the part of an array `[world, ...]` that belongs to these worlds.
-            logs: Receives what is logged in the new observation.
+            chosen: Function that selects these worlds from an array `[world, ...]`.
+            logs: Dictionary for the logs of the new observation.
 
         Returns:
             An observation with the chosen part of each array.
@@ -182,13 +182,13 @@ class Observation:
         )
 
     def noise(self, purpose: str, shape: tuple[int, ...]) -> Float[np.ndarray, "*world *shape"]:
-        """Return standard normal noise that depends only on seed, split, case, step, purpose and its own indices.
+        """Return standard normal noise that depends only on seed, split, case, step, purpose and the indices.
 
         Repeated calls return the same noise, in any batch. A longer axis only adds numbers, so that noise for
         `(pedestrians, 3)` is the same with any padding.
 
         Args:
-            purpose: A name; each name has its own noise.
+            purpose: Name of the noise. Different names have independent noise.
             shape: Shape of the noise of one world, with at most five axes.
 
         Raises:
@@ -207,7 +207,7 @@ class Observation:
         return self.future
 
     def log(self, name: str, values: np.ndarray | float) -> None:
-        """Record an array of the planner's own.
+        """Record an array of the planner.
 
         Args:
             name: Letters, digits and underscores, a letter first.

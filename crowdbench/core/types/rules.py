@@ -1,4 +1,4 @@
-"""The rules of a scenario, how an episode can end, and the vehicle's sensor: range, noise and delay."""
+"""The rules of a scenario, the outcomes of episodes, and the vehicle's sensor: range, noise and delay."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from crowdbench.utils.errors import InputError
 from crowdbench.utils.toml import Flag, TomlTable, integer, number, table
 
 MAX_PEDESTRIANS = 10_000
-"""Pedestrians of a scenario, at most."""
+"""Largest number of pedestrians of a scenario."""
 
 
 class Noise(TomlTable):
-    """`[sensor.noise]`: standard deviations of what is measured of a person, the same in x and y.
+    """`[sensor.noise]`: standard deviations of measurements of a pedestrian, the same in x and y.
 
     Attributes:
         position: In metres.
@@ -39,7 +39,7 @@ class Lidar(TomlTable):
     """`[sensor.lidar]`: a ring of beams around the vehicle's position.
 
     Attributes:
-        beams: Their number. The first one points along the heading, the others follow counter-clockwise.
+        beams: Number of beams. The first one points along the heading, the others follow counter-clockwise.
         range: Length of a beam in metres.
     """
 
@@ -48,20 +48,20 @@ class Lidar(TomlTable):
 
 
 class Sensor(TomlTable):
-    """`[sensor]`: what the vehicle sees of pedestrians. The default sees everybody exactly and at once.
+    """`[sensor]`: sensor of the vehicle for pedestrians. By default it sees all of them exactly and without delay.
 
     Attributes:
-        range: Largest distance in metres between the rims of the vehicle and of a person that is seen, that is between
-            their centres, less both radii (as in CrowdNav++, Liu et al. 2023); None for any distance.
-        field_of_view: Angle in degrees, half of it on each side of the heading, in which a person's centre is seen.
-        occlusion: True if walls and other people hide persons.
+        range: Largest distance in metres between the rims of the vehicle and of a pedestrian that is seen: the
+            distance of their centres minus both radii (as in CrowdNav++, Liu et al. 2023); None for any distance.
+        field_of_view: Angle in degrees, half of it on each side of the heading, in which a pedestrian's centre is seen.
+        occlusion: True if walls and other pedestrians occlude pedestrians.
         noise: Normal noise of each measurement.
-        missed: Probability that a person who could be seen is not detected in a step.
+        missed: Probability that a visible pedestrian is not detected in a step.
         delay: Seconds after which a measurement arrives, a multiple of the length of a step.
-        remember: Seconds for which a person without further measurements stays in the observation, where it
-            goes on at constant velocity.
-        nearest: How many pedestrians planners are shown at most, the nearest ones; None for all. In a scenario with a
-            large crowd that does not say it, `crowdbench.scenario.schema.SHOWN`.
+        remember: Seconds for which a pedestrian without further measurements stays in the observation,
+            extrapolated at constant velocity.
+        nearest: Largest number of observed pedestrians, the nearest ones; None for all. The default in scenarios with
+            large crowds is `crowdbench.scenario.schema.SHOWN`.
         lidar: The lidar, if there is one. It is exact and has no delay.
     """
 
@@ -77,7 +77,7 @@ class Sensor(TomlTable):
 
     @cached_property
     def sees_all(self) -> bool:
-        """True if it sees everybody exactly and at once, even if it shows the nearest only."""
+        """True if it sees all pedestrians exactly and without delay, even if only the nearest ones are observed."""
         return Sensor(remember=self.remember, lidar=self.lidar, nearest=self.nearest) == self
 
     def steps_delayed(self, dt: float) -> int:
@@ -85,12 +85,12 @@ class Sensor(TomlTable):
         return round(self.delay / dt)
 
     def steps_remembered(self, dt: float) -> int:
-        """Return for how many steps of `dt` seconds a person is remembered."""
+        """Return the number of steps of `dt` seconds for which a pedestrian is remembered."""
         return int(self.remember / dt + 1e-9)
 
 
 PERFECT = Sensor()
-"""Sees everybody exactly and at once, and has no lidar."""
+"""Sensor that sees all pedestrians exactly and without delay, without a lidar."""
 
 
 class WalkingLimits(NamedTuple):
@@ -138,13 +138,13 @@ class Outcome(enum.IntEnum):
 
 
 class RuleNumbers(NamedTuple):
-    """The rules of a step as kernels take them.
+    """The rules of a step, as an argument of kernels.
 
     Attributes:
         code: The code of the vehicle's dynamics.
         limits: Its `Dynamics.limits`.
-        body: Where the centres of its discs are, in metres ahead of its position.
-        goal_tolerance: In metres; 0 stands for the vehicle's radius.
+        body: Offsets of the centres of its discs ahead of its position, in metres.
+        goal_tolerance: In metres; 0 means the vehicle's radius.
         collision: Index of the collision rule in `COLLISION_RULES`.
         dt: Length of a step in seconds.
         max_steps: Steps after which an episode times out.
@@ -168,16 +168,16 @@ class Rules:
     Attributes:
         dt: Length of a step in seconds.
         time_limit: The first step that starts at or after `time_limit` - 1 s ends in a time-out (as in CrowdNav).
-        collision: `swept` (true relative motion over the step), `crowdnav` (every pedestrian is moved, for the
-            collision test alone, with its velocity before the step), or `crowdnav_plus` (positions before the step,
+        collision: `swept` (true relative motion over the step), `crowdnav` (every pedestrian is moved, only for
+            the collision test, with its velocity before the step), or `crowdnav_plus` (positions before the step,
             for collision and arrival).
         visible: True if pedestrians see the vehicle.
-        attention: How pedestrians notice a visible vehicle; None where all know it at any time.
-        dynamics: How the vehicle moves.
-        goal_tolerance: Distance in metres to its goal below which the vehicle has arrived; None stands for its radius.
+        attention: Model of the attention to a visible vehicle; None if all pedestrians notice it at any time.
+        dynamics: Dynamics of the vehicle.
+        goal_tolerance: Distance in metres to its goal below which the vehicle has arrived; None means its radius.
         body: The discs that the vehicle consists of.
         sensor: Limits of the vehicle's sight.
-        walking: The limits of pedestrians; None where only their speed is limited.
+        walking: The limits of pedestrians; None if only their speed is limited.
 
     Raises:
         InputError: `collision` is not one of `COLLISION_RULES`.
@@ -206,13 +206,13 @@ class Rules:
 
     @cached_property
     def numbers(self) -> RuleNumbers:
-        """The rules as kernels take them."""
+        """The rules as an argument of kernels."""
         vehicle = self.dynamics.code, self.dynamics.limits, np.array(self.body), self.goal_tolerance or 0.0
         walking = self.walking or WalkingLimits(math.inf, math.inf, math.inf)
         return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, self.max_steps, walking)
 
     def to_table(self) -> dict[str, Any]:
-        """Return the rules as JSON has them, of the vehicle and of walking what differs from the default."""
+        """Return the rules as a table for JSON, without fields of vehicle and pedestrians that have their default."""
         entries = dataclasses.asdict(self)
         for field in ("attention", "dynamics", "goal_tolerance", "body", "sensor", "walking"):
             if getattr(self, field) == getattr(Rules, field):
@@ -225,7 +225,7 @@ class Rules:
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any]) -> Rules:
-        """Return the rules that `to_table` has written."""
+        """Return the rules from a table that `to_table` has returned."""
         return cls(**{name: _READ[name](value) if name in _READ else value for name, value in table.items()})
 
 

@@ -1,4 +1,4 @@
-"""A batch of running simulations, and the traces that their episodes leave."""
+"""A batch of running simulations, and the traces of their episodes."""
 
 from __future__ import annotations
 
@@ -23,39 +23,39 @@ class World:
 
     Attributes:
         case: Number of the case within its split.
-        key: Start of the random streams of the case. It tells the whole case, so that planners do not see it.
-        noise_key: Start of the noise of planners.
+        key: Key of the random streams of the case. It determines the whole case, and is not observed by planners.
+        noise_key: Key of the noise of planners.
         step: Steps done so far.
         position: Centres in metres.
         velocity: Velocities of the last step in m/s.
-        heading: Direction in which the vehicle faces, in radians. A holonomic vehicle faces where it last moved, and
-            its goal before it has moved; one on wheels faces its first waypoint then, or its goal.
+        heading: Direction in which the vehicle faces, in radians. A holonomic vehicle faces in its last direction of
+            motion. Before it has moved, it faces its goal; a vehicle on wheels faces its first waypoint, or its goal.
         angular_speed: Change of the heading in the last step, divided by dt, in rad/s.
-        origin: Where each agent's way to its goal began, in metres.
-        goal: Where each agent is going, in metres.
+        origin: Position at which each agent's current path to its goal began, in metres.
+        goal: Goal of each agent in metres.
         route: Waypoints on the way to the goal, in metres.
         waypoint: Index in `route` of each agent's next waypoint; the number of its waypoints after it has reached the
             last one.
         radius: Radii in metres.
         preferred_speed: Preferred and largest speed in m/s.
         present: True if the agent exists in this world now.
-        person: Number of each pedestrian as a person, unique within the case; -1 in the padding. Somebody who takes the
-            place of another one in these arrays has another number.
-        since: The step after which each person came; 0 for those who were there from the start.
-        track: Where recorded people were at each step, in metres; NaN who was not there. Its axis of moments is empty
-            where nobody was recorded.
-        group: Number of the group that each pedestrian walks with, unique within the case; -1 for those who walk alone.
+        person: Number of each pedestrian as a person, unique within the case; -1 in the padding. A pedestrian that
+            replaces another one in these arrays has another number.
+        since: The step after which each pedestrian appeared; 0 for pedestrians present from the start.
+        track: Positions of recorded pedestrians at each step in metres; NaN for absent ones. The axis `moment` is empty
+            if no pedestrians are recorded.
+        group: Number of the group that each pedestrian walks with, unique within the case; -1 without a group.
         history: The pedestrians' last positions in metres, from the oldest to the current one. Until there are enough,
             the first position is repeated before it.
         obstacles: Polygons in metres. Two corners make a wall that can be touched from both sides.
         policy: The policy that moves each pedestrian, as an index into `parameters`.
         parameters: By policy and name, the parameters of the policies (column 0, the vehicle's, is not used).
-        memory: By policy, arrays `[world, ...]` that a policy with a memory keeps between steps, in mappings that may
+        memory: By policy, arrays `[world, ...]` that a policy with a memory stores between steps, in mappings that may
             be nested; empty for other policies. See `crowdbench.sim.pedestrians.base.PolicyWithMemory`. With a model of
             attention also its state, see `crowdbench.sim.attention`.
         rules: The rules of the scenario.
-        sight: The vehicle's measurements of pedestrians so far, see `crowdbench.sim.sight`; empty where it sees
-            everybody exactly and at once.
+        sight: The vehicle's measurements of pedestrians so far, see `crowdbench.sim.sight`; empty if
+            `Sensor.sees_all`.
     """
 
     case: Int[np.ndarray, "world"]
@@ -91,7 +91,7 @@ class World:
     def replace(self, **changes: object) -> World:
         """Return a copy in which the named fields have other values.
 
-        Raises TypeError where there is no such field.
+        Raises TypeError if there is no such field.
         """
         # By hand, because `dataclasses.replace` would take as long as the rest of a step of one world.
         fields = self.__dict__ | changes
@@ -111,7 +111,7 @@ class World:
         """Return a copy in which some worlds are replaced.
 
         Args:
-            rows: Which ones.
+            rows: Indices of the replaced worlds.
             others: Their replacements, one world per row, of the same scenario.
         """
 
@@ -131,7 +131,7 @@ class World:
 
 
 def _wider(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array with NaN after the end of each axis, but for the first one, along which `shape` is longer."""
+    """Return an array padded with NaN to `shape` along each axis, except the first one, if `shape` is longer."""
     missing = [(0, max(0, wish - own)) for own, wish in zip(array.shape[1:], shape[1:], strict=True)]
     return np.pad(array, [(0, 0), *missing], constant_values=np.nan) if any(after for _, after in missing) else array
 
@@ -145,7 +145,7 @@ def _nested(function: Callable[..., np.ndarray], first: Any, *others: Any) -> An
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Episodes as a rollout returns them. Metrics are functions of a trace.
+    """Episodes of a rollout. Metrics are functions of a trace.
 
     The axis `time` counts states from 0 (the start) to `steps`; the axis `step` counts the steps between them: step t
     leads from state t to state t + 1. Position, velocity, heading, command and gaps are NaN after an episode's end.
@@ -155,7 +155,7 @@ class Trace:
     Attributes:
         split: The split of the cases.
         case: Number of each case.
-        outcome: How each episode ended, an `Outcome`.
+        outcome: The `Outcome` of each episode.
         steps: Number of steps of each episode.
         position: Centres in metres.
         velocity: Velocities in m/s during the step before each state.
@@ -164,28 +164,28 @@ class Trace:
         gap: Smallest distance in metres between the rims of the vehicle and any pedestrian during each step, as the
             simulator's collision check measured it; infinite without pedestrians.
         wall_gap: The same between the vehicle's rim and the obstacles; infinite without obstacles.
-        goal: Where each agent is going, in metres.
+        goal: Goal of each agent in metres.
         radius: Radii in metres.
-        preferred_speed: Preferred and largest speed in m/s of each agent that was there at the start.
-        present: True if the agent exists then.
-        person: Number of each pedestrian as a person, unique within the case; -1 in the padding. Where it changes,
-            somebody else has taken the place of that pedestrian in the arrays, at another position.
+        preferred_speed: Preferred and largest speed in m/s of each agent that was present at the start.
+        present: True if the agent exists at that time.
+        person: Number of each pedestrian as a person, unique within the case; -1 in the padding. If it changes,
+            another pedestrian has replaced that one in the arrays, at another position.
         seen: True if the vehicle saw the pedestrian; with a delay, whether it did so then.
         route: The vehicle's waypoints in metres as it started, NaN after the last one.
         obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
         rules: The rules of the scenario.
-        undisturbed: Where the pedestrians would walk without the vehicle, in metres, NaN where it would be somebody
-            else; None where they do not see it, or where it was not asked for.
-        perceived: Where the vehicle saw each pedestrian, or remembered it to be, in metres, as in its observation; NaN
-            of the others. None where it saw everybody exactly and at once.
-        age: Seconds since each pedestrian was where the vehicle last measured it, infinite of those that it neither saw
-            nor remembered; None as above.
+        undisturbed: Positions of the pedestrians in the same case without the vehicle, in metres; NaN in entries
+            of another pedestrian. None if pedestrians do not see the vehicle, or if not requested.
+        perceived: Observed or remembered position of each pedestrian in metres, as in the observation; NaN for other
+            pedestrians. None if `Sensor.sees_all`.
+        age: Seconds since each pedestrian was at its last measured position; infinite for pedestrians neither seen
+            nor remembered. None if `Sensor.sees_all`.
         block: The block of recorded time that each case is from: cases of the same block are not independent. None
-            where nobody is recorded.
-        group: Number of the group that each pedestrian walks with, unique within the case; -1 for those who walk alone.
-            None where the scenario has no groups.
+            if no pedestrians are recorded.
+        group: Number of the group that each pedestrian walks with, unique within the case; -1 without a group.
+            None if the scenario has no groups.
         noticed: True if each pedestrian had noticed the vehicle in the step before each state. None without a model of
-            attention: then all know a visible vehicle.
+            attention: then all notice a visible vehicle.
         logs: Arrays that the planner logged, `[world, step, ...]` by name; NaN in steps in which it logged nothing.
     """
 

@@ -1,6 +1,6 @@
-"""The built-in layouts: where the agents of a case start and where they go, and what stands in between.
+"""The built-in layouts: starts and goals of the agents of a case, and the obstacles between them.
 
-A scenario names its layout in `[layout] generator`. `crowdbench.scenario.placement.Layout` says what a layout is.
+A scenario names its layout in `[layout] generator`. `crowdbench.scenario.placement.Layout` defines layouts.
 """
 
 from crowdbench.scenario.layouts.crossings import circle_crossing, crowdnav_plus, square_crossing

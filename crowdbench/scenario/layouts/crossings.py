@@ -1,7 +1,7 @@
 """Crossings on an empty plane.
 
-They draw the same random numbers in the same order as CrowdNav (Chen et al. 2019) and CrowdNav++ (Liu et al. 2023), so
-that with their seeds they give their cases.
+They draw the same random numbers in the same order as CrowdNav (Chen et al. 2019) and CrowdNav++ (Liu et al. 2023):
+with the same seeds they return the same cases.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.utils.errors import InputError
 
 CIRCLE_RADIUS = 6.0 * math.sqrt(2.0)
-"""That of CrowdNav++, in metres."""
+"""Radius of the circle of CrowdNav++ in metres."""
 
 PLUS_CLEARANCE = 0.25
 """In CrowdNav++, smallest distance in metres between the rims of two agents at the start, and to goals of others."""
 
 NOISE = 2.0
-"""In CrowdNav++, the starts of people lie up to so many metres from the circle, towards positive x and y."""
+"""In CrowdNav++, largest offset in metres of pedestrians' starts from the circle, towards positive x and y."""
 
 LEAST_WAY = 8.0
-"""In CrowdNav++, distance in metres from the vehicle's start to its goal, at least."""
+"""In CrowdNav++, smallest distance in metres from the vehicle's start to its goal."""
 
 Draw = Callable[[], float]
-"""Draws a number uniformly from 0 to 1."""
+"""Function that draws a number uniformly from 0 to 1."""
 
 
 def circle_crossing(
@@ -50,7 +50,7 @@ def circle_crossing(
             noise of more than two standard deviations is drawn again. The starts of pedestrians always have CrowdNav's
             uniform noise [m].
         goal_angle: Largest angle around the centre between the goal of a pedestrian and the point opposite its start,
-            drawn uniformly [deg]. All cross in the centre where it is 0.
+            drawn uniformly [deg]. If it is 0, all cross in the centre.
 
     Returns:
         See `Layout`, also for the parameters that all layouts have.
@@ -77,7 +77,7 @@ def circle_crossing(
             goal = nudge(-x, -y)
             if not (placer.start.is_clear(x, y) and placer.goal.is_clear(x, y)):
                 continue
-            if goal_angle > 0.0:  # goals opposite of starts that are clear of each other are so too
+            if goal_angle > 0.0:  # goals opposite to clear starts are clear too
                 angle = math.radians(goal_angle * (2.0 * rng.random() - 1.0))
                 cos, sin = math.cos(angle), math.sin(angle)
                 goal = goal[0] * cos - goal[1] * sin, goal[0] * sin + goal[1] * cos
@@ -124,8 +124,8 @@ def square_crossing(
 def _draw_clear(
     rng: np.random.Generator, width: float, side: float, clear: Callable[[float, float], bool]
 ) -> tuple[float, float] | None:
-    """Return the first drawn position that is clear in the left half (-1) or the right half (1) of a square, if any
-    is."""
+    """Return the first drawn position that is clear, in the left half (-1) or the right half (1) of a square; None
+    without one."""
     for _ in range(TRIES):
         x = rng.random() * width * 0.5 * side
         y = (rng.random() - 0.5) * width
@@ -182,14 +182,13 @@ def vehicle_way(draw: Draw, half_width: float) -> tuple[Point, Point]:
 def draw_beside(
     draw: Draw, circle_radius: float, low: float, noise: float, clear: Callable[[Point], bool]
 ) -> Point | None:
-    """Draw a point beside a circle; None where there is no room.
+    """Draw a point beside a circle; return None if there is no room.
 
     Args:
         draw: The random stream.
         circle_radius: In metres.
-        low: The noise is drawn from -low to 1 - low,
-        noise: and multiplied by so many metres: 0 and `NOISE` for a start, 0.5 and the preferred speed for another goal
-            of somebody on the way.
+        low: The noise is drawn from -low to 1 - low. 0 for a start, 0.5 for the new goal of a walking pedestrian.
+        noise: Factor of this noise in metres: `NOISE` for a start, the preferred speed in m/s for a new goal.
         clear: True if a point in metres has room.
     """
     for _ in range(TRIES):

@@ -1,4 +1,4 @@
-"""A layout among given obstacles, such as a map: everybody goes from one named region to another."""
+"""A layout among given obstacles, such as a map: all agents go from one named region to another."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ def floor_plan(
     vehicle: Sequence[Any] = [],
     ways: Sequence[Any] = [],
 ) -> Placement:
-    """Take obstacles from a map, with regions between which people and the vehicle go.
+    """Take obstacles from a map, with regions for the starts and goals of pedestrians and the vehicle.
 
     Args:
         obstacles: Polygons, each a list of corners [m]. In a scenario, `map = "./map.yaml"` stands for an occupancy
             grid of ROS.
-        regions: Rectangles by name, each its smallest and its largest coordinates [m].
-        vehicle: The region in which the vehicle starts, and the one in which its goal lies.
+        regions: Rectangles by name, each given by its smallest and its largest coordinates [m].
+        vehicle: The region of the vehicle's start, and the region of its goal.
         ways: Pairs of regions between which pedestrians go, in either direction.
 
     Returns:
         See `Layout`, also for the parameters that all layouts have.
 
     Raises:
-        InputError: Obstacles or regions are none, or there is no room for the vehicle or a pedestrian.
+        InputError: Obstacles or regions are invalid, or there is no room for the vehicle or a pedestrian.
     """
     areas = {name: _area(f"layout.regions.{name}", corners) for name, corners in regions.items()}
     own = _way("layout.vehicle", vehicle, areas)
@@ -63,7 +63,7 @@ def _way(key: str, names: object, areas: Mapping[str, Area]) -> tuple[Area, Area
 
 
 def _area(key: str, corners: object) -> Area:
-    """Return a rectangle, checked."""
+    """Check a rectangle, and return it."""
     low, high = (*_points(key, corners, least=2), (0.0, 0.0))[:2]
     if not (low[0] < high[0] and low[1] < high[1]):
         raise InputError(f"{key} is {corners!r}, but must be the smallest and the largest corner: [[x, y], [x, y]]")
@@ -71,7 +71,7 @@ def _area(key: str, corners: object) -> Area:
 
 
 def _points(key: str, corners: object, least: int = 2) -> list[Point]:
-    """Return a list of points, checked."""
+    """Check a list of points, and return it."""
     if isinstance(corners, list) and len(corners) >= least and all(map(_is_point, corners)):
         return [(float(x), float(y)) for x, y in corners]
     raise InputError(f"{key} is {corners!r}, but must be a list of {least} or more points [x, y] in metres")

@@ -1,4 +1,4 @@
-"""Places the agents of a layout one after the other, where there is room."""
+"""Placement of the agents of a layout, one after the other, at positions with enough room."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ CLEARANCE = 0.2
 """Smallest distance in metres between the rims of two agents at the start."""
 
 WALL_CLEARANCE = 0.5
-"""Smallest distance in metres between a rim and a wall at starts and goals. Nearer to a wall, the border of a social
-force keeps pedestrians away from their goals."""
+"""Smallest distance in metres between a rim and a wall at starts and goals. Nearer to a wall, the social force of the
+wall keeps pedestrians away from their goals."""
 
 TRIES = 10_000
 """Number of draws for one pedestrian after which the layout counts as full."""
 
 ALONE, TOGETHER = 20, 998
-"""The first draws are checked one by one. If none of them is clear, the rest are checked so many at a time, which is
-faster where hardly any draw is clear; ten times 998 make the rest of `TRIES`."""
+"""The first `ALONE` draws are checked one by one. If none of them is clear, the rest of `TRIES` are checked in ten
+batches of `TOGETHER`, which is faster if hardly any draw is clear."""
 
 ATTEMPTS = 10
-"""How often all pedestrians are placed again where the layout is full: the first ones may stand so that
-nobody else finds room, in a layout that has room for all."""
+"""Number of attempts to place all pedestrians: in a layout with room for all, the first ones may block the
+room for the others."""
 
 Point = tuple[float, float]
 """A point in metres."""
@@ -42,11 +42,11 @@ Area = tuple[Point, Point]
 """A rectangle: its smallest and its largest coordinates in metres."""
 
 Areas = tuple[Area, Area]
-"""Where an agent may start, and where it may go."""
+"""The area of the start of an agent, and the area of its goal."""
 
 
 class Points:
-    """The starts of agents, or their goals, each in the nine cells around it, so that one cell has all that are near.
+    """Starts or goals of agents. Each is stored in the nine cells around it, so that one cell contains all near points.
 
     Args:
         radius: Radii in metres of all agents.
@@ -55,7 +55,7 @@ class Points:
     def __init__(self, radius: Sequence[float]) -> None:
         self.radius = radius
         self.all: list[Point] = []
-        # Two points that are too close to each other are in the same cell or in two that touch, whatever is rounded.
+        # Two points that are too close to each other are in the same cell or in neighbouring cells, despite rounding.
         self._side = 1.001 * (2 * max(radius) + CLEARANCE)
         self._cells: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
 
@@ -69,7 +69,7 @@ class Points:
         self.all.append(point)
 
     def pop(self) -> None:
-        """Take the last point away."""
+        """Remove the last point."""
         for cell in self._cells_around(*self.all.pop()):
             self._cells[cell].pop()
 
@@ -84,7 +84,7 @@ class Points:
         return True
 
     def may_be_clear(self, points: Float[np.ndarray, "point 2"]) -> Bool[np.ndarray, "point"]:
-        """Return which of some points may be clear: all that `is_clear` accepts, and perhaps some that are 1e-9 m too
+        """Return the points that may be clear: all that `is_clear` accepts, and possibly some that are 1e-9 m too
         near."""
         if not self.all:
             return np.ones(len(points), bool)
@@ -104,7 +104,7 @@ class Placer:
 
     Args:
         radius: Radii in metres of all agents, the vehicle first.
-        obstacles: The corners in metres of what stands around them: walls with two, solid polygons with more.
+        obstacles: The corners of the obstacles in metres: walls with two corners, solid polygons with more.
     """
 
     def __init__(self, radius: PerAgent, obstacles: Sequence[Sequence[Point]] = ()) -> None:
@@ -116,22 +116,22 @@ class Placer:
         self.start, self.goal = Points(self.radius), Points(self.radius)
 
     def add(self, start: Point, goal: Point) -> None:
-        """Place the next agent: where it starts and where it goes, in metres."""
+        """Place the next agent with a start and a goal in metres."""
         self.start.append(start)
         self.goal.append(goal)
 
     def pop(self) -> None:
-        """Take the last agent away."""
+        """Remove the last agent."""
         self.start.pop()
         self.goal.pop()
 
     def draw(self, rng: Generator, start: Area, goal: Area) -> bool:
-        """Place the next agent somewhere in an area, its goal in another one, clear of walls, starts and goals.
+        """Draw the start of the next agent in an area and its goal in another one, clear of walls, starts and goals.
 
         Args:
             rng: The random stream of the case.
-            start: Where it starts.
-            goal: Where it goes.
+            start: Area of the start.
+            goal: Area of the goal.
 
         Returns:
             True if there was room.
@@ -144,16 +144,16 @@ class Placer:
         return True
 
     def fill_two_ways(self, rng: Generator, first: Areas, second: Areas, area: str, share: float = 0.5) -> Placement:
-        """Place all agents that are left on one of two ways; a `share` of them on the first. See `fill`."""
+        """Place the remaining agents, with probability `share` in the areas `first`, else in `second`. See `fill`."""
         return self.fill(lambda: self.draw(rng, *(first if rng.random() < share else second)), area, "layout.width")
 
     def fill(self, place_next: Callable[[], bool], area: str, key: str) -> Placement:
-        """Place all agents that are left.
+        """Place all remaining agents.
 
         Args:
-            place_next: Places the next agent, and says whether there was room.
-            area: Where that is, for the error.
-            key: The key of the scenario that would make more room.
+            place_next: Places the next agent, and returns True if there was room.
+            area: Description of the area in the error message.
+            key: The key of the scenario to raise for more room.
 
         Returns:
             The placement of all agents.
@@ -174,7 +174,7 @@ class Placer:
 
     def _draw_point(self, rng: Generator, area: Area, others: Points) -> Point | None:
         distance, ((left, low), (right, high)) = self.radius[len(self.start)] + WALL_CLEARANCE, area
-        for _ in range(ALONE):  # as `rng.uniform(*area)`, which takes ten times as long
+        for _ in range(ALONE):  # equals `rng.uniform(*area)`, which takes ten times as long
             x, y = left + (right - left) * rng.random(), low + (high - low) * rng.random()
             if others.is_clear(x, y) and not self._is_near_wall(x, y, distance):
                 return x, y
@@ -186,7 +186,7 @@ class Placer:
                 x, y = points[row].tolist()
                 if others.is_clear(x, y):
                     rng.bit_generator.state = before
-                    rng.uniform(size=(row + 1, 2))  # the stream goes on after the point that was taken
+                    rng.uniform(size=(row + 1, 2))  # the stream continues after the accepted point
                     return x, y
         return None
 
@@ -203,10 +203,10 @@ def no_room(agent: int, agents: int, area: str, key: str) -> str:
     """Return the message for a pedestrian without room.
 
     Args:
-        agent: Which one, in the last attempt.
-        agents: How many agents there are.
-        area: Where they are placed.
-        key: The key of the scenario that would make more room.
+        agent: Index of the pedestrian in the last attempt.
+        agents: Number of agents.
+        area: Description of the area.
+        key: The key of the scenario to raise for more room.
     """
     return (
         f"pedestrian {agent} of {agents - 1} finds no room on {area}, in {ATTEMPTS} attempts of {TRIES} draws: lower "

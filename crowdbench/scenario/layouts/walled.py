@@ -13,10 +13,10 @@ from crowdbench.utils.errors import InputError
 
 BEYOND = 4.0
 """Distance in metres from the vehicle's start and goal to the last starts and goals of pedestrians, in a corridor or in
-streets that cross. Goals of pedestrians are beyond the vehicle's goal, so that nobody stands in its way."""
+streets that cross. Goals of pedestrians are beyond the vehicle's goal, so that they do not block it."""
 
 BEHIND = 2.0
-"""Distance in metres from the last starts and goals to the wall behind them, which nobody passes."""
+"""Distance in metres from the last starts and goals to the wall behind them, which no agent passes."""
 
 MARGIN = 1.0
 """In a room, distance in metres of the vehicle's start and goal from the walls, and of blocks from these two."""
@@ -28,7 +28,7 @@ SIDES = (0.5, 1.5)
 """Length in metres of the sides of blocks."""
 
 WAY = 0.4
-"""In a room, goals of pedestrians are at least this share of its width away from their starts."""
+"""In a room, smallest distance of pedestrians' goals from their starts, as a share of the width of the room."""
 
 
 def corridor(
@@ -111,7 +111,7 @@ def doorway(
     doors = [[(-side, 0.0), (-door_width / 2, 0.0)], [(door_width / 2, 0.0), (side, 0.0)]]
     placer = Placer(radius, doors + _box(side, back))
     placer.add((0.0, -distance), (0.0, distance))
-    # Goals are well behind the door, so that nobody stands in it.
+    # Goals are well behind the door, so that no pedestrian stands in it.
     up = _band(side, -back, -distance / 4), _band(side, distance / 2, back)
     down = _band(side, distance / 4, back), _band(side, -back, -distance / 2)
     return placer.fill_two_ways(rng, up, down, f"one side of a wall of {width:g} m")
@@ -168,8 +168,8 @@ def intersection(
 def room(
     rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent, *, width: float = 10.0, blocks: int = 5
 ) -> Placement:
-    """Make a square room with random blocks: the vehicle goes from bottom to top, pedestrians from anywhere to
-    anywhere.
+    """Make a square room with random blocks: the vehicle goes from bottom to top, pedestrians between random
+    positions.
 
     Args:
         width: Width of the room [m].
@@ -219,22 +219,22 @@ def _draw_blocks(rng: np.random.Generator, side: float, number: int, free: shape
 
 
 def _box(side: float, end: float) -> list[list[Point]]:
-    """Return the walls of a room, half as wide and half as long as these, in metres."""
+    """Return the walls of a room with half its width and half its length in metres."""
     return _walls([(-side, -end), (side, -end), (side, end), (-side, end)])
 
 
 def _walls(corners: list[Point]) -> list[list[Point]]:
-    """Return the walls from corner to corner, all around."""
+    """Return the walls of a closed outline, from corner to corner."""
     return [[corner, following] for corner, following in zip(corners, corners[1:] + corners[:1], strict=True)]
 
 
 def _band(side: float, low: float, high: float) -> Area:
-    """Return a piece of a corridor that leads upwards, from one height to another, in metres; `side` is half its
+    """Return a part of a corridor along the y axis, between two y coordinates in metres; `side` is half its
     width."""
     return (-side, low), (side, high)
 
 
 def _arm(turn: int, side: float, near: float, far: float) -> Area:
-    """Return a piece of one of the four arms of an intersection: to the right, up, to the left, down."""
+    """Return a part of one of the four arms of an intersection: `turn` 0 is right, 1 up, 2 left, 3 down."""
     low, high = (near, far) if turn < 2 else (-far, -near)
     return ((low, -side), (high, side)) if turn % 2 == 0 else _band(side, low, high)

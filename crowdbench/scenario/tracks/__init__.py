@@ -1,1 +1,1 @@
-"""Recorded tracks of real people and cars: their files, and windows of time in them."""
+"""Recorded tracks of real pedestrians and cars: their files and time windows."""

@@ -26,7 +26,7 @@ PEDESTRIANS, CARS, RATIO = "_traj_ped_filtered.csv", "_traj_veh_filtered.csv", "
 """Ends of the names of a clip's files."""
 
 _CORNERS = ("fl", "fr", "rr", "rl")
-"""Front left to rear left, as columns `x_fl`, `y_fl`, ... name them."""
+"""Corners from front left to rear left, as in the names of the columns `x_fl`, `y_fl`, ..."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Car:
     """A recorded car.
 
     Attributes:
-        time: The times of its positions in seconds, as `Tracks` count them.
-        position: Where its middle was, in metres.
-        heading: In which direction it faced, in radians, without jumps of a whole turn.
+        time: Times of its positions in seconds, on the time axis of `Tracks`.
+        position: Positions of its middle in metres.
+        heading: Its headings in radians, without jumps of a whole turn.
         length: Its length in metres.
         width: Its width in metres.
     """
@@ -49,7 +49,7 @@ class Car:
 
 
 def read_clip(folder: Path, clip: str) -> tuple[Tracks, list[Car]]:
-    """Return the pedestrians and the cars of a clip. Raises InputError where a file cannot be read or has another
+    """Return the pedestrians and the cars of a clip. Raises InputError if a file cannot be read or has another
     format."""
     ratio = _ratio(folder / f"{clip}{RATIO}")
     people = _columns(folder / f"{clip}{PEDESTRIANS}", ("id", "frame", "x_est", "y_est"))
@@ -82,7 +82,7 @@ def _metres(table: dict[str, np.ndarray], x: str, y: str, ratio: float) -> Float
 def _ratio(path: Path) -> float:
     """Return the pixels per metre."""
     ratio = math.nan
-    with contextlib.suppress(OSError, ValueError):  # where it cannot be read, or holds no number or no text
+    with contextlib.suppress(OSError, ValueError):  # it cannot be read, or contains no number or no text
         ratio = float(files.read_text(path))
     if not 0.0 < ratio < 1e6:
         raise InputError(f"{path} must hold one number, the pixels of a metre")

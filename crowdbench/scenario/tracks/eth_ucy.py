@@ -40,10 +40,10 @@ FARTHEST = 1e7
 """The largest coordinate in metres: coordinates of maps are smaller."""
 
 LONGEST_ABSENCE = 4.0
-"""Seconds without an annotation after which a number stands for another pedestrian."""
+"""Seconds without an annotation after which a number denotes another pedestrian."""
 
 FASTEST = 10.0
-"""Speed in m/s above which two annotations are of two pedestrians. The fastest in ETH/UCY has 6.5 m/s."""
+"""Speed in m/s above which two annotations belong to two pedestrians. The largest speed in ETH/UCY is 6.5 m/s."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -68,10 +68,10 @@ class Tracks:
 
 
 def read_tracks(path: Path) -> Tracks:
-    """Return a recording, whose pedestrians have a number each.
+    """Read a recording, and give each pedestrian a unique number.
 
     Raises:
-        InputError: The file cannot be read or has another format; the error names the line.
+        InputError: The file cannot be read or has another format; the message contains the line.
     """
     try:
         lines = files.read_text(path).split("\n")
@@ -101,10 +101,10 @@ def read_tracks(path: Path) -> Tracks:
 
 
 def split_reused_numbers(tracks: Tracks) -> Tracks:
-    """Give a number of its own to a pedestrian who has the number of an earlier one.
+    """Give a new number to each pedestrian that has the number of an earlier one.
 
-    Two annotations with one number are of two pedestrians where more than `LONGEST_ABSENCE` lies between them, or where
-    the speed between them is above `FASTEST`. A warning is logged that says how many tracks were split off.
+    Two annotations with one number belong to two pedestrians if more than `LONGEST_ABSENCE` lies between them, or if
+    the speed between them is above `FASTEST`. A warning with the number of new tracks is logged.
     """
     seconds = np.diff(tracks.frame) / FRAME_STEP * tracks.dt
     distance = np.hypot(*np.diff(tracks.position, axis=0).T)
@@ -130,8 +130,8 @@ def split_reused_numbers(tracks: Tracks) -> Tracks:
 
 
 def _read_line(where: str, fields: list[str]) -> list[float]:
-    """Return the numbers in a line. Raises InputError, which says where, unless it has a number of its kind in each
-    column."""
+    """Return the numbers in a line. Raises InputError with the location unless each column contains a valid
+    number."""
     if len(fields) != len(COLUMNS):
         raise InputError(
             f"{where}: found {len(fields)} columns, but there must be {len(COLUMNS)}: {', '.join(COLUMNS)}, separated "

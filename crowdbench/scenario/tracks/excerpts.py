@@ -1,4 +1,4 @@
-"""Excerpts: windows of time of a scene, in steps of a simulation, and which of them belong to which split."""
+"""Excerpts: time windows of a scene, in steps of a simulation, and their division into splits."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, Tracks
 from crowdbench.scenario.tracks.scenes import Recording, Scene
 
 TRAIN_SHARE, VAL_SHARE = 0.4, 0.1
-"""The part of a scene's blocks, from the first one on, that is for training, and the part after it for validation."""
+"""Shares of a scene's blocks for training (the first blocks) and for validation (the next blocks)."""
 
 PACE = 0.75
-"""The vehicle's goal is where the recorded car was after this share of the window."""
+"""The vehicle's goal is the recorded car's position after this share of the window."""
 
 LEAST_WAY = 5.0
 """Smallest distance in metres from a recorded car's start to its goal: slower cars wait or are parked."""
 
 DISCS = 3
-"""Number of discs that stand for a car that is not the vehicle."""
+"""Number of discs that represent a car that is not the vehicle."""
 
 SPACING = 2.0
-"""Waypoints on a recorded way are this far apart, in metres."""
+"""Distance in metres between waypoints on a recorded path."""
 
 _ROUNDING = 1e-6
 """Tolerance of times in seconds."""
@@ -44,7 +44,7 @@ class MovingDisc:
     Attributes:
         time: The times of its positions in seconds.
         position: In metres.
-        radius: In metres; NaN for a pedestrian, whose radius no recording tells.
+        radius: In metres; NaN for a pedestrian, because recordings contain no radii.
     """
 
     time: Float[np.ndarray, "row"]
@@ -52,15 +52,15 @@ class MovingDisc:
     radius: float = math.nan
 
     def is_there(self, time: Times) -> Bool[np.ndarray, "time"]:
-        """Return whether it was there at each of these times in seconds."""
+        """Return whether the disc was present at each of these times in seconds."""
         return (time >= self.time[0] - _ROUNDING) & (time <= self.time[-1] + _ROUNDING)
 
     def at(self, time: Times) -> Track:
-        """Return where it was, between its recorded positions on the straight line; NaN before the first and after the
+        """Return positions by linear interpolation of the recorded ones; NaN before the first and after the
         last.
 
         Args:
-            time: When, in seconds.
+            time: Times in seconds.
 
         Returns:
             Positions in metres.
@@ -70,12 +70,12 @@ class MovingDisc:
 
 @dataclass(frozen=True)
 class CarMotion:
-    """Motion of a recorded car whose place the vehicle takes.
+    """Motion of a recorded car that the vehicle replaces.
 
     Attributes:
-        start: Where its middle was at the start, in metres.
-        goal: Where it was after `PACE` of the window, in metres.
-        heading: In which direction it faced at the start, in radians.
+        start: Position of its middle at the start in metres.
+        goal: Position of its middle after `PACE` of the window in metres.
+        heading: Its heading at the start in radians.
         speed: Its speed at the start in m/s.
     """
 
@@ -87,20 +87,20 @@ class CarMotion:
 
 @dataclass(frozen=True)
 class Excerpt:
-    """A window of time of a recording, as a case needs it.
+    """Time window of a recording, with the data of a case.
 
     Attributes:
         recording: The name of the recording.
-        first: When it starts, in seconds as the recording counts them.
-        block: The number of its block in the scene: a window of its own, or a clip with cars.
-        track: Where everybody was at each step, in metres; NaN who was not there.
-        velocity: Everybody's velocity in m/s at the first step, from the one before; 0 of who is not there yet.
+        first: Its start in seconds of the recording's time.
+        block: Number of its block in the scene. A block is a single window, or a clip with cars.
+        track: Position of each agent at each step in metres; NaN for absent agents.
+        velocity: Velocity of each agent in m/s at the first step, from the one before; 0 for agents that come later.
         radius: Radii in metres; NaN for pedestrians.
-        goal: Where everybody's track ends, be it after the window, in metres.
-        route: Waypoints on everybody's way there, in metres, NaN after the last one.
-        mean_speed: Everybody's mean speed on this way in m/s.
-        top_speed: Everybody's largest speed in m/s.
-        driven: The car whose place the vehicle takes; None where there are no cars.
+        goal: End of each agent's track in metres, even if it is after the window.
+        route: Waypoints of each agent on the way to its goal, in metres, NaN after the last one.
+        mean_speed: Mean speed of each agent on this path in m/s.
+        top_speed: Largest speed of each agent in m/s.
+        driven: The car that the vehicle replaces; None without cars.
     """
 
     recording: str
@@ -117,10 +117,10 @@ class Excerpt:
 
 
 def cut_windows(scene: Scene, steps: int, dt: float) -> list[Excerpt]:
-    """Return the windows of a scene in which somebody walks, one after the other.
+    """Return the windows of a scene that contain pedestrians, in order.
 
-    Without cars, windows follow each other without a gap. With cars, a window starts when a car comes, and others
-    follow it while the car drives. No window is longer than what was recorded.
+    Without cars, windows follow each other without a gap. With cars, a window starts when a car appears, and
+    others follow it until the car disappears. No window extends beyond the recording.
 
     Args:
         scene: The scene.
@@ -151,7 +151,7 @@ def split_windows(excerpts: Sequence[Excerpt]) -> Mapping[str, list[Excerpt]]:
     """Split windows in time: the first blocks are for training, the next ones for validation, the last half for tests.
 
     Args:
-        excerpts: The windows of a scene, as `cut_windows` gives them.
+        excerpts: The windows of a scene, as `cut_windows` returns them.
 
     Returns:
         The windows by split.
@@ -186,8 +186,8 @@ def car_discs(car: Car) -> Iterator[MovingDisc]:
 
 
 def _windows(recording: Recording, steps: int, dt: float) -> list[tuple[float, Car | None, CarMotion | None]]:
-    """Yield the first step of each window of some steps, in the order of time, and the car that drives in it, if
-    any."""
+    """Return the start time in seconds of each window, in order of time, and the car that the vehicle replaces in it,
+    if any."""
     time, length = times_of(recording.tracks), steps * dt
     start, end = float(time.min()), float(time.max())
     if not recording.cars:
@@ -207,7 +207,7 @@ def _windows(recording: Recording, steps: int, dt: float) -> list[tuple[float, C
 
 
 def _follow_car(car: Car, first: float, end: float) -> CarMotion:
-    """Return how a car moves from one time to another, in seconds, or to the last at which it is there."""
+    """Return the motion of a car from one time to another in seconds, or to its last recorded time."""
     middle = MovingDisc(car.time, car.position)
     start, goal = middle.at(np.array([first, min(end, float(car.time[-1]))]))
     # Over a quarter of a second: the difference of two frames is mostly noise.
@@ -225,15 +225,15 @@ def cut_excerpt(
     Args:
         name: The name of the recording.
         block: The number of its block in the scene.
-        times: The times of its steps in seconds, and before them that of the step before the first one.
-        everybody: Those who are there at some step of it.
-        driven: The car whose place the vehicle takes, if any.
+        times: The times of its steps in seconds, preceded by the time of the step before the first one.
+        everybody: The pedestrians and discs of cars that are present at one of its steps or more.
+        driven: The car that the vehicle replaces, if any.
     """
     dt = times[1] - times[0]
     track = np.stack([disc.at(times) for disc in everybody], axis=1)
     paths = [_path(disc, at[1:], times[1:]) for disc, at in zip(everybody, track.swapaxes(0, 1), strict=True)]
     moves = np.diff(track[1:], axis=0)
-    # From the step before, or to the one after for who comes then.
+    # Difference to the step before, or to the step after for agents that appear at the first step.
     before, after = track[1] - track[0], track[2] - track[1]
     velocity = np.nan_to_num(np.where(np.isfinite(before), before, after)) / dt
     top = np.nanmax(np.hypot(moves[..., 0], moves[..., 1]), axis=0, initial=0.0) / dt
@@ -253,10 +253,10 @@ def cut_excerpt(
 
 
 def _path(disc: MovingDisc, track: Track, times: Times) -> tuple[Float[np.ndarray, "waypoint 2"], float]:
-    """Return waypoints from the first step in which somebody is there to the end of the track, and the mean speed, in
+    """Return waypoints from the first step in which a disc is present to the end of its track, and its mean speed in
     m/s.
 
-    `track` has where they were in metres at the `times` of the steps in seconds.
+    `track` contains its positions in metres at the `times` of the steps in seconds.
     """
     first = int(np.isfinite(track[:, 0]).argmax())
     later = disc.time > times[first]
@@ -268,5 +268,5 @@ def _path(disc: MovingDisc, track: Track, times: Times) -> tuple[Float[np.ndarra
 
 
 def interpolate(at: Times, known: Float[np.ndarray, "row"], position: Float[np.ndarray, "row 2"]) -> Track:
-    """Return positions in metres at other times, or lengths of way, than those at which they are known."""
+    """Return positions in metres at times, or lengths of path, by interpolation between `known` ones."""
     return np.stack([np.interp(at, known, position[:, axis]) for axis in (0, 1)], axis=1)

@@ -1,4 +1,4 @@
-"""Scenes: recordings of one place, read from a folder, whose files must be those that are known."""
+"""Scenes: recordings of one location, read from a folder. Their files must have the expected digests."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 
 DUT_SCENES = {"dut": "", "intersection": "intersection", "roundabout": "roundabout"}
-"""The clips of DUT by the place, and both places as one scene: how the names of their files start."""
+"""Prefixes of the file names of clips of DUT, by scene: each of its two locations, and both as one scene."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """A stretch of time in which a place was recorded: the tracks of its pedestrians, and its cars."""
+    """One recording of a location: the tracks of its pedestrians, and its cars."""
 
     tracks: Tracks
     cars: Sequence[Car] = ()
@@ -25,10 +25,10 @@ class Recording:
 
 @dataclass(frozen=True)
 class Scene:
-    """The recordings of one place.
+    """The recordings of one location.
 
     Attributes:
-        name: Name of the place.
+        name: Name of the scene.
         recordings: Its recordings.
         files: The sha256 of each of their files, by name.
     """
@@ -39,19 +39,19 @@ class Scene:
 
 
 def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Scene:
-    """Read the recordings of a place, and check that the files are those that are known.
+    """Read the recordings of a scene, and check the digests of their files.
 
     Args:
         name: A scene of ETH/UCY (`eth`, `hotel`, `univ`, `zara1`, `zara2`) or of DUT (`intersection`, `roundabout`, or
-            `dut` for both), or the name of a file `<name>.txt` of one's own, in the format of ETH/UCY.
-        folder: Where the files are; None where nobody has said it.
-        pinned: The sha256 that files must have, by name. The digests of ETH/UCY and DUT are known.
+            `dut` for both), or the name of a user's file `<name>.txt` in the format of ETH/UCY.
+        folder: Folder with the files; None if the user has given none.
+        pinned: The sha256 that files must have, by name. The digests of ETH/UCY and DUT are built in.
 
     Returns:
         The scene.
 
     Raises:
-        InputError: There is no folder, or a file is missing, another one than it should be, or of another format.
+        InputError: There is no folder, or a file is missing, has another digest, or has another format.
     """
     if folder is None:
         raise InputError(f"the scene {name} consists of recorded tracks: give the folder that holds them, --data DIR")
@@ -75,7 +75,7 @@ def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Sce
 
 
 def known_files(scene: str) -> dict[str, str]:
-    """Return the sha256 of the files of a scene of ETH/UCY or DUT, by name; none of another scene."""
+    """Return the sha256 of the files of a scene of ETH/UCY or DUT, by name; an empty table for other scenes."""
     lists = [(Path(__file__).parent / f"{name}.sha256").read_text(encoding="utf-8") for name in ("eth_ucy", "dut")]
     known = {file: digest for digest, file in map(str.split, "".join(lists).splitlines())}
     names = [f"{file}.txt" for file in SCENES.get(scene, ())]

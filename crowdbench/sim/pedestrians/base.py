@@ -1,4 +1,4 @@
-"""The contract of pedestrian policies, and what checks their answers: type, shape and finite numbers."""
+"""The interface of pedestrian policies, and checks of their return values: type, shape and finite numbers."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ Memory = Mapping[str, Any]
 class PedestrianPolicy(abc.ABC):
     """Base class of pedestrian policies. A subclass lists its parameters in `parameters` and implements `velocities`.
 
-    A policy has no state and changes nothing: what it returns depends only on the world, or else a case would depend on
-    the cases that run beside it (`crowdbench check` finds that). It takes noise from
-    `crowdbench.core.rng.normal(world.key, purpose, world.step, ...)`. In the world that it is given, a vehicle that
-    pedestrians cannot see is not `present`. A policy that must remember something is a `PolicyWithMemory`.
+    A policy has no state and no side effects. Its return value depends only on the world: otherwise a case would depend
+    on other cases of the batch (`crowdbench check` detects that). It takes noise from
+    `crowdbench.core.rng.normal(world.key, purpose, world.step, ...)`. In its input, a vehicle that pedestrians cannot
+    see is not `present`. A policy that needs a memory is a `PolicyWithMemory`.
     """
 
     parameters: ClassVar[Mapping[str, float]] = {}
     """The parameters that a scenario can set, with their defaults."""
 
     stands: ClassVar[bool] = False
-    """True if its pedestrians stand all the time. A scenario places them somewhere on the way from start to goal."""
+    """True if its pedestrians always stand. A scenario places them at some point between start and goal."""
 
     @abc.abstractmethod
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
@@ -54,10 +54,10 @@ class PedestrianPolicy(abc.ABC):
 
 
 class PolicyWithMemory(PedestrianPolicy):
-    """Pedestrian policy with a memory, which the world carries: the policy keeps nothing in itself.
+    """Pedestrian policy with a memory, which is stored in the world: the policy has no state.
 
-    A pedestrian whose number in `world.person` is another than in the step before is another person without a memory. A
-    policy with such pedestrians keeps their numbers in its memory to notice it.
+    If a pedestrian's number in `world.person` differs from the step before, it is another person without a memory. A
+    policy with such pedestrians stores their numbers in its memory to detect this.
     """
 
     @abc.abstractmethod
@@ -76,7 +76,7 @@ class PolicyWithMemory(PedestrianPolicy):
     def velocities(  # type: ignore[override]  # it is given and returns a memory too
         self, world: World, parameters: Parameters, memory: Memory
     ) -> tuple[Velocities, Memory]:
-        """Return the velocities that the pedestrians take next, and what is remembered after that.
+        """Return the velocities that the pedestrians take next, and the memory after this step.
 
         Args:
             world: The worlds as they are now.
@@ -90,7 +90,7 @@ class PolicyWithMemory(PedestrianPolicy):
 
 
 def query_policy(policy: PedestrianPolicy, name: str, world: World) -> tuple[Velocities, Memory | None]:
-    """Ask a policy for velocities, and check its answer.
+    """Query a policy for velocities, and check its return value.
 
     Args:
         policy: The policy.
@@ -98,10 +98,10 @@ def query_policy(policy: PedestrianPolicy, name: str, world: World) -> tuple[Vel
         world: Its input.
 
     Returns:
-        Velocities in m/s, and its memory after that, None without one.
+        Velocities in m/s, and the new memory of the policy, None without one.
 
     Raises:
-        InputError: It raises, or what it returns is not what it must return.
+        InputError: The policy raises an exception, or its return value is invalid.
     """
     memory = (world.memory[name],) if isinstance(policy, PolicyWithMemory) else ()
     with plugin_errors(f"pedestrian policy {name} raised"):
@@ -128,7 +128,7 @@ def init_memory(policy: PolicyWithMemory, name: str, world: World) -> Memory:
         Its memory.
 
     Raises:
-        InputError: It raises, or returns anything but arrays with a row per world.
+        InputError: The policy raises an exception, or does not return arrays with a row per world.
     """
     with plugin_errors(f"pedestrian policy {name} raised"):
         answer = policy.memory(world, world.parameters[name])
@@ -142,7 +142,7 @@ def init_memory(policy: PolicyWithMemory, name: str, world: World) -> Memory:
 
 
 def validate_memory(answer: object, before: Memory, name: str) -> Memory:
-    """Check what a policy remembers after a step.
+    """Check the memory of a policy after a step.
 
     Args:
         answer: Its return value.
@@ -153,7 +153,7 @@ def validate_memory(answer: object, before: Memory, name: str) -> Memory:
         Its memory.
 
     Raises:
-        InputError: There are other arrays in it than before, or arrays of another shape or type.
+        InputError: The arrays of the memory differ from those before in name, shape or type.
     """
     returned = {path: (array.dtype, array.shape) for path, array in memory_arrays(name, answer)}
     expected = {path: (array.dtype, array.shape) for path, array in memory_arrays(name, before)}
@@ -176,7 +176,7 @@ def memory_arrays(name: str, memory: object, path: str = "memory") -> Iterator[t
         path: Its name.
 
     Raises:
-        InputError: It holds something else than arrays and mappings.
+        InputError: The memory contains objects other than arrays and mappings.
     """
     if isinstance(memory, np.ndarray):
         yield path, memory
@@ -188,7 +188,7 @@ def memory_arrays(name: str, memory: object, path: str = "memory") -> Iterator[t
 
 
 def validate_shape(answer: object, name: str, world: World) -> Velocities:
-    """Check type and shape of what a policy returned.
+    """Check the type and shape of a policy's return value.
 
     Args:
         answer: The return value of `velocities`.
@@ -199,11 +199,11 @@ def validate_shape(answer: object, name: str, world: World) -> Velocities:
         The velocities in m/s.
 
     Raises:
-        InputError: It is no float64 array with a velocity per pedestrian.
+        InputError: The return value is not a float64 array with a velocity per pedestrian.
     """
     expected = (len(world), world.position.shape[1] - 1, 2)
     if isinstance(answer, np.ndarray) and answer.shape == expected and answer.dtype == np.float64:
-        return np.asarray(answer)  # a subclass may answer otherwise than its numbers
+        return np.asarray(answer)  # a subclass may override methods of ndarray
     returned = f"{answer.dtype} of shape {answer.shape}" if isinstance(answer, np.ndarray) else repr(answer)
     raise InputError(f"pedestrian policy {name} returned {returned}, but must return float64 of shape {expected}")
 
@@ -220,7 +220,7 @@ def validate_finite(velocity: Velocities, name: str, world: World) -> Velocities
         The velocities.
 
     Raises:
-        InputError: That of a pedestrian who is present is not finite.
+        InputError: The velocity of a present pedestrian is not finite.
     """
     # A sum is finite only if all its terms are.
     if math.isfinite(_sum(np.ascontiguousarray(velocity))):

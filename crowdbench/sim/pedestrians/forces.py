@@ -1,4 +1,4 @@
-"""Shared parts of the force models of pedestrians: everybody's motion in sub-steps under forces. Compiled.
+"""Shared parts of the force models of pedestrians: motion of all agents in sub-steps under forces. Compiled.
 
 A pedestrian accelerates towards its desired velocity within a relaxation time, and by the force of a model. The speed
 limit is the preferred speed, and over the last metre the desired speed decreases with the distance to the goal, as
@@ -24,10 +24,10 @@ SUB_STEP = 0.05
 """Longest step of the integration in seconds, unless a model needs shorter ones."""
 
 BLOCK_PAIRS = 500
-"""Pairs of agents that are worth a thread, which takes about 50 microseconds to hand them over."""
+"""Smallest number of pairs of agents for a thread: the transfer to it takes about 50 microseconds."""
 
 TINY = 1e-9
-"""Takes the place of 0 where a formula divides by a parameter."""
+"""Replacement of 0 in parameters by which a formula divides."""
 
 
 class Walkers(NamedTuple):
@@ -85,7 +85,7 @@ def compile_model(force: Any) -> Callable[..., None]:
     Args:
         force: A kernel that returns x and y of an acceleration in m/s^2, and the share of it that acts. It takes the
             index of an agent; positions in metres and velocities in m/s of the agents of its world; its desired
-            velocity, x and y, and the ratio of its length to the preferred speed; radii in metres; who is seen; the
+            velocity, x and y, and the ratio of its length to the preferred speed; radii in metres; the seen agents; the
             traits of all; the obstacles; the index of the world, and the noise and the groups of all worlds.
 
     Returns:
@@ -142,8 +142,8 @@ def integrate(
 ) -> AgentPoints:
     """Return the velocity that each agent has at the end of the step.
 
-    It is not the mean velocity of the step, because the next step starts from it: thus an agent that is alone gains
-    speed with exactly the relaxation time. Within the step all agents move at once, in equal sub-steps.
+    It is not the mean velocity of the step, because the next step starts from it: thus a single agent accelerates with
+    exactly the relaxation time. Within the step all agents move simultaneously, in equal sub-steps.
 
     Args:
         model: The return value of `compile_model`.
@@ -151,7 +151,7 @@ def integrate(
         traits: The parameters of each agent, the relaxation time in seconds first.
         time_step: Length of the step in seconds.
         noise: Noise of the model.
-        group: The number of each agent's group, negative for those who walk alone; None where all do.
+        group: The index of each agent's group, negative without a group; None if there are no groups.
         longest: Longest sub-step in seconds; `SUB_STEP` if None.
 
     Returns:

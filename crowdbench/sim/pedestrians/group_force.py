@@ -25,7 +25,7 @@ REPULSION = 1.0
 """The paper's beta 3, in m/s^2."""
 
 SIGHT = math.pi / 2
-"""The paper's phi: others are seen up to this angle on both sides of the way, in radians."""
+"""The paper's phi: others are seen up to this angle on both sides of the walking direction, in radians."""
 
 SAFETY = 0.2
 """Gap in metres between rims below which members repel each other. The paper's d0 of 0.8 m is a body of 0.6 m and this
@@ -37,7 +37,7 @@ gap."""
 def group_force(i, position, velocity, radius, present, group, gaze, attraction, repulsion):
     """Return the forces of its group on an agent: the paper's f_vis, f_att and f_rep.
 
-    The group's centre is drawn to from beyond (N - 1) / 2 metres, in a group of N.
+    In a group of N, attraction acts on agents farther than (N - 1) / 2 metres from the group's centre.
 
     Args:
         i (int): Index of the agent.
@@ -45,10 +45,10 @@ def group_force(i, position, velocity, radius, present, group, gaze, attraction,
         velocity (array): `[agent, 2]`, in m/s.
         radius (array): `[agent]`, in metres.
         present (array): `[agent]`.
-        group (array): `[agent]`, the number of each one's group, negative for those who walk alone.
+        group (array): `[agent]`, the index of each agent's group, negative without a group.
         gaze (float): The strength of the gaze, in 1/(rad s).
-        attraction (float): That of the attraction, in m/s^2.
-        repulsion (float): That of the repulsion, in m/s^2.
+        attraction (float): The strength of the attraction, in m/s^2.
+        repulsion (float): The strength of the repulsion, in m/s^2.
 
     Returns:
         force (tuple): x and y of an acceleration in m/s^2.

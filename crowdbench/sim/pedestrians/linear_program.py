@@ -53,7 +53,7 @@ def _nearest_on_line(lines, k, speed, x, y, as_direction):
         as_direction: True to go as far as possible in the direction (x, y), instead of as near as possible to it.
 
     Returns:
-        True if there is such a velocity, and its x and y, or (x, y) where there is none.
+        True if there is such a velocity, and its x and y, or (x, y) if there is none.
     """
     px, py, dx, dy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
     dot = px * dx + py * dy
@@ -97,7 +97,7 @@ def nearest_permitted(lines, n, speed, x, y, as_direction):
         as_direction (bool): True if (x, y) is a direction.
 
     Returns:
-        met (int): Number of lines before the first one that the lines before it contradict; n if there is none.
+        met (int): Number of lines before the first line that contradicts the lines before it; n if there is none.
         x (float): x of the best velocity for those lines, in m/s.
         y (float): Its y.
     """
@@ -124,7 +124,7 @@ def least_violation(lines, n, hard, failed, speed, x, y, scratch):
     Args:
         lines (array): `[line, 4]`.
         n (int): Number of lines.
-        hard (int): How many of the first lines are always kept: the lines of obstacles.
+        hard (int): Number of lines at the beginning that are hard constraints: the lines of obstacles.
         failed (int): Index of the first line that cannot be met.
         speed (float): Largest speed in m/s.
         x (float): x of the best velocity for the lines before `failed`, in m/s.
@@ -156,7 +156,7 @@ def least_violation(lines, n, hard, failed, speed, x, y, scratch):
             scratch[m, 2], scratch[m, 3], _ = unit(lines[j, 2] - dx, lines[j, 3] - dy)
             m += 1
         missed, new_x, new_y = nearest_permitted(scratch, m, speed, -dy, dx, AS_DIRECTION)
-        # A solution always exists. Only rounding can miss it, and then the last one is kept.
+        # A solution always exists. If it is missed because of rounding, the last one is kept.
         if missed == m:
             x, y = new_x, new_y
         worst = dx * (py - y) - dy * (px - x)

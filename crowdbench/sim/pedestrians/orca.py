@@ -27,7 +27,7 @@ from crowdbench.sim.pedestrians.orca_obstacles import wall_lines
 from crowdbench.utils.compiled import njit
 
 BLOCK_AGENTS = 200, 1024
-"""Fewest and most agents of a block, which a thread computes at once: to hand it over takes about 50 microseconds."""
+"""Smallest and largest number of agents of a block for a thread: the transfer to it takes about 50 microseconds."""
 
 _EVERYBODY = np.ones((1, 1), np.bool_)
 _NO_OBSTACLES = np.empty((1, 0, 0, 2))
@@ -102,7 +102,7 @@ def orca_velocities(
         preferred_velocity: Velocities in m/s that the agents would take if they were alone.
         radius: Radii in metres. No safety margin is added to them.
         max_speed: Largest speeds in m/s.
-        time_step: Length of a step in seconds. Agents that overlap part within one step.
+        time_step: Length of a step in seconds. Overlapping agents separate within one step.
         neighbor_distance: Agents whose centres are at least this far away, in metres, are not avoided.
         max_neighbors: An agent avoids at most this many, the nearest ones: one number, or one per world or agent.
         time_horizon: The paper's tau: an agent avoids collisions that would happen within this time, in seconds.
@@ -133,8 +133,8 @@ def avoid(
 ) -> Float[np.ndarray, "world moving 2"]:
     """Compute the velocities of agents in blocks, see `orca_velocities`.
 
-    Parts that only some scenarios need are kernels of their own, which are compiled at their first call: lines of
-    walls, and neighbours from cells or by line of sight.
+    Parts that only some scenarios need are separate kernels, compiled at their first call: lines of walls, and
+    neighbours from cells or by line of sight.
 
     Args:
         first: Index of the first agent whose velocity is computed.
@@ -174,17 +174,17 @@ def avoid_block(begin, end, first, crowd, time_step, limits, walls, nearest, out
     Args:
         begin (int): The first agent, counted through all worlds.
         end (int): The one after the last.
-        first (int): Agents of a world before this one have no velocity.
+        first (int): Index of the first agent of a world whose velocity is computed.
         crowd (tuple): The fields of `Agents`.
         time_step (float): In seconds.
         limits (tuple): The first three fields of `Avoidance`.
         walls (tuple): For each agent of the block the lines of walls `[agent * most, 4]`, and how many there are; both
             are empty without walls.
         nearest (tuple): For each agent of the block its neighbours `[agent * most]`, and how many there are;
-            both are empty if they are still to be found.
+            both are empty if the neighbours are searched here.
         out (array): `[world, agent from first on, 2]`, filled: velocities in m/s.
     """
-    # Not by the names of fields: to read these in the loop would make ORCA a sixth slower.
+    # Unpacked, because reading fields by name in the loop would make ORCA a sixth slower.
     position, velocity, preferred, radius, max_speed, seen, moves = crowd
     reach, limit, horizon = limits
     (hard_lines, hard_number), (from_cells, cells_number) = walls, nearest
@@ -249,20 +249,20 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
     reach = radius[w, i] + radius[w, j]
     squared = dx * dx + dy * dy
     overlapping = squared <= reach * reach
-    # Agents that overlap must part within the step.
+    # Overlapping agents must separate within the step.
     rate = 1.0 / (time_step if overlapping else max(time_horizon, _TINY))
     wx, wy = rx - rate * dx, ry - rate * dy
     dot = wx * dx + wy * dy
     if overlapping or (dot < 0.0 and dot * dot > reach * reach * (wx * wx + wy * wy)):
         nx, ny, length = unit(wx, wy)
-        if length == 0.0 and j < i:  # two agents in one place part in opposite directions
+        if length == 0.0 and j < i:  # two agents at one position separate in opposite directions
             nx = -nx
         cx, cy = ny, -nx
         depth = reach * rate - length
         sx, sy = depth * nx, depth * ny
     else:
         # The legs of the cone are the direction to the neighbour, turned by half the angle of the cone. The right one
-        # points back to the tip, so that what is permitted lies to its left.
+        # points back to the tip, so that permitted velocities lie to its left.
         side = 1.0 if _passes_left(px, py, vx, vy, qx, qy, ux, uy, rate) else -1.0
         leg, scale = side * math.sqrt(squared - reach * reach), 1.0 / squared
         cx, cy = (dx * leg - dy * reach) * scale, (dx * reach + dy * leg) * scale

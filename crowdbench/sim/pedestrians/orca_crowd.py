@@ -1,4 +1,4 @@
-"""ORCA for the pedestrians of worlds: what it is given of a world, and all of it in one kernel where worlds are few."""
+"""ORCA for the pedestrians of worlds: its inputs from a world, and a single kernel for few worlds."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ ORCA_MARGIN = 0.01
 """Safety margin in metres that CrowdNav adds to each radius for ORCA."""
 
 TIME_HORIZON_OBST = 1.0
-"""How far ahead ORCA avoids obstacles, in seconds. With 5 s, as in the examples of RVO2, agents keep so far away from
-walls that they go past goals beside them: in a room with blocks the planner `orca` takes 13.0 s
-then, and 9.1 s with 1 s."""
+"""Time horizon of ORCA for obstacles in seconds. With 5 s, as in the examples of RVO2, agents keep so far away from
+walls that they pass goals beside them: in a room with blocks, the planner `orca` takes 13.0 s with 5 s, and 9.1 s with
+1 s."""
 
 
 _avoidance_fields = operator.itemgetter(*Avoidance._fields)
@@ -84,7 +84,7 @@ def orca_pedestrians(world: World, parameters: Parameters, pace: Float[np.ndarra
 @no_type_check
 @njit
 def _prepare(goal, pace, safety_space, position, radius, preferred, size):
-    """Fill what ORCA takes.
+    """Fill the inputs of ORCA.
 
     Args:
         goal: `[world, agent, 2]`, in metres.
@@ -104,7 +104,7 @@ def _prepare(goal, pace, safety_space, position, radius, preferred, size):
 @no_type_check
 @njit
 def orca_in_one(goal, pace, safety_space, position, velocity, radius, speed, present, dt, reach, limit, horizon, out):
-    """Compute what pedestrians do by ORCA, in few and small worlds without walls.
+    """Compute the pedestrians' velocities by ORCA, in few and small worlds without walls.
 
     Args:
         goal (ndarray): `[world, agent, 2]`, in metres.
@@ -114,7 +114,7 @@ def orca_in_one(goal, pace, safety_space, position, velocity, radius, speed, pre
         velocity (ndarray): `[world, agent, 2]`, in m/s.
         radius (ndarray): `[world, agent]`, in metres.
         speed (ndarray): `[world, agent]`, preferred speeds in m/s.
-        present (ndarray): `[world, agent]`, who moves or is avoided.
+        present (ndarray): `[world, agent]`, mask of the agents that move and are avoided.
         dt (float): Length of a step in seconds.
         reach (ndarray): `Avoidance.neighbor_distance`.
         limit (ndarray): `Avoidance.max_neighbors`.

@@ -1,12 +1,12 @@
-"""The half-planes that obstacles allow an agent of ORCA (van den Berg et al. 2011), compiled.
+"""Half-planes of permitted velocities of ORCA agents near obstacles (van den Berg et al. 2011), compiled.
 
 The velocities that an edge of a polygon forbids are computed as in the library RVO2 (version 2.0.2): the velocities
 that lead to the edge within the time horizon are a truncated cone, and the half-plane is tangent to it at the point
-nearest to the agent's velocity. The agent alone is responsible for avoiding an edge, so that the half-plane moves by
-all of the distance and not by half of it. RVO2 looks through walls, and so does this.
+nearest to the agent's velocity. Only the agent is responsible for avoiding an edge, so the half-plane moves by the
+whole distance and not by half of it. As in RVO2, walls do not hide the edges behind them.
 
-Corners are listed counter-clockwise around what is solid, so that an agent sees an edge from its right side. A polygon
-of two corners is a wall that is seen from both sides.
+Corners are listed counter-clockwise around a solid obstacle, so that agents are on the right side of its edges. A
+polygon of two corners is a wall, with agents on both sides.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from crowdbench.utils.compiled import njit
 
 EDGE = 12
 """Numbers about an edge: first corner x, y, second corner x, y, direction x, y, direction of the edge before it x, y,
-of the edge after it x, y, and whether its first and its second corner stand out (1) or are concave (0)."""
+of the edge after it x, y, and whether its first and its second corner are convex (1) or concave (0)."""
 
 _COVERED = 1e-5
-"""An edge is left out where it lies behind a half-plane by this much in m/s, as in RVO2."""
+"""Tolerance in m/s with which edges behind a half-plane are ignored, as in RVO2."""
 
 
 _TINY = 1e-9
@@ -37,14 +37,14 @@ _TINY = 1e-9
 @no_type_check
 @njit(error_model="numpy", nogil=True)
 def wall_lines(begin, end, crowd, horizon, obstacles, lines, line_number):
-    """Write the lines of the walls in the way of each agent of a block.
+    """Write the lines of the walls near each agent of a block.
 
     Args:
         begin (int): The first agent, counted through all worlds.
         end (int): The one after the last.
         crowd (tuple): The fields of `crowdbench.sim.pedestrians.orca.Agents`.
         horizon (array): `Avoidance.time_horizon_obst`.
-        obstacles (array): `[world, polygon, corner, 2]`, in metres; one world's may stand for all.
+        obstacles (array): `[world, polygon, corner, 2]`, in metres; or the array of one world for all.
         lines (array): `[agent * most, 4]`, filled: the lines of each agent.
         line_number (array): `[agent]`, filled: how many there are.
     """
@@ -106,13 +106,13 @@ def _left_of(a, b, c):
 @no_type_check
 @njit(error_model="numpy")
 def _nearest_edges(edges, number, x, y, reach, order, distance):
-    """Find the edges that an agent sees from their right side, nearest first.
+    """Find the edges with an agent on their right side, nearest first.
 
     Args:
         edges (array): `[edge, EDGE]`.
         number (int): The number of edges.
-        x (float): Where the agent is, in metres.
-        y (float): Likewise.
+        x (float): x of the agent in metres.
+        y (float): y of the agent in metres.
         reach (float): Edges are nearer than this, in metres.
         order (array): `[edge]`, filled: indices of edges.
         distance (array): `[edge]`, filled: squared distances in square metres.
@@ -139,16 +139,16 @@ def _nearest_edges(edges, number, x, y, reach, order, distance):
 @no_type_check
 @njit(error_model="numpy")
 def _edge_half_planes(edges, order, near, x, y, vx, vy, radius, rate, lines):
-    """Write a line for each edge that is in an agent's way.
+    """Write a line for each edge that restricts an agent's velocity.
 
     Args:
         edges (array): `[edge, EDGE]`.
         order (array): `[edge]`, indices of edges, nearest first.
-        near (int): How many of them.
-        x (float): Where the agent is, in metres.
-        y (float): Likewise.
-        vx (float): The agent's velocity in m/s.
-        vy (float): Likewise.
+        near (int): Number of edges in `order`.
+        x (float): x of the agent in metres.
+        y (float): y of the agent in metres.
+        vx (float): x of the agent's velocity in m/s.
+        vy (float): y of the agent's velocity in m/s.
         radius (float): The agent's radius in metres.
         rate (float): 1 over the time horizon, in 1/s.
         lines (array): `[line, 4]`, filled from the first line on.
@@ -197,7 +197,7 @@ def _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate):
 
     Args:
         edge: `[EDGE]`.
-        ax, ay, bx, by: Its corners as the agent sees them, in metres.
+        ax, ay, bx, by: Its corners relative to the agent, in metres.
         vx, vy: The agent's velocity in m/s.
         radius: The agent's radius in metres.
         rate: 1 over the time horizon, in 1/s.
@@ -222,7 +222,7 @@ def _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate):
     if 0.0 <= s < 1.0 and squared_line <= squared_radius:
         return True, 0.0, 0.0, -ux, -uy
 
-    # Where the edge is seen from its end, both legs of the cone belong to one corner.
+    # If the agent is beyond an end of the edge, both legs of the cone belong to one corner.
     is_corner, cut = False, (ux, uy)
     before_x, before_y, after_x, after_y = edge[6], edge[7], edge[8], edge[9]
     if s < 0.0 and squared_line <= squared_radius:
@@ -244,7 +244,7 @@ def _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate):
         if is_second_convex:
             _, right = _legs(bx, by, squared_b, radius)
 
-    # A leg that points into the neighbouring edge is replaced by that edge, which has a line of its own.
+    # A leg that points into the neighbouring edge is replaced by that edge, which has a separate line.
     is_left_foreign = is_first_convex and left[1] * before_x - left[0] * before_y >= 0.0
     if is_left_foreign:
         left = -before_x, -before_y
@@ -264,7 +264,7 @@ def _tangent(vx, vy, ax, ay, bx, by, is_corner, cut, legs, radius, rate):
 
     Args:
         vx, vy: The velocity in m/s.
-        ax, ay, bx, by: The corners of the edge as the agent sees them, in metres.
+        ax, ay, bx, by: The corners of the edge relative to the agent, in metres.
         is_corner: True if they are the same one.
         cut: The direction of the cut-off line.
         legs: The directions of the left and the right leg, and whether each is a neighbouring edge.
@@ -272,7 +272,7 @@ def _tangent(vx, vy, ax, ay, bx, by, is_corner, cut, legs, radius, rate):
         rate: 1 over the time horizon, in 1/s.
 
     Returns:
-        True if there is a line, which is not so on a neighbouring edge; its point and its direction.
+        True if there is a line, False on a neighbouring edge; its point and its direction.
     """
     (left_x, left_y), (right_x, right_y), is_left_foreign, is_right_foreign = legs
     ax, ay, bx, by, margin = rate * ax, rate * ay, rate * bx, rate * by, radius * rate

@@ -1,4 +1,4 @@
-"""The pedestrian policy of people who walk as they were recorded."""
+"""The pedestrian policy that replays recorded pedestrians."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from crowdbench.sim.presence import track_at
 
 
 class Recorded(PedestrianPolicy):
-    """Walks as recorded people walked, whatever happens around: they react to nobody."""
+    """Replay of recorded pedestrians, which do not react to other agents."""
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
-        """See `PedestrianPolicy`: to where they were at the next step; 0 where they were not there any more."""
+        """See `PedestrianPolicy`: velocities to the recorded positions of the next step; 0 if there are none."""
         ahead = track_at(world, world.step + 1) - world.position[:, 1:]
         return np.where(np.isnan(ahead), 0.0, ahead / world.rules.dt)

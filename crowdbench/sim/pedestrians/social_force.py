@@ -7,15 +7,15 @@ fluctuation is added (equation 10). Attractions (equation 6) are left out.
 
 This differs from the paper:
 
-- Pedestrians are discs here and points there: repulsion depends on the distance less the radii, see `_rim_vector`. Only
-  borders repel the centre, as there: with the paper's numbers a pedestrian that walks at 1 m/s against a wall stops
-  0.64 m before it, and the nearer one of two walls would close a doorway to a disc that its rim repels.
-- The ellipse points in the direction in which a pedestrian walks, there in its desired direction. A vehicle cannot
-  see where others want to go, and discs that want to pass each other would stay locked in pairs: in
-  circle_crossing_5_social_force 34 % of the pedestrians would come within 0.3 m of their goals in time, now 97 % do.
-- The speed limit is the preferred speed, as everywhere in crowdbench, there 1.3 times as much. It applies to the only
-  velocity that a world keeps; there it applies to the walked velocity, and forces accumulate in another one
-  (equations 11 and 12).
+- Pedestrians are discs here and points in the paper: repulsion depends on the distance minus the radii, see
+  `_rim_vector`. Only borders repel the centre, as in the paper. With its parameters, a pedestrian that walks at 1 m/s
+  against a wall stops 0.64 m before it. If borders repelled the rim, the nearer of two walls would block a doorway.
+- The ellipse points in the walking direction of a pedestrian, in the paper in its desired direction. A vehicle cannot
+  measure desired directions, and discs that meet would block each other in pairs: in circle_crossing_5_social_force,
+  34 % instead of 97 % of the pedestrians would come within 0.3 m of their goals in time.
+- As everywhere in crowdbench, the speed limit is the preferred speed; in the paper it is 1.3 times as high. A world has
+  one velocity per pedestrian. In the paper, the limit applies to the actual velocity, and forces accumulate in another
+  one (equations 11 and 12).
 - Over the last metre the desired speed decreases with the distance to the goal, so that pedestrians come to rest.
 - The size of the fluctuation is ours, because the paper gives none.
 """
@@ -69,13 +69,13 @@ PARAMETERS: Mapping[str, float] = {
 """The parameters with their defaults, which are the papers', except that of `fluctuation`."""
 
 _ALONE: Mapping[str, float] = {name: value for name, value in PARAMETERS.items() if not name.startswith("group_")}
-"""The parameters of those who walk alone."""
+"""The parameters of pedestrians without a group."""
 
 
 class SocialForce(PedestrianPolicy):
     """The social force model (Helbing and Molnár 1995), with the paper's parameters; the fluctuation's size is ours.
 
-    In groups there are the forces of Moussaïd et al. (2010) besides, see `crowdbench.sim.pedestrians.group_force`.
+    In groups, the forces of Moussaïd et al. (2010) are added, see `crowdbench.sim.pedestrians.group_force`.
     """
 
     parameters: ClassVar[Mapping[str, float]] = PARAMETERS
@@ -101,13 +101,13 @@ def social_force_velocities(
     Args:
         walkers: The agents.
         noise: Standard normal numbers, one per agent and axis, for the fluctuation during this step.
-        group: The number of each pedestrian's group, negative for those who walk alone, as all do if None.
+        group: The index of each pedestrian's group, negative without a group; None if there are no groups.
         time_step: Length of the step in seconds.
-        parameters: Parameters of `PARAMETERS` that are not the defaults, of the agent that feels the force, one number
-            or one per agent. In the papers' symbols they are tau in seconds, V0 in m^2/s^2, sigma in metres, Delta t in
-            seconds, 2 phi in radians, c, the standard deviation in m/s of the velocity of an agent alone across its way
-            (it does not depend on the time step, and decreases over the last metre as the desired speed does), U0 in
-            m^2/s^2, R in metres, and the parameters of `group_force`.
+        parameters: Parameters of `PARAMETERS` that differ from the defaults, of the agent on which the force acts, one
+            number or one per agent. In the papers' symbols they are tau in seconds, V0 in m^2/s^2, sigma in metres,
+            Delta t in seconds, 2 phi in radians, c, the standard deviation in m/s of the lateral velocity of a single
+            agent (it does not depend on the time step, and decreases over the last metre as the desired speed does), U0
+            in m^2/s^2, R in metres, and the parameters of `group_force`.
 
     Returns:
         Velocities in m/s; 0 for agents that do not move.
@@ -127,7 +127,7 @@ def social_force_velocities(
 def _acceleration(relaxation: float | np.ndarray, time_step: float) -> float | np.ndarray:
     """Return the standard deviation of the acceleration that gives the velocity a standard deviation of 1.
 
-    The acceleration is constant during a step and changes the velocity by itself times relaxation * (1 - decay). The
+    The acceleration is constant during a step and changes the velocity by acceleration * relaxation * (1 - decay). The
     effect of earlier steps decays: an Ornstein-Uhlenbeck process, sampled at every step.
 
     Args:
@@ -197,8 +197,8 @@ def _repulsion(i, position, velocity, gx, gy, radius, seen, traits):
 def _rim_vector(x, y, radii):
     """Return the vector between two centres, shortened by the radii: the paper's r for pedestrians that are discs.
 
-    Its length is almost the gap between the rims where there is one, `SOFTNESS` where they touch, and goes smoothly
-    to 0 the more they overlap.
+    Its length is almost the gap between the rims if they are apart, `SOFTNESS` if they touch, and decreases smoothly to
+    0 with increasing overlap.
 
     Args:
         x, y: The vector between the centres in metres.
@@ -224,7 +224,7 @@ def _force(x, y, sx, sy, strength, reach):
     through (x, y) with the foci (0, 0) and (sx, sy) (equation 4).
 
     Args:
-        x, y: Where the repulsion acts, in metres.
+        x, y: Position at which the repulsion acts, in metres.
         sx, sy: The displacement of that pedestrian within the look-ahead, in metres.
         strength: V0, in m^2/s^2.
         reach: sigma, in metres.
@@ -236,7 +236,7 @@ def _force(x, y, sx, sy, strength, reach):
     here, there = math.sqrt(x * x + y * y), math.sqrt(tx * tx + ty * ty)
     total = here + there
     b = 0.5 * math.sqrt(max(total * total - (sx * sx + sy * sy), 0.0))
-    # Exactly in front of the other the gradient does not exist. No side is better, and the fluctuation decides.
+    # Exactly in front of the other the gradient does not exist, and the fluctuation determines the side.
     if b < _HEAD_ON or here == 0.0 or there == 0.0:
         return 0.0, 0.0
     scale = strength / reach * math.exp(-b / reach) * total / (4.0 * b)

@@ -1,10 +1,9 @@
 """Compiled functions (kernels), kept on disk so that only the first run on a machine compiles them.
 
-numba's own cache does not notice when a function that a kernel calls has changed in another file, mixes up what two
-processes write at the same time, and fails where no directory can be written. This one keeps a file for each kernel
-and signature. The file's name holds a digest of everything that the machine code follows from (`digest.py`), and the
-file holds its own checksum (`store.py`). So stale code is not found, damaged code is not used, and all installations
-on a machine share what is the same in them.
+The cache of numba does not detect changes of a called function in another file. It mixes up simultaneous writes of two
+processes, and fails if no directory can be written. This cache has a file for each kernel and signature. The file's
+name contains a digest of everything that determines the machine code (`digest.py`), and the file contains its checksum
+(`store.py`). So stale or damaged code is not used, and all installations on a machine share equal kernels.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ def number_of_threads() -> int:
 
 
 def on_first_compilation(tell: Callable[[], None]) -> None:
-    """Call a function when a kernel is not in the cache for the first time."""
+    """Call a function the first time that a kernel is not in the cache."""
     _listeners.append(tell)
 
 
@@ -74,19 +73,19 @@ class _WithoutCollections(event.Listener):  # type: ignore[misc]
     """Context without garbage collection while a kernel is compiled: collection takes a sixth of the time."""
 
     depth = 0
-    """How many kernels are being compiled, each for the one before."""
+    """Number of kernels that are being compiled, each called by the one before."""
     is_on = True
-    """True if garbage was collected before."""
+    """True if garbage collection was enabled before."""
 
     def on_start(self, event: event.Event) -> None:
-        """Report a kernel before it is compiled."""
+        """Disable garbage collection before a kernel is compiled."""
         if self.depth == 0:
             self.is_on = gc.isenabled()
             gc.disable()
         self.depth += 1
 
     def on_end(self, event: event.Event) -> None:
-        """Report a kernel after it, or after an error in it."""
+        """Restore garbage collection after a kernel is compiled, or after an error in it."""
         self.depth -= 1
         if self.depth == 0 and self.is_on:
             gc.enable()
@@ -115,7 +114,7 @@ class _Cache(NullCache):  # type: ignore[misc]
         return None
 
     def save_overload(self, signature: Any, compiled: CompileResult) -> None:
-        """Keep a compiled kernel, where that is possible."""
+        """Store a compiled kernel, if that is possible."""
         if all(loop.can_cache for loop in compiled.lifted) and not compiled.library.has_dynamic_globals:
             write(self._file_name(signature, compiled.codegen), dumps((signature, compiled._reduce())))
 

@@ -1,4 +1,4 @@
-"""A digest of all that the machine code of a kernel follows from: code, constants, called kernels, the compiler."""
+"""A digest of everything that determines the machine code of a kernel: code, constants, called kernels, compiler."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ _KNOWN_BY_VERSION = {"builtins", "math", "numba", "numpy"}
 
 
 def code_digest(kernel: Dispatcher) -> str:
-    """Return the digest of what is in memory, not of the files: these may have been edited since they were imported.
+    """Return the digest of a kernel in memory, not of its file, which may have been edited after the import.
 
-    Modules do not count, so that equal kernels have the same digest wherever they are.
+    Names of modules do not count, so that equal kernels in different modules have the same digest.
 
     Args:
         kernel: A function that `numba.njit` made.
@@ -51,7 +51,7 @@ def code_digest(kernel: Dispatcher) -> str:
 
 
 def _text(kernel: Dispatcher, kernels: list[Dispatcher]) -> str:
-    """Return what the machine code follows from, in which a called kernel is its index in `kernels`, grown by it."""
+    """Return everything that determines the machine code. A called kernel is its index in the extended `kernels`."""
     function = kernel.py_func
     values = {name: function.__globals__[name] for name in _globals(function.__code__) if name in function.__globals__}
     if function.__closure__:
@@ -87,7 +87,7 @@ def _code(code: types.CodeType) -> str:
 
 
 def _describe(value: Any) -> str:
-    """Return a constant, or the name of something that is known by its name.
+    """Return a constant as a text, or the name of an object that is identified by its name.
 
     Raises:
         TypeError: It is neither.

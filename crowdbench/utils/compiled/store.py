@@ -1,7 +1,7 @@
-"""Where compiled kernels are kept: in files with a checksum, in the first folder that can be written.
+"""Stores compiled kernels in files with a checksum, in the first folder that can be written.
 
 The folder is `crowdbench/kernels` in the cache of the user (`XDG_CACHE_HOME`, or else `~/.cache`), or in
-`NUMBA_CACHE_DIR` where that is set, or else in the folder for temporary files. All installations of a user share it,
+`NUMBA_CACHE_DIR` if that is set, or else in the folder for temporary files. All installations of a user share it,
 because files are named by their content. Files that have not been used for long are removed.
 """
 
@@ -32,11 +32,11 @@ LARGEST_FOLDER = 256e6
 class _Place(NamedTuple):
     folder: Path
     private: bool
-    """True if others could have prepared the folder: one that does not belong to this user alone is not used."""
+    """True if other users could have made the folder: it is used only if no other user has access to it."""
 
 
 def read(name: str) -> bytes | None:
-    """Return what was written under a name, or None if it is not there or damaged."""
+    """Return the content that was written under a name, or None if it is missing or damaged."""
     for place in _places():
         path = place.folder / name
         with contextlib.suppress(OSError), path.open("rb") as file:
@@ -53,7 +53,7 @@ def read(name: str) -> bytes | None:
 
 
 def write(name: str, payload: bytes) -> None:
-    """Write to the last place, unless there is none or that fails: a full disk must not stop a run.
+    """Write to the last folder. Do nothing if there is none or writing fails: a full disk must not stop a run.
 
     Args:
         name: The file's name.
@@ -70,7 +70,7 @@ def write(name: str, payload: bytes) -> None:
 
 @functools.cache
 def _remove_unused(folder: Path) -> None:
-    """Remove what was not used for long, and what was used longest ago where there is too much; once per process."""
+    """Remove kernels not used for long, and the least recently used ones above `LARGEST_FOLDER`; once per process."""
     files: list[tuple[float, int, Path]] = []
     for path in folder.iterdir():
         with contextlib.suppress(OSError):  # another process has removed it
@@ -113,7 +113,7 @@ def _candidates() -> Iterator[_Place]:
 def _is_writable(folder: Path) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        # Permissions alone do not tell: the file system may be read-only.
+        # Permissions are not sufficient: the file system may be read-only.
         tempfile.TemporaryFile(dir=folder).close()
     except OSError:
         return False

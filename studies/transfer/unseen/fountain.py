@@ -1,4 +1,4 @@
-"""A round fountain in the middle of a square: everybody has to go around it, on one side or the other."""
+"""A round fountain in the middle of a square: all agents must go around it, on one side or the other."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from crowdbench.scenario.layouts.placer import Placer
 from crowdbench.scenario.placement import PerAgent, Placement
 
 CORNERS = 12
-"""Of the polygon that stands for the fountain."""
+"""Corners of the polygon of the fountain."""
 
 
 def layout(
@@ -18,7 +18,7 @@ def layout(
     near: float = 3.5,
     far: float = 7.0,
 ) -> Placement:
-    """Let the vehicle cross a square with a fountain from bottom to top, and people from side to side.
+    """Let the vehicle cross a square with a fountain from bottom to top, and pedestrians from side to side.
 
     Args:
         fountain: Radius of the fountain [m].

@@ -1,4 +1,4 @@
-"""A platform of a railway station, with pillars: people come out of the doors of a train, and others want to get in."""
+"""A platform of a railway station, with pillars: some pedestrians get off a train, and others get on."""
 
 import numpy as np
 
@@ -12,11 +12,11 @@ HALF = 9.0
 def layout(
     rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent, *, width: float = 5.0, in_share: float = 0.5
 ) -> Placement:
-    """Let the vehicle go along a platform between the wall and the train, and people get in and out of it.
+    """Let the vehicle drive along a platform between the wall and the train, and pedestrians get on and off the train.
 
     Args:
         width: Width of the platform [m].
-        in_share: Share of the people who want to get in [1].
+        in_share: Share of the pedestrians that get on [1].
     """
     side = width / 2
     wall = [(-HALF, -side), (HALF, -side)]

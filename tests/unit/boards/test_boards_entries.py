@@ -176,7 +176,7 @@ def test_an_entry_that_says_what_its_planner_does_not_is_refused(root, tmp_path,
     (folder / "entry.json").write_text(json.dumps(table | {key: value}))
     found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
     assert found.verdict == Verdict.REFUSED
-    assert found.reason == "circle_crossing_5: the planner says other facts of itself than as entered"
+    assert found.reason == "circle_crossing_5: the planner's facts differ from the facts of the entry"
 
 
 @pytest.mark.parametrize("key", ["planner", "options", "networks"])

@@ -295,7 +295,7 @@ def test_a_program_that_speaks_another_version_is_refused(tmp_path):
     with pytest.raises(InputError) as error:
         IsolatedPlanner(str(program), {})
     assert str(error.value) == (
-        "planner other speaks version 7 of the messages, but must speak version 1, which docs/isolation.md describes"
+        "planner other uses version 7 of the messages, but must use version 1, which docs/isolation.md describes"
     )
 
 

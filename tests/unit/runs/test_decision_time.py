@@ -5,7 +5,7 @@ import pytest
 
 from crowdbench.catalog import load_scenario
 from crowdbench.planners.base import Planner
-from crowdbench.runs.decision_time import decide_alone
+from crowdbench.runs.decision_time import time_single_world
 from crowdbench.runs.spec import EVERY_STEP
 from crowdbench.scenario.cases import Cases
 
@@ -37,5 +37,5 @@ def test_decisions_are_timed_in_one_world_alone_after_a_case_to_warm_up(monkeypa
     told = []
     arguments = Slower(clock), "slower", scenario, EVERY_STEP, Cases("val", 0, 3), None, told.append
     steps = scenario.rules.max_steps
-    assert decide_alone(*arguments).seconds == pytest.approx(1e-3 * np.arange(steps + 1, 3 * steps + 1))
+    assert time_single_world(*arguments).seconds == pytest.approx(1e-3 * np.arange(steps + 1, 3 * steps + 1))
     assert told == [1, 1]

@@ -247,7 +247,7 @@ def scenario_of_another_id(directory):
         (fast_commands, "cases in commands.parquet have commands that a run refuses, beyond the limits of the vehicle"),
         (fewer_commands, "12 of 12 cases have more or fewer commands in commands.parquet than steps: test/0 ("),
         (another_recording, "episodes in run.rrd have other states: test/0 ("),
-        (fewer_recorded, "do not go with files.run.rrd"),
+        (fewer_recorded, "contradicts files.run.rrd"),
         (other_seed, "episodes in run.rrd have other states: test/0 ("),
         (other_scenario, "cases end otherwise than episodes.csv says: test/"),
         (scenario_of_another_id, "values in result.json differ: run.scenario ("),
@@ -342,7 +342,7 @@ def test_only_policies_that_the_user_gives_are_loaded_from_files(tmp_path):
         again(tmp_path / "run", pedestrians=[str(policy)])
     table = json.loads((tmp_path / "run" / "result.json").read_text())["scenario"]
     table["pedestrians"] = {"policy": str(policy)}
-    with pytest.raises(InputError, match="is a file of somebody's own"):
+    with pytest.raises(InputError, match="is a file of a user"):
         load_recorded_scenario(table, "result.json")
 
 

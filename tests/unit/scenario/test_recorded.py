@@ -234,7 +234,7 @@ def test_a_run_says_its_blocks_and_can_be_replayed_with_the_same_files_alone(tmp
     assert run(monkeypatch, *words, "--out", "one") == 0
     said = capsys.readouterr().out
     assert "over the 6 blocks of recorded time" in said
-    assert "Recorded people do not react" in said
+    assert "Recorded pedestrians do not react" in said
     result = json.loads((tmp_path / "one" / "result.json").read_text())
     assert result["blocks"] == 6
     assert list(result["scenario"]["tracks"]["files"]) == ["mine.txt"]

@@ -297,8 +297,8 @@ AGAIN = {
     "raises": (lambda *_, **__: 1 / 0, "the layout raised ZeroDivisionError"),
     "no way": (lambda *_, **__: (np.zeros(2),), "but must draw a start and a goal, two points in metres"),
     "not a number": (lambda *_, **__: (np.zeros(2), np.full(2, np.nan)), "but must draw a start and a goal"),
-    "inside": (lambda rng, room, *_, **__: (room.position[0], np.ones(2)), "overlaps with somebody"),
-    "dice": (draw_by_dice, "differ when it is asked again, first in the episode of case "),
+    "inside": (lambda rng, room, *_, **__: (room.position[0], np.ones(2)), "overlaps another agent"),
+    "dice": (draw_by_dice, "differ when repeated, first in the episode of case "),
 }
 
 

@@ -30,7 +30,7 @@ def test_a_network_that_does_not_exist_is_refused():
     [
         ("cadrl", {"steps": 9}, "--steps is not for cadrl, only for ppo, ppo_attention"),
         ("ppo", {"episodes": 9}, "--episodes is not for ppo, only for cadrl, lstm_rl, sarl"),
-        ("sarl", {"episodes": 9, "minutes": 1.0}, "--minutes and --episodes both say how long to train"),
+        ("sarl", {"episodes": 9, "minutes": 1.0}, "--minutes and --episodes both set the length of a training"),
         ("sarl", {"minutes": float("inf")}, "--minutes is inf, but must be a finite number"),
     ],
 )
@@ -110,7 +110,7 @@ def test_a_third_method_is_one_line_of_the_table(monkeypatch):
         ("ppo", {"updates": 5}, "--updates is not for ppo, only for third"),
         ("sarl", {"updates": 5}, "--updates is not for sarl, only for third"),
         ("third", {"steps": 5}, "--steps is not for third, only for ppo, ppo_attention"),
-        ("third", {"updates": 5, "minutes": 1.0}, "--minutes and --updates both say how long to train"),
+        ("third", {"updates": 5, "minutes": 1.0}, "--minutes and --updates both set the length of a training"),
         ("mlp", {}, "there are cadrl, lstm_rl, ppo, ppo_attention, sarl, third"),
     ]:
         with pytest.raises(InputError, match=message):
