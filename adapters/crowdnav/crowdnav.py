@@ -208,7 +208,7 @@ def _examine(policy: Any, name: str) -> None:
     if getattr(policy, "query_env", False):
         raise InputError(
             f"the policy {name} has query_env = {policy.query_env}: it would read the pedestrians' true next step from "
-            "CrowdNav's simulator, which no vehicle can see; with policy.query_env = False, it assumes constant velocity"
+            "CrowdNav's simulator, which no vehicle can see; with query_env = False it assumes constant velocity"
         )
 
 
