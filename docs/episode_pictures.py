@@ -25,7 +25,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.sim.contacts import WINDOW, Fault, find_contacts
 
 COLUMNS = 4
-"""Panels side by side in a picture as wide as a page."""
+"""Number of panels side by side in a picture of the width of a page."""
 
 FAULTS = {
     "struck standing": (Fault.STRUCK_STANDING, "waiting", 9),
@@ -37,12 +37,12 @@ FAULTS = {
 """Kinds of collisions with an example of each: the planner, and the number of a validation case."""
 
 REACH = 1.8
-"""Metres that a picture of a collision shows on each side of the contact."""
+"""Distance in metres that a picture of a collision shows on each side of the contact."""
 
 
 @dataclass(frozen=True)
 class Still(Episode):
-    """An episode whose pictures show a fixed square around the middle between start and goal.
+    """An episode whose pictures show a fixed square around the midpoint of start and goal.
 
     Attributes:
         half: Half the side of the square in metres.
@@ -57,7 +57,7 @@ class Still(Episode):
 
 
 class Waiting(Planner):
-    """Stands still."""
+    """Planner of a vehicle that stands still."""
 
     def plan(self, obs: Observation) -> np.ndarray:
         """Return a velocity of 0 m/s."""
@@ -68,7 +68,7 @@ class Waiting(Planner):
 def drive(
     planner: str, scenario: str, cases: str, filtered: bool = False, replanning: Replanning = EVERY_STEP
 ) -> Trace:
-    """Return the trace of a planner in cases of a scenario; `filtered` is whether it filters noisy measurements."""
+    """Return the trace of a planner in cases of a scenario; it filters noisy measurements if `filtered`."""
     made = Waiting() if planner == "waiting" else load_planner(planner, {"filter": "kalman"} if filtered else {})[1]
     found = load_scenario(scenario)
     return rollout(Driver(made, planner), found, Cases.parse(cases), replanning=replanning, keep_logs=True)
@@ -111,7 +111,7 @@ def draw_groups(out: Path) -> None:
 
 
 def draw_paper(scenario: str, replanning: Replanning, out: Path) -> None:
-    """Draw the first validation case of a scenario, driven with three predictors, as Li et al. (2020) do."""
+    """Draw the first validation case of a scenario, driven with three predictors, as in Li et al. (2020)."""
     traces = {name: drive(name, scenario, "val/0", False, replanning) for name in ("sarl_lin", "sarl_cvm", "sarl_sgan")}
     episodes = [Still(trace, 0, title=name, side=WHOLE / 3, half=5.0) for name, trace in traces.items()]
     draw_pictures([episode.picture() for episode in episodes], 3, out)
@@ -145,7 +145,7 @@ def draw_fault(title: str, kind: Fault, planner: str, case: int) -> Picture:
 
 
 def draw_decision(out: Path) -> None:
-    """Draw a decision among noisy measurements in the Rerun viewer, without its empty menu."""
+    """Draw a decision with noisy measurements in the Rerun viewer, without its empty menu."""
     with tempfile.TemporaryDirectory() as folder:
         run, shot = Path(folder) / "run", Path(folder) / "shot.png"
         crowdbench.run("sarl_cvm", "noisy_10", "val:1:2", out=run, record="all", progress=lambda _: None)

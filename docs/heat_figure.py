@@ -32,7 +32,7 @@ COLUMNS = {  # scenario: heading of its column
 LEFT, TOP, WIDE, HIGH = 166, 84, 49, 26
 INK = "#10151a"
 LOW, MIDDLE, FULL = (194, 84, 45), (246, 236, 214), (31, 98, 150)
-"""Colours of 0, 50 and 100 %: they differ in lightness and for colour-blind readers."""
+"""Colours of 0, 50 and 100 %, which differ in lightness and can be distinguished by colour-blind readers."""
 
 
 def successes() -> dict[str, dict[str, float]]:

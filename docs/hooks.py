@@ -1,7 +1,7 @@
 """Hooks of MkDocs: pages of studies, tables as data, a replay, and the parts that are generated from the code.
 
-A page contains `<!-- generated: NAME -->` where the function NAME of `docs/reference.py` writes Markdown. On GitHub the
-comment is invisible.
+The comment `<!-- generated: NAME -->` in a page is replaced by the Markdown that the function NAME of
+`docs/reference.py` returns. On GitHub the comment is invisible.
 """
 
 import os
@@ -21,7 +21,7 @@ import tables
 STUDIES = Path(__file__).parent.parent / "studies"
 TUTORIALS = ("quickstart", "planner", "training", "recordings")
 BOOST = dict.fromkeys(TUTORIALS, 3) | {"architecture": 0.3, "results": 0.5, "references": 0.3, "index": 0.5}
-"""How much more or less pages count in the search; the pages that studies print are not in it."""
+"""Weights of pages in the search, 1 for all others; it excludes the pages of studies."""
 
 WIDE = ("index", "results")
 """Pages without a menu at the side."""
@@ -30,7 +30,7 @@ WIDE = ("index", "results")
 def on_config(config: Any) -> Any:
     """Link the header to the repository that publishes the site.
 
-    The theme's own `repo_url` would ask another host for the number of stars.
+    The theme's `repo_url` would request the number of stars from another host.
     """
     if name := os.environ.get("GITHUB_REPOSITORY"):
         server = os.environ.get("GITHUB_SERVER_URL", "https://github.com")
@@ -53,7 +53,7 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
-    """Write the generated parts, and let links lead to where a page is on the site."""
+    """Insert the generated parts, and adapt links to the addresses of pages on the site."""
     if page.file.src_uri.startswith("leaderboards/"):
         return markdown
     page.meta["search"] = {"boost": BOOST.get(Path(page.file.src_uri).stem, 1)}

@@ -1,4 +1,4 @@
-"""Prints docs/noticing.md, who notices the vehicle: python docs/noticing_page.py. docs/pictures.py draws it."""
+"""Prints docs/noticing.md, the reactions to the vehicle: python docs/noticing_page.py. docs/pictures.py draws it."""
 
 import math
 import tomllib
@@ -23,7 +23,7 @@ SIDE = 2.4
 """The longer side of a picture in inches."""
 
 REACH = 10.0
-"""Metres that a picture shows at most on each side of the vehicle."""
+"""Largest distance in metres that a picture shows on each side of the vehicle."""
 
 PLANNER, CASE = "orca_margin", Cases("val", 0, 1)
 
@@ -48,13 +48,13 @@ def main() -> None:
 
 
 def suite_names() -> list[str]:
-    """Return the names of the scenarios of the suite, each once."""
+    """Return the names of the scenarios of the suite, without duplicates."""
     study = tomllib.loads((DOCS.parent / "studies" / "suite" / "study.toml").read_text())
     return list(dict.fromkeys(name for table in study["tables"] for name in table["scenarios"]))
 
 
 def draw_noticing(name: str, out: Path) -> None:
-    """Draw the moment of a scenario in which as many people have noticed the vehicle as have not."""
+    """Draw the state of the case of a scenario that `moment` returns."""
     trace = rollout(Driver(load_planner(PLANNER)[1], PLANNER), load_scenario(name), CASE)
     state = moment(trace)
     vehicle = trace.position[0, state, 0]
@@ -65,7 +65,7 @@ def draw_noticing(name: str, out: Path) -> None:
 
 
 def sentence(rules: Rules) -> str:
-    """Return in words how people react to the vehicle, from the rules of a scenario."""
+    """Return a description of the reactions of pedestrians to the vehicle, from the rules of a scenario."""
     attention = rules.attention
     if not rules.visible:
         return "Non-cooperative: pedestrians do not see the vehicle."
@@ -85,20 +85,20 @@ def sentence(rules: Rules) -> str:
 
 
 def moment(trace: Trace) -> int:
-    """Return the state in which the numbers of people who have noticed the vehicle and who have not differ least."""
+    """Return the state in which the numbers of pedestrians that have and have not noticed the vehicle differ least."""
     present = np.isfinite(trace.position[0, : trace.steps[0] + 1, 1:, 0])
     noticed = (have_noticed(trace)[: len(present)] & present).sum(axis=1)
     return int(np.argmin(np.abs(present.sum(axis=1) - 2 * noticed)))
 
 
 def have_noticed(trace: Trace) -> np.ndarray:
-    """Return who has noticed the vehicle in each state of an episode, `[time, pedestrian]`."""
+    """Return which pedestrians have noticed the vehicle in each state of an episode, `[time, pedestrian]`."""
     everybody = np.full(trace.person[0].shape, trace.rules.visible)
     return everybody if trace.noticed is None else trace.noticed[0]
 
 
 def shapes(trace: Trace, state: int) -> list[Shape]:
-    """Return the picture of a state, in which filled people have noticed the vehicle."""
+    """Return the picture of a state. Filled pedestrians have noticed the vehicle, outlined ones have not."""
     people, drawn = trace.position[0, state, 1:], list[Shape]()
     here = np.flatnonzero(np.isfinite(people[:, 0]))
     if trace.noticed is not None:
@@ -112,7 +112,7 @@ def shapes(trace: Trace, state: int) -> list[Shape]:
 
 
 def field_of_view(position: np.ndarray, velocity: np.ndarray, obstacles: np.ndarray) -> Polygon:
-    """Return what a person sees who walks with a velocity, up to the walls."""
+    """Return the field of view, up to the walls, of a pedestrian that walks with a velocity."""
     angles = math.atan2(velocity[1], velocity[0]) + np.linspace(-HALF_FIELD, HALF_FIELD, 121)
     rays = RANGE * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     if len(obstacles):

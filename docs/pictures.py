@@ -1,6 +1,6 @@
 """Draws the pictures of the docs: `python docs/pictures.py`, or some of them: `python docs/pictures.py suite.png`.
 
-`--check` draws them into a temporary folder instead, and fails where one of them is no longer as in docs/.
+`--check` draws them into a temporary folder instead, and fails if one of them differs from docs/.
 """
 
 import functools
@@ -21,7 +21,7 @@ from crowdbench.runs.spec import EVERY_STEP, Replanning
 DOCS = Path(__file__).parent
 
 DIFFERENCE = 2.0
-"""Pictures are the same where channels differ by less in the mean, of 255: other machines round otherwise."""
+"""Mean difference of channels, of 255, up to which pictures count as equal: machines differ in rounding."""
 
 PICTURES: dict[str, Callable[[Path], None]] = {
     "suite.png": episode_pictures.draw_suite,
@@ -40,7 +40,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     ),
     **{f"noticing/{name}.png": functools.partial(draw_noticing, name) for name in suite_names()},
 }
-"""How each picture is drawn, by its place beside docs/."""
+"""The function that draws each picture, by the path of the picture relative to docs/."""
 
 
 def differ(one: Path, other: Path) -> bool:

@@ -1,4 +1,4 @@
-"""The parts of the reference that are generated from the code, as Markdown; `docs/hooks.py` puts them into pages."""
+"""The parts of the reference that are generated from the code, as Markdown; `docs/hooks.py` inserts them into pages."""
 
 import dataclasses
 import inspect
@@ -65,7 +65,7 @@ def _names(item: Any) -> str:
 
 
 def _kind(annotation: Any) -> str:
-    """Return what the value of an option is: its choices, or the kind of value in capitals."""
+    """Return the choices of an option, or the kind of its value in capitals."""
     annotation, *_ = [*get_args(annotation), annotation]
     if isinstance(annotation, type) and issubclass(annotation, Enum):
         return "|".join(str(each.value) for each in annotation)
@@ -123,13 +123,13 @@ def _option_meaning(row: OptionRow) -> str:
 
 
 def weights() -> str:
-    """Return the weights that ship, one line each from its card."""
+    """Return a table of the built-in weights, with one line from the card of each."""
     rows = [f"| `{path.stem}` | {_cell(headline(read_card(path)))} |" for path in built_in()]
     return "\n".join(["| weights | training and result |", "|---|---|", *rows])
 
 
 def scenario_list() -> str:
-    """Return the scenarios that ship, by folder."""
+    """Return the built-in scenarios, by folder."""
     folders: dict[str, list[str]] = {}
     for name, description in scenarios():
         path = scenario_path(name)
@@ -194,7 +194,7 @@ def public_names() -> str:
 
 
 def _paragraphs(text: str) -> str:
-    """Return a docstring with its sections as plain paragraphs, and names of the code in code style."""
+    """Return a docstring without its indentation."""
     return inspect.cleandoc(text).strip()
 
 

@@ -1,4 +1,4 @@
-"""The replay of the scenarios of the suite, which the site links: case val/0 of each with two planners."""
+"""The replay of the scenarios of the suite, to which the site links: case val/0 of each with two planners."""
 
 import functools
 import re
@@ -21,12 +21,12 @@ FOLDER = "replay"
 PLANNERS = (noticing_page.PLANNER, "mppi")
 
 LINKING = ("noticing", "suite")
-"""The pages of scenarios."""
+"""The pages with links to the replay."""
 
 
 @functools.cache
 def files() -> dict[str, bytes]:
-    """Drive the cases, and return the files of their replay by address."""
+    """Run the cases, and return the files of their replay by address."""
     names = noticing_page.suite_names()
     with tempfile.TemporaryDirectory() as place, progress(len(names) * len(PLANNERS), "of the replay") as report:
         runs = []
@@ -43,7 +43,7 @@ def files() -> dict[str, bytes]:
 
 
 def add_links(markdown: str) -> str:
-    """Lead from the picture of each scenario, and from each name in the first column of a table, to its case."""
+    """Link the picture of each scenario, and each name in the first column of a table, to the case in the replay."""
     names = re.compile(f"`({'|'.join(noticing_page.suite_names())})`")
     lines = []
     for line in markdown.splitlines():

@@ -1,4 +1,4 @@
-"""Draws docs/run.svg, the way of one run: python docs/run_figure.py.
+"""Draws docs/run.svg, the files of one run in the order of calls: python docs/run_figure.py.
 
 All text stands in filled boxes, so that the figure can be read on a light and on a dark page.
 """
@@ -8,7 +8,7 @@ from pathlib import Path
 
 FIGURE = Path(__file__).with_name("run.svg")
 
-RUN = [  # depth of the call, file (under crowdbench/, apart from agents/), what it gives back
+RUN = [  # depth of the call, file (under crowdbench/, apart from agents/), return value
     (0, "cli/run.py", "the table"),
     (1, "runs/load.py", "Run"),
     (2, "agents/planners/sarl_sgan_kce.py", "Planner"),
@@ -23,7 +23,7 @@ RUN = [  # depth of the call, file (under crowdbench/, apart from agents/), what
     (3, "runs/results.py", "metrics, intervals"),
 ]
 EVERY_STEP = slice(7, 11)
-"""The files that are entered at every step."""
+"""The files that are called at every step."""
 
 COLOURS = {  # by folder; white text can be read on each
     "agents": "#6b46a3",

@@ -12,7 +12,7 @@ TABLE = re.compile(r"^\|.+\|\n\|[ :|-]+\|\n(?:\|.*\|\n?)+", re.MULTILINE)
 def scripts(studies: Path) -> dict[str, str]:
     """Return a script for each study, and one that lists them, by file name.
 
-    A script and not JSON, because a page that is opened from a file may load only scripts.
+    They are scripts instead of JSON, because a page that is opened from a file may load only scripts.
     """
     found = {folder.name: _tables(folder) for folder in sorted(studies.glob("*/"))}
     found = {name: tables for name, tables in found.items() if tables}
@@ -26,7 +26,7 @@ def _json(value: Any) -> str:
 
 
 def _tables(folder: Path) -> list[dict[str, Any]]:
-    """Return the tables of a study: on its page, and beside it."""
+    """Return the tables of a study, from its pages and from its CSV files."""
     tables = []
     for page in sorted(folder.glob("*.md")):
         title = folder.name

@@ -13,13 +13,13 @@ from pathlib import Path
 from rerun.experimental import ViewerClient
 
 PATIENCE = 60.0
-"""Seconds after which a viewer that has not drawn its picture is given up."""
+"""Time limit in seconds for the viewer to draw its picture."""
 
 PAUSE = 0.2
-"""Seconds between two looks at the viewer."""
+"""Seconds between two queries to the viewer."""
 
 ENLARGED = 10
-"""How often text and lines are enlarged by a tenth in the picture, which is shown at half its size."""
+"""Number of times that text and lines are enlarged by a tenth; the picture is shown at half its size."""
 
 
 class NoViewer(Exception):
@@ -27,7 +27,7 @@ class NoViewer(Exception):
 
 
 def take_picture(recording: Path, seconds: float, out: Path) -> None:
-    """Write a picture of 2800 x 1600 pixels, once nothing in it changes any more.
+    """Write a picture of 2800 x 1600 pixels, once it no longer changes.
 
     Args:
         recording: The recording, of one episode.
@@ -54,14 +54,14 @@ def take_picture(recording: Path, seconds: float, out: Path) -> None:
 
 @contextlib.contextmanager
 def connected(recording: Path, end: float) -> Iterator[ViewerClient]:
-    """Start a viewer that reads a recording, and yield a connection to it, until a time of the monotonic clock."""
+    """Start a viewer that reads a recording, and yield a connection; it must start before `end` (monotonic clock)."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     options = ["--bind", "127.0.0.1", "--port", str(port), "--headless", "--window-size", "2800x1600", str(recording)]
     with subprocess.Popen(
         [sys.executable, "-m", "rerun_cli", *options],
-        env={**os.environ, "RUST_LOG": "off"},  # logs would be across the picture
+        env={**os.environ, "RUST_LOG": "off"},  # logs would cover the picture
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,

@@ -1,6 +1,6 @@
 """Counts the words of the hand-written pages: python docs/words.py prints them, and fails above `MOST`.
 
-Tables and captions count; blocks of code, and pages that a command prints, do not. References are counted apart.
+Tables and captions count; blocks of code, pages that a command prints, and references do not.
 """
 
 import re

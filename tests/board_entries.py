@@ -1,4 +1,4 @@
-"""Entries that tests submit to boards of their own, with a planner of a given text."""
+"""Entries of a planner with a given source text, which tests submit to a temporary board."""
 
 import json
 

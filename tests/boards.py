@@ -1,4 +1,4 @@
-"""A small folder of boards with two entries, one of a file and one that ships, made once for all tests."""
+"""A small folder of boards with two entries, a planner file and a built-in planner, built once for all tests."""
 
 import os
 import shutil
@@ -64,9 +64,9 @@ def not_timed(monkeypatch):
 def make_key(folder, root, name="tester"):
     """A key that makes somebody a maintainer of a folder of boards."""
     if shutil.which("ssh-keygen") is None:
-        pytest.skip("ssh-keygen is not installed, with which verdicts are signed")
+        pytest.skip("signing verdicts needs ssh-keygen")
     if sandbox.level() == sandbox.PROCESS:
-        pytest.skip("bubblewrap is not there, without which planners of others are not verified in a season")
+        pytest.skip("verification in a season needs bubblewrap")
     key = folder / f"key_of_{name}"
     subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
     kind, public, *_ = key.with_suffix(".pub").read_text().split()

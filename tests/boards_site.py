@@ -1,4 +1,4 @@
-"""The documentation site with few pages and with the boards of some folder."""
+"""The documentation site with few pages and with the boards of a given folder."""
 
 import os
 import shutil

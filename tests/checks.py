@@ -1,4 +1,4 @@
-"""Checks of plug-ins, and what they find."""
+"""Checks of plug-ins, and their results."""
 
 from crowdbench.catalog import load_scenario
 from crowdbench.check import check_plugin

@@ -1,4 +1,4 @@
-"""What all tests share: `--shapes` checks shapes at every call, and reference data is found or its tests skip."""
+"""Fixtures of all tests. `--shapes` checks shapes at every call; tests skip if their reference data is missing."""
 
 import os
 import pkgutil

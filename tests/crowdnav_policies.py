@@ -1,4 +1,4 @@
-"""Policies in CrowdNav's manner, and planners that drive as they do. All are written here; CrowdNav is not needed."""
+"""Policies with CrowdNav's interface, and equivalent planners. All are written here; CrowdNav is not needed."""
 
 import abc
 import math

@@ -1,4 +1,4 @@
-"""A simulation in CrowdNav's manner: its modules, agents and loop. All are written here; CrowdNav is not needed."""
+"""A simulation with CrowdNav's interface: its modules, agents and loop. All is written here; CrowdNav is not needed."""
 
 import math
 from collections import namedtuple
@@ -45,7 +45,7 @@ class Nothing(Info):
 
 
 OUTCOMES = [Nothing, ReachGoal, Collision, Timeout, Danger]
-"""By the numbers of the reference data."""
+"""Outcomes by their numbers in the reference data."""
 
 
 class ORCA:

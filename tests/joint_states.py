@@ -1,4 +1,4 @@
-"""Random scenes, and their joint states worked out slowly."""
+"""Random scenes, and a slow reference implementation of their joint states."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Scenes to look ahead in, and what a lookahead should find there, worked out slowly."""
+"""Scenes for a lookahead, and a slow reference implementation of its values and outcomes."""
 
 import dataclasses
 import itertools

@@ -1,4 +1,4 @@
-"""A planner that tries things in its sandbox and tells what it found in its facts, for tests of isolation."""
+"""A planner that tries actions in its sandbox and reports the results in its facts, for tests of isolation."""
 
 import contextlib
 

@@ -1,7 +1,7 @@
-"""How often ranks are wrong about equal entries, and find a better one: python tests/rank_simulation.py [NUMBER].
+"""Measure error rate and power of ranks, for equal entries and a better one: python tests/rank_simulation.py [NUMBER].
 
-Success of an entry is 0 or 1 in each case. With some probability an entry takes the outcome that the case has for all,
-so that outcomes of two entries have a given correlation and each has the rate asked for.
+The success of an entry is 0 or 1 in each case. With some probability an entry takes an outcome of the case that all
+entries share. Thus outcomes of two entries have a given correlation, and each entry has the requested success rate.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""A small recording, made up: people cross a place of 12 m x 6 m for two minutes, and one stands in it."""
+"""A small synthetic recording: pedestrians cross an area of 12 m x 6 m for two minutes, and one stands in it."""
 
 import numpy as np
 

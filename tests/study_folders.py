@@ -1,4 +1,4 @@
-"""Studies in an empty folder, and runs as if somebody had made them."""
+"""Studies in an empty folder, and artificial results of runs."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""Trainings of seconds, and listeners to them."""
+"""Trainings that take seconds, and their listeners."""
 
 import dataclasses
 

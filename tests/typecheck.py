@@ -1,4 +1,4 @@
-"""How annotations are checked in tests: an int is also a float, as in PEP 484."""
+"""The check of annotations in tests: an int is also a float, as in PEP 484."""
 
 from beartype import BeartypeConf, beartype
 

@@ -10,12 +10,12 @@ def policy() -> ORCA:
     """Make the policy. Its parameters are set in the scenario, in `[pedestrians.orca]`.
 
     Parameters:
-        neighbor_distance: Distance within which a pedestrian notices others [m].
-        max_neighbors: Number of neighbours, the nearest, that a pedestrian avoids [1].
-        time_horizon: How far ahead a pedestrian avoids collisions: the paper's tau [s].
+        neighbor_distance: Distance within which a pedestrian avoids others [m].
+        max_neighbors: Number of nearest neighbours that a pedestrian avoids [1].
+        time_horizon: Time horizon for collisions with other agents: the paper's tau [s].
         safety_space: Margin that is added to every radius [m].
-        time_horizon_obst: How far ahead a pedestrian avoids collisions with obstacles [s].
-        line_of_sight: 1 if a pedestrian avoids only agents that no obstacle hides; 0 as in RVO2, through walls [1].
+        time_horizon_obst: Time horizon for collisions with obstacles [s].
+        line_of_sight: 1 if a pedestrian ignores agents behind obstacles; 0 if it avoids them, as in RVO2 [1].
 
     Returns:
         The policy.

@@ -1,19 +1,19 @@
 """The power law of the time to collision (Karamouzas et al. 2014), with the paper's parameters.
 
 Karamouzas, Skinner and Guy, "Universal Power Law Governing Pedestrian Interactions", Physical Review Letters 113, 2014.
-It is held out for tests: no planner that ships was trained among its pedestrians.
+The model is held out for tests: no shipped planner was trained with its pedestrians.
 
 A pedestrian accelerates towards its desired velocity within a relaxation time. With each agent with which it would
-collide after the time tau, if both kept their velocities, it has the energy E = k tau^-2 exp(-tau / tau0) per mass, and
-its acceleration is minus the gradient of E by its position.
+collide after the time tau at constant velocities, it has the energy E = k tau^-2 exp(-tau / tau0) per mass. This causes
+an acceleration that is minus the gradient of E with respect to its position.
 
-The paper has no walls. Here, as in the authors' published code, a wall counts as an agent that stands: tau is the time
-after which the pedestrian's disc would touch it. This also differs from the paper:
+The paper has no walls. Here, as in the authors' published code, a wall counts as a standing agent: tau is the time
+after which the pedestrian's disc would touch it. Further differences from the paper:
 
 - The speed limit is the preferred speed, and over the last metre the desired speed decreases with the distance to the
   goal, as everywhere in crowdbench.
-- Forces have no bound in the paper, and go to infinity as tau goes to 0. The bound here is that of the authors' code;
-  it holds for the sum of the forces of others and walls. As there, discs that overlap count as almost touching.
+- In the paper, forces are unbounded and tend to infinity as tau tends to 0. Here the sum of the forces of other agents
+  and walls has the bound of the authors' code. As in that code, overlapping discs count as almost touching.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from crowdbench.sim.pedestrians.forces import TINY, Walkers, compile_model, fill
 from crowdbench.utils.compiled import njit
 
 _OVERLAPPING = 0.99
-"""Discs that overlap count as if their radii added up to so much of the distance of their centres."""
+"""For overlapping discs, this share of the distance between the centres replaces the sum of the radii."""
 
 SUB_STEP = 0.0125
-"""Longest step of the integration in seconds. The force changes so fast near a collision that in steps of 0.05 s people
-tremble: in power_law_16 with antipodal goals and without limits, the 99th percentile of their acceleration is 1.9 m/s^2
-with 1.8 reversals per person and minute; 0.7 m/s^2 and none in these steps, and the same in steps of 0.003 s."""
+"""Longest step of the integration in seconds. Near a collision the force changes fast: in steps of 0.05 s pedestrians
+oscillate. In power_law_16 with antipodal goals and without limits, the 99th percentile of their acceleration is then
+1.9 m/s^2, with 1.8 reversals per person and minute. In these steps, and in steps of 0.003 s: 0.7 m/s^2 and none."""
 
 _SHORTEST = 1e-3
-"""Shorter times to collision in seconds count as this one, where the force is beyond any bound."""
+"""Lower bound of times to collision in seconds; the force at this time exceeds any bound."""
 
 
 PARAMETERS: Mapping[str, float] = {
@@ -69,9 +69,9 @@ def power_law_velocities(
     Args:
         walkers: The agents.
         time_step: Length of the step in seconds.
-        parameters: Parameters of `PARAMETERS` that are not the defaults, of the agent that feels the force, one number
-            or one per agent: xi in seconds, k in m^2, tau0 in seconds, and the bound of the sum of the forces of others
-            and walls in m/s^2.
+        parameters: Parameters of `PARAMETERS` that differ from the defaults, of the agent on which the force acts, one
+            number or one per agent: xi in seconds, k in m^2, tau0 in seconds, and the bound of the sum of the forces of
+            other agents and walls in m/s^2.
 
     Returns:
         Velocities in m/s; 0 for agents that do not move.
@@ -80,11 +80,11 @@ def power_law_velocities(
     return integrate(_MODEL, walkers, traits, time_step, longest=SUB_STEP)
 
 
-# Inlined: handing over its arrays takes 10 % of a step.
+# Inlined: passing its arrays takes 10 % of a step.
 @no_type_check
 @njit(forceinline=True)
 def _power_law(i, position, velocity, desired, radius, seen, traits, obstacles, w, noise, group):
-    """Return all forces on agent i, see `compile_model`; the bound makes their share smaller."""
+    """Return the force on agent i and the share of it that acts, see `compile_model`; the bound reduces the share."""
     k, tau0, bound = traits[i, 1], max(traits[i, 2], TINY), traits[i, 3]
     fx, fy, x, y, vx, vy = 0.0, 0.0, position[i, 0], position[i, 1], velocity[i, 0], velocity[i, 1]
     for j in range(len(position)):
@@ -138,10 +138,10 @@ def _from_wall(x, y, vx, vy, radius, polygon, k, tau0):
 @no_type_check
 @njit
 def _force(tau, k, tau0):
-    """Return minus the derivative of the energy by tau.
+    """Return minus the derivative of the energy with respect to tau.
 
     Args:
-        tau: Time to collision in seconds; infinite where there is none.
+        tau: Time to collision in seconds; infinite without a collision.
         k: In m^2.
         tau0: In seconds.
 
@@ -157,16 +157,16 @@ def _force(tau, k, tau0):
 @no_type_check
 @njit
 def _until_discs_touch(wx, wy, vx, vy, reach):
-    """Return when an agent touches another disc if both keep their velocities, and how this depends on its position.
+    """Return the time until an agent touches another disc at constant velocities, and the gradient of this time.
 
     Args:
-        wx, wy: From the agent's centre to the other's, in metres.
+        wx, wy: Vector from the agent's centre to the other's, in metres.
         vx, vy: The agent's velocity, relative to the other's, in m/s.
         reach: The sum of the radii in metres.
 
     Returns:
-        tau in seconds, and x and y of its gradient by the agent's position, in s/m; infinite, 0 and 0 where they do not
-        touch.
+        tau in seconds, and x and y of its gradient with respect to the agent's position, in s/m; infinite, 0 and 0 if
+        they do not touch.
     """
     reach = min(reach, _OVERLAPPING * math.sqrt(wx * wx + wy * wy))
     a, b = vx * vx + vy * vy, wx * vx + wy * vy
@@ -180,13 +180,13 @@ def _until_discs_touch(wx, wy, vx, vy, reach):
 @no_type_check
 @njit
 def _until_side_touched(x, y, vx, vy, radius, sx, sy):
-    """Return the touch as `_until_discs_touch` does, for the side of an obstacle without its ends.
+    """Return the same as `_until_discs_touch` for a side of an obstacle without its ends.
 
     Args:
-        x, y: The agent's centre in metres, from the beginning of the side.
+        x, y: The agent's centre in metres, relative to the beginning of the side.
         vx, vy: Its velocity in m/s.
         radius: Its radius in metres.
-        sx, sy: The side in metres.
+        sx, sy: Vector from the beginning to the end of the side, in metres.
 
     Returns:
         tau, and x and y of its gradient.
@@ -213,10 +213,10 @@ def policy() -> PowerLaw:
 
     Parameters:
         relaxation_time: Time in which a pedestrian regains its preferred velocity: xi in the authors' code [s].
-        interaction_energy: The paper's k: the energy per mass of a collision that is tau ahead is k / tau^2, less
-            what the horizon takes off [m^2].
-        interaction_horizon: Collisions that are farther ahead hardly count: the paper's tau0 [s].
-        max_acceleration: Bound of the sum of the forces of others and walls, of the authors' code [m/s^2].
+        interaction_energy: The paper's k: the energy per mass is k exp(-tau / tau0) / tau^2 for a time to collision
+            tau [m^2].
+        interaction_horizon: Time beyond which collisions hardly count: the paper's tau0 [s].
+        max_acceleration: Bound of the sum of the forces of other agents and walls, from the authors' code [m/s^2].
 
     Returns:
         The policy.

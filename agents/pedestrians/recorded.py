@@ -1,4 +1,4 @@
-"""Recorded pedestrians, which do not react; in scenarios with recorded tracks, `[tracks]`."""
+"""Recorded pedestrians, which do not react; for scenarios with recorded tracks, `[tracks]`."""
 
 from crowdbench.sim.pedestrians import Recorded
 

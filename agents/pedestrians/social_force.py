@@ -1,7 +1,7 @@
 """The social force model (Helbing and Molnár 1995), with the paper's parameters.
 
-Helbing and Molnár, "Social force model for pedestrian dynamics", Physical Review E 51, 1995. The paper gives the
-fluctuation no size: that is ours. In groups there are the forces of Moussaïd et al. (2010) besides.
+Helbing and Molnár, "Social force model for pedestrian dynamics", Physical Review E 51, 1995. The size of the
+fluctuation is ours, because the paper gives none. In groups, the forces of Moussaïd et al. (2010) are added.
 """
 
 from crowdbench.sim.pedestrians import SocialForce
@@ -16,13 +16,13 @@ def policy() -> SocialForce:
         repulsion_range: Distance over which that potential falls by a factor of e: the paper's sigma [m].
         look_ahead: Time for which others are expected to keep their velocity: the paper's Delta t [s].
         sight_angle: Angle within which others count in full: the paper's 2 phi [rad].
-        behind_weight: How much others outside of the sight angle count: the paper's c [1].
+        behind_weight: Weight of others outside of the sight angle: the paper's c [1].
         wall_strength: Height of the repulsive potential of obstacles: the paper's U0 [m^2/s^2].
         wall_range: Distance over which that potential falls by a factor of e: the paper's R [m].
         group_gaze: Slowing of a member ahead of its group: beta 1 of Moussaïd et al. [1/(rad s)].
         group_attraction: Attraction to the centre of a group: beta 2 of Moussaïd et al. [m/s^2].
-        group_repulsion: Repulsion of members of a group who come too near: beta 3 of Moussaïd et al. [m/s^2].
-        fluctuation: Standard deviation of a lone pedestrian's velocity, across its way [m/s].
+        group_repulsion: Repulsion between members of a group that are too near: beta 3 of Moussaïd et al. [m/s^2].
+        fluctuation: Standard deviation of a single pedestrian's lateral velocity [m/s].
 
     Returns:
         The policy.

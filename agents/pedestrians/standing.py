@@ -1,4 +1,4 @@
-"""Stands somewhere on the way; groups stand in a circle, as people do who talk."""
+"""Stands at a point between start and goal; groups stand in a circle, as in a conversation."""
 
 from typing import ClassVar
 
@@ -9,7 +9,7 @@ from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Veloci
 
 
 class Standing(PedestrianPolicy):
-    """Stands; groups stand in a circle."""
+    """Policy of pedestrians that stand; groups stand in a circle."""
 
     stands: ClassVar[bool] = True
 

@@ -7,7 +7,7 @@ from crowdbench.sim.routes import goals_on_way
 
 
 class Straight(PedestrianPolicy):
-    """Walks to the goal at the preferred speed without avoidance."""
+    """Policy of pedestrians that walk to the goal at the preferred speed without avoidance."""
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`."""

@@ -25,9 +25,9 @@ lines"""
     ("sizes", "sentence"),
     [
         ('"a, b" = 3\n"*.css" = 2\n"files of a" = 1', ""),
-        ('"a, b" = 2', "a, b has 3, not 2 at most: see [tool.crowdbench.size] of pyproject.toml\n"),
-        ('"*.css" = 1', "*.css has 2, not 1 at most: see [tool.crowdbench.size] of pyproject.toml\n"),
-        ('"files of a" = 0', "files of a has 1, not 0 at most: see [tool.crowdbench.size] of pyproject.toml\n"),
+        ('"a, b" = 2', "a, b has 3, above the limit of 2: see [tool.crowdbench.size] of pyproject.toml\n"),
+        ('"*.css" = 1', "*.css has 2, above the limit of 1: see [tool.crowdbench.size] of pyproject.toml\n"),
+        ('"files of a" = 0', "files of a has 1, above the limit of 0: see [tool.crowdbench.size] of pyproject.toml\n"),
         ("c = 3", "c has no file: correct [tool.crowdbench.size] of pyproject.toml\n"),
     ],
 )

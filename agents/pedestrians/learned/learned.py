@@ -1,4 +1,4 @@
-"""Pedestrians who act by a network that vehicle and pedestrians learned together, see studies/learn_together.
+"""Pedestrians with a network that was trained jointly for vehicle and pedestrians, see studies/learn_together.
 
 PPO with shared parameters (Schulman et al. 2017; de Witt et al. 2020, arXiv:2011.09533).
 """
@@ -19,15 +19,15 @@ from crowdbench.utils.compiled import njit
 WEIGHTS = Path(__file__).with_name("learned.npz")
 
 NEAREST = 3
-"""How many others a pedestrian observes."""
+"""Number of other agents that a pedestrian observes."""
 
 
 LEAST = 1e-9
-"""The least speed in m/s."""
+"""Lower bound in m/s of the speed that reaches the goal in one step: `in_disc` divides by it."""
 
 
 class Learned(PedestrianPolicy):
-    """Takes the mean action of the network, no faster than the pedestrian prefers, and stops at the goal."""
+    """Policy that takes the mean action of the network, up to the preferred speed, and stops at the goal."""
 
     def __init__(self):
         with np.load(WEIGHTS) as weights:
@@ -47,7 +47,7 @@ class Learned(PedestrianPolicy):
 @no_type_check
 @njit
 def mean_action(observed, b0, b1, b2, w0, w1, w2):
-    """Compute two hidden layers and the action of each row by itself: matrix products depend on the batch."""
+    """Compute the action of each row separately, with two hidden layers: matrix products depend on the batch."""
     actions = np.empty((len(observed), 2))
     for row in range(len(observed)):
         hidden = np.tanh(_layer(observed[row], w0, b0))
