@@ -152,10 +152,12 @@ def _check_contract(planner: str, options: Sequence[str]) -> None:
         errors="replace",
     )
     if check.returncode != 0:
-        if not check.stdout and check.stderr:
-            raise InputError(check.stderr.splitlines()[-1].removeprefix("crowdbench: "))
-        print(check.stdout, end="")
-        raise InputError(f"planner {planner} breaks its contract: see above")
+        if check.stdout:
+            print(check.stdout, end="")
+            raise InputError(f"planner {planner} breaks its contract: see above")
+        _, is_error, error = check.stderr.rpartition("crowdbench: ")
+        ended = f"planner {planner} ended the process of its check, with status {check.returncode}"
+        raise InputError(error.strip() if is_error else ended)
 
 
 def verify(

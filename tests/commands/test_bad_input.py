@@ -185,6 +185,12 @@ def test_a_planner_of_a_taken_name_and_one_that_is_not_there_get_their_own_sente
     assert (status, len(errors)) == (1, 2)
     assert errors[1].startswith("crowdbench: there is no file")
     assert "breaks its contract" not in errors[1]
+    planner = Path("swift_heron/swift_heron.py")
+    planner.write_text(
+        planner.read_text() + "\n\nif 'check' in __import__('sys').argv:\n    __import__('os')._exit(7)\n"
+    )
+    status, _, errors = crowdbench("submit", str(planner), "--board", "five")
+    assert (status, errors[-1]) == (1, f"crowdbench: planner {planner} ended the process of its check, with status 7")
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, f'{{"x": {DIGITS}}}'])
