@@ -39,7 +39,7 @@ def successes() -> dict[str, dict[str, float]]:
     """Return the success in % by planner and scenario."""
     text = (DOCS.parent / "studies" / "suite" / "README.md").read_text()
     found: dict[str, dict[str, float]] = {}
-    for table in reversed(re.findall(r"^\| success [^\n]+\n(?:\|.+\n)+", text, re.MULTILINE)):
+    for table in reversed(re.findall(r"^\| success, %[^\n]+\n(?:\|.+\n)+", text, re.MULTILINE)):
         head, _, *rows = map(split_row, table.splitlines())
         for name, *cells in rows:
             for planner, cell in zip(head[1:], cells, strict=True):

@@ -28,7 +28,6 @@ PROVISIONAL = (
     "ladder",
     "li2020",
     "social_gan",
-    "suite",
 )
 """The studies whose results are of earlier versions of the scenarios or planners."""
 
