@@ -26,7 +26,6 @@ PROVISIONAL = (
     "crowds",
     "dials",
     "ladder",
-    "li2020",
     "social_gan",
 )
 """The studies whose results are of earlier versions of the scenarios or planners."""
