@@ -29,7 +29,7 @@ RATES = "p ≥ 0.05 by McNemar's exact test, corrected for the runs of the colum
 MEANS = "the 95 % interval of the difference, over the cases that both solve or over all, holds 0"
 
 PRIVILEGED = (
-    r"\* uses the pedestrians' next velocities, which no vehicle could know: shown for comparison, never ranked."
+    r"\* is privileged: it uses the true next velocities of the pedestrians. Shown for comparison, never ranked."
 )
 """A note on planners that are marked with an asterisk."""
 
