@@ -23,7 +23,6 @@ from crowdbench.networks.weights import built_in, read_card
 STYLE = DocstringStyle.GOOGLE
 
 PROVISIONAL = (
-    "dials",
     "ladder",
     "social_gan",
 )

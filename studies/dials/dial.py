@@ -47,8 +47,8 @@ class DialSpec(TomlTable):
     levels: Annotated[list[int | float], AfterValidator(_in_order)] = Field(
         description="a list of three or more numbers that rise or fall, from easy to hard"
     )
-    holds: Annotated[Name, AfterValidator(_with_place)] = Field(
-        description='a text with {} for the level, such as "{} people on a square of 12 m"'
+    label: Annotated[Name, AfterValidator(_with_place)] = Field(
+        description='a text with {} for the level, such as "{} pedestrians on a square of 12 m"'
     )
 
 
@@ -62,7 +62,7 @@ class Dial:
         description: Its description in the file.
         key: The knob, a dotted key of the scenario.
         levels: Its values, from easy to hard.
-        holds: Text for a level that a planner holds, with {} for the level.
+        label: Text for a level, with {} for its value.
     """
 
     name: str
@@ -70,7 +70,7 @@ class Dial:
     description: str
     key: str
     levels: tuple[float, ...]
-    holds: str
+    label: str
 
     def level(self, number: float) -> float:
         """Interpolate the level at a number; levels are counted from 0. An infinite number is returned unchanged."""
@@ -116,9 +116,9 @@ def load_dial(spec: str) -> Dial:
         path = find_named("dial", spec, {file.stem: file for file in _files()}, ", or give a file: ./mine.toml")
     table = read_toml(path, "dial")
     if not isinstance(table.get("dial"), dict):
-        raise InputError(f"{path} has no table [dial]: a dial has one, with key, levels and holds")
+        raise InputError(f"{path} has no table [dial]: a dial has one, with key, levels and label")
     found = parse_table(DialSpec, table["dial"], Location(path.name, "dial"))
-    return Dial(path.stem, str(path), str(table.get("description", "")), found.key, tuple(found.levels), found.holds)
+    return Dial(path.stem, str(path), str(table.get("description", "")), found.key, tuple(found.levels), found.label)
 
 
 def dials() -> list[tuple[str, str]]:

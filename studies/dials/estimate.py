@@ -164,14 +164,14 @@ def _rise(success: Rates, cases: Counts) -> Float[np.ndarray, "*resample"]:
 
 def _cross(fitted: Rates, cases: Counts, wanted: float) -> Float[np.ndarray, "*resample"]:
     """Return the level at which non-rising rates cross a rate; infinite if they do not."""
-    holds = (fitted >= wanted).sum(axis=-1)
+    solved = (fitted >= wanted).sum(axis=-1)
     # With half a success and half a failure more, since the log odds of 0 and of 1 are infinite (Haldane 1956).
     odds = np.log((fitted * cases + 0.5) / ((1.0 - fitted) * cases + 0.5)) - math.log(wanted / (1.0 - wanted))
-    last = np.clip(holds - 1, 0, fitted.shape[-1] - 2)
+    last = np.clip(solved - 1, 0, fitted.shape[-1] - 2)
     before, after = (np.take_along_axis(odds, each[..., None], axis=-1)[..., 0] for each in (last, last + 1))
     part = np.clip(before / np.where(before > after, before - after, 1.0), 0.0, 1.0)
-    level = np.where(holds == fitted.shape[-1], np.inf, last + part)
-    return np.asarray(np.where(holds == 0, -np.inf, level))
+    level = np.where(solved == fitted.shape[-1], np.inf, last + part)
+    return np.asarray(np.where(solved == 0, -np.inf, level))
 
 
 def _interval(levels: Float[np.ndarray, "resample"]) -> tuple[float, float]:

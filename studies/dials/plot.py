@@ -34,7 +34,7 @@ COMMAND = "python studies/dials/run.py"
 
 @help_from_docstring
 def plot(files: list[Path], out: Path = Path("dial.pdf")) -> None:
-    """Draw the success of planners at the levels of a dial, with 95 % intervals, and the level that each holds.
+    """Draw the success of planners at the levels of a dial, with 95 % intervals, and the result of each.
 
     Args:
         files: Files written by `python studies/dials/run.py`.
@@ -68,11 +68,11 @@ def plot(files: list[Path], out: Path = Path("dial.pdf")) -> None:
             ends, dash = np.stack([mean - low, high - mean]), DASHES[number % len(DASHES)]
             ax.errorbar(place + beside, mean, yerr=ends, fmt="none", ecolor=colour, elinewidth=0.8, capsize=1.5)
             ax.plot(place + beside, mean, dash, color=colour, marker=MARKERS[number], ms=3, label=label)
-            if row["holds"] and row["holds"]["level"] is not None:
-                held = np.interp(row["holds"]["level"], np.sort(levels), np.argsort(levels))
-                ax.plot([held, held], [0.0, wanted], ":", color=colour, linewidth=0.8)
+            if row["wanted"] and row["wanted"]["level"] is not None:
+                level = np.interp(row["wanted"]["level"], np.sort(levels), np.argsort(levels))
+                ax.plot([level, level], [0.0, wanted], ":", color=colour, linewidth=0.8)
         ax.set_xticks(place, [f"{level:g}" for level in levels])
-        ax.set(xlabel=dial["holds"].format("…"), ylabel="success, %", ylim=(0, 102))
+        ax.set(xlabel=dial["label"].format("…"), ylabel="success, %", ylim=(0, 102))
         # Above the axes, because curves fall from one corner to the other.
         ax.legend(ncols=columns, loc="lower center", bbox_to_anchor=(0.45, 1.0), columnspacing=1.0)
     say(f"wrote {out}")

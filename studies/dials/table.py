@@ -125,8 +125,8 @@ class DialsTable:
 
 
 @dataclasses.dataclass(frozen=True)
-class Held:
-    """A level that a planner holds, in the unit of the dial, -inf below the first level and inf above the last one.
+class LevelEstimate:
+    """An estimated level in the unit of the dial, -inf below the first level and inf above the last one.
 
     Attributes:
         level: The level.
@@ -139,7 +139,7 @@ class Held:
     high: float
 
     @classmethod
-    def of(cls, dial: Dial, crossing: Crossing) -> Held:
+    def of(cls, dial: Dial, crossing: Crossing) -> LevelEstimate:
         """Return a crossing in the unit of a dial."""
         return cls(*(dial.level(each) for each in (crossing.level, crossing.low, crossing.high)))
 
@@ -151,11 +151,11 @@ class DialRow:
     Attributes:
         planner: The planner with its options.
         is_rung: True if it is a rung of the ladder, and no planner.
-        holds: The level up to which it succeeds in 90 % of the cases; None if success rises with the level.
+        wanted: The level up to which it succeeds in 90 % of the cases; None if success rises with the level.
         half: The level up to which it succeeds in 50 %; None if success rises with the level.
-        behind: Number of levels that the best planner holds more, with the 95 % interval; NaN if it is unknown, for the
-            best planner and for rungs.
-        said: Its result in words, such as `41 (12 to 50)` or `below 2`; empty if success rises with the level.
+        behind: Number of levels by which the best planner is ahead, with the 95 % interval; NaN if it is unknown, for
+            the best planner and for rungs.
+        text: Its result as text, such as `41 (12 to 50)` or `below 2`; empty if success rises with the level.
         p_rising: The p-value of the rise of success with the level.
         cases: The number of cases at each level.
         success: The success rate at each level.
@@ -163,10 +163,10 @@ class DialRow:
 
     planner: str
     is_rung: bool
-    holds: Held | None
-    half: Held | None
-    behind: Held
-    said: str
+    wanted: LevelEstimate | None
+    half: LevelEstimate | None
+    behind: LevelEstimate
+    text: str
     p_rising: float
     cases: list[int]
     success: list[float]
@@ -175,21 +175,24 @@ class DialRow:
     def of(cls, measurement: Measurement, found: Fit, best: Fit) -> DialRow:
         """Return the row of a planner, compared with the best one."""
         dial, is_rung = measurement.dial, measurement.is_rung
-        holds, half = (Held.of(dial, each) if found.is_monotone else None for each in (found.wanted, found.half))
+        crossings = found.wanted, found.half
+        wanted, half = (LevelEstimate.of(dial, each) if found.is_monotone else None for each in crossings)
         is_behind = found is not best and not is_rung
-        behind = Held(*difference(best.wanted, found.wanted)) if is_behind else Held(math.nan, math.nan, math.nan)
-        said = _with_interval(holds, dial.say) if holds else ""
+        behind = difference(best.wanted, found.wanted) if is_behind else (math.nan, math.nan, math.nan)
+        text = _with_interval(wanted, dial.say) if wanted else ""
         counts = found.cases.tolist(), found.success.tolist()
-        return cls(measurement.first[0].label, is_rung, holds, half, behind, said, found.p_rising, *counts)
+        return cls(
+            measurement.first[0].label, is_rung, wanted, half, LevelEstimate(*behind), text, found.p_rising, *counts
+        )
 
     def cells(self, dial: Dial) -> list[str]:
         """Return the row in a table."""
-        if self.holds is None:
-            return [self.planner, f"success rises with the level (p = {self.p_rising:.2g})", "", ""]
+        if self.wanted is None:
+            return [self.planner, f"no result: success rises with the level (p = {self.p_rising:.2g})", "", ""]
         behind = "" if math.isnan(self.behind.level) else _with_interval(self.behind, "{:.1f}".format)
         return [
             f"{self.planner}: {RUNGS[self.planner]}" if self.is_rung else self.planner,
-            self.said,
+            self.text,
             dial.say(self.half.level) if self.half else "",
             behind,
         ]
@@ -212,7 +215,12 @@ class FilledDial:
 
     def grid(self) -> Grid:
         """Return a row for each planner."""
-        header = ["planner", f"holds {self.dial.holds.format('...')}", "in half of the cases", "levels behind the best"]
+        header = [
+            "planner",
+            f"90 % success at {self.dial.label.format('...')}",
+            "50 % success at",
+            "levels behind the best",
+        ]
         rows = [row.cells(self.dial) for row in self.rows]
         return Grid(self.dial.name, header, rows, self.rows)
 
@@ -224,14 +232,14 @@ class FilledDial:
 
     def sentence(self, row: DialRow) -> str:
         """Return the result of a planner in words."""
-        if row.holds is None or row.half is None:
-            why = f"success rises with the level, by more than chance would have it (p = {row.p_rising:.2g})"
-            return f"{row.planner} has no figure on the dial {self.dial.name}: {why}"
-        if row.holds.level == -math.inf:
-            first = self.dial.holds.format(f"{self.dial.levels[0]:g}")
-            return f"{row.planner} does not hold {first}: it succeeds in less than 90 % of the cases already there"
-        held = self.dial.holds.format(row.said)
-        return f"{row.planner} holds {held} in 90 % of the cases, and {self.dial.say(row.half.level)} in half of them"
+        if row.wanted is None or row.half is None:
+            why = f"success significantly rises with the level (p = {row.p_rising:.2g})"
+            return f"{row.planner} has no result on the dial {self.dial.name}: {why}"
+        if row.wanted.level == -math.inf:
+            first = self.dial.label.format(f"{self.dial.levels[0]:g}")
+            return f"{row.planner} succeeds in less than 90 % of the cases at the easiest level, {first}"
+        level, half = self.dial.label.format(row.text), self.dial.say(row.half.level)
+        return f"{row.planner} succeeds in 90 % of the cases at {level}, and in half of them at {half}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -257,7 +265,7 @@ class FilledDialsTable:
         return [NOTES]
 
 
-def _with_interval(held: Held, say: Callable[[float], str]) -> str:
+def _with_interval(level: LevelEstimate, say: Callable[[float], str]) -> str:
     """Return a level with its interval, which is left out if all of it is beyond the levels."""
-    same = held.low == held.level == held.high
-    return say(held.level) if same else f"{say(held.level)} ({say(held.low)} to {say(held.high)})"
+    same = level.low == level.level == level.high
+    return say(level.level) if same else f"{say(level.level)} ({say(level.low)} to {say(level.high)})"

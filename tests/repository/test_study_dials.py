@@ -32,7 +32,7 @@ number = 2
 [dial]
 key = "pedestrians.number"
 levels = [1, 4, 9]
-holds = "{} people on a circle"
+label = "{} people on a circle"
 """
 
 
@@ -117,13 +117,13 @@ def test_levels_are_said_in_words(tmp_path):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (("[dial]", "[knob]"), "has no table [dial]: a dial has one, with key, levels and holds"),
+        (("[dial]", "[knob]"), "has no table [dial]: a dial has one, with key, levels and label"),
         (
             ("[1, 4, 9]", "[1, 9, 4]"),
             "dial.levels is [1, 9, 4], but must be a list of three or more numbers that rise or fall",
         ),
         (("[1, 4, 9]", "[1, 4]"), "dial.levels is [1, 4], but must be a list of three or more numbers"),
-        (("{} people", "people"), "dial.holds is 'people on a circle', but must be a text with {} for the level"),
+        (("{} people", "people"), "dial.label is 'people on a circle', but must be a text with {} for the level"),
         (('key = "pedestrians.number"', 'key = "pedestrians.count"'), "pedestrians.count"),
     ],
 )
@@ -191,7 +191,7 @@ def test_a_study_has_a_table_for_each_dial_the_best_planner_first(few, tmp_path)
     result = CliRunner().invoke(DIAL, command)
     assert result.exit_code == 0, result.output
     rows = [line for line in result.stdout.splitlines() if line.startswith("| ")]
-    assert rows[0] == "| planner | holds ... people on a circle | in half of the cases | levels behind the best |"
+    assert rows[0] == "| planner | 90 % success at ... people on a circle | 50 % success at | levels behind the best |"
     assert [row.split(" | ")[0] for row in rows[2:]] == ["| C: a certificate", "| orca", "| straight"]
     assert rows[2].endswith("|  |")  # nobody is behind what is no planner
     (filled,) = json.loads(CliRunner().invoke(DIAL, [*command, "--format", "json"]).stdout)["tables"][0]["dials"]
