@@ -125,7 +125,7 @@ class DialsTable:
 
 
 @dataclasses.dataclass(frozen=True)
-class LevelEstimate:
+class Level:
     """An estimated level in the unit of the dial, -inf below the first level and inf above the last one.
 
     Attributes:
@@ -139,7 +139,7 @@ class LevelEstimate:
     high: float
 
     @classmethod
-    def of(cls, dial: Dial, crossing: Crossing) -> LevelEstimate:
+    def of(cls, dial: Dial, crossing: Crossing) -> Level:
         """Return a crossing in the unit of a dial."""
         return cls(*(dial.level(each) for each in (crossing.level, crossing.low, crossing.high)))
 
@@ -163,9 +163,9 @@ class DialRow:
 
     planner: str
     is_rung: bool
-    wanted: LevelEstimate | None
-    half: LevelEstimate | None
-    behind: LevelEstimate
+    wanted: Level | None
+    half: Level | None
+    behind: Level
     text: str
     p_rising: float
     cases: list[int]
@@ -174,16 +174,13 @@ class DialRow:
     @classmethod
     def of(cls, measurement: Measurement, found: Fit, best: Fit) -> DialRow:
         """Return the row of a planner, compared with the best one."""
-        dial, is_rung = measurement.dial, measurement.is_rung
-        crossings = found.wanted, found.half
-        wanted, half = (LevelEstimate.of(dial, each) if found.is_monotone else None for each in crossings)
+        dial, is_rung, label = measurement.dial, measurement.is_rung, measurement.first[0].label
+        wanted, half = (Level.of(dial, each) if found.is_monotone else None for each in (found.wanted, found.half))
         is_behind = found is not best and not is_rung
-        behind = difference(best.wanted, found.wanted) if is_behind else (math.nan, math.nan, math.nan)
+        behind = Level(*difference(best.wanted, found.wanted)) if is_behind else Level(math.nan, math.nan, math.nan)
         text = _with_interval(wanted, dial.say) if wanted else ""
         counts = found.cases.tolist(), found.success.tolist()
-        return cls(
-            measurement.first[0].label, is_rung, wanted, half, LevelEstimate(*behind), text, found.p_rising, *counts
-        )
+        return cls(label, is_rung, wanted, half, behind, text, found.p_rising, *counts)
 
     def cells(self, dial: Dial) -> list[str]:
         """Return the row in a table."""
@@ -215,12 +212,8 @@ class FilledDial:
 
     def grid(self) -> Grid:
         """Return a row for each planner."""
-        header = [
-            "planner",
-            f"90 % success at {self.dial.label.format('...')}",
-            "50 % success at",
-            "levels behind the best",
-        ]
+        wanted = f"90 % success at {self.dial.label.format('...')}"
+        header = ["planner", wanted, "50 % success at", "levels behind the best"]
         rows = [row.cells(self.dial) for row in self.rows]
         return Grid(self.dial.name, header, rows, self.rows)
 
@@ -265,7 +258,7 @@ class FilledDialsTable:
         return [NOTES]
 
 
-def _with_interval(level: LevelEstimate, say: Callable[[float], str]) -> str:
+def _with_interval(level: Level, say: Callable[[float], str]) -> str:
     """Return a level with its interval, which is left out if all of it is beyond the levels."""
     same = level.low == level.level == level.high
     return say(level.level) if same else f"{say(level.level)} ({say(level.low)} to {say(level.high)})"
