@@ -46,7 +46,8 @@ class Simulated(Predictor):
 
     Without knowledge of policies all walk by ORCA and ignore the vehicle; standing pedestrians remain standing. Without
     knowledge of attention no pedestrian has noticed the vehicle yet, and reactions are drawn again in each future.
-    Later turns and stops are drawn again too, except in the true future.
+    Except in the true future, later turns and stops are drawn again too, and no pedestrian avoids those that spawn
+    later.
 
     Args:
         scenario: The scenario.
@@ -56,6 +57,8 @@ class Simulated(Predictor):
     privileged: ClassVar[bool] = True
 
     def __init__(self, scenario: Scenario, knows: Knowledge) -> None:
+        if knows < Knowledge.ALL and scenario.crowd.arrival == "respawn":
+            scenario = dataclasses.replace(scenario, crowd=dataclasses.replace(scenario.crowd, arrival="leave"))
         self.scenario, self.knows = scenario, knows
         self.futures = FUTURES if has_chance(scenario, knows) else 1
         self._world: World
