@@ -24,7 +24,6 @@ STYLE = DocstringStyle.GOOGLE
 
 PROVISIONAL = (
     "ladder",
-    "social_gan",
 )
 """The studies whose results are of earlier versions of the scenarios or planners."""
 
