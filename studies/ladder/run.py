@@ -25,7 +25,7 @@ FILE = Path(__file__).with_name("study.toml")
 @help_from_docstring
 def ladder(
     scenarios: Annotated[list[str] | None, typer.Argument(show_default="as on the page")] = None,
-    planner: Annotated[list[str] | None, typer.Option(show_default="the strongest of each kind")] = None,
+    planner: Annotated[list[str] | None, typer.Option(show_default="as on the page")] = None,
     cases: str = "100",
     out: Annotated[Path | None, typer.Option(show_default="runs/ladders, or runs/study-ladders for the page")] = None,
     shard: ShardOption = None,
@@ -44,17 +44,17 @@ def ladder(
         out: Folder for the runs, and a file for plot.py for each scenario.
     """
     use_threads(threads)
-    from studies.ladder.table import CANDIDATES, LaddersSpec, LaddersTable, LadderStudy
+    from studies.ladder.table import LaddersSpec, LaddersTable, LadderStudy
     from studies.pages import keep, print_two_steps, read_file
 
     folder = out or Path("runs/ladders" if scenarios else "runs/study-ladders")
     make = functools.partial(make_runs, out=folder, shard=shard)
+    spec, location = read_file(FILE, LadderStudy), Location(FILE.name)
     if not scenarios:
-        spec, location = read_file(FILE, LadderStudy), Location(FILE.name)
         tables = [LaddersTable.of(each, location.at("ladders", i)) for i, each in enumerate(spec.ladders)]
         print_two_steps(spec, tables, COMMAND, folder, make, format)
         return
-    planners = [{"planner": name} for name in planner] if planner else CANDIDATES
+    planners = [{"planner": name} for name in planner] if planner else spec.ladders[0].planners
     asked = {"title": "Ladders", "planners": planners, "scenarios": scenarios, "cases": cases}
     table = LaddersTable.of(parse_table(LaddersSpec, asked, Location("ladder")), Location("ladder"))
     make(table.runs)

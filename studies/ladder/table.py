@@ -23,7 +23,7 @@ from crowdbench.utils.toml import Location, Name, Names, TomlTable
 from studies.ladder.futures import adds_nothing
 from studies.ladder.rungs import KNOWLEDGE, RUNGS, load_rung
 from studies.pages import SUCCESS, draw_bar, read_successes
-from studies.schema import CasesText, Planners, PlannerSpec, StudyHead
+from studies.schema import CasesText, Planners, StudyHead
 
 CHOICE = Cases("val", 0, 50)
 """The cases on which the best planner is selected."""
@@ -41,14 +41,6 @@ STEPS = {
 
 NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
 """The notes below the table."""
-
-CANDIDATES = [
-    PlannerSpec(planner="mppi", options={"filter": "kalman"}),
-    PlannerSpec(planner="dwa", options={"filter": "kalman"}),
-    PlannerSpec(planner="orca_margin"),
-    PlannerSpec(planner="ppo_attention", options={"filter": "kalman"}),
-]
-"""The default candidates for the best planner: the strongest of each kind."""
 
 
 class LaddersSpec(TomlTable):
