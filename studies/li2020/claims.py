@@ -33,8 +33,8 @@ NOTES = (
     "the first planner is better. A claim holds if the 95 % interval of its figure lies above the margin, is refuted "
     "if the interval lies below it, and is undecided otherwise. With a single network there is no verdict. Figures "
     "are paired by case, and by network if both rows have the same networks; networks of different trainings are "
-    "treated as independent. Differences in success are over all cases, and one discordant case (solved by only one of the two "
-    "planners) is added to each side before the interval is computed, as in Bonett and Price (2012, "
+    "treated as independent. Differences in success are over all cases, and one discordant case (solved by only one "
+    "of the two planners) is added to each side before the interval is computed, as in Bonett and Price (2012, "
     "doi:10.3102/1076998611411915). All other figures are over the cases that all networks of both rows solve; with "
     f"fewer than {LEAST_SHARED} such cases a claim is undecided. Intervals are not corrected for the number of claims."
 )
