@@ -26,9 +26,6 @@ from studies.pages import keep
 
 LADDERS = Path(__file__).parents[1] / "studies" / "ladder" / "README.md"
 
-KNOWLEDGE = {"prediction": "policies", "luck": "chance"}
-"""Names of kinds of knowledge in provisional tables, and their current names."""
-
 
 def draw_success(out: Path) -> None:
     """Draw the share of validation cases that each of four planners solves, over time."""
@@ -65,7 +62,7 @@ def draw_ladders(out: Path) -> None:
 def read_ladder(head: list[str], row: list[str]) -> dict[str, object]:
     """Return a row of the study's page in the format of `studies/ladder/run.py`: rungs, with knowledge between them."""
     success = {name: {"mean": mean(cell)} for name, cell in zip(head[1:-1:2], row[1:-1:2], strict=True) if cell}
-    steps = [{"knowledge": KNOWLEDGE.get(name, name)} for name in itertools.islice(head[2:-1:2], len(success) - 1)]
+    steps = [{"knowledge": name} for name in itertools.islice(head[2:-1:2], len(success) - 1)]
     return {"scenario": row[0], "success": success, "steps": steps, "best_success": {"mean": mean(row[-1])}}
 
 

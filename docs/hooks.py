@@ -63,7 +63,7 @@ def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
         page.meta["search"] = {"exclude": True}
         if not re.search(r"^# ", markdown, re.MULTILINE):
             study = Path(page.file.src_uri).parent.name
-            markdown = f"# Study: {study}\n\n{reference.provisional(study)}\n\n{markdown}"
+            markdown = f"# Study: {study}\n\n{markdown}"
         return re.sub(
             r"\]\((tables/[\w-]+\.csv)\)", "](../../results.md)", markdown.replace("](../../docs/", "](../../")
         )

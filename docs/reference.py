@@ -22,18 +22,6 @@ from crowdbench.networks.weights import built_in, read_card
 
 STYLE = DocstringStyle.GOOGLE
 
-PROVISIONAL = (
-    "ladder",
-)
-"""The studies whose results are of earlier versions of the scenarios or planners."""
-
-
-def provisional(study: str = "") -> str:
-    """Return the note on provisional results for the page of a study, or for a page that shows several studies."""
-    shown = [name for name in PROVISIONAL if not study or name == study]
-    note = f"Measured on earlier versions of the scenarios and planners, and provisional: {', '.join(shown)}."
-    return f'!!! note "Provisional results"\n\n    {note}' if shown else ""
-
 
 def commands() -> str:
     """Return every command with its arguments and options."""

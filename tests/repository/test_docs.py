@@ -221,17 +221,9 @@ def test_the_parts_from_the_code_are_there():
     marked = re.findall(r"<!-- generated: (\w+) -->", "".join(page.read_text() for page in DOCS.glob("*.md")))
     assert len(set(marked)) > 8
     for name in marked:
-        assert len(getattr(reference, name)()) > 50 or name == "provisional"
+        assert len(getattr(reference, name)()) > 50
     assert "`--replan-every N`" in reference.commands()
     assert "obs.pedestrians" in reference.observation_fields()
-
-
-def test_the_readme_says_so_while_results_are_provisional():
-    reference = load_module(DOCS / "reference.py")
-    is_provisional = "suite" in reference.PROVISIONAL
-    assert ("provisional" in (ROOT / "README.md").read_text()) == is_provisional == bool(reference.provisional("suite"))
-    assert not reference.provisional("kce")  # which was printed since
-    assert {ROOT / "studies" / name for name in reference.PROVISIONAL} <= set((ROOT / "studies").iterdir())
 
 
 def test_a_printed_page_is_split_into_an_overview_and_tables():
