@@ -232,7 +232,7 @@ class FilledDial:
             first = self.dial.label.format(f"{self.dial.levels[0]:g}")
             return f"{row.planner} succeeds in less than 90 % of the cases at the easiest level, {first}"
         level, half = self.dial.label.format(row.text), self.dial.say(row.half.level)
-        return f"{row.planner} succeeds in 90 % of the cases at {level}, and in half of them at {half}"
+        return f"{row.planner}: 90 % success at {level}, 50 % at {half}"
 
 
 @dataclasses.dataclass(frozen=True)

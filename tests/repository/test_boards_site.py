@@ -49,15 +49,17 @@ STRANGE = {
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory):
-    """Two boards, one with entries: two were verified in the season, of which one is hostile, and one was not."""
+    """Three boards: one with three entries (two verified, of which one is hostile), an empty one, one without ranks."""
     root = tmp_path_factory.mktemp("site") / "leaderboards"
-    for name in ("five", "suite"):
-        board = (BOARDS / name / "board.toml").read_text()
+    for name, source in {"five": "five", "suite": "suite", "unranked": "ten"}.items():
+        board = (BOARDS / source / "board.toml").read_text()
+        board = board.replace("version", "ranked = false\nversion", 1) if name == "unranked" else board
         board = re.sub(r"(?m)^(cases|public_cases) = .*\n", "", board)
         (root / name).mkdir(parents=True)
         (root / name / "board.toml").write_text(board.replace("version", "cases = 6\npublic_cases = 6\nversion", 1))
     shutil.copy(BOARDS / "season.toml", root)
     enter(root, "five", "orca")
+    enter(root, "unranked", "orca")
     enter(root, "five", "social_force", **STRANGE)
     boards = {board.name: board for board in read_boards(root)}
     entries = {name: [read_entry(path) for path in sorted((root / name).glob("entries/*"))] for name in boards}
@@ -141,7 +143,8 @@ def pages(site, is_whole=False):
 def test_there_is_a_page_of_all_boards_of_each_board_and_of_each_entry(site):
     entries = [f"five/entries/{name}.html" for name in ("late", "orca", "social_force")]
     found = [page.path.relative_to(site / "leaderboards").as_posix() for page in pages(site)]
-    assert sorted(found) == sorted(["index.html", "five/index.html", "suite/index.html", *entries])
+    boards = [f"{name}/index.html" for name in ("five", "suite", "unranked")]
+    assert sorted(found) == sorted(["index.html", *boards, "unranked/entries/orca.html", *entries])
 
 
 def test_nothing_is_requested_from_elsewhere_and_every_link_leads_somewhere(site):
@@ -180,7 +183,7 @@ def test_the_menu_has_each_board_and_the_search_has_boards_without_entries(site)
 
 
 def test_pages_and_replays_are_small(site):
-    assert len(list(site.rglob("replay/data/*/*.js"))) == 6
+    assert len(list(site.rglob("five/replay/data/*/*.js"))) == 6
     assert all(path.stat().st_size < 100_000 for path in (site / "leaderboards").rglob("*") if path.is_file())
 
 
@@ -217,6 +220,10 @@ def test_everything_is_there_without_javascript(site):
         assert word in text, word
     assert "button" not in {tag for tag, _ in page.tags}
     assert "No entry is ranked on this board yet." in "".join(Page(site / "leaderboards/suite/index.html").text)
+    unranked = "".join(Page(site / "leaderboards/unranked/index.html").text)
+    assert "This board has no ranks: it shows results only." in unranked
+    assert "Ranking" not in unranked
+    assert "orca" in unranked
     rows = {attrs["data-tags"]: attrs["class"] for tag, attrs in page.tags if tag == "tr" and "data-tags" in attrs}
     assert rows == {"reactive;real-time;": "", "reactive;real-time;privileged": "", "reactive;;": "reported"}
     index = "".join(Page(site / "leaderboards/index.html").text)

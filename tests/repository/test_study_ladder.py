@@ -73,6 +73,18 @@ def test_futures_differ_by_what_is_chance_alone():
     np.testing.assert_array_equal(again, predicted[:2])
 
 
+def test_pedestrians_that_leave_are_replaced_in_the_true_future_only():
+    everything_but_chance, future = (
+        foreseen("intersection_16", knows) for knows in (Knowledge.ATTENTION, Knowledge.ALL)
+    )
+    assert everything_but_chance[1].shape[1] == future[1].shape[1] == 1
+    assert not adds_nothing(load_scenario("intersection_16"), Knowledge.ALL)
+    world, trace = future[0], future[2]
+    row, position, stays = came_true(world, trace)
+    soon = stays[:, None] & (np.arange(STEPS) < 1)[None, :, None]
+    np.testing.assert_allclose(everything_but_chance[1][row, 0][soon], position[soon], atol=1e-12)
+
+
 @pytest.mark.parametrize("name", ["circle_crossing_20", "circle_crossing_20_seen"])
 def test_knowledge_of_chance_adds_nothing_where_there_is_none(name):
     assert adds_nothing(load_scenario(name), Knowledge.ALL)
