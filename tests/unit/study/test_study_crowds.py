@@ -117,7 +117,7 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
     assert crowd[4] == ["significantly better or worse than", "orca"]
     assert crowd[6][0] == "orca_margin"
     assert crowd[6][1].startswith("better: time")
-    assert "The 5 tests in a crowd are not corrected" in text
+    assert "The 5 tests of a scenario are not corrected" in text
 
 
 def test_a_planner_with_several_networks_is_their_mean_over_networks_and_cases(tmp_path):
