@@ -91,7 +91,7 @@ def test_a_label_replan_every_options_and_privilege_are_shown():
     again = read_page(Path("tiny.toml").read_text())
     text = again.markdown(again.fill(Path("there")), "study tiny.toml")
     assert r"| trained \| alone * | 2 |" in text
-    assert text.splitlines()[-1].startswith(r"\* uses")
+    assert text.splitlines()[-1].startswith(r"\* is privileged")
 
 
 def test_an_option_may_be_a_table():
