@@ -7,10 +7,17 @@ import sys
 
 import typer
 
-from crowdbench.cli.console import announce_compilation, print_table, progress
-from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import Grid
+from crowdbench import InputError
+from crowdbench.cli import (
+    ThreadsOption,
+    announce_compilation,
+    assignments,
+    help_from_docstring,
+    print_table,
+    progress,
+    use_threads,
+)
+from crowdbench.utils import Grid
 
 SCENARIO = "circle_crossing_5"
 """The default scenario in which a planner's decisions are timed."""
@@ -49,9 +56,8 @@ def _bench_planner(planner: str, scenario: str, option: list[str], overrides: li
     import numpy as np
 
     from crowdbench import Cases, load_planner, load_scenario
-    from crowdbench.runs.decision_time import time_single_world
-    from crowdbench.runs.results import planner_label
-    from crowdbench.runs.spec import EVERY_STEP
+    from crowdbench.results import planner_label
+    from crowdbench.runs import EVERY_STEP, time_single_world
 
     options, cases = assignments(option, "--option"), Cases.parse(CASES)
     name, loaded = load_planner(planner, options)

@@ -12,7 +12,7 @@ from statistics import median
 from typing import NamedTuple
 
 from benchmarks.measurement import Measurement
-from crowdbench.utils.errors import InputError
+from crowdbench import InputError
 
 REPETITIONS = 3
 """Runs of a command; the median of their times counts."""

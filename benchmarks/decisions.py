@@ -13,20 +13,13 @@ from statistics import mean, median
 from typing import Any
 
 from benchmarks.measurement import Measurement, in_turns, seconds
-from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.core.types import Observation
-from crowdbench.isolation import sandbox
-from crowdbench.isolation.planner import IsolatedPlanner
-from crowdbench.networks.value import SARL
-from crowdbench.planners.driver import Driver
-from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench import Cases, Driver, Observation, ValuePlanner, load_planner, load_scenario, rollout
+from crowdbench.isolation import IsolatedPlanner, sandbox
+from crowdbench.networks import SARL
 from crowdbench.predict import ConstantVelocity
-from crowdbench.runs.rollout import rollout
-from crowdbench.scenario.cases import Cases
-from crowdbench.sim.sensor import observe
+from crowdbench.sim import observe
+from crowdbench.train import EPISODES, PPOConfig, PPOTraining, ValueConfig
 from crowdbench.train import value as method
-from crowdbench.train.config import EPISODES, PPOConfig, ValueConfig
-from crowdbench.train.ppo import PPOTraining
 
 CROWDNAV_SECONDS = {5: 0.037, 10: 0.067}
 """Time in seconds of a SARL decision by CrowdNav's code, by number of pedestrians. Recorded once, not measured here."""

@@ -21,9 +21,8 @@ from typing import Annotated
 import typer
 
 from benchmarks.commands import Usage, run_timed
-from crowdbench.cli import main
-from crowdbench.cli.console import print_table, progress
-from crowdbench.utils.tables import Grid
+from crowdbench.cli import main, print_table, progress
+from crowdbench.utils import Grid
 
 ROOT = Path(__file__).parents[1]
 

@@ -14,16 +14,10 @@ import numpy as np
 from jaxtyping import Float
 
 from benchmarks.measurement import Measurement, in_turns
-from crowdbench.catalog import load_scenario
-from crowdbench.core.geometry import toward_goal
-from crowdbench.core.types import World
+from crowdbench import Cases, Scenario, World, load_scenario, parallel_env
+from crowdbench.core import toward_goal
 from crowdbench.envs import VEHICLE
-from crowdbench.envs.parallel import parallel_env
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.pedestrians.orca import orca_velocities
-from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.sim import crowd_velocities, observe, orca_velocities, step
 
 SCENARIO = "circle_crossing_5"
 

@@ -1,5 +1,5 @@
 """Runs the command line: `python -m crowdbench` is the same as `crowdbench`."""
 
-from crowdbench.cli import main
+from crowdbench.cli.app import main
 
 main()

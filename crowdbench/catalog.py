@@ -11,13 +11,12 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
-from crowdbench.planners.base import Planner
 from crowdbench.planners.filtered import FilteredPlanner
+from crowdbench.planners.planner import Planner
 from crowdbench.plugins.code import code_digest
-from crowdbench.plugins.files import read_files
-from crowdbench.plugins.load import ROOT, Kind, file_and_function
-from crowdbench.scenario import layouts
-from crowdbench.scenario import load as scenario_file
+from crowdbench.plugins.kind import ROOT, Kind, file_and_function
+from crowdbench.plugins.plugin_files import read_files
+from crowdbench.scenario import layouts, scenario_file
 from crowdbench.scenario.certified import FOLDER, CertificateStatus, Certified
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import LayoutSpec, PedestriansSpec
@@ -45,7 +44,7 @@ PLANNERS = Kind(
     folder=ROOT / "agents" / "planners",
     entry_points="crowdbench.planners",
     makes=Planner,
-    reader=EntryPoint("onnx", "crowdbench.envs.onnx_policy:load_onnx", "crowdbench.planners"),
+    reader=EntryPoint("onnx", "crowdbench.planners.onnx_policy:load_onnx", "crowdbench.planners"),
 )
 PEDESTRIANS = Kind(
     "pedestrian policy",

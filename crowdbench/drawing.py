@@ -1,7 +1,7 @@
 """The top view of an episode: the palette, and shapes in metres that any library can draw.
 
 `envs.render` draws the shapes as an image, for environments and films; `figures.style` draws them with Matplotlib, for
-figures and the pages of boards. A recording holds all states at once: `record.drawing` has the same paths, colours,
+figures and the pages of boards. A recording holds all states at once: `record.entities` has the same paths, colours,
 marks and extent.
 """
 

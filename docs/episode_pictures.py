@@ -15,14 +15,14 @@ import crowdbench
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Observation, Trace
 from crowdbench.drawing import LIGHT, Moment, bounds_with_bands, draw_bands, draw_moment
-from crowdbench.figures.episode import WHOLE, Episode, Picture, draw_pictures, draw_start, draw_strip, film
-from crowdbench.planners.base import Planner
+from crowdbench.figures.episode_figure import WHOLE, Episode, Picture, draw_pictures, draw_start, draw_strip, film
+from crowdbench.metrics.fault import WINDOW, Fault, find_contacts
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.planner import Planner
 from crowdbench.record.decisions import draw_decisions, read_paths
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import EVERY_STEP, Replanning
 from crowdbench.scenario.cases import Cases
-from crowdbench.sim.contacts import WINDOW, Fault, find_contacts
 
 COLUMNS = 4
 """Number of panels side by side in a picture of the width of a page."""

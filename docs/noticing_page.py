@@ -10,7 +10,7 @@ from crowdbench.catalog import load_planner, load_scenario, scenarios
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Rules, Trace
 from crowdbench.drawing import LIGHT, Disc, Moment, Polygon, Shape, bounds_with_bands, draw_bands, draw_moment, extent
-from crowdbench.figures.episode import draw_pictures
+from crowdbench.figures.episode_figure import draw_pictures
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases

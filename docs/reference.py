@@ -13,7 +13,7 @@ from typer.main import get_command
 import crowdbench
 from crowdbench.catalog import scenario_path, scenarios
 from crowdbench.check.kinds import KINDS
-from crowdbench.cli import COMMANDS, app
+from crowdbench.cli.app import COMMANDS, app
 from crowdbench.cli.listing import FILTER, OptionRow, option_rows, parameter_rows
 from crowdbench.core.types import observation
 from crowdbench.metrics import SUBJECTS, info_of
@@ -173,7 +173,7 @@ def _shape(annotation: object) -> str:
 
 def public_names() -> str:
     """Return a directive of mkdocstrings for each public name."""
-    return "\n\n".join(f"::: {module}.{name}" for name, module in sorted(crowdbench.public_names().items()))
+    return "\n\n".join(f"::: crowdbench.{name}" for name in crowdbench.__all__)
 
 
 def _paragraphs(text: str) -> str:

@@ -8,12 +8,12 @@ from pathlib import Path
 import noticing_page
 
 from crowdbench.catalog import load_scenario
-from crowdbench.runs.load import load_run
-from crowdbench.runs.pages import export_page
+from crowdbench.export.replay_page import export_page
+from crowdbench.results.run_result import RunResult
+from crowdbench.runs.loading import load_run
 from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
-from crowdbench.runs.store import RunResult
-from crowdbench.utils.progress import progress
+from crowdbench.utils.progress_bars import progress
 
 FOLDER = "replay"
 """The folder of the replay in the site."""

@@ -16,8 +16,8 @@ import torch
 from safetensors.torch import load_file, save_file
 from torch import nn
 
-from crowdbench import Planner
-from crowdbench.envs.observations import AGENT_FEATURES, flatten
+from crowdbench import Planner, flatten
+from crowdbench.views import AGENT_FEATURES
 
 NEAREST = 5
 """Number of pedestrians in the input of the network: the nearest ones."""

@@ -11,13 +11,9 @@ from gymnasium import error
 from jaxtyping import Bool, Float
 from stable_baselines3.common.vec_env import VecEnv
 
-from crowdbench.core.types import Outcome
-from crowdbench.envs import stepping
-from crowdbench.envs.rewards import Reward, load_reward
-from crowdbench.envs.training_worlds import CASES, TrainingWorlds
-from crowdbench.envs.views import NEAREST, Observed, View, row_of
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.utils.errors import InputError
+from crowdbench import InputError, Outcome, Scenario
+from crowdbench.envs import CASES, Reward, TrainingWorlds, load_reward, stepping
+from crowdbench.views import NEAREST, Observed, View, row_of
 
 
 class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not looked into

@@ -18,7 +18,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from crowdbench import export_policy
-from crowdbench.networks.policy import Seen, SetEncoder
+from crowdbench.networks import Seen, SetEncoder
 
 NEAREST = 5
 """Largest number of pedestrians in the observation of the policy."""

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import typer
 from pydantic import Field
 
+from crowdbench import InputError
 from crowdbench.boards.board import Board, read_boards
 from crowdbench.boards.board_runs import InUse
 from crowdbench.boards.entry import ENTRY, MAINTAINERS, Entry, check_unchanged, is_pending, read_entries, read_entry
@@ -24,13 +25,9 @@ from crowdbench.boards.season import Season, TooEarly, freeze, read_season
 from crowdbench.boards.signature import find_signer
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import count_cases, is_verified, verify_in_season
-from crowdbench.cli import main
-from crowdbench.cli.boards import ROOT, WORK
-from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import help_from_docstring
-from crowdbench.runs.rollout import Progress
-from crowdbench.utils.errors import InputError, find_named
-from crowdbench.utils.toml import Location, Name, TomlTable, parse_table, read_toml
+from crowdbench.cli import ROOT, WORK, announce_compilation, exit_on_interrupt, help_from_docstring, main, progress, say
+from crowdbench.runs import Progress
+from crowdbench.utils import Location, Name, TomlTable, find_named, parse_table, read_toml
 
 SHIPPED = "shipped.toml"
 CARDS = "cards"

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.utils.tables import Format, Grid, format_tables, plain
+from crowdbench.cli import announce_compilation, exit_on_interrupt, progress, say
+from crowdbench.utils import Format, Grid, format_tables, plain
 
 if TYPE_CHECKING:
-    from crowdbench.runs.run import Run
+    from crowdbench.runs import Run
 
 ShardOption = Annotated[
     str | None,
@@ -32,8 +32,7 @@ def make_runs(runs: Sequence[Run], out: Path, shard: str | None) -> None:
         out: The folder.
         shard: The share of the runs to execute, such as 2/8.
     """
-    from crowdbench.runs.folder import make_in_folder, run_directory
-    from crowdbench.runs.shards import Shard
+    from crowdbench.runs import Shard, make_in_folder, run_directory
     from studies.folder import missing_runs
 
     announce_compilation()

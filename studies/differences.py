@@ -7,8 +7,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.metrics.networks import Values, mean_of_means, mean_over_networks, network_estimate
-from crowdbench.metrics.summary import UNDEFINED, Estimate
+from crowdbench.metrics import UNDEFINED, Estimate, Values, mean_of_means, mean_over_networks, network_estimate
 
 
 def gain_in_success(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:

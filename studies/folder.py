@@ -6,13 +6,9 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from crowdbench import catalog
-from crowdbench.runs.folder import is_complete, run_directory
-from crowdbench.runs.load import load_run
-from crowdbench.runs.results import EPISODES, Episodes
-from crowdbench.runs.run import Run
-from crowdbench.runs.shards import WHOLE, Shard
-from crowdbench.runs.spec import RunSpec
+from crowdbench import Episodes, catalog
+from crowdbench.results import EPISODES
+from crowdbench.runs import WHOLE, Run, RunSpec, Shard, is_complete, load_run, run_directory
 from studies.schema import PlannerSpec
 
 

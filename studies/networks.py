@@ -10,18 +10,25 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import AfterValidator, Field
 
+from crowdbench import Cases, Episodes
 from crowdbench.boards.means import range_over_networks
-from crowdbench.metrics import info_of
-from crowdbench.metrics.networks import mean_over_networks
-from crowdbench.metrics.summary import Estimate, wilson
-from crowdbench.runs.load import load_run
-from crowdbench.runs.results import Episodes, planner_label
-from crowdbench.runs.run import Run
-from crowdbench.runs.spec import LOOK_FIRST, Replanning, RunSpec
-from crowdbench.runs.table import PRIVILEGED
-from crowdbench.scenario.cases import Cases
-from crowdbench.utils.tables import Grid, markdown
-from crowdbench.utils.toml import Location, Name, Names, Text, TomlTable, Values, choice, integer, number, table
+from crowdbench.metrics import Estimate, info_of, mean_over_networks, wilson
+from crowdbench.results import PRIVILEGED, planner_label
+from crowdbench.runs import LOOK_FIRST, Replanning, Run, RunSpec, load_run
+from crowdbench.utils import (
+    Grid,
+    Location,
+    Name,
+    Names,
+    Text,
+    TomlTable,
+    Values,
+    choice,
+    integer,
+    markdown,
+    number,
+    table,
+)
 from studies.folder import read_episodes
 from studies.pages import NOTES, SUCCESS, SUCCESS_RATE, values_of
 from studies.schema import CasesText

@@ -11,14 +11,10 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from jaxtyping import Bool, Float
 
+from crowdbench import Episodes, InputError
 from crowdbench.metrics import info_of
-from crowdbench.runs.results import Episodes
-from crowdbench.runs.run import Run
-from crowdbench.utils import files
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.files import read_text
-from crowdbench.utils.tables import Format, Grid, plain, printed_by
-from crowdbench.utils.toml import Location, parse_table, read_toml
+from crowdbench.runs import Run
+from crowdbench.utils import Format, Grid, Location, files, parse_table, plain, printed_by, read_text, read_toml
 from studies.command import print_study
 from studies.folder import read_episodes
 from studies.schema import StudyHead

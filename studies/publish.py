@@ -15,8 +15,7 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[1]))
 
-from crowdbench.cli import main
-from crowdbench.cli.options import help_from_docstring
+from crowdbench.cli import help_from_docstring, main
 
 TABLE = re.compile(r"^\|.+\|\n\|[ :|-]+\|\n(?:\|.*\|\n?)+", re.MULTILINE)
 PAIRS = "significantly better or worse than"

@@ -11,9 +11,8 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[1]))
 
-from crowdbench.cli import main
-from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
-from crowdbench.utils.tables import Format
+from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.utils import Format
 from studies.command import ShardOption, make_runs
 
 

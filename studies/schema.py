@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, InstanceOf
 
-from crowdbench.runs.spec import LOOK_FIRST
-from crowdbench.scenario.cases import Cases
-from crowdbench.utils.toml import Name, Names, Text, TomlTable, Values, integer
+from crowdbench import Cases
+from crowdbench.runs import LOOK_FIRST
+from crowdbench.utils import Name, Names, Text, TomlTable, Values, integer
 
 
 def _cases(value: Any) -> Any:

@@ -11,19 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from crowdbench import catalog
+from crowdbench import Cases, catalog
 from crowdbench.metrics import info_of
-from crowdbench.runs.compare import Comparison, compare_results
-from crowdbench.runs.folder import run_directory
-from crowdbench.runs.paired import LEAST_SHARED, MetricDifference
-from crowdbench.runs.results import planner_label
-from crowdbench.runs.run import Run
-from crowdbench.runs.spec import Replanning, RunSpec
-from crowdbench.runs.store import RunResult
-from crowdbench.runs.table import PRIVILEGED, RunTable, estimate_grid, estimates
-from crowdbench.scenario.cases import Cases
-from crowdbench.utils.tables import Grid, markdown
-from crowdbench.utils.toml import Location
+from crowdbench.results import (
+    LEAST_SHARED,
+    PRIVILEGED,
+    Comparison,
+    MetricDifference,
+    RunResult,
+    RunTable,
+    compare_results,
+    estimate_grid,
+    estimates,
+    planner_label,
+)
+from crowdbench.runs import Replanning, Run, RunSpec, run_directory
+from crowdbench.utils import Grid, Location, markdown
 from studies.differences import difference_over_networks, gain_in_success
 from studies.folder import load_runs
 from studies.networks import estimate

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pydantic import Field
 
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.toml import Location
+from crowdbench import InputError
+from crowdbench.utils import Location
 from studies.networks import NetworksSpec, NetworksTable
 from studies.pages import Table, read_file
 from studies.schema import StudyHead, TableSpec

@@ -11,8 +11,7 @@ import numpy as np
 sys.path.append(str(Path(__file__).parents[1]))
 
 from crowdbench import InputError, Result, run
-from crowdbench.cli import main
-from crowdbench.cli.options import help_from_docstring
+from crowdbench.cli import help_from_docstring, main
 
 SCENARIOS = "noisy_10", "doorway_10", "blind_corner_5", "corridor_8", "blocks_12", "intersection_16"
 """Noise, walls, and pedestrians that do not see the vehicle."""

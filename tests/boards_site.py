@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from crowdbench.plugins.load import load_module
+from crowdbench.plugins.kind import load_module
 
 ROOT = Path(__file__).parents[1]
 tables = load_module(ROOT / "docs" / "tables.py")

@@ -2,7 +2,7 @@
 
 from crowdbench.catalog import load_scenario
 from crowdbench.check import check_plugin
-from crowdbench.check.contract import Subject
+from crowdbench.check.checks import Subject
 from crowdbench.check.subjects import POLICY
 from crowdbench.scenario.cases import Cases
 

@@ -53,7 +53,7 @@ def one_thread():
 @pytest.fixture
 def call(monkeypatch, capfd):
     """Run a command in this process, from its arguments to its exit status and all that it prints."""
-    from crowdbench import cli  # after the hook that checks shapes
+    from crowdbench.cli import app as cli  # after the hook that checks shapes
 
     monkeypatch.setattr(cli.interrupts, "handle", lambda: None)
 

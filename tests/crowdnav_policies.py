@@ -6,7 +6,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from crowdbench.planners.base import Planner
+from crowdbench.planners.planner import Planner
 
 ActionXY = namedtuple("ActionXY", ["vx", "vy"])
 ActionRot = namedtuple("ActionRot", ["v", "r"])

@@ -9,11 +9,11 @@ import numpy as np
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.check import check_plugin
 from crowdbench.core.types import HISTORY, Outcome, Rules, Trace, World
-from crowdbench.metrics import METRICS
-from crowdbench.planners.base import Planner
+from crowdbench.metrics.registry import METRICS
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.planner import Planner
+from crowdbench.results.result_file import write_result
 from crowdbench.runs.identity import PlannerId, digest
-from crowdbench.runs.result_file import write_result
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.run import Run
 from crowdbench.runs.shards import make_run

@@ -2,7 +2,7 @@
 
 import contextlib
 
-from crowdbench.isolation.planner import IsolatedPlanner, Limits
+from crowdbench.isolation.isolated_planner import IsolatedPlanner, Limits
 
 PROBE = """
 import ctypes, json, mmap, os, signal, socket, subprocess, sys, threading, time

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crowdbench.cli import build_script
+from crowdbench.cli.app import build_script
 from crowdbench.core.types import Outcome
+from crowdbench.results.episodes import Episodes
 from crowdbench.runs.folder import run_directory
-from crowdbench.runs.results import Episodes
 from crowdbench.utils.errors import InputError
 from studies.pages import Page
 from studies.run import page

@@ -15,11 +15,9 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from crowdbench.cli import main
-from crowdbench.cli.options import help_from_docstring
-from crowdbench.networks.value import NETWORKS, ValueNetwork
-from crowdbench.networks.weights import SUFFIX, save_network
-from crowdbench.utils.errors import InputError
+from crowdbench import InputError
+from crowdbench.cli import help_from_docstring, main
+from crowdbench.networks import NETWORKS, SUFFIX, ValueNetwork, save_network
 
 LAYERS = {
     "sarl": {"mlp1": "embedding", "mlp2": "features", "attention": "attention", "mlp3": "value"},

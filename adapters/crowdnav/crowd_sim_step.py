@@ -15,11 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from crowdbench.core.geometry import Discs, nearest_in_step
-from crowdbench.core.types import Outcome
-from crowdbench.sim.episode import step_outcome
-from crowdbench.sim.kernels import per_agent
-from crowdbench.sim.pedestrians.orca_crowd import orca_in_one
+from crowdbench import Outcome
+from crowdbench.core import Discs, nearest_in_step
+from crowdbench.sim import orca_in_one, per_agent, step_outcome
 
 STEP, PREDICT, ACT = "53c1da4daf6a", "5695436930d6", "797fcc0c3e9b"
 """Fingerprints of CrowdNav's `CrowdSim.step`, since 2018, `ORCA.predict` and `Human.act`."""

@@ -24,10 +24,9 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
-from crowdbench.core.types import Observation
-from crowdbench.networks.weights import digest
-from crowdbench.planners.base import OneWorldPlanner
-from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench import InputError, Observation, OneWorldPlanner
+from crowdbench.networks import digest
+from crowdbench.utils import plugin_errors
 
 STATES = "crowd_sim.envs.utils.state"
 """The module in which CrowdNav and CrowdNav++ define their states."""

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from crowdbench.core.geometry import pad_arrays
-from crowdbench.sim.kernels import per_agent
-from crowdbench.sim.pedestrians.orca import Agents, Avoidance, avoid
+from crowdbench.core import pad_arrays
+from crowdbench.sim import Agents, Avoidance, avoid, per_agent
 
 Point = Sequence[float]
 

@@ -28,11 +28,8 @@ from jaxtyping import Bool, Float, Int
 from numpy._core.multiarray import scalar
 from torch import Tensor
 
-from crowdbench.core.types import Observation
-from crowdbench.networks.features import in_disc
-from crowdbench.networks.weights import digest
-from crowdbench.planners.base import Planner
-from crowdbench.utils.errors import InputError
+from crowdbench import InputError, Observation, Planner
+from crowdbench.networks import digest, in_disc
 
 STEPS = 5
 """Number of predicted steps, and of observed positions in the input of a predictor."""

@@ -3,8 +3,7 @@
 import numpy as np
 
 from crowdbench import InputError
-from crowdbench.scenario.layouts.crossings import circle_crossing
-from crowdbench.scenario.placement import PerAgent, Placement
+from crowdbench.scenario import PerAgent, Placement, circle_crossing
 
 TRIES = 2000
 """Largest number of draws of all pedestrians before the layout counts as full."""

@@ -21,10 +21,11 @@ from PIL import Image
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import get_types_from_msg
 
-from crowdbench.core.geometry import norm
-from crowdbench.runs.rosbag import typestore
-from crowdbench.scenario.occupancy_grid import Polygon, read_obstacles
-from crowdbench.utils.errors import InputError, describe_error
+from crowdbench import InputError
+from crowdbench.core import norm
+from crowdbench.export import typestore
+from crowdbench.scenario import Polygon, read_obstacles
+from crowdbench.utils import describe_error
 
 Times = Float[np.ndarray, "message"]
 Poses = Float[np.ndarray, "message 3"]

@@ -10,12 +10,10 @@ from bag import Bag, Trajectory, read_bag
 from drive_file import DriveFile
 from jaxtyping import Float
 
-from crowdbench.core.dynamics import Unicycle
-from crowdbench.core.geometry import norm, pad_arrays
-from crowdbench.core.types import Outcome, Rules, Trace
-from crowdbench.scenario.occupancy_grid import read_obstacles
-from crowdbench.sim.obstacles import wall_gap_in_step
-from crowdbench.utils.errors import InputError
+from crowdbench import InputError, Outcome, Rules, Trace
+from crowdbench.core import Unicycle, norm, pad_arrays
+from crowdbench.scenario import read_obstacles
+from crowdbench.sim import wall_gap_in_step
 
 
 class Drive(NamedTuple):

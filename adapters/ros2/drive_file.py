@@ -7,9 +7,8 @@ from pathlib import Path
 
 from pydantic import Field
 
-from crowdbench.utils import files
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.toml import Location, TomlTable, number, parse_table, read_toml, table
+from crowdbench import InputError
+from crowdbench.utils import Location, TomlTable, files, number, parse_table, read_toml, table
 
 
 class RobotTable(TomlTable):

@@ -13,17 +13,13 @@ import numpy as np
 from drive import trace_of
 from drive_file import read_drive_file
 
-from crowdbench.cli import main
-from crowdbench.cli.console import say
-from crowdbench.core.types import Trace
-from crowdbench.metrics.load import load_metrics
-from crowdbench.record.write import Recorder
-from crowdbench.runs.identity import PlannerId, RunId, code, source_of
-from crowdbench.runs.recording import units_of
-from crowdbench.runs.results import RECORDING, Episodes
-from crowdbench.runs.run import read_versions
-from crowdbench.runs.store import write_run
-from crowdbench.utils.files import new_directory
+from crowdbench import Episodes, Trace
+from crowdbench.cli import main, say
+from crowdbench.metrics import load_metrics
+from crowdbench.record import Recorder
+from crowdbench.results import RECORDING, write_run
+from crowdbench.runs import PlannerId, RunId, code, read_versions, source_of, units_of
+from crowdbench.utils import new_directory
 
 FRAME, STEP = 10, 0.4
 """Difference of the numbers of consecutive frames of tracks, and the seconds between them, as in ETH/UCY."""

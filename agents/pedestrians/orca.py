@@ -3,7 +3,7 @@
 Van den Berg, Guy, Lin and Manocha, "Reciprocal n-Body Collision Avoidance", Robotics Research, Springer 2011.
 """
 
-from crowdbench.sim.pedestrians import ORCA
+from crowdbench import ORCA
 
 
 def policy() -> ORCA:

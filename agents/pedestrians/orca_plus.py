@@ -8,10 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from crowdbench.core.types import World
-from crowdbench.sim.pedestrians import ORCA
-from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
-from crowdbench.sim.pedestrians.orca_crowd import orca_pedestrians
+from crowdbench import ORCA, PedestrianPolicy, World
+from crowdbench.sim import Parameters, Velocities, orca_pedestrians
 
 
 class ORCAPlus(PedestrianPolicy):

@@ -22,12 +22,20 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar, no_type_check
 
-from crowdbench.core.arrays import AgentNumbers, AgentPoints
-from crowdbench.core.types import World
-from crowdbench.sim.obstacles import number_of_corners
-from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
-from crowdbench.sim.pedestrians.forces import TINY, Walkers, compile_model, fill_traits, integrate, walkers_of
-from crowdbench.utils.compiled import njit
+from crowdbench import PedestrianPolicy, World
+from crowdbench.core import AgentNumbers, AgentPoints
+from crowdbench.sim import (
+    TINY,
+    Parameters,
+    Velocities,
+    Walkers,
+    compile_model,
+    fill_traits,
+    integrate,
+    number_of_corners,
+    walkers_of,
+)
+from crowdbench.utils import njit
 
 _OVERLAPPING = 0.99
 """For overlapping discs, this share of the distance between the centres replaces the sum of the radii."""

@@ -1,6 +1,6 @@
 """Recorded pedestrians, which do not react; for scenarios with recorded tracks, `[tracks]`."""
 
-from crowdbench.sim.pedestrians import Recorded
+from crowdbench.sim import Recorded
 
 
 def policy() -> Recorded:

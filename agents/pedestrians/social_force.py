@@ -4,7 +4,7 @@ Helbing and Molnár, "Social force model for pedestrian dynamics", Physical Revi
 fluctuation is ours, because the paper gives none. In groups, the forces of Moussaïd et al. (2010) are added.
 """
 
-from crowdbench.sim.pedestrians import SocialForce
+from crowdbench.sim import SocialForce
 
 
 def policy() -> SocialForce:

@@ -4,8 +4,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from crowdbench.core.types import World
-from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
+from crowdbench import PedestrianPolicy, World
+from crowdbench.sim import Parameters, Velocities
 
 
 class Standing(PedestrianPolicy):

@@ -5,10 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from crowdbench import ORCA, PedestrianPolicy, World
 from crowdbench.core import rng
-from crowdbench.core.types import World
-from crowdbench.sim.pedestrians import ORCA
-from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
+from crowdbench.sim import Parameters, Velocities
 
 HABITS: Mapping[str, float] = {"period": 8.0, "pause": 0.25}
 """Parameters in addition to ORCA's: a period in seconds, and the share of it that is a pause."""

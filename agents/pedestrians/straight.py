@@ -1,9 +1,8 @@
 """Walks straight to the goal without avoidance."""
 
-from crowdbench.core.geometry import toward_goal
-from crowdbench.core.types import World
-from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
-from crowdbench.sim.routes import goals_on_way
+from crowdbench import PedestrianPolicy, World
+from crowdbench.core import toward_goal
+from crowdbench.sim import Parameters, Velocities, goals_on_way
 
 
 class Straight(PedestrianPolicy):

@@ -6,6 +6,6 @@ Learning", ICRA 2017, arXiv:1609.07845.
 
 from functools import partial
 
-from crowdbench.planners.sarl import network_planner
+from crowdbench.planners import network_planner
 
 planner = partial(network_planner, "cadrl", weights="cadrl")

@@ -33,15 +33,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from crowdbench import (
-    InputError,
-    Observation,
-    Planner,
-    Predictor,
-    along_route,
-    distance_to_walls,
-    load_predictor,
-)
+from crowdbench import InputError, Observation, Planner, Predictor, along_route, distance_to_walls, load_predictor
 
 Sequences = Float[np.ndarray, "world sample time 2"]
 Probabilities = Float[np.ndarray, "world sample"]

@@ -10,15 +10,19 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.geometry import norm
-from crowdbench.core.types import Observation, Outcome
-from crowdbench.planners.base import PredictingPlanner
-from crowdbench.planners.filtered import radius_inflation
-from crowdbench.planners.scene import Commands, Velocities, scene_of
-from crowdbench.planners.trials import time_left, try_sequences
-from crowdbench.predict.base import predict
-from crowdbench.predict.load import load_predictor
-from crowdbench.utils.errors import require, require_count, require_not_negative
+from crowdbench import Observation, Outcome, load_predictor
+from crowdbench.core import norm
+from crowdbench.planners import (
+    Commands,
+    PredictingPlanner,
+    Velocities,
+    radius_inflation,
+    scene_of,
+    time_left,
+    try_sequences,
+)
+from crowdbench.predict import predict
+from crowdbench.utils import require, require_count, require_not_negative
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,13 +11,20 @@ import dataclasses
 import numpy as np
 from jaxtyping import Int
 
-from crowdbench.core.types import Observation
-from crowdbench.planners.base import Planner
-from crowdbench.planners.filtered import RadiusInflation
-from crowdbench.planners.mppi import SEARCH, WEIGHTS, MPPIPlanner, Noise, Paths, Search, Weights
-from crowdbench.planners.policy import load_policy
-from crowdbench.planners.scene import Scene, Sequence, Sequences
-from crowdbench.predict.load import load_predictor
+from crowdbench import MPPIPlanner, Observation, Planner, load_predictor
+from crowdbench.planners import (
+    SEARCH,
+    WEIGHTS,
+    Noise,
+    Paths,
+    RadiusInflation,
+    Scene,
+    Search,
+    Sequence,
+    Sequences,
+    Weights,
+    load_policy,
+)
 
 HOLDS = 1, 3, 6
 """Numbers of steps for which a proposal holds the policy's command."""

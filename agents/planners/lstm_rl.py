@@ -6,6 +6,6 @@ Everett, Chen and How, "Motion Planning Among Dynamic, Decision-Making Agents wi
 
 from functools import partial
 
-from crowdbench.planners.sarl import network_planner
+from crowdbench.planners import network_planner
 
 planner = partial(network_planner, "lstm_rl", weights="lstm_rl")

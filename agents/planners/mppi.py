@@ -3,8 +3,8 @@
 Williams et al., "Information theoretic MPC for model-based reinforcement learning", ICRA 2017.
 """
 
-from crowdbench.planners.mppi import SEARCH, WEIGHTS, MPPIPlanner, Search, Weights
-from crowdbench.predict.load import load_predictor
+from crowdbench import MPPIPlanner, load_predictor
+from crowdbench.planners import SEARCH, WEIGHTS, Search, Weights
 
 
 def planner(

@@ -4,8 +4,8 @@ Williams et al., "Information theoretic MPC for model-based reinforcement learni
 GAN: socially acceptable trajectories with generative adversarial networks", CVPR 2018.
 """
 
-from crowdbench.planners.mppi import SEARCH, WEIGHTS, MPPIPlanner, Search, Weights
-from crowdbench.predict.load import load_predictor
+from crowdbench import MPPIPlanner, load_predictor
+from crowdbench.planners import SEARCH, WEIGHTS, Search, Weights
 
 
 def planner(

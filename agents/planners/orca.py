@@ -3,7 +3,7 @@
 Van den Berg, Guy, Lin and Manocha, "Reciprocal n-Body Collision Avoidance", Robotics Research, Springer 2011.
 """
 
-from crowdbench.planners.reactive import ORCAPlanner
+from crowdbench.planners import ORCAPlanner
 
 
 def planner(safety_space: float = 0.0) -> ORCAPlanner:

@@ -5,7 +5,7 @@ see the vehicle do not. The choice can be repeated:
 `crowdbench run --planner orca --option safety_space=0.2 --cases val:1000`.
 """
 
-from crowdbench.planners.reactive import ORCAPlanner
+from crowdbench.planners import ORCAPlanner
 
 
 def planner() -> ORCAPlanner:

@@ -5,7 +5,7 @@ policy maps what the vehicle sees, in the frame of its goal, to a velocity: it p
 once per decision.
 """
 
-from crowdbench.planners.policy import NetworkPlanner, load_policy
+from crowdbench.planners import NetworkPlanner, load_policy
 
 
 def planner(weights: str = "ppo", device: str = "cpu", encoder: str | None = None) -> NetworkPlanner:

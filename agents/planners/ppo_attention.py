@@ -6,7 +6,7 @@ of the nearest eight people, walls, its way and its own motion, attends from the
 it with `filter=kalman`, as in its training.
 """
 
-from crowdbench.planners.policy import NetworkPlanner, load_policy
+from crowdbench.planners import NetworkPlanner, load_policy
 
 
 def planner(

@@ -23,8 +23,7 @@ Equations 5 and 6 are the paper's. At 1 m/s the limit of 6.4 m/s^2 excludes noth
 
 from functools import partial
 
-from crowdbench.planners.kce import ChangeCost, Exploration, Limits
-from crowdbench.planners.sarl import sarl_planner
+from crowdbench.planners import ChangeCost, Exploration, Limits, sarl_planner
 
 planner = partial(
     sarl_planner,

@@ -5,8 +5,7 @@
 
 from functools import partial
 
-from crowdbench.planners.kce import ChangeCost, Exploration, Limits
-from crowdbench.planners.sarl import sarl_planner
+from crowdbench.planners import ChangeCost, Exploration, Limits, sarl_planner
 
 planner = partial(
     sarl_planner,

@@ -11,21 +11,23 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float, Num, Shaped
 
-from crowdbench.core.geometry import local_goals
-from crowdbench.core.reward import discount
-from crowdbench.core.types import Observation, Outcome
-from crowdbench.networks.joint_state import joint_states
-from crowdbench.networks.threads import CHUNK, in_chunks
-from crowdbench.networks.value import evaluate
-from crowdbench.planners.base import AheadPlanner
-from crowdbench.planners.filtered import NO_INFLATION
-from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.sarl import sarl_planner
-from crowdbench.planners.scene import Scene, Sequence, Sequences, scene_of
-from crowdbench.planners.trials import limit_commands, route_from, try_sequences
-from crowdbench.predict import Prediction
-from crowdbench.predict.base import predict
-from crowdbench.utils.errors import require, require_count, require_not_negative, require_positive
+from crowdbench import Observation, Outcome, Prediction, ValuePlanner
+from crowdbench.core import discount, local_goals
+from crowdbench.networks import CHUNK, evaluate, in_chunks, joint_states
+from crowdbench.planners import (
+    NO_INFLATION,
+    AheadPlanner,
+    Scene,
+    Sequence,
+    Sequences,
+    limit_commands,
+    route_from,
+    sarl_planner,
+    scene_of,
+    try_sequences,
+)
+from crowdbench.predict import predict
+from crowdbench.utils import require, require_count, require_not_negative, require_positive
 
 Noise = Float[np.ndarray, "world round sample time 2"]
 

@@ -13,12 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.types import Observation
-from crowdbench.planners.base import Planner
-from crowdbench.planners.reactive import along_walls
-from crowdbench.sim.kernels import writable
-from crowdbench.sim.pedestrians.forces import TINY, Walkers
-from crowdbench.sim.pedestrians.social_force import PARAMETERS, social_force_velocities
+from crowdbench import Observation, Planner, along_walls
+from crowdbench.sim import PARAMETERS, TINY, Walkers, social_force_velocities, writable
 
 WIDTH = 1.28
 """Free width in metres below which the force of walls shrinks: twice the distance at which a wall ahead stops a vehicle

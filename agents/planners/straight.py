@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from crowdbench.core.geometry import norm
-from crowdbench.core.types import Observation
-from crowdbench.planners.base import Planner
+from crowdbench import Observation, Planner
+from crowdbench.core import norm
 
 
 class Straight(Planner):

@@ -15,8 +15,8 @@ from pydantic import Field
 
 from crowdbench.catalog import load_scenario, scenario_path
 from crowdbench.core.types.rules import COLLISION_RULES
-from crowdbench.metrics import MAIN, METRICS, Metric
-from crowdbench.plugins.load import ROOT as PACKAGE_ROOT
+from crowdbench.metrics.registry import MAIN, METRICS, Metric
+from crowdbench.plugins.kind import ROOT as PACKAGE_ROOT
 from crowdbench.runs.identity import code, digest, source_of
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.scenario.cases import Cases

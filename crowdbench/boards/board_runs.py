@@ -14,11 +14,11 @@ from filelock import Timeout
 from crowdbench.boards.board import Board
 from crowdbench.boards.planner_files import PLANNER, locate_named_files
 from crowdbench.boards.season import SEASON
-from crowdbench.isolation.planner import IsolatedPlanner, Limits
+from crowdbench.isolation.isolated_planner import IsolatedPlanner, Limits
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.load import identify
-from crowdbench.runs.result_file import check_result
-from crowdbench.runs.results import EPISODES, Episodes
+from crowdbench.results.episodes import EPISODES, Episodes
+from crowdbench.results.result_file import check_result
+from crowdbench.runs.loading import identify
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import Run
 from crowdbench.runs.shards import make_run

@@ -13,8 +13,8 @@ from crowdbench.boards.board import Board
 from crowdbench.boards.board_runs import EntryPlanner, read_episodes
 from crowdbench.boards.entry import Entry
 from crowdbench.boards.verdict import Method
-from crowdbench.metrics import UNDISTURBED, info_of
 from crowdbench.metrics.networks import mean_over_networks
+from crowdbench.metrics.registry import UNDISTURBED, info_of
 from crowdbench.metrics.summary import UNDEFINED, Estimate, wilson
 from crowdbench.runs.recording import COMMANDS, read_commands
 from crowdbench.scenario.cases import Cases

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench import catalog
-from crowdbench.plugins.files import read_files
-from crowdbench.plugins.load import file_and_function
+from crowdbench.plugins.kind import file_and_function
+from crowdbench.plugins.plugin_files import read_files
 from crowdbench.utils.errors import InputError
 
 PLANNER = "planner"

@@ -38,9 +38,9 @@ from crowdbench.boards.planner_files import (
     package_files,
 )
 from crowdbench.plugins.new_planner import CARD, TEMPLATE
+from crowdbench.results.episodes import EPISODES
+from crowdbench.results.result_file import read_result
 from crowdbench.runs.recording import COMMANDS
-from crowdbench.runs.result_file import read_result
-from crowdbench.runs.results import EPISODES
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import read_versions
 from crowdbench.scenario.cases import Cases

@@ -22,7 +22,7 @@ from crowdbench.boards.entry import Entry, Record, Sha256, file_digests, write_r
 from crowdbench.boards.season import Season
 from crowdbench.boards.signature import is_signed, sign
 from crowdbench.metrics.summary import Estimate
-from crowdbench.runs.results import EPISODES, read_estimate
+from crowdbench.results.episodes import EPISODES, read_estimate
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 

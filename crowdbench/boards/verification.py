@@ -41,12 +41,12 @@ from crowdbench.boards.verdict import (
 )
 from crowdbench.isolation import sandbox
 from crowdbench.isolation.limits import describe
+from crowdbench.results.episodes import EPISODES, Episodes
+from crowdbench.results.result_file import read_result
+from crowdbench.results.run_result import RunResult
 from crowdbench.runs.recording import COMMANDS, check_size
 from crowdbench.runs.replay import replay
-from crowdbench.runs.result_file import read_result
-from crowdbench.runs.results import EPISODES, Episodes
 from crowdbench.runs.rollout import Progress
-from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError, MachineFault

@@ -1,5 +1,5 @@
 """Check a plug-in against the contract of its kind."""
 
-from crowdbench.check.contract import CheckResult, check_plugin
+import lazy_loader
 
-__all__ = ["CheckResult", "check_plugin"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -10,11 +10,11 @@ from typing import Any
 
 from crowdbench import catalog
 from crowdbench.check import subjects
-from crowdbench.check.contract import Procedure, Subject
+from crowdbench.check.checks import Procedure, Subject
 from crowdbench.envs.rewards import REWARDS
-from crowdbench.metrics.load import METRIC
-from crowdbench.plugins.load import Kind, file_and_function, load_module, plugin_name
-from crowdbench.predict.load import PREDICTORS
+from crowdbench.metrics.user_metrics import METRIC
+from crowdbench.plugins.kind import Kind, file_and_function, load_module, plugin_name
+from crowdbench.predict.predictors import PREDICTORS
 from crowdbench.utils.errors import InputError
 
 KINDS: Mapping[str, Kind] = {

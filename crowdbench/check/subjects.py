@@ -10,27 +10,26 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.check.contract import PADDING, Broken, Procedure, Record, Subject, WithPadding
+from crowdbench.check.checks import PADDING, Broken, Procedure, Record, Subject, WithPadding
 from crowdbench.check.worlds import check_worlds
 from crowdbench.core.dynamics import reach
 from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation, Outcome, Trace, World
 from crowdbench.envs.rewards import CheckedReward, Reward
 from crowdbench.envs.stepping import drive as drive_step
-from crowdbench.envs.views import NEAREST, View
-from crowdbench.metrics import Metric
-from crowdbench.metrics.load import measure
-from crowdbench.planners.base import OneStepOnly, Planner
+from crowdbench.metrics.registry import Metric
+from crowdbench.metrics.user_metrics import measure
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.planner import OneStepOnly, Planner
 from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.predict import Predictor
-from crowdbench.predict.base import validate_prediction
+from crowdbench.predict.predictor import validate_prediction
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.placement import Placement, check_routes
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.pedestrians.base import (
+from crowdbench.sim.pedestrians.policy import (
     Memory,
     Parameters,
     PedestrianPolicy,
@@ -43,6 +42,7 @@ from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.visibility_graph import who
 from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.toml import Location
+from crowdbench.views.view import NEAREST, View
 
 PLAN_AHEAD = Replanning(8, look_first=1)
 """Replanning of the check of `plan_ahead`."""

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from jaxtyping import Int
 
-from crowdbench.check.contract import CheckResult, Subject
+from crowdbench.check.checks import CheckResult, Subject
 from crowdbench.core.types import World
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.post_step_rule import find_arrived, find_walking

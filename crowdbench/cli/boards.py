@@ -74,7 +74,7 @@ def submit(
     from crowdbench.boards.submission import Submission, rehearse
     from crowdbench.boards.submission import submit as submit_planner
     from crowdbench.catalog import PLANNERS
-    from crowdbench.plugins.load import file_and_function, plugin_name, program
+    from crowdbench.plugins.kind import file_and_function, plugin_name, program
 
     rules = find_board(board, root).with_data(data)
     options = assignments(option or [], "--option")

@@ -12,7 +12,7 @@ from crowdbench.cli.console import announce_compilation
 from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
-    from crowdbench.runs.store import RunResult
+    from crowdbench.results.run_result import RunResult
     from crowdbench.scenario.scenario import Scenario
 
 NAMED = 10
@@ -56,9 +56,9 @@ def open_case(
     Raises:
         InputError: There is no such case or metric, or the case can be neither read nor simulated again.
     """
-    from crowdbench.record.cases import find_case
-    from crowdbench.runs.results import EPISODES
-    from crowdbench.runs.store import RunResult
+    from crowdbench.record.recorded_cases import find_case
+    from crowdbench.results.episodes import EPISODES
+    from crowdbench.results.run_result import RunResult
 
     if worst is not None and case is not None:
         raise InputError("--worst chooses the case: leave out --case or --worst")
@@ -78,7 +78,7 @@ def _choose(runs: Sequence[RunResult], case: str | None, worst: str | None) -> i
     import numpy as np
 
     from crowdbench.core.types import Outcome
-    from crowdbench.metrics import info_of, no_metric
+    from crowdbench.metrics.registry import info_of, no_metric
     from crowdbench.scenario.cases import parse_case
 
     cases, episodes = runs[0].cases, runs[0].episodes
@@ -107,9 +107,9 @@ def _choose(runs: Sequence[RunResult], case: str | None, worst: str | None) -> i
 
 def _record(run: Path, case: int, path: Path, data: Path | None) -> Path:
     """Return a recording with a case of a run: the run's recording, or else a replay that is written to `path`."""
-    from crowdbench.record.cases import recorded_cases
+    from crowdbench.record.recorded_cases import recorded_cases
+    from crowdbench.results.run_result import RunResult
     from crowdbench.runs.replay import record_case
-    from crowdbench.runs.store import RunResult
 
     recording = recording_of(run)
     if not run.is_dir() or (recording.exists() and case in recorded_cases(recording)):
@@ -130,7 +130,7 @@ def describe_cases(outcome: str, cases: Sequence[int]) -> str:
 def load_scenario(run: RunResult, pedestrians: Sequence[str] | None, layout: str | None, data: Path | None) -> Scenario:
     """Load the scenario of a run, with the files that the run had."""
     from crowdbench import catalog
-    from crowdbench.runs.result_file import RESULT
+    from crowdbench.results.result_file import RESULT
 
     source = str(run.directory / RESULT)
     scenario = catalog.load_recorded_scenario(run.result["scenario"], source, pedestrians or [], layout, data)
@@ -140,6 +140,6 @@ def load_scenario(run: RunResult, pedestrians: Sequence[str] | None, layout: str
 
 def recording_of(path: Path) -> Path:
     """Return the recording of a run, given by its directory or by the file itself."""
-    from crowdbench.runs.results import RECORDING
+    from crowdbench.results.episodes import RECORDING
 
     return path / RECORDING if path.is_dir() else path

@@ -12,9 +12,9 @@ from typing import NamedTuple
 from typer.exceptions import TyperException
 
 from crowdbench.utils.errors import InputError, Interrupted, defuse, describe_error
-from crowdbench.utils.progress import announce_compilation as announce_compilation
-from crowdbench.utils.progress import progress as progress
-from crowdbench.utils.progress import say as say
+from crowdbench.utils.progress_bars import announce_compilation as announce_compilation
+from crowdbench.utils.progress_bars import progress as progress
+from crowdbench.utils.progress_bars import say as say
 from crowdbench.utils.tables import Grid
 
 DEBUG = "--debug"

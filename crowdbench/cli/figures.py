@@ -54,9 +54,9 @@ def table(
         caption: With --format latex, the caption of a floating table.
         label: With --format latex, its label.
     """
-    from crowdbench.metrics import MAIN
-    from crowdbench.runs.result_file import STATED
-    from crowdbench.runs.table import SCENARIO, RunTable
+    from crowdbench.metrics.registry import MAIN
+    from crowdbench.results.result_file import STATED
+    from crowdbench.results.table import SCENARIO, RunTable
 
     if (caption or label) and format is not Format.LATEX:
         raise InputError("--caption and --label go with --format latex")
@@ -127,7 +127,7 @@ def render(
         out: A figure (.pdf, .svg or .png) or a film (.gif, .webp, or .mp4 with ffmpeg).
     """
     from crowdbench.cli.cases import open_case
-    from crowdbench.figures import episode
+    from crowdbench.figures import episode_figure as episode
     from crowdbench.scenario.cases import parse_case
 
     if strip is not None and (out.suffix in episode.FILMS or len(what) > 1):

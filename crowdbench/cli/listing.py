@@ -133,7 +133,7 @@ def _plugin_page(kind: str, name: str) -> tuple[str, str, list[OptionRow]]:
     text = parse_docstring(factory.__doc__)[0] if plugins.functions else plugins.docstring(name)
     text = text or f"{name} has no docstring: its file says nothing about the {plugins.word}."
     if kind == "metrics":
-        from crowdbench.metrics import info_of
+        from crowdbench.metrics.registry import info_of
 
         info = info_of(name)
         better = f"; {info.better} is better" if info.better else ""

@@ -19,8 +19,8 @@ from crowdbench.utils.tables import Format, Grid, format_tables, plain
 
 if TYPE_CHECKING:
     from crowdbench.metrics.info import Metric
-    from crowdbench.runs.results import Episodes
-    from crowdbench.runs.store import RunResult
+    from crowdbench.results.episodes import Episodes
+    from crowdbench.results.run_result import RunResult
     from crowdbench.scenario.scenario import Scenario
 
 
@@ -35,8 +35,8 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
         metric: A metric. Repeatable. By default, all metrics for two runs, and some for more runs.
         format: Write only the comparison, as a table; latex needs the package booktabs.
     """
-    from crowdbench.runs.compare import compare_to, comparison_grid
-    from crowdbench.runs.result_file import STATED
+    from crowdbench.results.compare import compare_to, comparison_grid
+    from crowdbench.results.result_file import STATED
 
     comparisons = compare_to(reference, others)
     for warning in dict.fromkeys(warning for comparison in comparisons for warning in comparison.warnings):
@@ -76,8 +76,8 @@ def score(
         layout: With --replay: your file of a layout that the run used, ./mine.py.
     """
     if replay:
-        from crowdbench.metrics.load import load_metrics
-        from crowdbench.runs.store import RunResult
+        from crowdbench.metrics.user_metrics import load_metrics
+        from crowdbench.results.run_result import RunResult
 
         announce_compilation()
         run = RunResult.read_unchecked(recording)
@@ -86,13 +86,13 @@ def score(
     given = {"--layout": layout, "--data": data, "--pedestrians": pedestrians}
     if wrong := [flag for flag, value in given.items() if value]:
         raise InputError(f"{wrong[0]} is for --replay: a recording contains all tracks")
-    from crowdbench.metrics.load import load_metrics
+    from crowdbench.metrics.user_metrics import load_metrics
     from crowdbench.record.contents import read
+    from crowdbench.results.episodes import Episodes
+    from crowdbench.results.result_file import STATED
+    from crowdbench.results.run_result import RunResult
+    from crowdbench.results.table import metric_grid
     from crowdbench.runs.replay import check_recorded
-    from crowdbench.runs.result_file import STATED
-    from crowdbench.runs.results import Episodes
-    from crowdbench.runs.store import RunResult
-    from crowdbench.runs.table import metric_grid
 
     checked = RunResult.read(recording) if recording.is_dir() else None
     metrics, contents = load_metrics(metric or []), read(recording_of(recording))
@@ -119,7 +119,7 @@ def score(
 def _episodes_table(cases: int, episodes: Episodes) -> Grid:
     """Return the episodes of a recording that lacks some of `cases`, without means, which would be biased."""
     from crowdbench.core.types import Outcome
-    from crowdbench.metrics import METRICS
+    from crowdbench.metrics.registry import METRICS
 
     title = f"{len(episodes)} of {cases} cases are recorded; rates over these alone would be biased"
     shown = ["navigation_time", "path_length", "minimum_gap", "discomfort", "max_velocity_change", "jerk"]
@@ -169,10 +169,10 @@ def export(
         pedestrians: Your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
         layout: Your file of a layout that the run used, ./mine.py.
     """
-    from crowdbench.runs.export import STEPS
-    from crowdbench.runs.export import export as write
-    from crowdbench.runs.pages import PAGE, export_page
-    from crowdbench.runs.store import RunResult
+    from crowdbench.export.export import STEPS
+    from crowdbench.export.export import export as write
+    from crowdbench.export.replay_page import PAGE, export_page
+    from crowdbench.results.run_result import RunResult
     from crowdbench.utils import files
 
     if len(runs) > 1 and format != "replay":

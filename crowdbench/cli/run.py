@@ -15,7 +15,7 @@ from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
 
 if TYPE_CHECKING:
-    from crowdbench.metrics import Metric
+    from crowdbench.metrics.registry import Metric
     from crowdbench.runs.run import Run
     from crowdbench.runs.spec import RunSpec
 
@@ -115,7 +115,7 @@ def make_one_run(spec: RunSpec, out: Path | None, shard: str | None, overwrite: 
     Returns:
         The run and its directory.
     """
-    from crowdbench.runs.load import open_run
+    from crowdbench.runs.loading import open_run
     from crowdbench.runs.shards import Parts, Shard, make_run
     from crowdbench.runs.spec import directory_name
 
@@ -162,10 +162,10 @@ def merge(
         out: Directory for the merged run.
         all_metrics: Print all metrics, and not only the main ones.
     """
-    from crowdbench.metrics.load import load_metrics
+    from crowdbench.metrics.user_metrics import load_metrics
+    from crowdbench.results.episodes import result_label
+    from crowdbench.results.result_file import STATED
     from crowdbench.runs.merge import merge as merge_runs
-    from crowdbench.runs.result_file import STATED
-    from crowdbench.runs.results import result_label
 
     metrics = load_metrics(metric or [])
     result = merge_runs(runs, out, overwrite)
@@ -184,9 +184,9 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         all_metrics: True if all metrics are printed.
     """
     from crowdbench.cli.cases import describe_cases
-    from crowdbench.runs.result_file import read_result
-    from crowdbench.runs.results import EPISODES, RECORDING, Episodes, read_estimate
-    from crowdbench.runs.table import metric_grid
+    from crowdbench.results.episodes import EPISODES, RECORDING, Episodes, read_estimate
+    from crowdbench.results.result_file import read_result
+    from crowdbench.results.table import metric_grid
 
     result = read_result(directory)
     if as_json:
@@ -212,7 +212,7 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         for outcome, cases in Episodes.read(directory / EPISODES).failures.items():
             print(f"{describe_cases(outcome, cases)}: crowdbench view {directory} --case {cases[0]}")
             if number:
-                from crowdbench.record.cases import read_verdict
+                from crowdbench.record.recorded_cases import read_verdict
 
                 for line in read_verdict(directory / RECORDING, cases[0]):
                     print(f"  {line}")

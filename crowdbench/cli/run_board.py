@@ -50,14 +50,14 @@ def run_board(
     from crowdbench.boards.board import find_board
     from crowdbench.boards.board_runs import make_each
     from crowdbench.boards.means import board_figures
-    from crowdbench.metrics import MAIN, info_of
+    from crowdbench.metrics.registry import MAIN, info_of
     from crowdbench.metrics.summary import Estimate
+    from crowdbench.results.episodes import read_estimate
+    from crowdbench.results.result_file import read_result
+    from crowdbench.results.table import estimate_grid
     from crowdbench.runs.folder import make_in_folder, run_directory
-    from crowdbench.runs.load import load_run
-    from crowdbench.runs.result_file import read_result
-    from crowdbench.runs.results import read_estimate
+    from crowdbench.runs.loading import load_run
     from crowdbench.runs.spec import RunSpec
-    from crowdbench.runs.table import estimate_grid
     from crowdbench.scenario.cases import Cases
 
     rules = find_board(board, ROOT).with_data(data)

@@ -17,15 +17,15 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core.dynamics import DISC, Holonomic
 from crowdbench.core.reward import fill_reward
 from crowdbench.core.types import World
-from crowdbench.envs.observations import AGENT_FEATURES, flatten_agents
-from crowdbench.envs.outcomes import check_pedestrians
 from crowdbench.envs.rewards import CheckedReward, crowdnav
-from crowdbench.envs.views import View
+from crowdbench.envs.step_outcomes import check_pedestrians
 from crowdbench.sim.episode import StepCheck, check_disc
 from crowdbench.sim.kernels import FlatKernel, per_agent
 from crowdbench.sim.neighbors import CELLS_FROM
 from crowdbench.sim.pedestrians.orca_crowd import ORCA, avoidance_of, orca_in_one
 from crowdbench.sim.simulator import STEP, After, Commands, move_agents, state_before
+from crowdbench.views.ego import AGENT_FEATURES, flatten_agents
+from crowdbench.views.view import View
 
 Margins = namedtuple("Margins", "safety_space neighbor_distance max_neighbors time_horizon")
 """Parameters of pedestrians that ORCA uses; see `crowdbench.sim.pedestrians.orca.Avoidance`."""

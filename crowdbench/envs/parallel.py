@@ -15,16 +15,16 @@ from pettingzoo import ParallelEnv
 from crowdbench.core.reward import reward
 from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
-from crowdbench.envs.observations import ego_views, flatten_everybody
-from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.render import RENDER_MODES
 from crowdbench.envs.rewards import Reward, Step, crowdnav
-from crowdbench.envs.views import NEAREST, View, pedestrian_action_space
+from crowdbench.envs.step_outcomes import outcomes_of_agents
 from crowdbench.scenario.population import GOES_ON
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, finish_step, move
 from crowdbench.utils.errors import InputError
+from crowdbench.views.ego import ego_views, flatten_everybody
+from crowdbench.views.view import NEAREST, View, pedestrian_action_space
 
 VEHICLE = "vehicle"
 """The name of the vehicle as an agent. The others are `pedestrian_0`, `pedestrian_1`, ..."""
@@ -66,13 +66,13 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
 
     - Agents: `vehicle`, and `pedestrian_0`, `pedestrian_1`, ... for the pedestrians of the case. In a scenario with
       recorded pedestrians, only the vehicle.
-    - Observations: see `crowdbench.envs.views`. The vehicle uses the scenario's sensor, pedestrians observe all agents.
+    - Observations: see `crowdbench.views.view`. The vehicle uses the scenario's sensor, pedestrians observe all agents.
     - Actions: velocities `(vx, vy)` in m/s, along the axes of the world or in the frame of the agent's goal. A speed
       above the agent's preferred speed is reduced to it. The scenario's `limits` bound changes of a pedestrian's
       velocity. A pedestrian without an action, or with None, follows the scenario's policy. The vehicle must have an
       action.
-    - Rewards: see `crowdbench.envs.rewards`, computed from each agent's outcome and gap (`crowdbench.envs.outcomes`) in
-      its ego view (`crowdbench.envs.observations.ego_views`).
+    - Rewards: see `crowdbench.envs.rewards`, computed from the outcome and gap of each agent in
+      its ego view (`crowdbench.views.ego.ego_views`).
     - Starting state: the case in the options of `reset`, or else a training case drawn from the seed.
     - Terminations: a pedestrian terminates when it reaches its goal; it is no longer an agent, but stays in the world
       and follows the scenario's policy, unless the scenario's `arrival` removes it. If pedestrians get new goals or are

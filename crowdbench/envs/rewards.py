@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core.geometry import norm
 from crowdbench.core.reward import reward
 from crowdbench.core.types import Outcome, World
-from crowdbench.plugins.load import Kind
+from crowdbench.plugins.kind import Kind
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.errors import InputError, plugin_errors
 

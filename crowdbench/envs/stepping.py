@@ -16,12 +16,12 @@ from crowdbench.core.types import Outcome, World
 from crowdbench.envs.compiled_step import CompiledStep
 from crowdbench.envs.render import Renderer
 from crowdbench.envs.rewards import Reward, Step, load_reward
-from crowdbench.envs.views import View
 from crowdbench.scenario.cases import parse_case
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, step
 from crowdbench.utils.errors import InputError
+from crowdbench.views.view import View
 
 TRAINING_CASES = 2**32
 """Without `options={"case": ...}`, `reset` draws one of this many training cases."""

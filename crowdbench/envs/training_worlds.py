@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from crowdbench.core.types import World
 from crowdbench.envs import stepping
 from crowdbench.envs.rewards import CheckedReward, Step
-from crowdbench.envs.views import View
+from crowdbench.views.view import View
 
 CASES = 2048
 """Training cases that are drawn at the start. Drawing one takes as long as hundreds of steps of a world."""

@@ -16,9 +16,9 @@ from jaxtyping import Bool, Float
 from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
 from crowdbench.envs.rewards import Reward, Step, load_reward
-from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
+from crowdbench.views.view import NEAREST, Observed, View, row_of
 
 LABELS = np.array(stepping.LABELS, object)
 

@@ -12,8 +12,8 @@ from crowdbench.core.types import Outcome
 from crowdbench.envs import stepping
 from crowdbench.envs.render import RENDER_MODES
 from crowdbench.envs.rewards import Reward
-from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.views.view import NEAREST, Observed, View, row_of
 
 
 class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
@@ -21,7 +21,7 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
 
     `gymnasium.make("crowdbench:crowdbench/Vehicle-v0")` also works in a program that does not import crowdbench.
 
-    - Observation: see `crowdbench.envs.views`.
+    - Observation: see `crowdbench.views.view`.
     - Action: a velocity `(vx, vy)` in m/s. A speed above the vehicle's preferred speed is reduced to it.
     - Reward: see `crowdbench.envs.rewards`.
     - Starting state: the case in the options of `reset`, or else a training case drawn from the seed.

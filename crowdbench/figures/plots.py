@@ -13,7 +13,7 @@ from crowdbench.core.types import Outcome
 from crowdbench.drawing import FONT_SIZE
 from crowdbench.figures.style import COLOURS, DASHES, HEIGHT, axes
 from crowdbench.metrics.summary import bootstrap, rate
-from crowdbench.runs.table import RunTable
+from crowdbench.results.table import RunTable
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 

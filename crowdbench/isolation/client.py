@@ -24,8 +24,8 @@ from crowdbench.isolation.protocol import (
     send,
     to_json,
 )
-from crowdbench.planners.base import OneStepOnly, Planner
-from crowdbench.planners.contract import Fault, validate_array
+from crowdbench.planners.planner import OneStepOnly, Planner
+from crowdbench.planners.validation import Fault, validate_array
 from crowdbench.utils import interrupts
 from crowdbench.utils.errors import InputError, describe_error, plugin_errors
 

@@ -19,8 +19,8 @@ from typing import Any
 
 from crowdbench.isolation.launch import MACHINES
 from crowdbench.isolation.limits import TASKS, launcher
-from crowdbench.plugins.load import ROOT
-from crowdbench.utils.compiled import store
+from crowdbench.plugins.kind import ROOT
+from crowdbench.utils.compiled import kernel_files as store
 
 CLIENT = (sys.executable, "-P", "-m", "crowdbench.isolation.client")
 """Command that makes a Python planner in its process. With `-P`, a file in the current folder replaces no module."""

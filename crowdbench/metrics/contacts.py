@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.core.types import Trace
+from crowdbench.metrics.fault import LITTLE, Contacts, Fault, find_contacts
 from crowdbench.metrics.info import describe
-from crowdbench.sim.contacts import LITTLE, Contacts, Fault, find_contacts
 
 _CONTACTS: WeakKeyDictionary[Trace, Contacts] = WeakKeyDictionary()
 
@@ -91,6 +91,6 @@ def hit_both_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
 def vehicle_share(trace: Trace) -> Float[np.ndarray, "world"]:
     """Part of the approach in the last second before a collision that was the vehicle's, over collisions [1].
 
-    It is phi of `crowdbench.sim.contacts`; 1 for a collision with an obstacle.
+    It is phi of `crowdbench.metrics.fault`; 1 for a collision with an obstacle.
     """
     return contacts_of(trace).share

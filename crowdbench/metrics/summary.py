@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from crowdbench.metrics import info_of, is_rate
+from crowdbench.metrics.registry import info_of, is_rate
 
 Column = Shaped[np.ndarray, "case"]
 Values = Float[np.ndarray, "case"]

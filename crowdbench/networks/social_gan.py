@@ -26,7 +26,7 @@ NOISE = 8
 """Normal numbers per future. All pedestrians of a scene share them, so that their futures belong together."""
 
 
-class Encoder(nn.Module):
+class TrajectoryEncoder(nn.Module):
     """An LSTM over a pedestrian's displacements."""
 
     def __init__(self, hidden: int) -> None:
@@ -84,7 +84,7 @@ class Generator(nn.Module):
 
     def __init__(self, pooling: bool = False) -> None:
         super().__init__()
-        self.encoder = Encoder(HIDDEN)
+        self.encoder = TrajectoryEncoder(HIDDEN)
         self.pooling = Pooling() if pooling else None
         self.context = nn.Sequential(perceptron(HIDDEN * (2 if pooling else 1), WIDE, HIDDEN - NOISE), nn.ReLU())
         self.embed = nn.Linear(2, EMBEDDING)

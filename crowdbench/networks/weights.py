@@ -17,7 +17,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import nn
 
-from crowdbench.plugins.load import ROOT
+from crowdbench.plugins.kind import ROOT
 from crowdbench.utils.errors import InputError, find_named, is_number
 from crowdbench.utils.files import read_json, read_regular, whole
 

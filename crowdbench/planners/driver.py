@@ -20,8 +20,8 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.dynamics import DYNAMICS, FREE
 from crowdbench.core.types import Observation
-from crowdbench.planners.base import OneStepOnly, Planner
-from crowdbench.planners.contract import Decision, Fault, validate_commands
+from crowdbench.planners.planner import OneStepOnly, Planner
+from crowdbench.planners.validation import Decision, Fault, validate_commands
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import ForkGuard, InputError, describe_error, is_interrupt, plugin_errors
 from crowdbench.utils.resources import FairLimit

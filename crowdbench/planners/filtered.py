@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.core.types import HISTORY, Observation, Pedestrians
-from crowdbench.planners.base import AheadPlanner, Planner
+from crowdbench.planners.planner import AheadPlanner, Planner
 from crowdbench.planners.scene import Sequence
 
 Means = Float[np.ndarray, "world pedestrian 4"]

@@ -10,19 +10,19 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.dynamics import Holonomic
-from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.core.dynamics.dynamics import speeds_and_headings
 from crowdbench.core.geometry import norm
 from crowdbench.core.reward import discount, reward
 from crowdbench.core.types import Observation, Outcome, Vehicle
-from crowdbench.networks.threads import CHUNK, in_chunks
+from crowdbench.networks.chunks import CHUNK, in_chunks
 from crowdbench.networks.value import ValueNetwork, evaluate
 from crowdbench.networks.weights import digest
-from crowdbench.planners.base import AheadPlanner, PredictingPlanner
 from crowdbench.planners.kce import Limits, Shaping
+from crowdbench.planners.planner import AheadPlanner, PredictingPlanner
 from crowdbench.planners.scene import Commands, Scene, Sequence, Velocities, mean_future, scene_of
 from crowdbench.planners.trials import propagate_vehicle, try_commands
 from crowdbench.predict import Prediction
-from crowdbench.predict.base import predict
+from crowdbench.predict.predictor import predict
 from crowdbench.utils.errors import require_count
 
 Actions = Callable[[Float[np.ndarray, "world"]], Commands]

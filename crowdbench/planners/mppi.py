@@ -10,15 +10,15 @@ from jaxtyping import Float
 from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation, Outcome
-from crowdbench.networks.threads import CHUNK, in_chunks
-from crowdbench.planners.base import AheadPlanner, PredictingPlanner
+from crowdbench.networks.chunks import CHUNK, in_chunks
 from crowdbench.planners.filtered import NO_INFLATION, RadiusInflation, radius_inflation
 from crowdbench.planners.hidden import hidden_scene
 from crowdbench.planners.last_plans import LastPlans
+from crowdbench.planners.planner import AheadPlanner, PredictingPlanner
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
 from crowdbench.planners.trials import SequenceResult, limit_commands, propagate_vehicle, time_left, try_sequences
 from crowdbench.predict import Prediction
-from crowdbench.predict.base import predict
+from crowdbench.predict.predictor import predict
 from crowdbench.utils.errors import is_number, require, require_count, require_not_negative, require_positive
 
 Costs = Float[np.ndarray, "world sequence"]

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation
-from crowdbench.planners.base import Planner
+from crowdbench.planners.planner import Planner
 from crowdbench.sim.episode import stopping_gap
 from crowdbench.sim.obstacles import slide
 from crowdbench.sim.pedestrians.orca import orca_velocities

@@ -11,7 +11,7 @@ from __future__ import annotations
 from crowdbench.networks.value import load_network
 from crowdbench.planners.kce import ChangeCost, Exploration, Limits, PrintedShaping
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.predict.load import load_predictor
+from crowdbench.predict.predictors import load_predictor
 
 
 def sarl_planner(

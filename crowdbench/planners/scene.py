@@ -10,7 +10,7 @@ from typing import NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench.core.dynamics.motion import Motion
+from crowdbench.core.dynamics.kernels import Motion
 from crowdbench.core.types import Observation, Vehicle
 from crowdbench.predict import Prediction
 from crowdbench.utils.compiled import njit

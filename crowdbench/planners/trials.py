@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from crowdbench.core.dynamics import Holonomic
-from crowdbench.core.dynamics.motion import HOLONOMIC, drive_without_heading
+from crowdbench.core.dynamics.kernels import HOLONOMIC, drive_without_heading
 from crowdbench.core.geometry import Discs, local_goals, nearest_in_step, norm
 from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.joint_state import SIZE, PedestrianStates, VehicleState, write_joint_states
@@ -275,7 +275,7 @@ def _fill_chords(code, body, before, after, dt, chord):
 @no_type_check
 @njit(nogil=True, inline="always")
 def _chord_error(code, body, after, dt):
-    """Return the largest distance in metres between a chord and its arc: see `core.dynamics.motion.chords`."""
+    """Return the largest distance in metres between a chord and its arc: see `core.dynamics.kernels.chords`."""
     if code == HOLONOMIC:
         return 0.0
     speed, along = math.hypot(after.vx, after.vy), max(abs(body[0]), abs(body[-1])) * after.turn_rate

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import crowdbench
-from crowdbench.plugins import files
-from crowdbench.plugins.files import imported_modules
-from crowdbench.utils.compiled import store
+from crowdbench.plugins import plugin_files as files
+from crowdbench.plugins.plugin_files import imported_modules
+from crowdbench.utils.compiled import kernel_files as store
 
 _SILENT = frozenset({"ctx", "kind", "type_comment"})
 """Fields of syntax trees that do not change what the code does."""
@@ -56,11 +56,19 @@ def reached_files(modules: Iterable[str], further: Iterable[Path] = ()) -> set[P
 
 
 @functools.cache
+def _public_names() -> dict[str, str]:
+    """Return the module of each public name of the package."""
+    stub = ast.parse(Path(crowdbench.__file__).with_suffix(".pyi").read_bytes())
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+    return {alias.name: str(node.module) for node in imports for alias in node.names}
+
+
+@functools.cache
 def _find(name: str) -> Path | None:
     """Return the file of a module, or of a public name; None for the package itself, which only imports names."""
     package, *parts = name.split(".")
     if package == NAME and len(parts) == 1:
-        parts = crowdbench.public_names().get(parts[0], name).split(".")[1:]
+        parts = _public_names().get(parts[0], name).split(".")
     if package != NAME or not parts or name == DESCRIBES[0]:
         return None
     path = PACKAGE.joinpath(*parts)

@@ -7,7 +7,7 @@ import keyword
 import re
 from pathlib import Path
 
-from crowdbench.plugins.load import ROOT
+from crowdbench.plugins.kind import ROOT
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import new_directory
 

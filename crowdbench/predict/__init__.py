@@ -1,8 +1,5 @@
 """Predictors of pedestrians' motion."""
 
-from __future__ import annotations
+import lazy_loader
 
-from crowdbench.predict.base import Prediction, Predictor
-from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
-
-__all__ = ["ConstantVelocity", "ConstantVelocitySampled", "Linear", "Oracle", "Prediction", "Predictor"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

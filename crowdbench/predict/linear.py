@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from crowdbench.core.arrays import Vectors
 from crowdbench.core.types import Observation
-from crowdbench.predict.base import Prediction, Predictor
+from crowdbench.predict.predictor import Prediction, Predictor
 from crowdbench.utils.errors import require, require_count
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from crowdbench.core import rng
 from crowdbench.core.types import Observation, Rules, World
 from crowdbench.core.types.rules import WalkingLimits
-from crowdbench.predict.base import Prediction
+from crowdbench.predict.predictor import Prediction
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.simulator import advance, crowd_decisions, init_memories
 from crowdbench.utils.errors import require

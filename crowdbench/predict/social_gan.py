@@ -13,10 +13,10 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from crowdbench.core.types import Observation, Pedestrians
+from crowdbench.networks.chunks import CHUNK, in_chunks
 from crowdbench.networks.social_gan import NOISE, Generator
-from crowdbench.networks.threads import CHUNK, in_chunks
 from crowdbench.networks.weights import built_in, digest, load_into, read_card, weights_file
-from crowdbench.predict.base import Prediction, Predictor
+from crowdbench.predict.predictor import Prediction, Predictor
 from crowdbench.utils.errors import InputError, is_number, require_count
 
 NAME = "sgan"

@@ -16,8 +16,8 @@ from rerun.chunk import LazyChunkStream
 
 from crowdbench.record import rrd
 from crowdbench.record.blueprint import blueprint, logged_curves
-from crowdbench.record.cases import read_case, recorded_cases
-from crowdbench.record.drawing import extent
+from crowdbench.record.entities import extent
+from crowdbench.record.recorded_cases import read_case, recorded_cases
 from crowdbench.utils.errors import InputError, Interrupted
 
 

@@ -26,10 +26,10 @@ from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.record import contents, rrd
 from crowdbench.record.blueprint import blueprint, is_curve, logged_curves
-from crowdbench.record.cases import PROPERTIES, VERDICT
-from crowdbench.record.drawing import draw_episode, extent
+from crowdbench.record.entities import draw_episode, extent
+from crowdbench.record.explanation import describe_failure
+from crowdbench.record.recorded_cases import PROPERTIES, VERDICT
 from crowdbench.record.rrd import still
-from crowdbench.record.verdict import describe_failure
 
 
 @dataclass

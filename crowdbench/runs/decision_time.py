@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.types import Observation
-from crowdbench.planners.base import AheadPlanner, Planner
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.planner import AheadPlanner, Planner
 from crowdbench.runs.recording import Commands
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import Replanning

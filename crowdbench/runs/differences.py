@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Int, Shaped
 
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.runs.results import BLOCK, Episodes
+from crowdbench.results.episodes import BLOCK, Episodes
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.tables import flatten
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from crowdbench.runs.result_file import RESULT
+from crowdbench.results.result_file import RESULT
+from crowdbench.results.run_result import RunResult
 from crowdbench.runs.run import Run
 from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import directory_name
-from crowdbench.runs.store import RunResult
 
 
 def run_directory(run: Run, out: Path) -> Path:

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench.plugins.code import code_digest
-from crowdbench.plugins.files import read_files
-from crowdbench.plugins.load import ROOT
+from crowdbench.plugins.kind import ROOT
+from crowdbench.plugins.plugin_files import read_files
 
-SIMULATOR = ("crowdbench.runs.rollout", "crowdbench.scenario.load")
+SIMULATOR = ("crowdbench.runs.rollout", "crowdbench.scenario.scenario_file")
 """The modules that simulate an episode from a scenario and commands. Modules that they import count, too."""
 
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from crowdbench.results.episodes import RECORDING, Episodes
+from crowdbench.results.run_result import RunResult, write_run
 from crowdbench.runs.identity import code
 from crowdbench.runs.recording import COMMANDS, join_commands, most_failures
-from crowdbench.runs.results import RECORDING, Episodes
-from crowdbench.runs.store import RunResult, write_run
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import new_directory

@@ -18,8 +18,8 @@ import pyarrow.parquet as pq
 from jaxtyping import Float, Int
 
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.metrics import Metric, info_of
-from crowdbench.runs.results import RECORDING, Episodes
+from crowdbench.metrics.registry import Metric, info_of
+from crowdbench.results.episodes import RECORDING, Episodes
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.defaults import BATCH, FIRST_RECORDED, MOST_FAILURES, RECORDED_CROWD, WITH_EPISODES
 from crowdbench.utils.errors import InputError, describe_error

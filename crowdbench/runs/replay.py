@@ -17,17 +17,17 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.core.types import Observation, Trace, World
-from crowdbench.metrics import Metric, need_undisturbed
-from crowdbench.planners.base import Planner
+from crowdbench.metrics.registry import Metric, need_undisturbed
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.planner import Planner
+from crowdbench.results.episodes import EPISODES, RECORDING, Episodes
+from crowdbench.results.result_file import RESULT
+from crowdbench.results.run_result import RunResult
 from crowdbench.runs.differences import Difference, Differences
 from crowdbench.runs.identity import code, source_of
 from crowdbench.runs.recording import COMMANDS, Commands
-from crowdbench.runs.result_file import RESULT
-from crowdbench.runs.results import EPISODES, RECORDING, Episodes
 from crowdbench.runs.rollout import Progress, rollout
 from crowdbench.runs.run import fit_batch, read_versions
-from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.defaults import BATCH

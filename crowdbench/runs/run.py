@@ -16,14 +16,14 @@ from llvmlite.binding import get_host_cpu_name
 
 from crowdbench.catalog import PLANNERS
 from crowdbench.core.types import Trace, World
-from crowdbench.metrics import Metric, need_undisturbed
+from crowdbench.metrics.registry import Metric, need_undisturbed
 from crowdbench.planners.driver import Driver
+from crowdbench.results.episodes import Episodes, planner_label
+from crowdbench.results.run_result import write_run
 from crowdbench.runs.identity import PlannerId, RunId, code, source_of
 from crowdbench.runs.recording import open_recorder, units_of
-from crowdbench.runs.results import Episodes, planner_label
 from crowdbench.runs.rollout import LogsTooLarge, Progress, rollout
 from crowdbench.runs.spec import RunSpec
-from crowdbench.runs.store import write_run
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.defaults import WITH_EPISODES

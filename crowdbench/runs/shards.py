@@ -19,8 +19,8 @@ from typing import TypeVar
 
 from filelock import Timeout
 
+from crowdbench.results.result_file import RESULT, check_result, read_result
 from crowdbench.runs.merge import merge
-from crowdbench.runs.result_file import RESULT, check_result, read_result
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec

@@ -32,7 +32,7 @@ if TYPE_CHECKING:  # most scenarios have no recorded pedestrians
 
 @dataclass(frozen=True)
 class Scenario:
-    """Scenario, a generator of worlds from case numbers. `crowdbench.scenario.load` reads it from a file.
+    """Scenario, a generator of worlds from case numbers. `crowdbench.scenario.scenario_file` reads it from a file.
 
     Attributes:
         name: Name of the scenario.
@@ -44,7 +44,7 @@ class Scenario:
         starts: Generator of the starts of cases: from a layout, as in CrowdNav++, or from recorded tracks.
         policies: The pedestrian policies by name.
         table: The complete table of the scenario, as written to results.
-        digest: Twelve hexadecimal digits that change with the cases: see `crowdbench.scenario.load`.
+        digest: Twelve hexadecimal digits that change with the cases: see `crowdbench.scenario.scenario_file`.
         certificates: Certificates of its cases; None if there are none.
     """
 

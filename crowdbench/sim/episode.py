@@ -15,7 +15,7 @@ from typing import NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.dynamics.motion import HOLONOMIC, along_arc, chords
+from crowdbench.core.dynamics.kernels import HOLONOMIC, along_arc, chords
 from crowdbench.core.geometry import Discs, nearest_in_step
 from crowdbench.core.types import COLLISION_RULES, Outcome
 from crowdbench.sim.obstacles import wall_gap_in_step

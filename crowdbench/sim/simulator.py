@@ -11,14 +11,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.core.dynamics import DISC, hull
-from crowdbench.core.dynamics.motion import HOLONOMIC, Motion, drive, limit_change, limit_speed
+from crowdbench.core.dynamics.kernels import HOLONOMIC, Motion, drive, limit_change, limit_speed
 from crowdbench.core.types import Outcome, RuleNumbers, Rules, World
 from crowdbench.sim.attention import AttentionState, adapted_view, init_attention, update_attention
 from crowdbench.sim.episode import StepCheck, check_disc, check_step
 from crowdbench.sim.kernels import FlatKernel
 from crowdbench.sim.obstacles import slide
 from crowdbench.sim.pedestrians import Memory, PedestrianPolicy, PolicyWithMemory
-from crowdbench.sim.pedestrians.base import Velocities, init_memory, query_policy
+from crowdbench.sim.pedestrians.policy import Velocities, init_memory, query_policy
 from crowdbench.sim.routes import follow_routes
 from crowdbench.sim.sight import look
 from crowdbench.utils.compiled import njit

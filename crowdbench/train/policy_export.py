@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from crowdbench.envs.onnx_policy import METADATA, STATE
-from crowdbench.envs.views import KEYS
+from crowdbench.planners.onnx_policy import METADATA, STATE
 from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.views.view import KEYS
 
 EXAMPLES = 3
 """Number of worlds in the traced example. With one world, the exporter treats the batch axis as a constant."""

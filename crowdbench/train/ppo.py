@@ -1,9 +1,9 @@
 """Trains a policy by proximal policy optimization (PPO, Schulman et al. 2017).
 
 A policy observes the vehicle and the nearest pedestrians in the frame of the goal, and returns a velocity in this
-frame; a recurrent policy observes more (`planners.policy.PolicyInterface`). It learns from a reward in many worlds at
-once. Each update simulates some steps of every world, then passes over them several times in minibatches of whole
-segments. The value loss is not clipped, and there is no entropy bonus.
+frame; a recurrent policy observes more (`planners.trained_policy.PolicyInterface`). It learns from a reward in many
+worlds at once. Each update simulates some steps of every world, then passes over them several times in minibatches of
+whole segments. The value loss is not clipped, and there is no entropy bonus.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from crowdbench.catalog import load_scenario
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.envs.rewards import load_reward
 from crowdbench.envs.training_worlds import CASES, TrainingWorlds
-from crowdbench.envs.views import View
+from crowdbench.networks.chunks import in_chunks, one_torch_thread
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.policy import ActorCritic, Memory, Policy, Seen
-from crowdbench.networks.threads import in_chunks, one_torch_thread
-from crowdbench.planners.base import Planner
 from crowdbench.planners.filtered import FilteredPlanner, KalmanFilter
-from crowdbench.planners.policy import NetworkPlanner, PolicyInterface
-from crowdbench.plugins.files import read_files
-from crowdbench.plugins.load import file_and_function
+from crowdbench.planners.planner import Planner
+from crowdbench.planners.trained_policy import NetworkPlanner, PolicyInterface
+from crowdbench.plugins.kind import file_and_function
 from crowdbench.plugins.options import Option
+from crowdbench.plugins.plugin_files import read_files
 from crowdbench.predict import ConstantVelocity
 from crowdbench.sim.sensor import observe
 from crowdbench.train.config import PPOConfig, split_names
 from crowdbench.train.training import DrivingTraining, describe_scenario
 from crowdbench.utils.errors import InputError, is_number, require, require_count, require_positive
 from crowdbench.utils.resources import keep_freed_memory
+from crowdbench.views.view import View
 
 Numbers = Float[Tensor, "step world"]
 Flags = Bool[Tensor, "step world"]

@@ -16,11 +16,11 @@ import numpy as np
 from torch import Tensor, nn
 
 from crowdbench.catalog import load_scenario
-from crowdbench.metrics import METRICS
+from crowdbench.metrics.registry import METRICS
 from crowdbench.networks import card as cards
-from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.results import Episodes
+from crowdbench.planners.planner import Planner
+from crowdbench.results.episodes import Episodes
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario

@@ -25,17 +25,17 @@ from torch import Tensor
 
 from crowdbench.core.types import Observation, Trace
 from crowdbench.networks.value import NETWORKS, ValueNetwork
-from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.kce import Limits
 from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.predict import ConstantVelocity
-from crowdbench.predict.load import load_predictor
+from crowdbench.predict.predictors import load_predictor
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.train.config import UNLIMITED, ValueConfig
-from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
+from crowdbench.train.replay_memory import ReplayBuffer, Transitions, transitions
 from crowdbench.train.training import DrivingTraining
 
 DEMONSTRATIONS = 2000

@@ -1,1 +1,5 @@
 """General tools, independent of crowds: files, errors, interrupts, tables, compiled code."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -12,16 +12,13 @@ from typing import Any
 
 from standings import PENDING
 
+from crowdbench import Episodes, InputError, Outcome, Scenario
 from crowdbench.boards.board import Board
 from crowdbench.boards.board_runs import read_episodes
 from crowdbench.boards.entry import Entry, is_pending
 from crowdbench.boards.verification import read_public_run
-from crowdbench.core.types import Outcome
-from crowdbench.runs.pages import export_page
-from crowdbench.runs.results import Episodes
-from crowdbench.runs.store import RunResult
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.utils.errors import InputError
+from crowdbench.export import export_page
+from crowdbench.results import RunResult
 
 MOST = 10
 """The most failures of an entry that are listed."""

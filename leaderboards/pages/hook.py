@@ -26,12 +26,12 @@ from mkdocs.structure.files import File, Files
 from readme import FILLING
 from standings import Standings, standings
 
+from crowdbench import METRICS, InputError
 from crowdbench.boards.board import MEASURED, Board, read_boards
 from crowdbench.boards.entry import read_entries
 from crowdbench.boards.season import SEASON, TooEarly, read_season
-from crowdbench.metrics import METRICS, info_of
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.progress import progress
+from crowdbench.metrics import info_of
+from crowdbench.utils import progress
 
 FOLDER = "leaderboards"
 """The folder of the pages in the site."""

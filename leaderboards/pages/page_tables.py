@@ -10,8 +10,8 @@ from ranking import Pair
 from standings import Standing, Standings
 from texts import NOTHING, number
 
-from crowdbench.core.types import Outcome
-from crowdbench.metrics.summary import Estimate
+from crowdbench import Outcome
+from crowdbench.metrics import Estimate
 
 MOST_CASES = 80
 """Largest number of shown cases: the ones in which most entries fail."""

@@ -11,12 +11,9 @@ from standings import Standing, Standings, standings
 from crowdbench.boards.board import read_boards
 from crowdbench.boards.entry import read_entries
 from crowdbench.boards.season import read_season
-from crowdbench.cli import main
-from crowdbench.cli.boards import ROOT
-from crowdbench.cli.options import help_from_docstring
+from crowdbench.cli import ROOT, help_from_docstring, main
 from crowdbench.metrics import info_of
-from crowdbench.utils import files
-from crowdbench.utils.tables import markdown
+from crowdbench.utils import files, markdown
 
 README = "README.md"
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Int
 from ranking import Pair, Rank, compare_all, pareto, ranks, sort_entries, tiers
 
+from crowdbench import Episodes, InputError, Outcome
 from crowdbench.boards.board import Board
 from crowdbench.boards.board_runs import read_episodes
 from crowdbench.boards.entry import MAINTAINERS, Entry, fold, is_pending
@@ -25,10 +26,7 @@ from crowdbench.boards.verdict import (
     read_verification,
     verification_folder,
 )
-from crowdbench.core.types import Outcome
-from crowdbench.metrics.summary import UNDEFINED, Estimate
-from crowdbench.runs.results import Episodes
-from crowdbench.utils.errors import InputError
+from crowdbench.metrics import UNDEFINED, Estimate
 
 MAX_RANKED = 2
 """Largest number of ranked entries of a submitter on a board."""

@@ -14,24 +14,12 @@ import numba
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.catalog import load_planner
-from crowdbench.core.rng import SPLITS
-from crowdbench.core.types import Outcome, Trace
-from crowdbench.core.types.rules import PERFECT
-from crowdbench.metrics import METRICS
-from crowdbench.planners.driver import Driver
-from crowdbench.plugins.code import code_digest
-from crowdbench.runs.identity import PlannerId
-from crowdbench.runs.replay import Playback
-from crowdbench.runs.rollout import Progress, rollout
-from crowdbench.runs.run import Run, fit_batch
-from crowdbench.runs.shards import Parts, make_run
-from crowdbench.runs.spec import RunSpec
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.certified import LARGEST, Certified, Examined
-from crowdbench.scenario.scenario import Scenario
+from crowdbench import METRICS, Cases, Driver, InputError, Outcome, Scenario, Trace, load_planner, rollout
+from crowdbench.core import PERFECT, SPLITS
+from crowdbench.plugins import code_digest
+from crowdbench.runs import Parts, PlannerId, Playback, Progress, Run, RunSpec, fit_batch, make_run
+from crowdbench.scenario import LARGEST, Certified, Examined
 from crowdbench.utils import files
-from crowdbench.utils.errors import InputError
 from studies.certificates.crowds import Crowd, Known, Reacting, known_steps
 from studies.certificates.search import Effort, SearchResult, Task, search
 from studies.pages import keep

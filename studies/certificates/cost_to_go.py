@@ -10,9 +10,9 @@ from jaxtyping import Float
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from crowdbench.core.arrays import Polygons
-from crowdbench.sim.obstacles import wall_gap_in_step
-from crowdbench.utils.compiled import njit
+from crowdbench.core import Polygons
+from crowdbench.sim import wall_gap_in_step
+from crowdbench.utils import njit
 
 CELL = 0.1
 """Distance in metres between the points of the grid."""

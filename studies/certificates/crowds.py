@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.core.types import Outcome, World
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import crowd_decisions, finish_step, move, step
+from crowdbench import Outcome, Scenario, World
+from crowdbench.sim import crowd_decisions, finish_step, move, step
 
 
 class CrowdStep(NamedTuple):

@@ -12,13 +12,9 @@ from typing import NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.dynamics.motion import HOLONOMIC, Motion, drive
-from crowdbench.core.geometry import Discs, nearest_in_step
-from crowdbench.core.types import COLLISION_RULES
-from crowdbench.core.types.rules import RuleNumbers
-from crowdbench.sim.episode import fill_motion, gaps_on_arc
-from crowdbench.sim.obstacles import wall_gap_in_step
-from crowdbench.utils.compiled import njit
+from crowdbench.core import COLLISION_RULES, HOLONOMIC, Discs, Motion, RuleNumbers, drive, nearest_in_step
+from crowdbench.sim import fill_motion, gaps_on_arc, wall_gap_in_step
+from crowdbench.utils import njit
 from studies.certificates.cost_to_go import cost_left
 
 _PLUS = COLLISION_RULES.index("crowdnav_plus")

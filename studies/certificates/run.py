@@ -13,13 +13,19 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import main
-from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress
-from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
+from crowdbench.cli import (
+    ThreadsOption,
+    announce_compilation,
+    assignments,
+    exit_on_interrupt,
+    help_from_docstring,
+    main,
+    progress,
+    use_threads,
+)
 
 if TYPE_CHECKING:
-    from crowdbench.scenario.cases import Cases
-    from crowdbench.scenario.scenario import Scenario
+    from crowdbench import Cases, Scenario
     from studies.certificates.certificate import Certificate
 
 
@@ -46,9 +52,8 @@ def certify(
         overwrite: Replace earlier certificates.
     """
     use_threads(threads)
-    from crowdbench import catalog
-    from crowdbench.scenario.cases import Cases
-    from crowdbench.scenario.certified import FOLDER
+    from crowdbench import Cases, catalog
+    from crowdbench.scenario import FOLDER
     from studies.certificates.certificate import make
 
     examined, changes = Cases.parse(cases), assignments(overrides or [], "--set")

@@ -13,10 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.dynamics import Bicycle, Holonomic, State, Unicycle
-from crowdbench.core.dynamics.base import HEADINGS, REACHED, SPEEDS, TURNS
-from crowdbench.core.geometry import toward_goal
-from crowdbench.core.types import Rules, World
+from crowdbench import Rules, World
+from crowdbench.core import HEADINGS, REACHED, SPEEDS, TURNS, Bicycle, Holonomic, State, Unicycle, toward_goal
 from studies.certificates.cost_to_go import CostToGo, cost_left, find_cost_to_go
 from studies.certificates.crowds import Crowd
 from studies.certificates.expand import SAFE, Grid, Layer, Vehicle, expand

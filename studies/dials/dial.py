@@ -11,13 +11,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from crowdbench.catalog import SCENARIOS
-from crowdbench.runs.load import load_run
-from crowdbench.runs.run import Run
-from crowdbench.runs.spec import RunSpec
-from crowdbench.scenario.cases import Cases
-from crowdbench.utils.errors import InputError, find_named
-from crowdbench.utils.toml import Location, Name, TomlTable, parse_table, read_toml
+from crowdbench import SCENARIOS, Cases, InputError
+from crowdbench.runs import Run, RunSpec, load_run
+from crowdbench.utils import Location, Name, TomlTable, find_named, parse_table, read_toml
 from studies.ladder.rungs import RUNGS, load_rung
 
 FOLDER = SCENARIOS / "dials"

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import isotonic_regression
 
-from crowdbench.metrics.summary import CONFIDENCE
+from crowdbench.metrics import CONFIDENCE
 
 WANTED, HALF = 0.9, 0.5
 """The success rate that defines the figure of a dial, and the rate that is reported beside it."""

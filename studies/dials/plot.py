@@ -10,12 +10,10 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import main
-from crowdbench.cli.console import say
-from crowdbench.cli.options import help_from_docstring
-from crowdbench.figures.style import COLOURS, DASHES, HEIGHT, MARKERS, axes
-from crowdbench.metrics.summary import wilson
-from crowdbench.utils.errors import InputError
+from crowdbench import InputError
+from crowdbench.cli import help_from_docstring, main, say
+from crowdbench.figures import COLOURS, DASHES, HEIGHT, MARKERS, axes
+from crowdbench.metrics import wilson
 from studies.dials.estimate import WANTED
 from studies.pages import read_kept
 

@@ -11,11 +11,9 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import main
-from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import Format, markdown
-from crowdbench.utils.toml import Location
+from crowdbench import InputError
+from crowdbench.cli import ThreadsOption, assignments, help_from_docstring, main, use_threads
+from crowdbench.utils import Format, Location, markdown
 from studies.command import ShardOption, make_runs, print_study
 
 COMMAND = "python studies/dials/run.py"

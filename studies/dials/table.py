@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from crowdbench.runs.run import Run
-from crowdbench.runs.spec import directory_name
-from crowdbench.utils.tables import Grid, markdown
-from crowdbench.utils.toml import Location, Name, Names, TomlTable
+from crowdbench.runs import Run, directory_name
+from crowdbench.utils import Grid, Location, Name, Names, TomlTable, markdown
 from studies.dials.dial import FIRST, SECOND, Dial, load_dial
 from studies.dials.estimate import Crossing, First, Fit, difference, fit, levels_around
 from studies.ladder.rungs import RUNGS

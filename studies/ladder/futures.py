@@ -9,14 +9,9 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core import rng
-from crowdbench.core.geometry import norm
-from crowdbench.core.types import Observation, World
-from crowdbench.predict import Prediction, Predictor
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.attention import init_attention
-from crowdbench.sim.pedestrians import ORCA
-from crowdbench.sim.simulator import ATTENTION, crowd_decisions, has_attention, move
+from crowdbench import ORCA, Observation, Prediction, Predictor, Scenario, World
+from crowdbench.core import norm, rng
+from crowdbench.sim import ATTENTION, crowd_decisions, has_attention, init_attention, move
 
 AWAY = 1e3
 """Distance in metres from the vehicle to which pedestrians that leave are moved, so that no sequence meets them."""

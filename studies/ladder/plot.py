@@ -10,10 +10,8 @@ from matplotlib.axes import Axes
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import main
-from crowdbench.cli.console import say
-from crowdbench.cli.options import help_from_docstring
-from crowdbench.figures.style import COLOURS, MARKERS, axes
+from crowdbench.cli import help_from_docstring, main, say
+from crowdbench.figures import COLOURS, MARKERS, axes
 from studies.pages import read_kept
 
 FIRST = "#888888"

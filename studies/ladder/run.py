@@ -11,10 +11,8 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import main
-from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
-from crowdbench.utils.tables import Format, markdown
-from crowdbench.utils.toml import Location, parse_table
+from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.utils import Format, Location, markdown, parse_table
 from studies.command import ShardOption, make_runs, print_study
 
 COMMAND = "python studies/ladder/run.py"

@@ -10,20 +10,24 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.core.types import PERFECT, Observation, World
-from crowdbench.metrics import METRICS
-from crowdbench.planners.base import Planner
-from crowdbench.planners.driver import Driver
-from crowdbench.planners.filtered import FilteredPlanner
-from crowdbench.planners.mppi import SEARCH, MPPIPlanner
-from crowdbench.plugins.code import code_digest
-from crowdbench.predict import ConstantVelocity, Predictor
-from crowdbench.runs.identity import PlannerId
-from crowdbench.runs.run import Run
-from crowdbench.runs.spec import RunSpec
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
+from crowdbench import (
+    METRICS,
+    Cases,
+    Driver,
+    MPPIPlanner,
+    Observation,
+    Planner,
+    Predictor,
+    Scenario,
+    World,
+    load_planner,
+    load_scenario,
+)
+from crowdbench.core import PERFECT
+from crowdbench.planners import SEARCH, FilteredPlanner
+from crowdbench.plugins import code_digest
+from crowdbench.predict import ConstantVelocity
+from crowdbench.runs import PlannerId, Run, RunSpec
 from studies.certificates.certificate import CODE, certificates, play_back
 from studies.ladder import futures
 from studies.ladder.futures import FUTURES, Knowledge, Simulated

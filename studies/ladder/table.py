@@ -10,16 +10,11 @@ import numpy as np
 from jaxtyping import Bool
 from pydantic import Field
 
-from crowdbench.catalog import load_scenario
-from crowdbench.core.types import PERFECT
-from crowdbench.metrics.summary import Estimate, around, wilson
-from crowdbench.runs.load import load_run
-from crowdbench.runs.run import Run
-from crowdbench.runs.spec import RunSpec
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.utils.tables import Grid, markdown
-from crowdbench.utils.toml import Location, Name, Names, TomlTable
+from crowdbench import Cases, Scenario, load_scenario
+from crowdbench.core import PERFECT
+from crowdbench.metrics import Estimate, around, wilson
+from crowdbench.runs import Run, RunSpec, load_run
+from crowdbench.utils import Grid, Location, Name, Names, TomlTable, markdown
 from studies.ladder.futures import adds_nothing
 from studies.ladder.rungs import KNOWLEDGE, RUNGS, load_rung
 from studies.pages import SUCCESS, draw_bar, read_successes

@@ -11,8 +11,7 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import main
-from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
+from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
 
 HERE = Path(__file__).parent
 WITH_ORCA, TOGETHER = HERE / "with_orca.onnx", HERE / "together.onnx"
@@ -49,12 +48,10 @@ def cross_play(
         out: Folder for the runs.
     """
     use_threads(threads)
-    from crowdbench.runs.folder import run_directory
-    from crowdbench.runs.load import load_run
-    from crowdbench.runs.spec import RunSpec
-    from crowdbench.runs.table import RunTable
-    from crowdbench.scenario.cases import Cases
-    from crowdbench.utils.tables import markdown, printed_by
+    from crowdbench import Cases
+    from crowdbench.results import RunTable
+    from crowdbench.runs import RunSpec, load_run, run_directory
+    from crowdbench.utils import markdown, printed_by
     from studies.command import make_runs
 
     if train is not None:

@@ -11,13 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.metrics.info import MetricInfo
-from crowdbench.metrics.networks import Values, mean_of_means, network_estimate
-from crowdbench.metrics.summary import UNDEFINED, Estimate
-from crowdbench.runs.paired import LEAST_SHARED
-from crowdbench.runs.results import Episodes
-from crowdbench.utils.tables import markdown
-from crowdbench.utils.toml import Location, Name, TomlTable, choice, number
+from crowdbench import Episodes
+from crowdbench.metrics import UNDEFINED, Estimate, MetricInfo, Values, mean_of_means, network_estimate
+from crowdbench.results import LEAST_SHARED
+from crowdbench.utils import Location, Name, TomlTable, choice, markdown, number
 from studies.differences import case_means, difference_over_networks, gain_in_success
 from studies.networks import PLANNER_MEASURES
 from studies.pages import SUCCESS, SUCCESS_RATE, values_of

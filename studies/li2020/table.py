@@ -8,8 +8,8 @@ from pathlib import Path
 
 from pydantic import Field
 
-from crowdbench.scenario.cases import Cases
-from crowdbench.utils.toml import Location
+from crowdbench import Cases
+from crowdbench.utils import Location
 from studies.li2020.claims import NOTES, Assessment, ClaimSpec, assess, check_claim, claims_table
 from studies.networks import FilledNetworksTable, NetworksSpec, NetworksTable
 from studies.pages import Page, read_file

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from crowdbench.scenario.layouts.placer import TRIES, Placer
-from crowdbench.scenario.placement import PerAgent, Placement, Position, Way
-from crowdbench.scenario.respawn import LayoutWithRespawn, Room
+from crowdbench.scenario import TRIES, LayoutWithRespawn, PerAgent, Placement, Placer, Position, Room, Way
 
 HALF, SIDE = 7.0, 1.5
 """Half of the length and of the width of the area in which pedestrians start, in metres."""

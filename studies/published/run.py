@@ -11,9 +11,8 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import main
-from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
-from crowdbench.utils.tables import Format
+from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.utils import Format
 from studies.command import ShardOption, make_runs
 
 
@@ -34,7 +33,7 @@ def published(
         out: Folder for the runs.
     """
     use_threads(threads)
-    from crowdbench.scenario.cases import Cases
+    from crowdbench import Cases
     from studies.pages import print_page, read_file
     from studies.published.table import PublishedSpec, PublishedTable
 

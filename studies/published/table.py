@@ -11,14 +11,10 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field
 
-from crowdbench.metrics.networks import mean_over_networks
-from crowdbench.metrics.summary import Estimate
-from crowdbench.runs.load import load_run
-from crowdbench.runs.run import Run
-from crowdbench.runs.spec import RunSpec
-from crowdbench.scenario.cases import Cases
-from crowdbench.utils.tables import Grid, markdown
-from crowdbench.utils.toml import Name, Names, TomlTable
+from crowdbench import Cases
+from crowdbench.metrics import Estimate, mean_over_networks
+from crowdbench.runs import Run, RunSpec, load_run
+from crowdbench.utils import Grid, Name, Names, TomlTable, markdown
 from studies.folder import read_episodes
 from studies.pages import NOTES, SUCCESS, SUCCESS_RATE
 from studies.schema import CasesText, StudyHead

@@ -14,13 +14,10 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import main
-from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
-from crowdbench.runs.run import Run
-from crowdbench.runs.spec import RunSpec
-from crowdbench.scenario.cases import Cases
-from crowdbench.utils.tables import Format, Grid, markdown, printed_by
-from crowdbench.utils.toml import Names
+from crowdbench import Cases
+from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.runs import Run, RunSpec
+from crowdbench.utils import Format, Grid, Names, markdown, printed_by
 from studies.command import ShardOption, make_runs, print_study
 from studies.folder import load_runs, read_episodes
 from studies.pages import SUCCESS, read_file

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from crowdbench.train.config import Config, option
+from crowdbench.train import Config, option
 
 if TYPE_CHECKING:
     from studies.social_gan.training import SocialGANTraining

@@ -13,15 +13,12 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import main
-from crowdbench.cli.console import announce_compilation, print_table, progress
-from crowdbench.cli.options import assignments, help_from_docstring
-from crowdbench.utils.defaults import HORIZON, MOST_AHEAD
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import Grid
+from crowdbench import InputError
+from crowdbench.cli import announce_compilation, assignments, help_from_docstring, main, print_table, progress
+from crowdbench.utils import HORIZON, MOST_AHEAD, Grid
 
 if TYPE_CHECKING:
-    from crowdbench.predict import Predictor
+    from crowdbench import Predictor
     from studies.social_gan.prediction_errors import Errors
 
     Measure = Callable[[str, Predictor], dict[str, Errors]]
@@ -78,7 +75,7 @@ def evaluate_predictor(
 
 
 def _load_predictors(specs: list[str], options: Mapping[str, Any]) -> dict[str, Predictor]:
-    from crowdbench.predict.load import load_predictor
+    from crowdbench import load_predictor
 
     if options and len(specs) > 1:
         raise InputError(f"--option does not go with {len(specs)} predictors: give one, or a file that sets its own")
@@ -94,8 +91,7 @@ def _load_predictors(specs: list[str], options: Mapping[str, Any]) -> dict[str, 
 def _on_scenario(
     scenario: str, cases: str, overrides: list[str], data: Path | None, ahead: int
 ) -> tuple[dict[str, Any], Measure]:
-    from crowdbench import catalog
-    from crowdbench.scenario.cases import Cases
+    from crowdbench import Cases, catalog
     from studies.social_gan import prediction_errors
 
     settings = assignments(overrides, "--set")
@@ -131,7 +127,7 @@ def _print_errors(
     about: Mapping[str, Any], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]
 ) -> None:
     """Print ADE / FDE in metres of each predictor in each scene or at several horizons, with explanations."""
-    from crowdbench.runs.results import planner_label
+    from crowdbench.results import planner_label
 
     recorded, ahead = "data" in about, about["ahead"]
     changed = "".join(f", {key}={value}" for key, value in about.get("overrides", {}).items())

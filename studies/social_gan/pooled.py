@@ -2,6 +2,6 @@
 
 from functools import partial
 
-from crowdbench.predict.social_gan import load_social_gan
+from crowdbench.predict import load_social_gan
 
 predictor = partial(load_social_gan, "sgan_pooled", modes=20, rescaled=False, device="cpu")

@@ -17,19 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.core.geometry import norm
-from crowdbench.core.types import HISTORY, PERFECT, Observation
-from crowdbench.metrics.summary import Estimate, bootstrap_distribution, interval, weighted_mean
-from crowdbench.predict import Prediction, Predictor
-from crowdbench.predict.base import validate_prediction
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.population import GOES_ON
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.scenario.tracks.eth_ucy import Tracks
-from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import crowd_decisions, limit_velocities, walk
-from crowdbench.utils.defaults import BATCH, HORIZON, MOST_AHEAD
-from crowdbench.utils.errors import InputError, is_integer, plugin_errors, require
+from crowdbench import Cases, InputError, Observation, Prediction, Predictor, Scenario
+from crowdbench.core import HISTORY, PERFECT, norm
+from crowdbench.metrics import Estimate, bootstrap_distribution, interval, weighted_mean
+from crowdbench.predict import validate_prediction
+from crowdbench.scenario import GOES_ON, Tracks
+from crowdbench.sim import crowd_decisions, limit_velocities, observe, walk
+from crowdbench.utils import BATCH, HORIZON, MOST_AHEAD, is_integer, plugin_errors, require
 from studies.social_gan.recordings import scenes
 from studies.social_gan.windows import windows
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from crowdbench.scenario.tracks.eth_ucy import SCENES, Tracks, read_tracks
-from crowdbench.utils.errors import InputError
+from crowdbench import InputError
+from crowdbench.scenario import SCENES, Tracks, read_tracks
 
 TRAINING_ONLY = ("crowds_zara03", "uni_examples")
 """Files of ETH/UCY that belong to no test scene."""

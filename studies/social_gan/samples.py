@@ -10,16 +10,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from crowdbench.catalog import load_scenario
-from crowdbench.core.geometry import norm
-from crowdbench.core.types import HISTORY
-from crowdbench.planners.driver import Driver
-from crowdbench.planners.reactive import ORCAPlanner
-from crowdbench.runs.rollout import rollout
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.scenario.tracks.eth_ucy import Tracks
-from crowdbench.utils.errors import InputError
+from crowdbench import Cases, Driver, InputError, Scenario, load_scenario, rollout
+from crowdbench.core import HISTORY, norm
+from crowdbench.planners import ORCAPlanner
+from crowdbench.scenario import Tracks
 from studies.social_gan.config import SocialGANConfig
 from studies.social_gan.recordings import read_folder
 from studies.social_gan.windows import resample, training_split, windows

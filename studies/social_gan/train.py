@@ -12,11 +12,9 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import main
-from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
-from crowdbench.cli.train import run_training, with_method_options
-from crowdbench.train.config import MOST_SEED, SCENARIO
-from crowdbench.utils.errors import InputError
+from crowdbench import InputError
+from crowdbench.cli import ThreadsOption, help_from_docstring, main, run_training, use_threads, with_method_options
+from crowdbench.train import MOST_SEED, SCENARIO
 from studies.social_gan.config import METHODS
 
 

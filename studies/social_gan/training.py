@@ -18,14 +18,12 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
-from crowdbench.catalog import load_scenario
-from crowdbench.core.types import HISTORY
-from crowdbench.networks.social_gan import HIDDEN, NOISE, WIDE, Encoder, Generator
-from crowdbench.networks.value import perceptron
-from crowdbench.predict import Prediction
-from crowdbench.predict.social_gan import scatter
-from crowdbench.scenario.tracks.eth_ucy import DT
-from crowdbench.train.training import Point, Training, describe_scenario
+from crowdbench import Prediction, load_scenario
+from crowdbench.core import HISTORY
+from crowdbench.networks import HIDDEN, NOISE, WIDE, Generator, TrajectoryEncoder, perceptron
+from crowdbench.predict import scatter
+from crowdbench.scenario import DT
+from crowdbench.train import Point, Training, describe_scenario
 from studies.social_gan.config import SocialGANConfig
 from studies.social_gan.prediction_errors import TOGETHER, displacement
 from studies.social_gan.recordings import read_folder, scenes
@@ -61,7 +59,7 @@ def make_discriminator() -> nn.Module:
 
     It maps displacements in metres, observed and predicted, `[row, time, 2]`, to the logits `[row]` of real tracks.
     """
-    return nn.Sequential(Encoder(HIDDEN), perceptron(HIDDEN, WIDE, 1), nn.Flatten(0))
+    return nn.Sequential(TrajectoryEncoder(HIDDEN), perceptron(HIDDEN, WIDE, 1), nn.Flatten(0))
 
 
 class SocialGANTraining(Training):

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.core import rng
-from crowdbench.core.types import Observation, Pedestrians, Vehicle
-from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, Tracks
-from crowdbench.utils.errors import InputError
+from crowdbench import InputError, Observation
+from crowdbench.core import Pedestrians, Vehicle, rng
+from crowdbench.scenario import FRAME_STEP, Tracks
 from studies.social_gan.recordings import scenes
 
 FEWEST = 2

@@ -12,11 +12,9 @@ from pydantic import Field
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import main
-from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
-from crowdbench.runs.spec import RunSpec
-from crowdbench.utils.tables import Format, Grid, markdown, printed_by
-from crowdbench.utils.toml import Names
+from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.runs import RunSpec
+from crowdbench.utils import Format, Grid, Names, markdown, printed_by
 from studies.command import ShardOption, make_runs, print_study
 from studies.folder import load_runs, read_episodes
 from studies.pages import read_file

@@ -3,10 +3,8 @@
 import numpy as np
 from jaxtyping import Bool
 
-from crowdbench.core.types import Trace
-from crowdbench.metrics import describe
-from crowdbench.metrics.contacts import contacts_of
-from crowdbench.sim.contacts import LITTLE, Fault
+from crowdbench import Trace
+from crowdbench.metrics import LITTLE, Fault, contacts_of, describe
 
 
 @describe("struck", "less", share=True)

@@ -11,12 +11,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from pydantic import Field
 
-from crowdbench.metrics.summary import Estimate, interval
-from crowdbench.runs.run import Run
-from crowdbench.runs.spec import RunSpec
-from crowdbench.scenario.cases import Cases as CaseRange
-from crowdbench.utils.tables import Grid, markdown
-from crowdbench.utils.toml import Location, Name, Names, TomlTable, number
+from crowdbench import Cases as CaseRange
+from crowdbench.metrics import Estimate, interval
+from crowdbench.runs import Run, RunSpec
+from crowdbench.utils import Grid, Location, Name, Names, TomlTable, markdown, number
 from studies.folder import load_runs, read_episodes
 from studies.pages import SUCCESS, SUCCESS_RATE
 from studies.schema import CasesText, Planners, StudyHead

@@ -14,11 +14,9 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.types import World
-from crowdbench.scenario.placement import PerAgent, Placement
+from crowdbench import InputError, PedestrianPolicy, World
+from crowdbench.scenario import PerAgent, Placement
 from crowdbench.sim import simulator
-from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.utils.errors import InputError
 
 OfPeople = Float[np.ndarray, "world person"]
 

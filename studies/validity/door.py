@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.core.types import World
-from crowdbench.scenario.placement import PerAgent, Placement
-from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.sim.simulator import crowd_velocities, walk
+from crowdbench import PedestrianPolicy, World
+from crowdbench.scenario import PerAgent, Placement
+from crowdbench.sim import crowd_velocities, walk
 from studies.validity.corridor import spread
 
 NUMBER = 60

@@ -8,11 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench import catalog
-from crowdbench.scenario import load as scenario_file
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.placement import Placement
-from crowdbench.scenario.scenario import Scenario
+from crowdbench import Cases, Scenario, catalog
+from crowdbench.scenario import Placement, scenario_file
 from studies.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, walk
 from studies.validity.door import NUMBER, Passages, hall, leave
 

@@ -14,15 +14,12 @@ from jaxtyping import Float, Int
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.catalog import SCENARIOS, load_scenario
-from crowdbench.cli import main
-from crowdbench.cli.options import help_from_docstring
-from crowdbench.core.geometry import norm
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.scenario.tracks.eth_ucy import DT, FRAME_STEP, Tracks, read_tracks
-from crowdbench.sim.simulator import crowd_decisions, init_memories, walk
-from crowdbench.utils.tables import markdown, printed_by
+from crowdbench import SCENARIOS, Cases, Scenario, load_scenario
+from crowdbench.cli import help_from_docstring, main
+from crowdbench.core import norm
+from crowdbench.scenario import DT, FRAME_STEP, Tracks, read_tracks
+from crowdbench.sim import crowd_decisions, init_memories, walk
+from crowdbench.utils import markdown, printed_by
 
 FOLDERS = ("suite", "generalisation", "maps")
 """The folders whose scenarios are measured unless others are named."""

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Shaped
 
-from crowdbench.metrics.info import MetricInfo
-from crowdbench.metrics.networks import mean_over_networks
-from crowdbench.utils.tables import markdown, printed_by
+from crowdbench.metrics import MetricInfo, mean_over_networks
+from crowdbench.utils import markdown, printed_by
 from studies.validity import door, experiments
 from studies.validity.experiments import EVERYBODY, People, Setting
 

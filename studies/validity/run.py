@@ -10,9 +10,7 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import main
-from crowdbench.cli.console import announce_compilation, progress
-from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
+from crowdbench.cli import ThreadsOption, announce_compilation, help_from_docstring, main, progress, use_threads
 
 SHIPPED = ("orca", "social_force")
 """The pedestrian policies whose crowds are measured unless others are named."""
@@ -31,7 +29,7 @@ def validity(
         policies: Pedestrian policies, by name or ./mine.py.
     """
     use_threads(threads)
-    from crowdbench.catalog import PEDESTRIANS
+    from crowdbench import PEDESTRIANS
     from studies.validity.experiments import run_experiment, settings
     from studies.validity.page import page
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from crowdbench import cli
+from crowdbench.cli import app as cli
 from crowdbench.cli import console
 from crowdbench.cli.options import assignments
-from crowdbench.runs.result_file import read_result
+from crowdbench.results.result_file import read_result
 from crowdbench.scenario.cases import Cases, parse_case
 from crowdbench.utils.errors import InputError, Interrupted
 from crowdbench.utils.files import new_directory

@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench import InputError, cli
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 
 ROOT = Path(__file__).parents[2]
 
@@ -278,7 +278,7 @@ def test_the_command_line_starts_without_what_it_does_not_need():
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
     code = (
         "import sys; sys.argv = ['crowdbench', 'run', '--planner', 'orca', '--cases', '1', '--record', 'none']\n"
-        "from crowdbench.cli import main\n"
+        "from crowdbench.cli.app import main\n"
         "try: main()\n"
         "except SystemExit as stop: assert not stop.code\n"
         "print('left out:', not {'torch', 'rerun', 'pettingzoo'} & set(sys.modules))"

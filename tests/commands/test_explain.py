@@ -8,7 +8,7 @@ import pytest
 from crowdbench import catalog
 from crowdbench.cli.listing import WORDS, OptionRow, list_, option_rows, parameter_rows
 from crowdbench.cli.options import parse_docstring
-from crowdbench.predict.load import PREDICTORS
+from crowdbench.predict.predictors import PREDICTORS
 from crowdbench.utils.errors import InputError
 
 PLANNERS = {f"planner {name}": catalog.PLANNERS.find(name)[1] for name, _ in catalog.PLANNERS.names()}

@@ -10,9 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.core.types import Outcome
-from crowdbench.runs.load import load_run
+from crowdbench.runs.loading import load_run
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec

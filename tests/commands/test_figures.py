@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.figures import plots
-from crowdbench.metrics import METRICS, info_of
-from crowdbench.runs.compare import compare
-from crowdbench.runs.paired import Paired, compare_metric, holm
-from crowdbench.runs.results import Episodes
+from crowdbench.metrics.registry import METRICS, info_of
+from crowdbench.results.compare import compare
+from crowdbench.results.episodes import Episodes
+from crowdbench.results.paired import Paired, compare_metric, holm
 from crowdbench.utils.errors import InputError
 
 

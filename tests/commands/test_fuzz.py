@@ -20,10 +20,10 @@ from helpers import make, reseal
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from crowdbench import cli
 from crowdbench.boards.entry import read_entry
 from crowdbench.catalog import load_planner, load_scenario, scenario_path
-from crowdbench.metrics import METRICS
+from crowdbench.cli import app as cli
+from crowdbench.metrics.registry import METRICS
 from crowdbench.utils.errors import InputError
 
 FUZZ = int(os.environ.get("CROWDBENCH_FUZZ", "0"))

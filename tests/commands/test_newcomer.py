@@ -15,9 +15,9 @@ import crowdbench
 from crowdbench.core.types import Outcome
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.record import viewer
-from crowdbench.record.cases import recorded_cases
 from crowdbench.record.contents import read
-from crowdbench.runs.results import Episodes
+from crowdbench.record.recorded_cases import recorded_cases
+from crowdbench.results.episodes import Episodes
 
 ROOT = Path(__file__).parents[2]
 

@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 import crowdbench
-from crowdbench.cli import app
-from crowdbench.planners.base import Planner
+from crowdbench.cli.app import app
+from crowdbench.planners.planner import Planner
 from crowdbench.utils.errors import InputError
 
 

@@ -14,7 +14,7 @@ import pytest
 from helpers import make, run_of
 
 from crowdbench.catalog import load_scenario
-from crowdbench.planners.base import Planner
+from crowdbench.planners.planner import Planner
 from crowdbench.record.contents import read
 from crowdbench.runs import shards
 from crowdbench.runs.merge import merge

@@ -10,8 +10,8 @@ from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.utils import progress as module
-from crowdbench.utils.progress import progress
+from crowdbench.utils import progress_bars as module
+from crowdbench.utils.progress_bars import progress
 
 
 class Terminal(io.StringIO):

@@ -13,14 +13,14 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.core.types import Outcome
 from crowdbench.drawing import DASHES, LIGHT, Disc, Line, Moment, Polygon, Text, burst, draw_moment
 from crowdbench.envs.render import rasterize
-from crowdbench.figures.episode import FILMS, HOLD, RATE, Episode
+from crowdbench.figures.episode_figure import FILMS, HOLD, RATE, Episode
 from crowdbench.figures.time_marks import mark_times
-from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.planner import Planner
 from crowdbench.record.contents import read
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases

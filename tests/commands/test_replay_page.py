@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.core.types import Outcome
-from crowdbench.record.cases import read_case
+from crowdbench.export.replay_page import COARSE, PAGE, QUANTUM, pack
 from crowdbench.record.decisions import read_paths
-from crowdbench.runs.load import load_run
-from crowdbench.runs.pages import COARSE, PAGE, QUANTUM, pack
+from crowdbench.record.recorded_cases import read_case
+from crowdbench.results.run_result import RunResult
+from crowdbench.runs.loading import load_run
 from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
-from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
 
 RUNS = [

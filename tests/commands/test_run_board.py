@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench.boards.board import find_board
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 
 SMALL_CROWDS_ONLY = """
 import numpy as np

@@ -12,7 +12,7 @@ import trainings
 from typer.testing import CliRunner
 
 from crowdbench import InputError
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.networks.weights import load_into, read_card
 from crowdbench.train import checkpoint, runner
 from crowdbench.train.checkpoint import CHECKPOINT, LOCK, hold

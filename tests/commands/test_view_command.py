@@ -7,11 +7,11 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
-from crowdbench.cli import app
-from crowdbench.metrics import METRICS
+from crowdbench.cli.app import app
+from crowdbench.metrics.registry import METRICS
 from crowdbench.record import viewer
-from crowdbench.record.cases import read_case, recorded_cases
-from crowdbench.runs.results import EPISODES, Episodes
+from crowdbench.record.recorded_cases import read_case, recorded_cases
+from crowdbench.results.episodes import EPISODES, Episodes
 from crowdbench.utils.errors import InputError
 
 

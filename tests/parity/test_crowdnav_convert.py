@@ -14,10 +14,10 @@ from torch import nn
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_planner
-from crowdbench.cli import app, build_script
+from crowdbench.cli.app import app, build_script
 from crowdbench.networks.joint_state import DISTANCE, VEHICLE, joint_states
 from crowdbench.networks.value import load_network
-from crowdbench.plugins.load import load_module
+from crowdbench.plugins.kind import load_module
 
 adapter = load_module(Path(__file__).parents[2] / "adapters" / "crowdnav" / "convert.py")
 KINDS = list(adapter.LAYERS)

@@ -31,9 +31,9 @@ from helpers import drive, same, world
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.networks.weights import digest
-from crowdbench.plugins.load import load_module
+from crowdbench.plugins.kind import load_module
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import InputError
 

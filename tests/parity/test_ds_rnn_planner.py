@@ -13,7 +13,7 @@ from safetensors.torch import save_file
 
 from crowdbench import InputError, load_scenario
 from crowdbench.core.dynamics import Unicycle
-from crowdbench.plugins.load import load_module
+from crowdbench.plugins.kind import load_module
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "adapters" / "ds_rnn"

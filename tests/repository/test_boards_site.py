@@ -28,7 +28,7 @@ from crowdbench.boards.verdict import (
     verification_folder,
     write_verification,
 )
-from crowdbench.plugins.load import load_module
+from crowdbench.plugins.kind import load_module
 from crowdbench.utils.tables import plain
 
 pytestmark = pytest.mark.slow

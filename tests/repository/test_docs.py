@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 import crowdbench
 from crowdbench.catalog import PLANNERS
-from crowdbench.cli import app
-from crowdbench.plugins.load import load_module
+from crowdbench.cli.app import app
+from crowdbench.plugins.kind import load_module
 from crowdbench.utils.tables import printed_by
 from studies.publish import publish
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
-from crowdbench.cli import COMMANDS, app, build_script
+from crowdbench.cli.app import COMMANDS, app, build_script
 from crowdbench.record import viewer
 from studies.run import page
 

@@ -11,7 +11,7 @@ from lookahead_scenes import DT, Says, lone_vehicle
 from crowdbench.catalog import PLANNERS, load_planner
 from crowdbench.core.dynamics import Bicycle, Holonomic, Unicycle
 from crowdbench.core.geometry import norm
-from crowdbench.plugins.load import load_module
+from crowdbench.plugins.kind import load_module
 from crowdbench.predict.linear import ConstantVelocity
 from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.utils.errors import InputError

@@ -7,9 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench import load_scenario
-from crowdbench.cli import app, build_script
+from crowdbench.cli.app import app, build_script
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle, Prediction, Predictor
-from crowdbench.predict.load import PREDICTORS
+from crowdbench.predict.predictors import PREDICTORS
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import Tracks
 from crowdbench.sim.simulator import crowd_velocities, walk

@@ -10,10 +10,10 @@ import pytest
 
 from crowdbench import load_planner, load_scenario
 from crowdbench.core.types import Outcome
-from crowdbench.metrics.load import load_metrics
+from crowdbench.metrics.user_metrics import load_metrics
 from crowdbench.planners.driver import Driver
 from crowdbench.record.contents import read
-from crowdbench.runs.results import Episodes
+from crowdbench.results.episodes import Episodes
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
@@ -21,7 +21,7 @@ from crowdbench.utils.errors import InputError
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 FOLDER = Path(__file__).parents[2] / "adapters" / "ros2"
 
-from crowdbench.runs.rosbag import NANOSECONDS, typestore, write_bag  # noqa: E402
+from crowdbench.export.rosbag import NANOSECONDS, typestore, write_bag  # noqa: E402
 
 STORE = typestore()
 TOPICS = {

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench.catalog import SCENARIOS, load_scenario
-from crowdbench.cli import app, build_script
+from crowdbench.cli.app import app, build_script
 from crowdbench.core.types import Outcome
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.replay import Playback

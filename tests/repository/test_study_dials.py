@@ -10,7 +10,7 @@ from scipy.stats import norm
 from typer.testing import CliRunner
 
 from crowdbench.catalog import PLANNERS, load_scenario
-from crowdbench.cli import build_script
+from crowdbench.cli.app import build_script
 from crowdbench.scenario.cases import Cases
 from studies.dials import estimate, table
 from studies.dials.dial import dials, load_dial

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from crowdbench.cli import build_script
+from crowdbench.cli.app import build_script
 from studies.suite.headroom import headroom
 
 STUDY = """

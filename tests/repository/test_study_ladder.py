@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
-from crowdbench.cli import build_script
-from crowdbench.planners.base import Planner
+from crowdbench.cli.app import build_script
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.planner import Planner
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.certified import Certified

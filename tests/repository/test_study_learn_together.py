@@ -8,7 +8,7 @@ import pytest
 
 from crowdbench import load_planner, load_scenario, parallel_env
 from crowdbench.catalog import PEDESTRIANS
-from crowdbench.cli import main
+from crowdbench.cli.app import main
 from crowdbench.sim.simulator import crowd_decisions
 from studies.learn_together import run as study
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from typer.exceptions import TyperException
 
-from crowdbench.cli import build_script
+from crowdbench.cli.app import build_script
 from crowdbench.runs.spec import Replanning
 from studies.li2020 import table
 from studies.li2020.claims import OURS

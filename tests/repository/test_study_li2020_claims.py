@@ -7,7 +7,7 @@ from study_folders import TABLE as NETWORKS
 from study_folders import cells, fill, refused, table
 
 from crowdbench.metrics.networks import mean_over_networks
-from crowdbench.runs.paired import LEAST_SHARED
+from crowdbench.results.paired import LEAST_SHARED
 from crowdbench.utils.toml import Location
 from studies.li2020.claims import OURS, difference_over_networks, tally
 from studies.li2020.table import ClaimedTable, read_reproduction

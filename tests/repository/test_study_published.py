@@ -10,10 +10,10 @@ from study_folders import cells, episodes, leave
 from typer.testing import CliRunner
 
 from crowdbench import Driver, load_planner, load_scenario, rollout
-from crowdbench.cli import build_script
+from crowdbench.cli.app import build_script
 from crowdbench.networks.value import NETWORKS
 from crowdbench.networks.weights import save_network
-from crowdbench.plugins.load import load_module
+from crowdbench.plugins.kind import load_module
 from crowdbench.scenario.cases import Cases
 from studies.published.run import published
 from studies.published.table import DS_RNN, KINDS, PEOPLE, SCENES, PublishedTable, ScenariosSpec

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from crowdbench.cli import build_script
+from crowdbench.cli.app import build_script
 from studies.reactions.run import reactions
 
 STUDY = """

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import kendalltau
 from typer.testing import CliRunner
 
-from crowdbench.cli import build_script
+from crowdbench.cli.app import build_script
 from studies.transfer.kendall import Cases, agreement, draw_families, kendall, mean_rates
 from studies.transfer.power import RESAMPLES, draw_rates, power
 from studies.transfer.run import transfer

@@ -10,8 +10,8 @@ import trainings
 from typer.testing import CliRunner
 
 from crowdbench import InputError, load_predictor, load_scenario
-from crowdbench.cli import build_script
 from crowdbench.cli import train as command
+from crowdbench.cli.app import build_script
 from crowdbench.core.types import HISTORY
 from crowdbench.networks.weights import digest, read_card
 from crowdbench.scenario.cases import Cases

@@ -9,12 +9,10 @@ from typing import no_type_check
 import numpy as np
 
 from crowdbench import PedestrianPolicy
-from crowdbench.envs.observations import ego_views
-from crowdbench.envs.views import encode
-from crowdbench.networks.features import direction, in_disc, to_world
-from crowdbench.sim.routes import goals_on_way
-from crowdbench.sim.sensor import observe
-from crowdbench.utils.compiled import njit
+from crowdbench.networks import direction, in_disc, to_world
+from crowdbench.sim import goals_on_way, observe
+from crowdbench.utils import njit
+from crowdbench.views import ego_views, encode
 
 WEIGHTS = Path(__file__).with_name("learned.npz")
 

@@ -13,17 +13,21 @@ import numpy as np
 from jaxtyping import Float
 from mpc_program import PEOPLE, TERMS, WALLS, Terms, build_program, import_casadi
 
-from crowdbench.core.geometry import norm
-from crowdbench.core.types import Observation, Outcome
-from crowdbench.planners.base import Planner
-from crowdbench.planners.filtered import RadiusInflation, radius_inflation
-from crowdbench.planners.last_plans import LastPlans
-from crowdbench.planners.scene import Sequence, Velocities, scene_of
-from crowdbench.planners.trials import limit_commands, time_left, try_sequences
-from crowdbench.predict import Prediction, Predictor
-from crowdbench.predict.base import predict
-from crowdbench.predict.load import load_predictor
-from crowdbench.utils.errors import require_count
+from crowdbench import Observation, Outcome, Planner, Prediction, Predictor, load_predictor
+from crowdbench.core import norm
+from crowdbench.planners import (
+    LastPlans,
+    RadiusInflation,
+    Sequence,
+    Velocities,
+    limit_commands,
+    radius_inflation,
+    scene_of,
+    time_left,
+    try_sequences,
+)
+from crowdbench.predict import predict
+from crowdbench.utils import require_count
 
 LOST = 10.0
 """Seconds that a guess is worse for each step by which it ends earlier in a collision."""

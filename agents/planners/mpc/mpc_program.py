@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.dynamics import Dynamics, Holonomic, Unicycle
-from crowdbench.utils.errors import InputError, require_not_negative
+from crowdbench import InputError
+from crowdbench.core import Dynamics, Holonomic, Unicycle
+from crowdbench.utils import require_not_negative
 
 PEOPLE, WALLS = 12, 6
 """How many pedestrians and edges of obstacles a program has room for, the nearest ones."""

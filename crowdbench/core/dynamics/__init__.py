@@ -3,8 +3,6 @@
 Simulator, lookaheads, samplers and environments move the vehicle only by this package.
 """
 
-from crowdbench.core.dynamics.base import Dynamics as Dynamics
-from crowdbench.core.dynamics.base import State as State
 from crowdbench.core.dynamics.body import DISC as DISC
 from crowdbench.core.dynamics.body import Body as Body
 from crowdbench.core.dynamics.body import chain as chain
@@ -13,7 +11,9 @@ from crowdbench.core.dynamics.body import hull as hull
 from crowdbench.core.dynamics.body import nose as nose
 from crowdbench.core.dynamics.body import outline as outline
 from crowdbench.core.dynamics.body import reach as reach
-from crowdbench.core.dynamics.motion import SPEED_TOLERANCE as SPEED_TOLERANCE
+from crowdbench.core.dynamics.dynamics import Dynamics as Dynamics
+from crowdbench.core.dynamics.dynamics import State as State
+from crowdbench.core.dynamics.kernels import SPEED_TOLERANCE as SPEED_TOLERANCE
 from crowdbench.core.dynamics.vehicles import DYNAMICS as DYNAMICS
 from crowdbench.core.dynamics.vehicles import FREE as FREE
 from crowdbench.core.dynamics.vehicles import Bicycle as Bicycle

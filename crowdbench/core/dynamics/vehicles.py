@@ -12,14 +12,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.core.arrays import Numbers, Vectors
-from crowdbench.core.dynamics.base import (
+from crowdbench.core.dynamics.dynamics import (
     Choices,
     Dynamics,
     State,
     speeds_and_headings,
     speeds_and_turns,
 )
-from crowdbench.core.dynamics.motion import BICYCLE, HOLONOMIC, SPEED_TOLERANCE, UNICYCLE
+from crowdbench.core.dynamics.kernels import BICYCLE, HOLONOMIC, SPEED_TOLERANCE, UNICYCLE
 from crowdbench.core.geometry import norm, wrap_angle
 
 CREEP = 0.3

@@ -94,7 +94,7 @@ PERFECT = Sensor()
 
 
 class WalkingLimits(NamedTuple):
-    """Limits on changes of the velocity of pedestrians; see `crowdbench.core.dynamics.motion.limit_change`.
+    """Limits on changes of the velocity of pedestrians; see `crowdbench.core.dynamics.kernels.limit_change`.
 
     Attributes:
         acceleration: Largest acceleration forwards, and in any direction from standing, in m/s^2.

@@ -51,7 +51,7 @@ class World:
         policy: The policy that moves each pedestrian, as an index into `parameters`.
         parameters: By policy and name, the parameters of the policies (column 0, the vehicle's, is not used).
         memory: By policy, arrays `[world, ...]` that a policy with a memory stores between steps, in mappings that may
-            be nested; empty for other policies. See `crowdbench.sim.pedestrians.base.PolicyWithMemory`. With a model of
+            be nested; empty for other policies. See `PolicyWithMemory`. With a model of
             attention also its state, see `crowdbench.sim.attention`.
         rules: The rules of the scenario.
         sight: The vehicle's measurements of pedestrians so far, see `crowdbench.sim.sight`; empty if

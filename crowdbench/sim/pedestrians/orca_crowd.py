@@ -13,8 +13,8 @@ from crowdbench.core.geometry import fill_toward_goal
 from crowdbench.core.types import World
 from crowdbench.sim.kernels import at
 from crowdbench.sim.neighbors import CELLS_FROM
-from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
 from crowdbench.sim.pedestrians.orca import BLOCK_AGENTS, Agents, Avoidance, avoid, avoid_block
+from crowdbench.sim.pedestrians.policy import Parameters, PedestrianPolicy, Velocities
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit
 

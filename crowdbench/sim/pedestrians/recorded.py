@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from crowdbench.core.types import World
-from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
+from crowdbench.sim.pedestrians.policy import Parameters, PedestrianPolicy, Velocities
 from crowdbench.sim.presence import track_at
 
 

@@ -33,9 +33,9 @@ from crowdbench.core import rng
 from crowdbench.core.arrays import AgentPoints
 from crowdbench.core.types import World
 from crowdbench.sim.obstacles import nearest_on_segment, number_of_corners
-from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
 from crowdbench.sim.pedestrians.forces import TINY, Walkers, compile_model, fill_traits, integrate, walkers_of
 from crowdbench.sim.pedestrians.group_force import ATTRACTION, GAZE, REPULSION, group_force
+from crowdbench.sim.pedestrians.policy import Parameters, PedestrianPolicy, Velocities
 from crowdbench.utils.compiled import njit
 
 SIGHT_ANGLE = math.radians(200.0)

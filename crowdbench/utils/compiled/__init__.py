@@ -33,7 +33,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
 from crowdbench.utils.compiled.digest import code_digest
-from crowdbench.utils.compiled.store import read, write
+from crowdbench.utils.compiled.kernel_files import read, write
 
 __all__ = ["njit", "number_of_threads", "on_first_compilation"]
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from crowdbench.scenario.layouts.placer import Placer
-from crowdbench.scenario.placement import PerAgent, Placement
+from crowdbench.scenario import PerAgent, Placement, Placer
 
 CORNERS = 12
 """Corners of the polygon of the fountain."""

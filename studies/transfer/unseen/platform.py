@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from crowdbench.scenario.layouts.placer import Placer
-from crowdbench.scenario.placement import PerAgent, Placement
+from crowdbench.scenario import PerAgent, Placement, Placer
 
 HALF = 9.0
 """Half of the length of the platform, in metres."""

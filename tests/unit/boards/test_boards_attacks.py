@@ -16,7 +16,7 @@ from crowdbench.boards.entry import read_entry
 from crowdbench.boards.verdict import Verdict
 from crowdbench.boards.verification import verify
 from crowdbench.catalog import load_scenario
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.isolation import limits, sandbox
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.recording import read_commands

@@ -14,7 +14,7 @@ from crowdbench.boards.entry import read_entry
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import Verdict
 from crowdbench.boards.verification import verify
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.plugins.new_planner import make_planner
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import sha256

@@ -251,7 +251,7 @@ def test_a_full_disk_is_not_the_planners_fault(root, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("crowdbench.runs.store.write_result", full)
+    monkeypatch.setattr("crowdbench.results.run_result.write_result", full)
     with pytest.raises(NotWritten, match="cannot be written: No space left on device"):
         pytest.fail(verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work").reason)
 

@@ -125,7 +125,7 @@ def test_bytecode_beside_a_planner_is_never_run(tmp_path):
     import importlib.util
     import py_compile
 
-    from crowdbench.plugins.load import load_module
+    from crowdbench.plugins.kind import load_module
 
     for name in ("shown", "helper"):
         path = tmp_path / f"{name}.py"

@@ -15,7 +15,7 @@ from crowdbench.boards.season import read_season
 from crowdbench.boards.submission import rehearse, submit
 from crowdbench.boards.verdict import read_verification
 from crowdbench.boards.verification import verify
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.isolation import sandbox
 from crowdbench.utils.errors import InputError
 

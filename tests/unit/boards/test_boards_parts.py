@@ -14,7 +14,7 @@ from crowdbench.boards.submission import Submission, rehearse
 from crowdbench.catalog import load_planner
 from crowdbench.metrics.summary import Estimate
 from crowdbench.plugins.new_planner import make_planner
-from crowdbench.runs.results import Episodes
+from crowdbench.results.episodes import Episodes
 from crowdbench.utils.errors import InputError
 
 FAMILIES = """

@@ -16,7 +16,7 @@ from crowdbench.boards.entry import read_entries
 from crowdbench.boards.season import read_season
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify, verify_in_season
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 

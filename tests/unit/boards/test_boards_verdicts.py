@@ -17,7 +17,7 @@ from crowdbench.boards.season import read_season
 from crowdbench.boards.signature import find_signer, is_signed, sign
 from crowdbench.boards.verdict import Unverified, read_verification
 from crowdbench.boards.verification import verify_in_season
-from crowdbench.cli import app, build_script
+from crowdbench.cli.app import app, build_script
 from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow

@@ -11,9 +11,9 @@ from checks import CASES, PLACE, broken, results_of
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
-from crowdbench.check.contract import Subject
+from crowdbench.check.checks import Subject
 from crowdbench.check.subjects import REWARD, SCENARIO
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.envs.rewards import REWARDS
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts import LAYOUTS

@@ -8,7 +8,7 @@ import pytest
 from helpers import failed_checks, fixture
 
 from crowdbench.catalog import load_scenario
-from crowdbench.check.contract import Subject
+from crowdbench.check.checks import Subject
 from crowdbench.check.subjects import SCENARIO
 from crowdbench.check.worlds import check_worlds
 from crowdbench.core.geometry import pad_points

@@ -6,8 +6,8 @@ import pytest
 from helpers import advance, world
 
 from crowdbench.core.dynamics import Bicycle, Holonomic, State, Unicycle
-from crowdbench.core.dynamics.base import speeds_and_headings
-from crowdbench.core.dynamics.motion import CHORD_ERROR, along_arc, chords, limit_speed
+from crowdbench.core.dynamics.dynamics import speeds_and_headings
+from crowdbench.core.dynamics.kernels import CHORD_ERROR, along_arc, chords, limit_speed
 from crowdbench.utils.errors import InputError
 
 DT = 0.25

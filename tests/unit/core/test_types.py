@@ -9,8 +9,8 @@ from helpers import advance, drive, fixture, trace
 from crowdbench import load_scenario
 from crowdbench.core.reward import COLLISION, WALL_COLLISION, reward
 from crowdbench.core.types import Outcome
-from crowdbench.metrics import collision_rate, discomfort_frequency, discounted_return, success_rate
-from crowdbench.planners.base import Planner
+from crowdbench.metrics.registry import collision_rate, discomfort_frequency, discounted_return, success_rate
+from crowdbench.planners.planner import Planner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts.crossings import circle_crossing
 from crowdbench.scenario.placement import LayoutCall, Placement

@@ -6,12 +6,12 @@ from helpers import drive
 
 from crowdbench.core.reward import reward
 from crowdbench.core.types import Outcome
-from crowdbench.envs.observations import flatten
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
-from crowdbench.planners.base import Planner
+from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import ORCAPlanner
+from crowdbench.views.ego import flatten
 
 CASES = 5
 SCENARIOS = ["circle_crossing_5", "circle_crossing_5_visible", "circle_crossing_5_social_force", "square_crossing_5"]

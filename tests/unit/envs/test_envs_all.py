@@ -7,7 +7,7 @@ import pytest
 from crowdbench import load_scenario
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.rewards import REWARDS
-from crowdbench.envs.views import ACTIONS, OBSERVATIONS
+from crowdbench.views.view import ACTIONS, OBSERVATIONS
 
 WORLDS = {
     "nobody": ("circle_crossing_5", {"pedestrians.number": 0}),

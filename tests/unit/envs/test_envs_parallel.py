@@ -11,14 +11,14 @@ from crowdbench.catalog import SCENARIOS as SCENARIOS_FOLDER
 from crowdbench.catalog import load_scenario, simulated_scenarios
 from crowdbench.core.types import Outcome, Rules
 from crowdbench.drawing import LIGHT
-from crowdbench.envs.observations import flatten, flatten_everybody
-from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.parallel import parallel_env
-from crowdbench.envs.views import View, layout_bound, pedestrian_action_space, position_bound
+from crowdbench.envs.step_outcomes import outcomes_of_agents
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.utils.errors import InputError
+from crowdbench.views.ego import flatten, flatten_everybody
+from crowdbench.views.view import View, layout_bound, pedestrian_action_space, position_bound
 
 with warnings.catch_warnings():
     # pettingzoo's tests import one of its own games in a way that it deprecates.

@@ -15,7 +15,7 @@ from crowdbench.core.types import Outcome
 from crowdbench.drawing import LIGHT
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
-from crowdbench.plugins.load import load_module
+from crowdbench.plugins.kind import load_module
 from crowdbench.utils.errors import InputError
 
 EXAMPLES = Path(__file__).parents[3] / "examples"

@@ -11,7 +11,6 @@ from gymnasium.utils.env_checker import check_env
 
 from crowdbench import InputError, load_scenario, parallel_env
 from crowdbench.core.types import Outcome
-from crowdbench.envs.observations import ego_views
 from crowdbench.envs.rewards import (
     COLLISION,
     PROGRESS,
@@ -22,14 +21,15 @@ from crowdbench.envs.rewards import (
     load_reward,
     progress,
 )
-from crowdbench.envs.views import ACTIONS, OBSERVATIONS
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.features import features, in_disc, to_world
 from crowdbench.networks.policy import Seen
-from crowdbench.planners.policy import NetworkPlanner, PolicyInterface
+from crowdbench.planners.trained_policy import NetworkPlanner, PolicyInterface
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.views.ego import ego_views
+from crowdbench.views.view import ACTIONS, OBSERVATIONS
 from examples.stable_baselines import CrowdVecEnv
 
 ID = "crowdbench/Vehicle-v0"

@@ -20,9 +20,9 @@ from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.dynamics import Bicycle, Holonomic, chain
 from crowdbench.core.types import Lidar, Noise, Rules, Sensor
 from crowdbench.isolation import protocol, sandbox
-from crowdbench.isolation.planner import IsolatedPlanner, Limits
+from crowdbench.isolation.isolated_planner import IsolatedPlanner, Limits
 from crowdbench.planners.driver import DecisionLimitExceeded, Driver
-from crowdbench.plugins.load import plugin_name
+from crowdbench.plugins.kind import plugin_name
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import EVERY_STEP, Replanning
 from crowdbench.scenario.cases import Cases
@@ -320,7 +320,7 @@ def test_a_program_that_answers_something_else_gets_one_sentence(answers, senten
 
 
 def test_another_version_of_crowdbench_in_its_process_is_no_fault_of_the_planner(monkeypatch):
-    monkeypatch.setattr("crowdbench.isolation.planner.VERSION", 99)
+    monkeypatch.setattr("crowdbench.isolation.isolated_planner.VERSION", 99)
     with pytest.raises(MachineFault, match=r"^crowdbench has changed since this command started.*; start the command"):
         IsolatedPlanner("straight", {})
 
@@ -367,7 +367,7 @@ def test_nothing_that_a_planner_has_started_outlives_it(mine):
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with its parent")
 def test_a_planner_ends_with_its_parent(mine):
     spec = mine("while True:\n    pass")
-    code = f"from crowdbench.isolation.planner import IsolatedPlanner; IsolatedPlanner({spec!r}, {{}})"
+    code = f"from crowdbench.isolation.isolated_planner import IsolatedPlanner; IsolatedPlanner({spec!r}, {{}})"
     parent = subprocess.Popen([sys.executable, "-c", code])
     deadline = time.monotonic() + 60.0
     started = []

@@ -8,10 +8,10 @@ import pytest
 
 from crowdbench.catalog import load_scenario
 from crowdbench.isolation import sandbox
-from crowdbench.isolation.planner import IsolatedPlanner
-from crowdbench.metrics import METRICS
+from crowdbench.isolation.isolated_planner import IsolatedPlanner
+from crowdbench.metrics.registry import METRICS
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.results import Episodes
+from crowdbench.results.episodes import Episodes
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
@@ -51,8 +51,9 @@ def attack(obs):
 
 JUDGE = """
 import crowdbench.core.reward, crowdbench.sim.episode, crowdbench.sim.simulator
-from crowdbench import metrics
-from crowdbench.runs import results, rollout, run
+from crowdbench.metrics import registry as metrics
+from crowdbench.results import episodes
+from crowdbench.runs import rollout, run
 from crowdbench.core.types import Outcome
 def check_step(before, after):
     return crowdbench.sim.episode.StepCheck(np.full(len(after), Outcome.SUCCESS), *np.full((2, len(after)), 9.0))
@@ -61,7 +62,7 @@ def attack(obs):
         module.check_step = check_step
     metrics.METRICS["success_rate"] = lambda trace: np.ones(len(trace), bool)
     crowdbench.sim.simulator._step = lambda *arguments: None
-    results.Episodes.of = classmethod(lambda cls, trace, metrics: None)
+    episodes.Episodes.of = classmethod(lambda cls, trace, metrics: None)
     crowdbench.core.reward.reward = lambda *arguments: 1.0
 """
 

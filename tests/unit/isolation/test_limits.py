@@ -10,8 +10,8 @@ import pytest
 from probes import made
 
 from crowdbench.isolation import limits, sandbox
+from crowdbench.isolation.isolated_planner import Limits
 from crowdbench.isolation.launch import MACHINES
-from crowdbench.isolation.planner import Limits
 from crowdbench.utils.errors import InputError
 
 pytestmark = [

@@ -9,7 +9,7 @@ from probes import probe
 
 from crowdbench.boards.board import ROOT
 from crowdbench.isolation import sandbox
-from crowdbench.isolation.planner import Limits
+from crowdbench.isolation.isolated_planner import Limits
 from crowdbench.utils.errors import InputError
 
 pytestmark = [

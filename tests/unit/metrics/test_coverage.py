@@ -13,7 +13,7 @@ from study_folders import episodes
 from crowdbench.boards.means import weighted_mean
 from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.metrics.summary import bootstrap, rate, wilson
-from crowdbench.runs.paired import Paired, compare_metric
+from crowdbench.results.paired import Paired, compare_metric
 from studies.differences import gain_in_success
 
 STUDIES = 300

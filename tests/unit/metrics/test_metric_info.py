@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from helpers import drive
 
-from crowdbench.metrics import METRICS, UNDISTURBED, MetricInfo, contacts, describe, info_of
+from crowdbench.metrics import contacts
+from crowdbench.metrics.registry import METRICS, UNDISTURBED, MetricInfo, describe, info_of
 from crowdbench.metrics.summary import Estimate
-from crowdbench.runs.load import load_run
+from crowdbench.runs.loading import load_run
 from crowdbench.runs.run import rollout as loop
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from helpers import drive, trace
 
-from crowdbench import metrics
 from crowdbench.core.types import Outcome
-from crowdbench.metrics import METRICS
+from crowdbench.metrics import registry as metrics
+from crowdbench.metrics.registry import METRICS
 
 STRAIGHT = [[[0.25 * t, 0], [1, 3 - 0.25 * t]] for t in range(5)]
 """The vehicle walks 1 m along x at 1 m/s; a pedestrian comes down at x = 1."""

@@ -7,8 +7,8 @@ import pytest
 from helpers import drive, trace
 
 from crowdbench.core.types import Outcome, Rules
-from crowdbench.metrics import METRICS
-from crowdbench.sim.contacts import Fault, find_contacts
+from crowdbench.metrics.fault import Fault, find_contacts
+from crowdbench.metrics.registry import METRICS
 
 FAR = [50.0, 50.0]
 

@@ -9,10 +9,10 @@ import shapely
 from helpers import drive, make
 
 from crowdbench.catalog import load_scenario
-from crowdbench.metrics import METRICS
-from crowdbench.runs.export import export
-from crowdbench.runs.results import Episodes
-from crowdbench.runs.store import RunResult
+from crowdbench.export.export import export
+from crowdbench.metrics.registry import METRICS
+from crowdbench.results.episodes import Episodes
+from crowdbench.results.run_result import RunResult
 
 DT, RADIUS, SPEED, LIMIT = 0.25, 0.3, 1.0, 25.0
 """Of the scenario: seconds, metres, m/s of everybody, and the time limit in seconds."""

@@ -7,7 +7,7 @@ import pytest
 from helpers import Still, drive, same, trace
 
 from crowdbench.core.types import Outcome
-from crowdbench.metrics import METRICS
+from crowdbench.metrics.registry import METRICS
 from crowdbench.record.contents import read
 from crowdbench.record.write import Recorder
 

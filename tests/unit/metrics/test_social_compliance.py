@@ -7,7 +7,7 @@ import pytest
 from helpers import drive
 
 from crowdbench.core.types import Outcome
-from crowdbench.metrics import METRICS, SUBJECTS, info_of
+from crowdbench.metrics.registry import METRICS, SUBJECTS, info_of
 
 AS_PUBLISHED = {"discomfort_frequency", "intrusion_time_ratio", "social_distance"}
 """Over all episodes, as in the published tables they are compared with: their docstrings say what an early end does."""

@@ -72,7 +72,7 @@ def test_the_same_episodes_have_the_same_interval():
 
 
 def test_scipys_statistics_are_imported_only_when_something_is_summarized():
-    code = "import sys, crowdbench.runs.run, crowdbench.runs.compare\nprint('scipy.stats' in sys.modules)"
+    code = "import sys, crowdbench.runs.run, crowdbench.results.compare\nprint('scipy.stats' in sys.modules)"
     assert subprocess.check_output([sys.executable, "-c", code], text=True) == "False\n"
 
 

@@ -8,7 +8,7 @@ from lookahead_scenes import DT, crowded, lone_vehicle
 
 from crowdbench.catalog import PLANNERS, load_planner, load_scenario
 from crowdbench.planners.driver import Driver
-from crowdbench.plugins.load import load_module
+from crowdbench.plugins.kind import load_module
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError

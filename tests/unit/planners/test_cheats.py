@@ -11,8 +11,8 @@ from helpers import Still, drive
 from crowdbench.catalog import load_scenario
 from crowdbench.core import rng
 from crowdbench.core.types import World
-from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.planner import Planner
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe

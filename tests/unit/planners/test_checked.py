@@ -10,7 +10,7 @@ from crowdbench.networks.value import NETWORKS
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity, Prediction, Predictor
-from crowdbench.predict.base import validate_prediction
+from crowdbench.predict.predictor import validate_prediction
 from crowdbench.runs.rollout import rollout
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.defaults import MOST_AHEAD

@@ -12,7 +12,7 @@ from crowdbench.core.dynamics import Bicycle, Holonomic, Unicycle
 from crowdbench.core.geometry import norm
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.trials import propagate_vehicle
-from crowdbench.plugins.load import load_module
+from crowdbench.plugins.kind import load_module
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError

@@ -13,8 +13,8 @@ from helpers import Still, drive, same
 from crowdbench.catalog import load_scenario
 from crowdbench.cli.run import warn_if_trained_otherwise
 from crowdbench.core import rng
-from crowdbench.planners.base import OneWorldPlanner, Planner
-from crowdbench.runs.load import load_run
+from crowdbench.planners.planner import OneWorldPlanner, Planner
+from crowdbench.runs.loading import load_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe

@@ -8,8 +8,8 @@ from lookahead_scenes import DT, crowded
 
 from crowdbench.catalog import load_planner
 from crowdbench.core.types import HISTORY, Noise, Sensor
-from crowdbench.planners.base import Planner
 from crowdbench.planners.filtered import ACCELERATION, EXACT, MEMORY, FilteredPlanner, KalmanFilter
+from crowdbench.planners.planner import Planner
 from crowdbench.utils.errors import InputError
 
 NOISE = Noise(position=0.2, velocity=0.4)

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from crowdbench import load_scenario
-from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.mppi import Search
-from crowdbench.plugins.load import load_module
+from crowdbench.planners.planner import Planner
+from crowdbench.plugins.kind import load_module
 from crowdbench.predict import ConstantVelocity
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases

@@ -7,7 +7,7 @@ import pytest
 
 from crowdbench import ORCA, Cases, Driver, load_planner, load_scenario, roll_out, rollout
 from crowdbench.catalog import PLANNERS
-from crowdbench.plugins.load import load_module
+from crowdbench.plugins.kind import load_module
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.visibility_graph import find_routes
 from crowdbench.utils.errors import InputError

@@ -7,9 +7,9 @@ from helpers import drive
 from lookahead_scenes import Forks, Nearer, crowded, network, scene, slow_values, within
 
 from crowdbench import load_planner
-from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.core.dynamics.dynamics import speeds_and_headings
 from crowdbench.core.types import Outcome
-from crowdbench.metrics import METRICS
+from crowdbench.metrics.registry import METRICS
 from crowdbench.planners.kce import ChangeCost, Exploration, Limits, PrintedShaping
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity

@@ -19,7 +19,7 @@ from lookahead_scenes import (
     within,
 )
 
-from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.core.dynamics.dynamics import speeds_and_headings
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.networks.value import NETWORKS, ValueNetwork
 from crowdbench.planners import lookahead

@@ -17,7 +17,7 @@ from crowdbench.planners.scene import scene_of
 from crowdbench.predict import Prediction
 from crowdbench.predict.linear import ConstantVelocity
 from crowdbench.record.decisions import marks_of
-from crowdbench.record.verdict import legend_text
+from crowdbench.record.explanation import legend_text
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError

@@ -3,7 +3,7 @@ import pytest
 from helpers import world
 from lookahead_scenes import Forks, Nearer, crowded, network, scene, slow_values, within
 
-from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.core.dynamics.dynamics import speeds_and_headings
 from crowdbench.core.types import Observation
 from crowdbench.planners.kce import Exploration
 from crowdbench.planners.lookahead import ValuePlanner

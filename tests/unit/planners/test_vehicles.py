@@ -12,11 +12,11 @@ from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.dynamics import Bicycle, State, Unicycle, chain, hull
 from crowdbench.core.geometry import wrap_angle
 from crowdbench.core.types import Outcome, Rules
-from crowdbench.envs.outcomes import outcomes_of_agents
+from crowdbench.envs.step_outcomes import outcomes_of_agents
 from crowdbench.envs.vehicle import VehicleEnv
-from crowdbench.metrics import spl
-from crowdbench.planners.base import Planner
+from crowdbench.metrics.registry import spl
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import along_walls
 from crowdbench.planners.scene import scene_of
 from crowdbench.planners.trials import propagate_vehicle, try_commands, try_sequences

@@ -5,8 +5,8 @@ import pytest
 
 from crowdbench import catalog
 from crowdbench.cli.options import assignments
-from crowdbench.metrics import METRICS
-from crowdbench.metrics.load import load_metrics
+from crowdbench.metrics.registry import METRICS
+from crowdbench.metrics.user_metrics import load_metrics
 from crowdbench.utils.errors import InputError
 
 PLANNER = '''

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from crowdbench import catalog
-from crowdbench.plugins.files import PluginFiles, read_files
-from crowdbench.plugins.load import load_module
+from crowdbench.plugins.kind import load_module
+from crowdbench.plugins.plugin_files import PluginFiles, read_files
 from crowdbench.utils.errors import InputError
 
 MINE = """

@@ -5,7 +5,7 @@ from helpers import advance
 from crowdbench import load_predictor, load_scenario
 from crowdbench.core.types import HISTORY, Observation, Pedestrians, Vehicle
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
-from crowdbench.predict.load import PREDICTORS
+from crowdbench.predict.predictors import PREDICTORS
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities

@@ -11,8 +11,9 @@ from rerun.chunk import RrdReader
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types import Outcome
-from crowdbench.planners.base import Planner
+from crowdbench.metrics.fault import find_contacts
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.planner import Planner
 from crowdbench.record import contents, rrd, viewer
 from crowdbench.record.blueprint import draw_logs
 from crowdbench.record.contents import Recording, read
@@ -21,7 +22,6 @@ from crowdbench.record.marks import draw_approach, time_to_closest
 from crowdbench.record.write import Recorder
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.sim.contacts import find_contacts
 from crowdbench.utils.errors import InputError, Interrupted
 
 RUN = {"planner": "orca", "scenario": "circle_crossing_5", "scenario_digest": "abc", "cases": 12}

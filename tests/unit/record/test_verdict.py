@@ -7,8 +7,8 @@ import pytest
 from helpers import drive, trace
 
 from crowdbench.core.types import Outcome
-from crowdbench.record.cases import read_verdict
-from crowdbench.record.verdict import describe_failure
+from crowdbench.record.explanation import describe_failure
+from crowdbench.record.recorded_cases import read_verdict
 from crowdbench.record.write import Recorder
 
 STEPS = 8

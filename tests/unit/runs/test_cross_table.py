@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from crowdbench.cli import app
-from crowdbench.notebook import run
-from crowdbench.runs.compare import compare
+from crowdbench.api import run
+from crowdbench.cli.app import app
+from crowdbench.results.compare import compare
 
 
 @pytest.fixture(scope="module")

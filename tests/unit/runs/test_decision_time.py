@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from crowdbench.catalog import load_scenario
-from crowdbench.planners.base import Planner
+from crowdbench.planners.planner import Planner
 from crowdbench.runs.decision_time import time_single_world
 from crowdbench.runs.spec import EVERY_STEP
 from crowdbench.scenario.cases import Cases

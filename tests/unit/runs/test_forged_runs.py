@@ -13,11 +13,11 @@ import recordings
 from helpers import Still, make, reseal
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.metrics import METRICS
+from crowdbench.metrics.registry import METRICS
+from crowdbench.results.episodes import Episodes
+from crowdbench.results.result_file import STATED
+from crowdbench.results.run_result import RunResult, summary_of
 from crowdbench.runs.merge import merge
-from crowdbench.runs.result_file import STATED
-from crowdbench.runs.results import Episodes
-from crowdbench.runs.store import RunResult, summary_of
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import flatten
 

@@ -11,9 +11,9 @@ from helpers import Still
 
 import crowdbench
 from crowdbench.plugins import code as source
+from crowdbench.results.result_file import read_result
 from crowdbench.runs import identity
-from crowdbench.runs.load import load_run
-from crowdbench.runs.result_file import read_result
+from crowdbench.runs.loading import load_run
 from crowdbench.runs.spec import Replanning, RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import Interrupted

@@ -14,18 +14,18 @@ import pytest
 from helpers import Still, make, reseal
 
 from crowdbench.catalog import load_recorded_scenario, load_scenario
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.core.types import Outcome
-from crowdbench.metrics import METRICS
-from crowdbench.metrics.load import load_metrics
-from crowdbench.planners.base import Planner
+from crowdbench.metrics.registry import METRICS
+from crowdbench.metrics.user_metrics import load_metrics
+from crowdbench.planners.planner import Planner
+from crowdbench.results.episodes import Episodes
+from crowdbench.results.run_result import RunResult
 from crowdbench.runs import replay as replays
 from crowdbench.runs import rollout as rollouts
 from crowdbench.runs.merge import merge
 from crowdbench.runs.replay import replay
-from crowdbench.runs.results import Episodes
 from crowdbench.runs.spec import Replanning
-from crowdbench.runs.store import RunResult
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.simulator import step, walk
 from crowdbench.utils.errors import InputError

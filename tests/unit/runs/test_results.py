@@ -9,20 +9,20 @@ import pytest
 from helpers import Still, drive, make, reseal
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.cli.console import print_table
 from crowdbench.core.types import Outcome
-from crowdbench.metrics import METRICS
-from crowdbench.planners.base import Planner
+from crowdbench.metrics.registry import METRICS
+from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.record.contents import read
+from crowdbench.results.compare import compare, comparison_grid
+from crowdbench.results.episodes import Episodes, planner_label, read_estimate
+from crowdbench.results.paired import mcnemar
+from crowdbench.results.result_file import read_result
+from crowdbench.results.table import metric_grid
 from crowdbench.runs import rollout
-from crowdbench.runs.compare import compare, comparison_grid
-from crowdbench.runs.paired import mcnemar
-from crowdbench.runs.result_file import read_result
-from crowdbench.runs.results import Episodes, planner_label, read_estimate
 from crowdbench.runs.spec import RunSpec, directory_name
-from crowdbench.runs.table import metric_grid
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, Interrupted

@@ -5,9 +5,8 @@ from helpers import Still, drive, same
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Outcome
-from crowdbench.envs.observations import flatten
-from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.planner import Planner
 from crowdbench.runs import rollout as rollouts
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import Replanning
@@ -16,6 +15,7 @@ from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step, walk
 from crowdbench.utils.errors import InputError
+from crowdbench.views.ego import flatten
 
 SCENARIOS = ["circle_crossing_5", *(f"circle_crossing_5_{kind}" for kind in ("visible", "gaussian", "social_force"))]
 

@@ -4,12 +4,12 @@ import itertools
 
 import pytest
 
-from crowdbench.metrics import info_of
+from crowdbench.api import run
+from crowdbench.metrics.registry import info_of
 from crowdbench.metrics.summary import Estimate
-from crowdbench.notebook import run
-from crowdbench.runs.compare import compare, comparison_grid
-from crowdbench.runs.results import read_estimate
-from crowdbench.runs.table import RunTable, estimate_grid, estimates
+from crowdbench.results.compare import compare, comparison_grid
+from crowdbench.results.episodes import read_estimate
+from crowdbench.results.table import RunTable, estimate_grid, estimates
 from crowdbench.utils.errors import InputError
 from studies.side_by_side import comparisons, verdict_grid
 

@@ -7,12 +7,12 @@ import pytest
 from helpers import Still, make, reseal
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.cli import app
-from crowdbench.metrics import METRICS
-from crowdbench.runs.compare import compare
+from crowdbench.cli.app import app
+from crowdbench.metrics.registry import METRICS
+from crowdbench.results.compare import compare
+from crowdbench.results.result_file import check_result, write_result
+from crowdbench.results.run_result import RunResult
 from crowdbench.runs.identity import code
-from crowdbench.runs.result_file import check_result, write_result
-from crowdbench.runs.store import RunResult
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import sha256
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from crowdbench.runs.paired import EXACT, sign_test
+from crowdbench.results.paired import EXACT, sign_test
 
 
 def test_a_difference_in_one_block_proves_nothing_however_many_cases_it_has():

@@ -185,7 +185,7 @@ def shipped(shared):
 
 
 def test_the_digests_of_the_simulated_scenarios_stay():
-    """Where this fails because a default is another one, `crowdbench.scenario.load.VERSION` must be raised."""
+    """Where this fails because a default is another one, `crowdbench.scenario.scenario_file.VERSION` must be raised."""
     digests = {name: load_scenario(name).digest for name in simulated_scenarios()}
     assert digests.items() <= SCENARIOS.items()
     assert len(digests) == 60

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_recorded_scenario, load_scenario
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 

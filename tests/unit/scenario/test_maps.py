@@ -8,7 +8,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_recorded_scenario, load_scenario
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.scenario import occupancy_grid
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts.floor_plan import floor_plan

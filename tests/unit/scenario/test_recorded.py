@@ -10,16 +10,16 @@ import pytest
 import recordings
 from helpers import Still, same
 
-from crowdbench import cli
 from crowdbench.catalog import load_planner, load_scenario, simulated_scenarios
+from crowdbench.cli import app as cli
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import HISTORY
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.networks import card
 from crowdbench.planners.driver import Driver
 from crowdbench.predict import ConstantVelocity
-from crowdbench.runs.load import load_run
-from crowdbench.runs.results import Episodes
+from crowdbench.results.episodes import Episodes
+from crowdbench.runs.loading import load_run
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases

@@ -9,16 +9,16 @@ from helpers import Still, drive, failed_checks, fixture, same
 from helpers import trace as trace_of
 
 from crowdbench.catalog import load_scenario
-from crowdbench.check.contract import Subject
+from crowdbench.check.checks import Subject
 from crowdbench.check.subjects import SCENARIO
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vector import VehicleVectorEnv
-from crowdbench.metrics import deflection, time_to_collision
+from crowdbench.metrics.registry import deflection, time_to_collision
 from crowdbench.predict import ConstantVelocity
-from crowdbench.record.drawing import draw_episode
+from crowdbench.record.entities import draw_episode
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import LayoutCall
@@ -26,7 +26,7 @@ from crowdbench.scenario.population import ARRIVALS
 from crowdbench.scenario.respawn import LayoutWithRespawn, Room
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_decisions, step
-from crowdbench.train.replay import transitions
+from crowdbench.train.replay_memory import transitions
 from crowdbench.utils.errors import InputError
 from studies.social_gan.prediction_errors import on_scenario
 

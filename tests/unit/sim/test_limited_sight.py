@@ -6,24 +6,24 @@ from helpers import drive, failed_checks, fixture, same, world, worlds_of
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
-from crowdbench.check.contract import Subject
+from crowdbench.check.checks import Subject
 from crowdbench.check.subjects import PLANNER
-from crowdbench.cli import app
+from crowdbench.cli.app import app
 from crowdbench.core.types import PERFECT, Lidar, Noise, Rules, Sensor
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
-from crowdbench.envs.views import View, encode, row_of
-from crowdbench.planners.base import Planner
+from crowdbench.planners.planner import Planner
 from crowdbench.record.contents import read
-from crowdbench.record.drawing import draw_episode
+from crowdbench.record.entities import draw_episode
 from crowdbench.record.write import Recorder
+from crowdbench.results.run_result import RunResult
 from crowdbench.runs.replay import replay
-from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.utils.errors import InputError
+from crowdbench.views.view import View, encode, row_of
 
 DT = 0.25
 LIMITED = fixture("limited_sight")

@@ -7,7 +7,7 @@ import pytest
 from helpers import Still, drive, failed_checks, fixture, same, to_walkers
 
 from crowdbench.catalog import PEDESTRIANS, load_scenario
-from crowdbench.check.contract import Subject
+from crowdbench.check.checks import Subject
 from crowdbench.check.subjects import POLICY
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm

@@ -5,10 +5,10 @@ import pytest
 from helpers import drive, fixture, same, world, worlds_of
 
 from crowdbench.catalog import load_scenario
-from crowdbench.check.contract import with_padding
+from crowdbench.check.checks import with_padding
 from crowdbench.core import rng
 from crowdbench.core.types import HISTORY, PERFECT, Rules, Sensor
-from crowdbench.planners.base import Planner
+from crowdbench.planners.planner import Planner
 from crowdbench.predict.linear import ConstantVelocity, Linear
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe

@@ -9,9 +9,8 @@ from helpers import world
 from crowdbench.catalog import load_scenario
 from crowdbench.core.dynamics import FREE, Unicycle
 from crowdbench.core.types import Rules
-from crowdbench.envs.observations import flatten, flatten_everybody
-from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.parallel import parallel_env
+from crowdbench.envs.step_outcomes import outcomes_of_agents
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.runs.recording import most_failures
 from crowdbench.scenario.cases import Cases
@@ -19,6 +18,7 @@ from crowdbench.scenario.layouts.placer import CLEARANCE, Points
 from crowdbench.sim.sensor import observe, with_nearest
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.utils.errors import InputError
+from crowdbench.views.ego import flatten, flatten_everybody
 
 SMALL = {"pedestrians.number": 150, "layout.square_width": 40.0}
 

@@ -7,7 +7,7 @@ import pytest
 from helpers import Still, advance, drive, same, world
 
 from crowdbench.catalog import load_scenario
-from crowdbench.core.dynamics.motion import limit_change
+from crowdbench.core.dynamics.kernels import limit_change
 from crowdbench.core.types import Rules, WalkingLimits
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.scenario.cases import Cases

@@ -7,7 +7,7 @@ from helpers import drive, fixture
 from crowdbench.catalog import load_scenario
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome
-from crowdbench.metrics import sct, spl
+from crowdbench.metrics.registry import sct, spl
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.sim.simulator import crowd_velocities, step

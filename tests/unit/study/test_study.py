@@ -13,8 +13,8 @@ import pytest
 from study_folders import CROWDS, MINE, NETWORKS, made, print_page, read_page, refused
 
 from crowdbench import catalog
+from crowdbench.results.result_file import read_result
 from crowdbench.runs.folder import make_in_folder, run_directory
-from crowdbench.runs.result_file import read_result
 from crowdbench.runs.shards import make_run
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError

@@ -9,12 +9,12 @@ from study_folders import CROWDS, episodes, leave, read_page
 from crowdbench.catalog import load_scenario
 from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.metrics.summary import bootstrap
-from crowdbench.runs.compare import compare
+from crowdbench.results.compare import compare
+from crowdbench.results.paired import LEAST_SHARED
+from crowdbench.results.result_file import read_result
+from crowdbench.results.run_result import RunResult
+from crowdbench.results.table import RunTable
 from crowdbench.runs.folder import make_in_folder, run_directory
-from crowdbench.runs.paired import LEAST_SHARED
-from crowdbench.runs.result_file import read_result
-from crowdbench.runs.store import RunResult
-from crowdbench.runs.table import RunTable
 from crowdbench.utils.tables import printed_by
 from studies.side_by_side import OVER_SOLVED, FilledCrowd, comparisons, verdict_grid
 

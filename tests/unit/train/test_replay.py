@@ -6,7 +6,7 @@ from helpers import drive
 from joint_states import slow_joint_states
 
 from crowdbench.core.types import Outcome, Rules
-from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
+from crowdbench.train.replay_memory import ReplayBuffer, Transitions, transitions
 
 
 @pytest.fixture(scope="module")

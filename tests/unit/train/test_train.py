@@ -6,7 +6,7 @@ import torch
 import trainings
 
 from crowdbench import InputError, load_network, load_scenario
-from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.core.dynamics.dynamics import speeds_and_headings
 from crowdbench.networks.card import headline
 from crowdbench.networks.value import NETWORKS
 from crowdbench.networks.weights import digest, read_card

@@ -7,7 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench import InputError
-from crowdbench.cli import app, train
+from crowdbench.cli import train
+from crowdbench.cli.app import app
 from crowdbench.networks.encoders import POLICIES
 from crowdbench.networks.value import NETWORKS
 from crowdbench.train.config import METHODS, ValueConfig, make_config, method_options, option

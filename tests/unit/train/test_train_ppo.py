@@ -14,7 +14,7 @@ from crowdbench.envs.rewards import Step
 from crowdbench.envs.training_worlds import Driven
 from crowdbench.networks.weights import digest, weights_file
 from crowdbench.planners.driver import Driver
-from crowdbench.planners.policy import load_policy
+from crowdbench.planners.trained_policy import load_policy
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.train import ppo

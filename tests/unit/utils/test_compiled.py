@@ -13,7 +13,8 @@ import numba
 import pytest
 
 import crowdbench
-from crowdbench.utils.compiled import named_tuples, njit, store
+from crowdbench.utils.compiled import kernel_files as store
+from crowdbench.utils.compiled import named_tuples, njit
 from crowdbench.utils.compiled.digest import code_digest
 
 PACKAGE = Path(crowdbench.__file__).parent

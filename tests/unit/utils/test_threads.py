@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from crowdbench import load_planner, load_scenario
-from crowdbench.networks.threads import in_chunks, one_torch_thread
+from crowdbench.networks.chunks import in_chunks, one_torch_thread
 from crowdbench.sim.sensor import observe
 
 

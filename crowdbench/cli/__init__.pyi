@@ -1,0 +1,14 @@
+from .app import main as main
+from .boards import ROOT as ROOT
+from .boards import WORK as WORK
+from .console import announce_compilation as announce_compilation
+from .console import exit_on_interrupt as exit_on_interrupt
+from .console import print_table as print_table
+from .console import progress as progress
+from .console import say as say
+from .options import ThreadsOption as ThreadsOption
+from .options import assignments as assignments
+from .options import help_from_docstring as help_from_docstring
+from .options import use_threads as use_threads
+from .train import run_training as run_training
+from .train import with_method_options as with_method_options

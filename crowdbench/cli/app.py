@@ -1,0 +1,117 @@
+"""The command line: reads options, calls the modules that do the work, and prints results.
+
+Only the module of the requested command is imported. It imports further modules when the command runs, so that the
+command line starts fast.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import importlib.metadata
+import os
+import sys
+from collections.abc import Callable, Iterable
+from typing import Annotated
+
+import typer
+
+from crowdbench.cli.console import DEBUG, INTERRUPTED, NOTHING_KEPT, failure, flush_output, prepare_streams, say
+from crowdbench.cli.options import help_from_docstring
+from crowdbench.utils import interrupts
+
+COMMANDS = {
+    "run": ("Run", "run", "run"),
+    "check": ("Run", "check", "check"),
+    "train": ("Run", "train", "train"),
+    "merge": ("Run", "run", "merge"),
+    "list": ("Look", "listing", "list_"),
+    "view": ("Look", "cases", "view"),
+    "render": ("Look", "figures", "render"),
+    "plot": ("Look", "figures", "plot"),
+    "table": ("Look", "figures", "table"),
+    "compare": ("Look", "results", "compare"),
+    "score": ("Look", "results", "score"),
+    "export": ("Look", "results", "export"),
+    "new-planner": ("Boards", "boards", "new_planner"),
+    "submit": ("Boards", "boards", "submit"),
+    "verify": ("Boards", "boards", "verify"),
+}
+"""The commands in the order of --help, with their group in --help, their module in this folder, and their function."""
+
+
+def _print_version(is_wanted: bool | None) -> None:
+    if is_wanted:
+        print(importlib.metadata.version("crowdbench"))
+        raise typer.Exit
+
+
+def crowdbench(
+    version: Annotated[bool | None, typer.Option("--version", callback=_print_version, is_eager=True)] = None,
+) -> None:
+    """Benchmark planners that navigate in crowds.
+
+    Args:
+        version: Print the version and stop.
+    """
+
+
+def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
+    """Return the command line with some of the commands."""
+    app = _new_app(f"Add {DEBUG} to any command to see the traceback of an error.")
+    app.callback()(help_from_docstring(crowdbench))
+    for name in names:
+        group, module, function = COMMANDS[name]
+        command = getattr(importlib.import_module(f"crowdbench.cli.{module}"), function)
+        app.command(name, rich_help_panel=group)(help_from_docstring(command))
+    return app
+
+
+def build_script(command: Callable[..., None]) -> typer.Typer:
+    """Return the command line of a script with one command."""
+    app = _new_app()
+    app.command()(help_from_docstring(command))
+    return app
+
+
+def _new_app(epilog: str | None = None) -> typer.Typer:
+    # Markdown joins the lines of a docstring's paragraph.
+    return typer.Typer(add_completion=False, rich_markup_mode="markdown", epilog=epilog)
+
+
+@functools.cache
+def __getattr__(name: str) -> object:
+    """Return `app`, the command line with all commands, when it is first used."""
+    if name == "app":
+        return build_app()
+    raise AttributeError(f"module 'crowdbench.cli' has no attribute {name!r}")
+
+
+def main(script: Callable[..., None] | None = None) -> None:
+    """Run the command line. For an error print one sentence, and exit with a status other than 0.
+
+    Args:
+        script: The command of a script that has only one; None for the commands of crowdbench.
+    """
+    # This is read when the threads of the simulator and of torch start. With active waiting they are much slower if
+    # another program uses the cores: ORCA takes 4 times as long, an update of a training 30 times.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    debug = DEBUG in sys.argv
+    arguments = [argument for argument in sys.argv[1:] if argument != DEBUG]
+    if script is None and not arguments:
+        arguments = ["--help"]
+    prepare_streams()
+    interrupts.handle()
+    try:
+        app = build_script(script) if script else build_app(arguments[:1] if arguments[0] in COMMANDS else COMMANDS)
+        status = app(arguments, standalone_mode=False)
+        flush_output()
+    except BaseException as error:
+        failed = failure(error)
+        if failed is None or (debug and not isinstance(error, SystemExit)):
+            raise
+        say(f"crowdbench: {failed.sentence}")
+        sys.exit(failed.status)
+    if status == INTERRUPTED:
+        say(f"crowdbench: {NOTHING_KEPT}")
+    sys.exit(status)

@@ -1,0 +1,1 @@
+from .isolated_planner import IsolatedPlanner as IsolatedPlanner

@@ -1,0 +1,1 @@
+from .code import code_digest as code_digest

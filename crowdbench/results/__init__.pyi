@@ -1,0 +1,13 @@
+from .compare import Comparison as Comparison
+from .compare import compare_results as compare_results
+from .episodes import EPISODES as EPISODES
+from .episodes import RECORDING as RECORDING
+from .episodes import planner_label as planner_label
+from .paired import LEAST_SHARED as LEAST_SHARED
+from .paired import MetricDifference as MetricDifference
+from .run_result import RunResult as RunResult
+from .run_result import write_run as write_run
+from .table import PRIVILEGED as PRIVILEGED
+from .table import RunTable as RunTable
+from .table import estimate_grid as estimate_grid
+from .table import estimates as estimates

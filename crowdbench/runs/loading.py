@@ -1,0 +1,86 @@
+"""Loads runs: finds the planner, the scenario and the metrics that a `RunSpec` names."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from crowdbench import catalog
+from crowdbench.metrics.user_metrics import load_metrics
+from crowdbench.planners.driver import Driver
+from crowdbench.planners.planner import Planner
+from crowdbench.runs.identity import PlannerId, id_of_object, new_key
+from crowdbench.runs.run import Run
+from crowdbench.runs.spec import RunSpec
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.errors import plugin_errors
+
+
+def load_run(
+    spec: RunSpec, planner: Planner | None = None, scenario: Scenario | None = None, key: str | None = None
+) -> Run:
+    """Load a run with its planner in this process.
+
+    Args:
+        spec: The run. If `planner` is given, `spec.planner` is only its name.
+        planner: A planner object that a user constructed, if any.
+        scenario: The scenario that the spec names, if it is loaded already.
+        key: The author's name for this version of a planner object; without a key, no run is resumed with it.
+
+    Raises:
+        InputError: A plug-in or scenario in the spec does not exist, or does not accept these options or overrides.
+    """
+    scenario = scenario or catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
+    name, is_named = spec.planner, planner is None
+    if planner is None:
+        name, planner = catalog.load_planner(spec.planner, spec.options)
+    if scenario.tracks:
+        with plugin_errors(f"planner {name} raised", " in for_held_out_scene()"):
+            planner = planner.for_held_out_scene(scenario.tracks.scene)
+    driver = Driver(planner, name, spec.decision_limit)
+    if is_named:
+        identity = identify(spec.planner, spec.options, driver)
+    else:
+        identity = id_of_object(planner, name, driver.facts, key or new_key())
+    return Run(spec, driver, scenario, load_metrics(spec.metrics), identity)
+
+
+@contextlib.contextmanager
+def open_run(spec: RunSpec) -> Iterator[Run]:
+    """Load a run, isolated if its spec requests it, and end the planner's process afterwards.
+
+    Raises:
+        InputError: As `load_run` does.
+    """
+    if not spec.isolated:
+        yield load_run(spec)
+        return
+    from crowdbench.isolation.isolated_planner import IsolatedPlanner, Limits
+
+    scenario = catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
+    limits, scene = Limits(decision=spec.decision_limit), scenario.tracks.scene if scenario.tracks else None
+    with contextlib.closing(IsolatedPlanner(spec.planner, spec.options, limits, scene=scene)) as planner:
+        driver = Driver(planner, planner.name, spec.decision_limit)
+        identity = identify(spec.planner, spec.options, driver)
+        yield Run(spec, driver, scenario, load_metrics(spec.metrics), identity, planner.usage)
+
+
+def identify(
+    planner: str, options: Mapping[str, Any], driver: Driver, named: Mapping[str, Any] | None = None
+) -> PlannerId:
+    """Return the identity of a planner that was loaded by name or from a file.
+
+    Args:
+        planner: The name or the file of the planner, see `catalog.load_planner`.
+        options: The options with which the planner was loaded.
+        driver: The driver of the planner.
+        named: The options as written in a result, if they name files by other paths; None for `options`.
+    """
+    return PlannerId(
+        driver.name,
+        options if named is None else named,
+        catalog.planner_files(planner, options),
+        catalog.planner_code(planner, options),
+        driver.facts,
+    )

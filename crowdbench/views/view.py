@@ -1,0 +1,242 @@
+"""Observations and actions of a policy in the worlds of a scenario, and their spaces.
+
+Observations, of the vehicle:
+
+- `flat`: a vector along the axes of the world, see `crowdbench.views.ego`.
+- `goal_frame`: a vector in the frame of the goal, see `crowdbench.networks.features`: the vehicle's numbers, then for
+  each pedestrian its numbers and 1 (zeros if it is missing). With `rays`, also the parts `motion` and `rays`.
+- `dict`: the same as a dictionary of `vehicle`, `pedestrians`, `mask` (1 for a pedestrian, else 0), and `history`, the
+  last 8 positions of each pedestrian; `lidar` if the vehicle has one, as `Observation.lidar`; and with `rays`, `motion`
+  (the motion of the vehicle and its next two waypoints) and `rays` (the distances to walls along that number of rays),
+  see `crowdbench.networks.features_ahead`.
+
+The vehicle observes through the scenario's sensor.
+
+Actions are velocities in m/s, along the axes of the world (`world`) or in the frame of the goal (`goal_frame`), which a
+vehicle on wheels follows as closely as its dynamics allow; or commands of the vehicle's dynamics (`native`), see
+`crowdbench.core.dynamics`.
+
+Spaces are of float64, so that nothing is rounded. Their bounds follow from the scenario.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.spaces import Box
+
+from crowdbench.core.dynamics import SPEED_TOLERANCE, State
+from crowdbench.core.rng import MOST_NORMAL
+from crowdbench.core.types import HISTORY, Observation, World
+from crowdbench.networks.features import (
+    PEDESTRIAN_FEATURES,
+    VEHICLE_FEATURES,
+    Vectors,
+    direction,
+    features,
+    histories,
+    to_world,
+)
+from crowdbench.networks.features_ahead import MOTION, REACH, motion
+from crowdbench.scenario.layouts import LAYOUTS
+from crowdbench.scenario.placement import EXTENT
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.lines_of_sight import wall_distances
+from crowdbench.sim.sensor import observe
+from crowdbench.utils.errors import InputError, is_number
+from crowdbench.views.ego import AGENT_FEATURES, flatten, flatten_vehicle
+
+OBSERVATIONS = ("flat", "goal_frame", "dict")
+ACTIONS = ("world", "goal_frame", "native")
+
+KEYS = ("vehicle", "pedestrians", "mask", "lidar", "motion", "rays", "history")
+"""The keys of an observation `dict`, in its order; the order of its space is alphabetical."""
+
+NEAREST = 10
+"""Default for the largest number of pedestrians in an observation in the frame of the goal."""
+
+Observed = Any
+"""An array `[world, features]`, or a dictionary of arrays `[world, ...]`."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Observations and actions of a policy in the worlds of a scenario.
+
+    Attributes:
+        scenario: The scenario.
+        observation: One of `OBSERVATIONS`.
+        action: One of `ACTIONS`.
+        nearest: Largest number of pedestrians in an observation in the frame of the goal.
+        rays: Number of rays to walls in the frame of the goal; 0 for neither rays nor the part `motion`.
+
+    Raises:
+        InputError: There is no such observation or action.
+    """
+
+    scenario: Scenario
+    observation: str = "flat"
+    action: str = "world"
+    nearest: int = NEAREST
+    rays: int = 0
+
+    def __post_init__(self) -> None:
+        check_view(self.observation, self.action, self.nearest, self.rays)
+
+    @property
+    def observation_space(self) -> spaces.Space[Any]:
+        """The space of the observations of one world."""
+        if self.observation == "flat":
+            return flat_space(self.scenario)
+        k = self.nearest
+        parts = {
+            "vehicle": _box(VEHICLE_FEATURES),
+            "pedestrians": _box(k, PEDESTRIAN_FEATURES),
+            "mask": Box(0.0, 1.0, (k,), np.float64),
+        }
+        if self.rays:
+            parts |= {"motion": _box(MOTION + 4), "rays": Box(0.0, REACH, (self.rays,), np.float64)}
+        if self.observation == "dict":
+            if lidar := self.scenario.rules.sensor.lidar:
+                parts["lidar"] = Box(0.0, lidar.range, (lidar.beams,), np.float64)
+            return spaces.Dict({**parts, "history": _box(HISTORY, k, 2)})
+        return _box(VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1) + (MOTION + 4 + self.rays if self.rays else 0))
+
+    @property
+    def action_space(self) -> Box:
+        """The space of the vehicle's actions in one world.
+
+        Each axis of a velocity is within the preferred speed. In a corner the speed is larger: the simulator limits it.
+        """
+        speed = self.scenario.vehicle.speed
+        if self.action == "native":
+            low, high = self.scenario.rules.dynamics.space(np.array([speed]))
+            return Box(low[0], high[0], dtype=np.float64)
+        return Box(-speed, speed, (2,), np.float64)
+
+    def observe(self, worlds: World) -> Observed:
+        """Return the observation of each world."""
+        if self.observation == "flat":
+            return flatten_vehicle(worlds)
+        return encode(observe(worlds), self.observation, self.nearest, self.rays)
+
+    def commands(self, position: Vectors, goal: Vectors, action: Vectors) -> Vectors:
+        """Return actions as velocities in m/s along the axes of the world; native actions are unchanged.
+
+        Args:
+            position: Positions of the vehicles in metres.
+            goal: Their goals in metres.
+            action: The actions.
+        """
+        return to_world(action, direction(position, goal)) if self.action == "goal_frame" else action
+
+    def to_command(self, worlds: World, velocity: Vectors) -> Vectors:
+        """Return the commands that drive the vehicles of worlds at velocities in m/s; native commands unchanged."""
+        if self.action == "native":
+            return velocity
+        state = State(worlds.position[:, 0], worlds.velocity[:, 0], worlds.heading, worlds.angular_speed)
+        return worlds.rules.dynamics.follow(state, velocity, worlds.preferred_speed[:, 0], worlds.rules.dt)
+
+
+def check_view(observation: str, action: str, nearest: int, rays: int) -> None:
+    """Raise InputError unless the observation and the action exist and the numbers are valid."""
+    for name, value, known in (("observation", observation, OBSERVATIONS), ("action", action, ACTIONS)):
+        if value not in known:
+            raise InputError(f"{name} is {value!r}, but must be one of {', '.join(known)}")
+    if not (isinstance(nearest, int) and nearest >= 1):
+        raise InputError(f"nearest is {nearest!r}, but must be a whole number of pedestrians, 1 or more")
+    if not (isinstance(rays, int) and rays >= 0 and (rays == 0 or observation != "flat")):
+        raise InputError(f"rays is {rays!r}, but must be a whole number, 0 where the observation is flat")
+
+
+def encode(obs: Observation, observation: str, nearest: int, rays: int = 0) -> Observed:
+    """Return the observation of a policy, computed from a planner's observation.
+
+    Args:
+        obs: The observation.
+        observation: One of `OBSERVATIONS`.
+        nearest: Largest number of pedestrians in an observation in the frame of the goal.
+        rays: Number of rays to walls.
+    """
+    if observation == "flat":
+        return flatten(obs)
+    numbers = features(obs, nearest)
+    mask = numbers.seen.astype(np.float64)
+    ahead = {}
+    if rays:
+        distances = wall_distances(obs.vehicle.position, numbers.axis, obs.obstacles, rays, REACH)
+        ahead = {"motion": motion(obs, numbers.axis), "rays": distances}
+    if observation == "goal_frame":
+        pedestrians = np.concatenate([numbers.pedestrians, mask[..., None]], axis=2)
+        return np.concatenate([numbers.vehicle, pedestrians.reshape(len(obs), -1), *ahead.values()], axis=1)
+    parts = {"vehicle": numbers.vehicle, "pedestrians": numbers.pedestrians, "mask": mask, **ahead}
+    if obs.lidar is not None:
+        parts["lidar"] = obs.lidar
+    return {**parts, "history": histories(obs, numbers)}
+
+
+def row_of(seen: Observed, index: int) -> Observed:
+    """Return the observation of one of several worlds."""
+    return {name: part[index] for name, part in seen.items()} if isinstance(seen, dict) else seen[index]
+
+
+def _box(*shape: int) -> Box:
+    return Box(-np.inf, np.inf, shape, np.float64)
+
+
+def pedestrian_action_space(scenario: Scenario) -> Box:
+    """Return the space of a pedestrian's velocities in m/s, bounded by the largest preferred speed of the scenario."""
+    speed = scenario.crowd.preferred_speed.high
+    return Box(-speed, speed, (2,), np.float64)
+
+
+def flat_space(scenario: Scenario) -> Box:
+    """Return the space of the flat observations of any agent, see `crowdbench.views.ego`."""
+    speed = _max_speed(scenario)
+    body = scenario.rules.body
+    radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, scenario.crowd.radius.high)
+    if scenario.tracks:
+        radius = max(radius, scenario.tracks.largest_radius)
+    # The difference of two coordinates is at most twice the largest coordinate.
+    offset = 2 * position_bound(scenario)
+    viewer = np.array([offset, offset, speed, speed, radius, speed])
+    sensor = scenario.rules.sensor
+    measured = speed + MOST_NORMAL * sensor.noise.velocity
+    away = offset + MOST_NORMAL * sensor.noise.position + measured * sensor.remember
+    other = np.array([away, away, measured, measured, radius, 1.0])
+    signed = np.array([True, True, True, True, False, False])
+    others = scenario.max_agents - 1
+    high = np.concatenate([viewer, *[other] * min(scenario.rules.sensor.nearest or others, others)])
+    low = np.where(np.tile(signed, len(high) // AGENT_FEATURES), -high, 0.0)
+    return Box(low, high, dtype=np.float64)
+
+
+def layout_bound(scenario: Scenario) -> float:
+    """Return a bound in metres on the coordinates of starts and goals, loose enough to hold for every layout.
+
+    For a built-in layout it is twice the sum of the numbers in its options, plus the distance of one second at the
+    highest speed, because layouts shift starts by up to half of it. For a layout of points, or one that is not built
+    in, it is the bound for all layouts. For recorded pedestrians it is the largest recorded coordinate.
+    """
+    if scenario.tracks:
+        return scenario.tracks.extent
+    layout = scenario.layout
+    if layout is None or layout.function not in LAYOUTS.values():
+        return EXTENT
+    options = layout.options.values()
+    if any(isinstance(option, list | Mapping) for option in options):
+        return EXTENT
+    return 2 * sum(abs(option) for option in options if is_number(option)) + _max_speed(scenario)
+
+
+def position_bound(scenario: Scenario) -> float:
+    """Return a bound in metres on positions: the bound on starts, plus the longest path until the time limit."""
+    return layout_bound(scenario) + _max_speed(scenario) * scenario.rules.max_steps * scenario.rules.dt
+
+
+def _max_speed(scenario: Scenario) -> float:
+    return max(scenario.vehicle.speed, scenario.crowd.preferred_speed.high) * (1 + SPEED_TOLERANCE)
