@@ -16,7 +16,7 @@ from crowdbench.boards.verdict import Method
 from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.metrics.registry import UNDISTURBED, info_of
 from crowdbench.metrics.summary import UNDEFINED, Estimate, wilson
-from crowdbench.runs.recording import COMMANDS, read_commands
+from crowdbench.results.stored_commands import COMMANDS, read_commands
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import plain
