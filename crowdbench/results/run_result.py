@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import importlib.metadata
 import itertools
 import math
 from collections.abc import Iterator, Mapping
@@ -19,6 +18,7 @@ from crowdbench.results.episodes import BLOCK, EPISODES, RECORDING, Episodes, re
 from crowdbench.results.result_file import RESULT, check_result, digest_of, read_result, write_result
 from crowdbench.results.stored_commands import COMMANDS, StoredCommands, check_size, read_commands
 from crowdbench.scenario.cases import Cases
+from crowdbench.sim.version import SIMULATOR
 from crowdbench.utils.errors import InputError, is_number
 from crowdbench.utils.tables import flatten, plain
 
@@ -187,8 +187,10 @@ class RunResult:
     @property
     def warnings(self) -> list[str]:
         """Reasons why the run may not be comparable with others, a sentence each."""
-        made, here = self.result["stated"]["versions"].get("crowdbench"), importlib.metadata.version("crowdbench")
-        return [] if made == here else [f"{self.directory} was made by crowdbench {made}, and this is {here}"]
+        made = self.result["run"]["simulator"]
+        if made == SIMULATOR:
+            return []
+        return [f"{self.directory} was made by version {made} of the simulator, and this is version {SIMULATOR}"]
 
     @property
     def header(self) -> dict[str, Any]:

@@ -16,8 +16,9 @@ from typing import Any
 from crowdbench.plugins.code import code_digest
 from crowdbench.plugins.kind import ROOT
 from crowdbench.plugins.plugin_files import read_files
+from crowdbench.sim.version import SIMULATOR as SIMULATOR  # exported for boards
 
-SIMULATOR = ("crowdbench.runs.rollout", "crowdbench.scenario.scenario_file")
+_MODULES = ("crowdbench.runs.rollout", "crowdbench.scenario.scenario_file")
 """The modules that simulate an episode from a scenario and commands. Modules that they import count, too."""
 
 
@@ -28,7 +29,7 @@ UNKNOWN = "unknown-"
 @functools.cache
 def code() -> str:
     """Return the digest of the simulator's code, see `plugins.code.code_digest`."""
-    return code_digest(SIMULATOR, sorted((ROOT / "agents" / "pedestrians").glob("*.py")))
+    return code_digest(_MODULES, sorted((ROOT / "agents" / "pedestrians").glob("*.py")))
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ class RunId:
         metrics: The digest of the source of each metric, by name.
         decision_limit: Seconds that the planner may take for a decision.
         code: The digest of the simulator's code.
+        simulator: Version of the simulator, see `SIMULATOR`.
     """
 
     planner: PlannerId
@@ -81,6 +83,7 @@ class RunId:
     metrics: Mapping[str, str]
     decision_limit: float
     code: str
+    simulator: int = SIMULATOR
 
     @property
     def parts(self) -> dict[str, Any]:

@@ -51,8 +51,8 @@ def run(honest, tmp_path):
 
 
 STATED_FIELDS = re.compile(
-    r"run\.planner\.(code|facts|files|key).*|run\.(batch|decision_limit|code|metrics\..*)|scenario\.description"
-    r"|run\.planner\.(name|options).*|run\.replanning.*|scenario\.name"
+    r"run\.planner\.(code|facts|files|key|name|options).*|run\.(batch|decision_limit|code|simulator|metrics\..*)"
+    r"|run\.replanning.*|scenario\.(name|description)"
     r"|stated\.(privileged|timing|versions|isolation).*"
 )
 """What no other file of a run tells."""
