@@ -10,7 +10,7 @@ from helpers import trace as trace_of
 
 from crowdbench.catalog import load_scenario
 from crowdbench.check.checks import Subject
-from crowdbench.check.subjects import SCENARIO
+from crowdbench.check.drives import SCENARIO
 from crowdbench.cli.app import app
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm
