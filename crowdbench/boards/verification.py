@@ -45,8 +45,8 @@ from crowdbench.results.episodes import EPISODES, Episodes
 from crowdbench.results.result_file import read_result
 from crowdbench.results.run_result import RunResult
 from crowdbench.results.stored_commands import COMMANDS, check_size
-from crowdbench.runs.replay import replay_run
 from crowdbench.runs.rollout import Progress
+from crowdbench.runs.score import replay_run
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError, MachineFault

@@ -24,7 +24,7 @@ from crowdbench.results.run_result import RunResult
 from crowdbench.runs import replay as replays
 from crowdbench.runs import rollout as rollouts
 from crowdbench.runs.merge import merge
-from crowdbench.runs.replay import replay_run
+from crowdbench.runs.score import replay_run
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.simulator import step, step_pedestrians

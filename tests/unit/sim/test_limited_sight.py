@@ -18,7 +18,7 @@ from crowdbench.record.contents import read
 from crowdbench.record.entities import draw_episode
 from crowdbench.record.write import Recorder
 from crowdbench.results.run_result import RunResult
-from crowdbench.runs.replay import replay_run
+from crowdbench.runs.score import replay_run
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
