@@ -18,7 +18,7 @@ from crowdbench.core.types import Outcome, Rules, Trace
 from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.results.episodes import BLOCK, EPISODES, RECORDING, Episodes, result_label
 from crowdbench.results.result_file import RESULT, check_result, read_result, write_result
-from crowdbench.runs.identity import code, digest
+from crowdbench.runs.identity import SIMULATOR, digest
 from crowdbench.runs.recording import COMMANDS, Commands, check_size, read_commands
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -184,9 +184,10 @@ class RunResult:
     @property
     def warnings(self) -> list[str]:
         """Reasons why the run may not be comparable with others, a sentence each."""
-        if self.result["run"]["code"] == code():
+        version = self.result["run"]["simulator"]
+        if version == SIMULATOR:
             return []
-        return [f"{self.directory} was made by other code of crowdbench than this"]
+        return [f"{self.directory} was made by version {version} of the simulator, and this is {SIMULATOR}"]
 
     @property
     def header(self) -> dict[str, Any]:
