@@ -20,8 +20,8 @@ import numpy as np
 from crowdbench.boards.board_runs import CaseSet, EntryPlanner, driven_scenarios
 from crowdbench.boards.verdict import DecisionTime
 from crowdbench.isolation.limits import usable_cores
+from crowdbench.results.stored_commands import COMMANDS, read_commands
 from crowdbench.runs.decision_time import SAME, time_single_world
-from crowdbench.runs.recording import COMMANDS, read_commands
 from crowdbench.scenario.cases import Cases
 
 KERNEL = "python-loop-and-sort-1"

@@ -31,7 +31,7 @@ from crowdbench.boards.planner_files import (
 from crowdbench.catalog import PLANNERS
 from crowdbench.plugins.new_planner import CARD
 from crowdbench.results.episodes import EPISODES
-from crowdbench.runs.recording import COMMANDS
+from crowdbench.results.stored_commands import COMMANDS
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.records import check_record
@@ -325,7 +325,7 @@ def _check_digests(directory: Path, digests: Mapping[str, str]) -> None:
 
 def write_entry(directory: Path, spec: EntrySpec) -> None:
     """Write `entry.json` into the folder of an entry, completely or not at all."""
-    with files.whole(directory / ENTRY) as partial:
+    with files.write_whole(directory / ENTRY) as partial:
         write_record(partial, spec)
 
 

@@ -13,10 +13,10 @@ from crowdbench.boards.board import Board
 from crowdbench.boards.board_runs import EntryPlanner, read_episodes
 from crowdbench.boards.entry import Entry
 from crowdbench.boards.verdict import Method
-from crowdbench.metrics.networks import mean_over_networks
+from crowdbench.metrics.networks import range_over_networks
 from crowdbench.metrics.registry import UNDISTURBED, info_of
-from crowdbench.metrics.summary import UNDEFINED, Estimate, wilson
-from crowdbench.runs.recording import COMMANDS, read_commands
+from crowdbench.metrics.summary import UNDEFINED, Estimate
+from crowdbench.results.stored_commands import COMMANDS, read_commands
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import plain
@@ -124,11 +124,3 @@ def summarize_method(board: Board, folders: Sequence[Path], cases: int) -> Metho
     values = {metric: np.array([columns[metric][:cases] for columns in networks], float) for metric in METHOD_METRICS}
     figures = plain({metric: range_over_networks(shares) for metric, shares in values.items()})
     return Method.model_validate({"networks": len(networks), "cases": cases, "metrics": figures})
-
-
-def range_over_networks(shares: Float[np.ndarray, "network case"]) -> Estimate:
-    """Return the mean of shares over networks, with its interval within 0 and 1."""
-    # Equal values in all networks and cases do not imply certainty: use Wilson's interval for the cases of one network.
-    is_constant = (shares == shares[0, 0]).all()
-    estimate = wilson(shares[0].astype(bool)) if is_constant else mean_over_networks(shares)
-    return Estimate(estimate.mean, max(estimate.low, 0.0), min(estimate.high, 1.0), estimate.n, estimate.max)

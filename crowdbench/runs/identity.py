@@ -15,10 +15,8 @@ from typing import Any
 
 from crowdbench.plugins.kind import PACKAGE, ROOT
 from crowdbench.plugins.plugin_files import read_files
+from crowdbench.sim.version import SIMULATOR as SIMULATOR  # exported for boards
 from crowdbench.utils.files import sha256
-
-SIMULATOR = 1
-"""Version of the simulator. Raise it when an episode or a metric of an unchanged scenario moves: see tests/golden."""
 
 REACHED = (
     "__init__.pyi",
@@ -46,11 +44,11 @@ UNKNOWN = "unknown-"
 
 def code() -> str:
     """Return the digest of the code that a rollout can reach."""
-    return digest_of(*REACHED)
+    return source_digest(*REACHED)
 
 
 @functools.cache
-def digest_of(*names: str) -> str:
+def source_digest(*names: str) -> str:
     """Return the sha256 of paths and contents of files of the package and of its agents.
 
     Args:
@@ -148,7 +146,7 @@ def source_of(thing: type | Callable[..., Any]) -> str:
     module = str(getattr(thing, "__module__", ""))
     file = Path(getattr(sys.modules.get(module), "__file__", None) or "")
     if module.startswith("crowdbench."):
-        return digest_of(file.relative_to(PACKAGE).parts[0])[:16]
+        return source_digest(file.relative_to(PACKAGE).parts[0])[:16]
     if file.is_file():  # not `<stdin>`
         return digest({"files": read_files(file)})[:16]
     try:

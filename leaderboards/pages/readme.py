@@ -13,7 +13,7 @@ from crowdbench.boards.entry import read_entries
 from crowdbench.boards.season import read_season
 from crowdbench.cli import ROOT, help_from_docstring, main
 from crowdbench.metrics import info_of
-from crowdbench.utils import files, markdown
+from crowdbench.utils import markdown, write_whole
 
 README = "README.md"
 
@@ -58,7 +58,7 @@ def write_readme(root: Path) -> Path:
     tables = [standings(board, read_entries(board, root), season) for board in read_boards(root)]
     introduction = INTRODUCTION.format(season=season.spec, rehearsal=rehearsal, margin=100.0 * MARGIN)
     filling = [] if any(table.entries for table in tables) else [f"{FILLING}\n"]
-    with files.whole(root / README) as partial:
+    with write_whole(root / README) as partial:
         partial.write_text("\n".join([introduction, *filling, *map(section, tables)]), encoding="utf-8")
     return root / README
 

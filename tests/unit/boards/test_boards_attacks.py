@@ -19,7 +19,7 @@ from crowdbench.catalog import load_scenario
 from crowdbench.cli.app import app
 from crowdbench.isolation import limits, sandbox
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.recording import read_commands
+from crowdbench.results.stored_commands import read_commands
 from crowdbench.runs.rollout import rollout
 from crowdbench.utils.errors import InputError
 

@@ -9,9 +9,10 @@ from standings import SHOWN, Standings, success_by_family
 
 from crowdbench.boards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
 from crowdbench.boards.entry import read_card
-from crowdbench.boards.means import range_over_networks, weighted_mean
+from crowdbench.boards.means import weighted_mean
 from crowdbench.boards.submission import Submission, rehearse
 from crowdbench.catalog import load_planner
+from crowdbench.metrics.networks import range_over_networks
 from crowdbench.metrics.summary import Estimate
 from crowdbench.plugins.new_planner import make_planner
 from crowdbench.results.episodes import Episodes

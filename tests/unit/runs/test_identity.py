@@ -183,7 +183,7 @@ print(*(module.__file__ for name, module in sys.modules.items() if name.startswi
 """
 
 
-def test_the_digest_of_code_covers_what_shipped_planners_and_a_rollout_load():
+def test_the_source_digest_code_covers_what_shipped_planners_and_a_rollout_load():
     loaded = subprocess.run([sys.executable, "-c", DRIVE], capture_output=True, text=True, check=True).stdout.split()
     names = {Path(file).relative_to(identity.PACKAGE).as_posix() for file in loaded}
     covered = {name for name in names for part in identity.REACHED if name == part or name.startswith(f"{part}/")}
@@ -204,11 +204,11 @@ def package(tmp_path, monkeypatch):
         if file:
             with (tmp_path / file).open("ab") as opened:
                 opened.write(b"# edited")
-        identity.digest_of.cache_clear()
-        return identity.code(), identity.digest_of("metrics")
+        identity.source_digest.cache_clear()
+        return identity.code(), identity.source_digest("metrics")
 
     yield digests
-    identity.digest_of.cache_clear()
+    identity.source_digest.cache_clear()
 
 
 EDITS = {

@@ -267,6 +267,6 @@ def test_a_run_by_another_version_of_the_simulator_is_told(a, runs, capsys):
     reseal(a, lambda table: table["run"].update(simulator=0))
     for command in (["compare", str(a), str(runs / "b")], ["score", str(a)], ["table", str(a)]):
         app(command, standalone_mode=False)
-        assert "was made by version 0 of the simulator" in capsys.readouterr().err
+        assert "was made by version 0 of the simulator, and this is version" in capsys.readouterr().err
     app(["score", str(a / "run.rrd")], standalone_mode=False)
     assert capsys.readouterr().err == ""
