@@ -178,7 +178,13 @@ def make_recurrent():
 
 
 UNICYCLE = {"vehicle.dynamics": "unicycle"}
-MODELS = [make_ppo, make_normalised, make_squashed, make_sac, make_recurrent]
+MODELS = [
+    make_ppo,
+    *(
+        pytest.param(make, marks=pytest.mark.slow)
+        for make in (make_normalised, make_squashed, make_sac, make_recurrent)
+    ),
+]
 
 
 def reference(model, env, state):
@@ -211,7 +217,9 @@ class Both(Planner):
         return command
 
 
-@pytest.mark.parametrize("make_model", MODELS)
+@pytest.mark.parametrize(
+    "make_model", [make_ppo, *(pytest.param(model, marks=pytest.mark.slow) for model in MODELS[1:])]
+)
 def test_an_exported_model_drives_as_the_model_does_and_alone_as_in_a_batch(make_model, onnx, tmp_path):
     model, env, state = make_model()
     export_policy(model, tmp_path / "a.onnx", env)
