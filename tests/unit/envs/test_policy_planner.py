@@ -178,13 +178,8 @@ def make_recurrent():
 
 
 UNICYCLE = {"vehicle.dynamics": "unicycle"}
-MODELS = [
-    make_ppo,
-    *(
-        pytest.param(make, marks=pytest.mark.slow)
-        for make in (make_normalised, make_squashed, make_sac, make_recurrent)
-    ),
-]
+OTHERS = make_normalised, make_squashed, make_sac, make_recurrent
+MODELS = [make_ppo, *(pytest.param(make, marks=pytest.mark.slow) for make in OTHERS)]
 
 
 def reference(model, env, state):
@@ -217,9 +212,7 @@ class Both(Planner):
         return command
 
 
-@pytest.mark.parametrize(
-    "make_model", [make_ppo, *(pytest.param(model, marks=pytest.mark.slow) for model in MODELS[1:])]
-)
+@pytest.mark.parametrize("make_model", MODELS)
 def test_an_exported_model_drives_as_the_model_does_and_alone_as_in_a_batch(make_model, onnx, tmp_path):
     model, env, state = make_model()
     export_policy(model, tmp_path / "a.onnx", env)
