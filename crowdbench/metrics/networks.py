@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import t as student
 
-from crowdbench.metrics.summary import CONFIDENCE, UNDEFINED, Estimate
+from crowdbench.metrics.summary import CONFIDENCE, UNDEFINED, Estimate, wilson
 
 Values = Float[np.ndarray, "network case"]
 
@@ -40,6 +40,16 @@ def mean_over_networks(values: Values) -> Estimate:
     """
     defined = values[~np.isnan(values)]
     return network_estimate(mean_of_means(values), [values], defined) if len(defined) else UNDEFINED
+
+
+def rate_over_networks(shares: Values) -> Estimate:
+    """Return the mean of values between 0 and 1 over networks, with its interval between 0 and 1.
+
+    Equal values in all networks and cases do not imply certainty: then the interval is Wilson's for one network.
+    """
+    is_constant = (shares == shares[0, 0]).all()
+    estimate = wilson(shares[0].astype(bool)) if is_constant else mean_over_networks(shares)
+    return Estimate(estimate.mean, max(estimate.low, 0.0), min(estimate.high, 1.0), estimate.n, estimate.max)
 
 
 def network_estimate(
