@@ -45,7 +45,9 @@ _Count = Annotated[int, Field(ge=0)]
 
 _ALONE: Any = {"__config__": ConfigDict(extra="forbid")}
 _Planner = create_model("_Planner", name=str, options=_Table, files=_Table, code=str, facts=_Texts, key=str, **_ALONE)
-_Rest = create_model("_Rest", replanning=_Table, batch=(int | None, ...), code=str, decision_limit=float, **_ALONE)
+_Rest = create_model(
+    "_Rest", replanning=_Table, batch=(int | None, ...), code=str, simulator=int, decision_limit=float, **_ALONE
+)
 _Run = create_model("_Run", __base__=_Rest, planner=_Planner, scenario=str, cases=str, metrics=_Texts)
 _Scenario = create_model("_Scenario", name=str, layout=_Table, pedestrians=_Table, dt=_Seconds, time_limit=_Seconds)
 _Estimate = create_model("_Estimate", n=int, mean=(_Mean, None))

@@ -17,7 +17,10 @@ from crowdbench.plugins.code import code_digest
 from crowdbench.plugins.kind import ROOT
 from crowdbench.plugins.plugin_files import read_files
 
-SIMULATOR = ("crowdbench.runs.rollout", "crowdbench.scenario.scenario_file")
+SIMULATOR = 1
+"""Version of the simulator. Raise it when an episode or a metric of an unchanged scenario moves: see tests/golden."""
+
+_MODULES = ("crowdbench.runs.rollout", "crowdbench.scenario.scenario_file")
 """The modules that simulate an episode from a scenario and commands. Modules that they import count, too."""
 
 
@@ -28,7 +31,7 @@ UNKNOWN = "unknown-"
 @functools.cache
 def code() -> str:
     """Return the digest of the simulator's code, see `plugins.code.code_digest`."""
-    return code_digest(SIMULATOR, sorted((ROOT / "agents" / "pedestrians").glob("*.py")))
+    return code_digest(_MODULES, sorted((ROOT / "agents" / "pedestrians").glob("*.py")))
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,7 @@ class RunId:
         metrics: The digest of the source of each metric, by name.
         decision_limit: Seconds that the planner may take for a decision.
         code: The digest of the simulator's code.
+        simulator: Version of the simulator, see `SIMULATOR`.
     """
 
     planner: PlannerId
@@ -81,6 +85,7 @@ class RunId:
     metrics: Mapping[str, str]
     decision_limit: float
     code: str
+    simulator: int = SIMULATOR
 
     @property
     def parts(self) -> dict[str, Any]:

@@ -142,7 +142,7 @@ def test_pipes_devices_and_folders_are_not_read(crowdbench, tmp_path, name, comm
             ["export", "--out", "x"],
         ),
         *(["merge", "--out", "x"], ["compare", "loop"], ["render"], ["check"], ["list", "scenarios"]),
-        *(["run", "--planner", "straight", "--cases", "1", "--out"]),
+        ["run", "--planner", "straight", "--cases", "1", "--out"],
     ],
     ids=" ".join,
 )

@@ -51,7 +51,7 @@ def run(honest, tmp_path):
 
 
 STATED_FIELDS = re.compile(
-    r"run\.planner\.(code|facts|files|key).*|run\.(batch|decision_limit|code|metrics\..*)|scenario\.description"
+    r"run\.planner\.(code|facts|files|key).*|run\.(batch|decision_limit|code|simulator|metrics\..*)|scenario\.description"
     r"|stated\.(privileged|timing|versions|isolation).*"
 )
 """What no other file of a run tells."""

@@ -193,7 +193,7 @@ def package(tmp_path, monkeypatch):
             path.write_text(text.replace(old, new, 1))
         for cache in caches:
             cache.cache_clear()
-        return [source.code_digest(modules) for modules in (identity.SIMULATOR, PLANNER, METRIC)]
+        return [source.code_digest(modules) for modules in (identity._MODULES, PLANNER, METRIC)]
 
     yield digests
     for cache in caches:
@@ -222,7 +222,7 @@ def test_code_counts_by_what_it_does(package, edit):
 
 
 def test_the_digest_of_code_covers_what_a_rollout_runs():
-    files = source.reached_files(identity.SIMULATOR)
+    files = source.reached_files(identity._MODULES)
     reached = {path.relative_to(source.PACKAGE).as_posix() for path in files}
     assert {"sim/simulator.py", "core/rng.py", "scenario/respawn.py"} <= reached
     for part in ("cli", "boards", "record", "envs", "train", "study", "networks", "figures", "metrics"):
