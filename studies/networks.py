@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from crowdbench import Cases, Episodes
-from crowdbench.metrics import Estimate, info_of, mean_over_networks, rate_over_networks, wilson
+from crowdbench.metrics import Estimate, info_of, mean_over_networks, wilson
 from crowdbench.results import PRIVILEGED, planner_label
 from crowdbench.runs import LOOK_FIRST, Replanning, Run, RunSpec, load_run
 from crowdbench.utils import (
@@ -358,4 +358,4 @@ def estimate(metric: str, runs: Sequence[Episodes]) -> Estimate:
     values = values_of(metric, runs)
     if metric not in runs[0].rates:
         return mean_over_networks(np.where(values_of(SUCCESS_RATE, runs).astype(bool), values, np.nan))
-    return wilson(values[0].astype(bool)) if len(values) == 1 else rate_over_networks(values)
+    return wilson(values[0].astype(bool)) if len(values) == 1 else range_over_networks(values)

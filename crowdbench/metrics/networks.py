@@ -42,16 +42,6 @@ def mean_over_networks(values: Values) -> Estimate:
     return network_estimate(mean_of_means(values), [values], defined) if len(defined) else UNDEFINED
 
 
-def rate_over_networks(shares: Values) -> Estimate:
-    """Return the mean of values between 0 and 1 over networks, with its interval between 0 and 1.
-
-    Equal values in all networks and cases do not imply certainty: then the interval is Wilson's for one network.
-    """
-    is_constant = (shares == shares[0, 0]).all()
-    estimate = wilson(shares[0].astype(bool)) if is_constant else mean_over_networks(shares)
-    return Estimate(estimate.mean, max(estimate.low, 0.0), min(estimate.high, 1.0), estimate.n, estimate.max)
-
-
 def network_estimate(
     mean: float, groups: Sequence[Float[np.ndarray, "_ _"]], of_cases: Float[np.ndarray, "_"]
 ) -> Estimate:
@@ -101,3 +91,11 @@ def _half_width(groups: Sequence[Float[np.ndarray, "_ _"]]) -> float:
 def _t(n: int) -> float:
     """Return the quantile of Student's t for an interval that comes from `n` values."""
     return float(student.ppf(0.5 + CONFIDENCE / 2, n - 1))
+
+
+def range_over_networks(shares: Float[np.ndarray, "network case"]) -> Estimate:
+    """Return the mean of shares over networks, with its interval within 0 and 1."""
+    # Equal values in all networks and cases do not imply certainty: use Wilson's interval for the cases of one network.
+    is_constant = (shares == shares[0, 0]).all()
+    estimate = wilson(shares[0].astype(bool)) if is_constant else mean_over_networks(shares)
+    return Estimate(estimate.mean, max(estimate.low, 0.0), min(estimate.high, 1.0), estimate.n, estimate.max)

@@ -75,7 +75,7 @@ def write_result(folder: Path, result: Mapping[str, Any]) -> dict[str, Any]:
     contents = {"format": FORMAT, **{key: value for key, value in result.items() if key not in ("format", "files")}}
     digests = {path.name: files.sha256(path) for path in sorted(folder.iterdir()) if path.name != RESULT}
     sealed = {**contents, "files": {**digests, RESULT: _contents_digest(contents)}}
-    with files.whole(folder / RESULT) as partial:
+    with files.write_whole(folder / RESULT) as partial:
         partial.write_text(json.dumps(sealed, indent=2) + "\n", encoding="utf-8")
     return sealed
 

@@ -325,7 +325,7 @@ def _check_digests(directory: Path, digests: Mapping[str, str]) -> None:
 
 def write_entry(directory: Path, spec: EntrySpec) -> None:
     """Write `entry.json` into the folder of an entry, completely or not at all."""
-    with files.whole(directory / ENTRY) as partial:
+    with files.write_whole(directory / ENTRY) as partial:
         write_record(partial, spec)
 
 

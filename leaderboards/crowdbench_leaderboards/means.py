@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crowdbench.metrics.networks import rate_over_networks
+from crowdbench.metrics.networks import range_over_networks
 from crowdbench.metrics.registry import UNDISTURBED, info_of
 from crowdbench.metrics.scenario_means import mean_over_scenarios
 from crowdbench.metrics.summary import Estimate
@@ -103,5 +103,5 @@ def summarize_method(board: Board, folders: Sequence[Path], cases: int) -> Metho
     """
     networks = [read_episodes(board, folder)[board.scenarios[0]].columns for folder in folders]
     values = {metric: np.array([columns[metric][:cases] for columns in networks], float) for metric in METHOD_METRICS}
-    figures = plain({metric: rate_over_networks(shares) for metric, shares in values.items()})
+    figures = plain({metric: range_over_networks(shares) for metric, shares in values.items()})
     return Method.model_validate({"networks": len(networks), "cases": cases, "metrics": figures})

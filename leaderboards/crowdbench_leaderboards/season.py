@@ -132,6 +132,6 @@ def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
         raise InputError(f"the board {board} has no entries to freeze")
     frozen = {**season.frozen, board: dict(entries)}
     table = {"season": spec.name, "entries": frozen}
-    with files.whole(root / FROZEN) as partial:
+    with files.write_whole(root / FROZEN) as partial:
         partial.write_text(json.dumps(table, indent=2, sort_keys=True) + "\n", encoding="utf-8")
     return Season(spec, frozen, root)

@@ -11,7 +11,7 @@ from crowdbench_leaderboards.submission import Submission, rehearse
 from small_boards import card, write_board
 
 from crowdbench.catalog import load_planner
-from crowdbench.metrics import mean_over_scenarios, rate_over_networks
+from crowdbench.metrics import mean_over_scenarios, range_over_networks
 from crowdbench.metrics.summary import Estimate
 from crowdbench.plugins.new_planner import make_planner
 from crowdbench.results.episodes import Episodes
@@ -104,7 +104,7 @@ def test_a_scenario_that_is_missing_counts_as_nothing(tmp_path):
 
 @pytest.mark.parametrize("shares", [np.ones((5, 250)), np.random.default_rng(0).random((5, 250)) < 0.97])
 def test_the_interval_of_a_method_has_a_width_and_ends_at_1(shares):
-    found = rate_over_networks(np.array(shares, float))
+    found = range_over_networks(np.array(shares, float))
     assert 0.0 < found.low < found.mean <= found.high <= 1.0
     assert found.high - found.low > 0.004
 

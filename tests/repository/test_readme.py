@@ -11,7 +11,7 @@ from torch import nn
 from crowdbench import export_policy
 from crowdbench.catalog import PEDESTRIANS, load_planner, load_scenario
 from crowdbench.check.checks import Subject
-from crowdbench.check.subjects import PLANNER, POLICY, SCENARIO
+from crowdbench.check.drives import PLANNER, POLICY, SCENARIO
 from crowdbench.cli.app import app
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.scenario.cases import Cases

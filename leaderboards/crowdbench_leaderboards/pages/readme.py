@@ -9,7 +9,7 @@ from pathlib import Path
 
 from crowdbench.cli import help_from_docstring, main
 from crowdbench.metrics import info_of
-from crowdbench.utils import files, markdown
+from crowdbench.utils import markdown, write_whole
 from crowdbench_leaderboards.board import read_boards
 from crowdbench_leaderboards.cli import ROOT
 from crowdbench_leaderboards.entry import read_entries
@@ -62,7 +62,7 @@ def write_readme(root: Path) -> Path:
     tables = [standings(board, read_entries(board, root), season) for board in read_boards(root)]
     introduction = INTRODUCTION.format(season=season.spec, rehearsal=rehearsal, margin=100.0 * MARGIN)
     filling = [] if any(table.entries for table in tables) else [f"{FILLING}\n"]
-    with files.whole(root / README) as partial:
+    with write_whole(root / README) as partial:
         partial.write_text("\n".join([introduction, *filling, *map(section, tables)]), encoding="utf-8")
     return root / README
 

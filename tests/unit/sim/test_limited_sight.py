@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
 from crowdbench.check.checks import Subject
-from crowdbench.check.subjects import PLANNER
+from crowdbench.check.drives import PLANNER
 from crowdbench.cli.app import app
 from crowdbench.core.types import PERFECT, Lidar, Noise, Rules, Sensor
 from crowdbench.envs.parallel import parallel_env
