@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from crowdbench.isolation.limits import usable_cores
+from crowdbench.results.stored_commands import COMMANDS, read_commands
 from crowdbench.runs.decision_time import SAME, time_single_world
-from crowdbench.runs.recording import COMMANDS, read_commands
 from crowdbench.scenario.cases import Cases
 from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner, driven_scenarios
 from crowdbench_leaderboards.verdict import DecisionTime

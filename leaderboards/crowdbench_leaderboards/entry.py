@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 from crowdbench.catalog import PLANNERS
 from crowdbench.plugins.new_planner import CARD
 from crowdbench.results.episodes import EPISODES
-from crowdbench.runs.recording import COMMANDS
+from crowdbench.results.stored_commands import COMMANDS
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.records import check_record

@@ -12,7 +12,7 @@ from crowdbench.metrics.networks import range_over_networks
 from crowdbench.metrics.registry import UNDISTURBED, info_of
 from crowdbench.metrics.scenario_means import mean_over_scenarios
 from crowdbench.metrics.summary import Estimate
-from crowdbench.runs.recording import COMMANDS, read_commands
+from crowdbench.results.stored_commands import COMMANDS, read_commands
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import plain

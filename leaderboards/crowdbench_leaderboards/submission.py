@@ -13,7 +13,7 @@ from typing import Any
 from crowdbench.plugins.new_planner import CARD, TEMPLATE
 from crowdbench.results.episodes import EPISODES
 from crowdbench.results.result_file import read_result
-from crowdbench.runs.recording import COMMANDS
+from crowdbench.results.stored_commands import COMMANDS
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import read_versions
 from crowdbench.scenario.cases import Cases

@@ -20,8 +20,8 @@ from crowdbench.isolation.limits import describe
 from crowdbench.results.episodes import EPISODES, Episodes
 from crowdbench.results.result_file import read_result
 from crowdbench.results.run_result import RunResult
-from crowdbench.runs.recording import COMMANDS, check_size
-from crowdbench.runs.replay import replay
+from crowdbench.results.stored_commands import COMMANDS, check_size
+from crowdbench.runs.replay import replay_run
 from crowdbench.runs.rollout import Progress
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -221,7 +221,7 @@ def _replay(entry: Entry, board: Board, scenario: Scenario, progress: Progress |
         np.array([*reported.values()], float), np.array(means, float), rtol=1e-9, atol=0.0, equal_nan=True
     ):
         raise InputError(f"the reported figures differ from {EPISODES}")
-    if differences := replay(run, scenario, board.metrics, progress).differences:
+    if differences := replay_run(run, scenario, board.metrics, progress).differences:
         raise InputError(differences[0])
 
 

@@ -2,11 +2,11 @@
 
 import json
 
-from crowdbench_leaderboards.board import read_board
-from crowdbench_leaderboards.submission import Submission, submit
 from small_boards import card, write_board
 
 from crowdbench.utils.files import sha256
+from crowdbench_leaderboards.board import read_board
+from crowdbench_leaderboards.submission import Submission, submit
 
 PLANNER = """
 import os, time

@@ -6,16 +6,16 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
+
+from crowdbench.isolation import sandbox
+from crowdbench.plugins.new_planner import make_planner
 from crowdbench_leaderboards.board import read_board
 from crowdbench_leaderboards.calibrated_time import NotTimed
 from crowdbench_leaderboards.entry import read_entries
 from crowdbench_leaderboards.fill import freeze_entries
 from crowdbench_leaderboards.submission import Submission, submit
 from crowdbench_leaderboards.verification import verify_in_season
-from filelock import FileLock
-
-from crowdbench.isolation import sandbox
-from crowdbench.plugins.new_planner import make_planner
 
 BOARD = """
 title = "Small"

@@ -7,11 +7,6 @@ import numpy as np
 import pytest
 import safetensors.numpy
 from board_entries import PLANNER, seal, submitted
-from crowdbench_leaderboards.board import read_board
-from crowdbench_leaderboards.board_runs import EntryPlanner
-from crowdbench_leaderboards.entry import read_entry
-from crowdbench_leaderboards.verdict import Verdict
-from crowdbench_leaderboards.verification import verify
 from small_boards import BOARD, SEASON, not_timed, write_board
 from typer.testing import CliRunner
 
@@ -19,9 +14,14 @@ from crowdbench.catalog import load_scenario
 from crowdbench.cli.app import app
 from crowdbench.isolation import limits, sandbox
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.recording import read_commands
+from crowdbench.results.stored_commands import read_commands
 from crowdbench.runs.rollout import rollout
 from crowdbench.utils.errors import InputError
+from crowdbench_leaderboards.board import read_board
+from crowdbench_leaderboards.board_runs import EntryPlanner
+from crowdbench_leaderboards.entry import read_entry
+from crowdbench_leaderboards.verdict import Verdict
+from crowdbench_leaderboards.verification import verify
 
 pytestmark = [
     pytest.mark.slow,

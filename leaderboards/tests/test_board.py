@@ -2,10 +2,10 @@ import shutil
 
 import numpy as np
 import pytest
-from crowdbench_leaderboards.board import ROOT, read_board, read_boards
 
 from crowdbench import catalog
 from crowdbench.utils.errors import InputError
+from crowdbench_leaderboards.board import ROOT, read_board, read_boards
 
 BOARD = """
 title = "Five"

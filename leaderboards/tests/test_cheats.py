@@ -6,11 +6,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from crowdbench_leaderboards.board import read_board
-from crowdbench_leaderboards.entry import read_entry
-from crowdbench_leaderboards.submission import Submission, submit
-from crowdbench_leaderboards.verdict import Verdict
-from crowdbench_leaderboards.verification import verify
 from small_boards import card, write_board
 from typer.testing import CliRunner
 
@@ -18,6 +13,11 @@ from crowdbench.cli.app import app
 from crowdbench.plugins.new_planner import make_planner
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import sha256
+from crowdbench_leaderboards.board import read_board
+from crowdbench_leaderboards.entry import read_entry
+from crowdbench_leaderboards.submission import Submission, submit
+from crowdbench_leaderboards.verdict import Verdict
+from crowdbench_leaderboards.verification import verify
 
 pytestmark = pytest.mark.slow
 

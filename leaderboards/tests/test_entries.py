@@ -5,6 +5,13 @@ import shutil
 
 import numpy as np
 import pytest
+from small_boards import BOARD, SEASON, card, not_timed, write_board
+
+from crowdbench import catalog
+from crowdbench.isolation import sandbox
+from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError, NotWritten
+from crowdbench.utils.files import sha256
 from crowdbench_leaderboards.board import find_board, read_board, read_boards
 from crowdbench_leaderboards.entry import read_entries, read_entry
 from crowdbench_leaderboards.fill import to_verify
@@ -15,13 +22,6 @@ from crowdbench_leaderboards.season import read_season
 from crowdbench_leaderboards.submission import Submission, submit
 from crowdbench_leaderboards.verdict import Verdict, read_verification
 from crowdbench_leaderboards.verification import verify
-from small_boards import BOARD, SEASON, card, not_timed, write_board
-
-from crowdbench import catalog
-from crowdbench.isolation import sandbox
-from crowdbench.scenario.cases import Cases
-from crowdbench.utils.errors import InputError, NotWritten
-from crowdbench.utils.files import sha256
 
 pytestmark = pytest.mark.slow
 

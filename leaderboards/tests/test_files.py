@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 import safetensors.numpy
 from board_entries import PLANNER, entered, seal, submitted
+from small_boards import not_timed
+
+from crowdbench.isolation import sandbox
+from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.entry import read_entry
 from crowdbench_leaderboards.planner_files import check_files
 from crowdbench_leaderboards.submission import rehearse
 from crowdbench_leaderboards.verdict import Verdict
 from crowdbench_leaderboards.verification import verify
-from small_boards import not_timed
-
-from crowdbench.isolation import sandbox
-from crowdbench.utils.errors import InputError
 
 pytestmark = [
     pytest.mark.slow,

@@ -5,6 +5,12 @@ import shutil
 
 import pytest
 from board_entries import PLANNER, entered, seal
+from small_boards import card
+from typer.testing import CliRunner
+
+from crowdbench.cli.app import app
+from crowdbench.isolation import sandbox
+from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.board import read_board
 from crowdbench_leaderboards.entry import EntrySpec, check_submitter, read_entries, read_entry
 from crowdbench_leaderboards.pages.standings import standings
@@ -12,12 +18,6 @@ from crowdbench_leaderboards.season import read_season
 from crowdbench_leaderboards.submission import rehearse, submit
 from crowdbench_leaderboards.verdict import read_verification
 from crowdbench_leaderboards.verification import verify
-from small_boards import card
-from typer.testing import CliRunner
-
-from crowdbench.cli.app import app
-from crowdbench.isolation import sandbox
-from crowdbench.utils.errors import InputError
 
 pytestmark = [
     pytest.mark.slow,

@@ -4,10 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from crowdbench_leaderboards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
-from crowdbench_leaderboards.entry import read_card
-from crowdbench_leaderboards.pages.standings import SHOWN, Standings, success_by_family
-from crowdbench_leaderboards.submission import Submission, rehearse
 from small_boards import card, write_board
 
 from crowdbench.catalog import load_planner
@@ -16,6 +12,10 @@ from crowdbench.metrics.summary import Estimate
 from crowdbench.plugins.new_planner import make_planner
 from crowdbench.results.episodes import Episodes
 from crowdbench.utils.errors import InputError
+from crowdbench_leaderboards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
+from crowdbench_leaderboards.entry import read_card
+from crowdbench_leaderboards.pages.standings import SHOWN, Standings, success_by_family
+from crowdbench_leaderboards.submission import Submission, rehearse
 
 FAMILIES = """
 title = "Two"

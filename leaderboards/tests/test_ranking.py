@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
-from crowdbench_leaderboards.pages.ranking import MARGIN, Rank, compare_all, pareto, ranks, sort_entries, tiers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rank_simulation import BETTER, simulate
+
+from crowdbench_leaderboards.pages.ranking import MARGIN, Rank, compare_all, pareto, ranks, sort_entries, tiers
 
 CASES = 500
 ALONE = np.ones(1)

@@ -5,6 +5,12 @@ import shutil
 import numpy as np
 import pytest
 from boards_site import build_site
+from small_boards import BOARD, SEASON, card, make_key, write_board
+from typer.testing import CliRunner
+
+from crowdbench.cli.app import app
+from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.board import read_board
 from crowdbench_leaderboards.entry import read_entries
 from crowdbench_leaderboards.fill import freeze_entries
@@ -13,12 +19,6 @@ from crowdbench_leaderboards.pages.standings import standings
 from crowdbench_leaderboards.season import read_season
 from crowdbench_leaderboards.submission import Submission, submit
 from crowdbench_leaderboards.verification import verify, verify_in_season
-from small_boards import BOARD, SEASON, card, make_key, write_board
-from typer.testing import CliRunner
-
-from crowdbench.cli.app import app
-from crowdbench.scenario.cases import Cases
-from crowdbench.utils.errors import InputError
 
 TWO_SCENES = BOARD.replace("version = 1", "version = 1\nrecorded = true").replace(
     "public_cases = 8", "public_cases = 2"

@@ -3,6 +3,9 @@ import json
 import shutil
 
 import pytest
+from small_boards import SEASON, card, not_timed
+
+from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.board import read_board
 from crowdbench_leaderboards.board_runs import InUse
 from crowdbench_leaderboards.entry import read_entry
@@ -11,9 +14,6 @@ from crowdbench_leaderboards.season import TooEarly, freeze, read_season
 from crowdbench_leaderboards.submission import Submission, submit
 from crowdbench_leaderboards.verdict import Verdict, read_verification
 from crowdbench_leaderboards.verification import verify, verify_in_season
-from small_boards import SEASON, card, not_timed
-
-from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
 

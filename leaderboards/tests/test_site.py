@@ -14,6 +14,10 @@ from urllib.parse import unquote, urlsplit
 import numpy as np
 import pytest
 from boards_site import build_site
+from small_boards import make_key
+
+from crowdbench.plugins.kind import load_module
+from crowdbench.utils.tables import plain
 from crowdbench_leaderboards.board import read_board, read_boards
 from crowdbench_leaderboards.board_runs import read_episodes
 from crowdbench_leaderboards.entry import file_digests, read_entry, write_entry
@@ -26,10 +30,6 @@ from crowdbench_leaderboards.verdict import (
     verification_folder,
     write_verification,
 )
-from small_boards import make_key
-
-from crowdbench.plugins.kind import load_module
-from crowdbench.utils.tables import plain
 
 pytestmark = pytest.mark.slow
 

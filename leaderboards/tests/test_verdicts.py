@@ -6,6 +6,11 @@ import shutil
 import subprocess
 
 import pytest
+from small_boards import card, make_key
+from typer.testing import CliRunner
+
+from crowdbench.cli.app import app, build_script
+from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.board import read_board
 from crowdbench_leaderboards.entry import read_entries, read_entry
 from crowdbench_leaderboards.fill import fill, to_submit, to_verify
@@ -14,11 +19,6 @@ from crowdbench_leaderboards.season import read_season
 from crowdbench_leaderboards.signature import find_signer, is_signed, sign
 from crowdbench_leaderboards.verdict import Unverified, read_verification
 from crowdbench_leaderboards.verification import verify_in_season
-from small_boards import card, make_key
-from typer.testing import CliRunner
-
-from crowdbench.cli.app import app, build_script
-from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
 
