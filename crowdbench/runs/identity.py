@@ -16,9 +16,7 @@ from typing import Any
 from crowdbench.plugins.code import code_digest
 from crowdbench.plugins.kind import ROOT
 from crowdbench.plugins.plugin_files import read_files
-
-SIMULATOR = 1
-"""Version of the simulator. Raise it when an episode or a metric of an unchanged scenario moves: see tests/golden."""
+from crowdbench.sim.version import SIMULATOR as SIMULATOR  # exported for boards
 
 _MODULES = ("crowdbench.runs.rollout", "crowdbench.scenario.scenario_file")
 """The modules that simulate an episode from a scenario and commands. Modules that they import count, too."""

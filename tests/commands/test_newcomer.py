@@ -119,19 +119,6 @@ def test_a_policy_of_stable_baselines3_is_trained_and_exported(done):
     assert "cases val:0:4" in done("run", "--planner", "ppo.onnx", "--cases", "val:4")
 
 
-def test_an_onnx_file_is_ready_for_a_board(call, done):
-    export("policy.onnx")
-    done("new-planner", "swift_heron")
-    card = Path("swift_heron/card.toml")
-    answers = {"Your Name": "Ada Lovelace", "you@": "ada@", "slowly where a pedestrian is near": "never waits"}
-    for asked, answer in answers.items():
-        card.write_text(card.read_text().replace(asked, answer))
-    finished = call("submit", "policy.onnx", "--board", "five", "--card", str(card), "--dry-run")
-    assert finished.returncode == 0, finished.stderr
-    assert re.search(r"no entry made; 50 public cases will take about \d+ s here", finished.stderr)
-    assert not Path("leaderboards").exists()
-
-
 def test_two_versions_of_a_planner_are_compared(call, done):
     for version, slow in (("old", "0.3"), ("new", "0.6")):
         Path("mine.py").write_text(CAUTIOUS.replace("SLOW", slow))
