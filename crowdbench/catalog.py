@@ -26,6 +26,9 @@ from crowdbench.utils.toml import read_toml
 
 SCENARIOS = ROOT / "scenarios"
 
+SUITE = SCENARIOS / "suite" / "suite.toml"
+"""The list of the scenarios of the suite."""
+
 
 def _check_parameters(name: str, policy: PedestrianPolicy) -> None:
     """Raise InputError unless the parameters of a pedestrian policy are numbers by name."""
@@ -284,8 +287,14 @@ def scenarios() -> list[tuple[str, str]]:
 
 
 def _scenario_files() -> list[Path]:
-    """Return the files of all built-in scenarios, sorted by path, without dials and certificates."""
-    return sorted(path for path in SCENARIOS.rglob("*.toml") if path.parent.name not in ("dials", FOLDER))
+    """Return the files of all built-in scenarios, sorted by path, without dials, certificates and the suite's list."""
+    files = sorted(path for path in SCENARIOS.rglob("*.toml") if path.parent.name not in ("dials", FOLDER))
+    return [path for path in files if path != SUITE]
+
+
+def suite_families() -> dict[str, list[str]]:
+    """Return the names of the scenarios of the suite by family."""
+    return dict(read_toml(SUITE, "suite")["families"])
 
 
 def _resolve_files(policy: Any) -> Any:

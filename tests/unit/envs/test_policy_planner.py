@@ -178,7 +178,8 @@ def make_recurrent():
 
 
 UNICYCLE = {"vehicle.dynamics": "unicycle"}
-MODELS = [make_ppo, make_normalised, make_squashed, make_sac, make_recurrent]
+OTHERS = make_normalised, make_squashed, make_sac, make_recurrent
+MODELS = [make_ppo, *(pytest.param(make, marks=pytest.mark.slow) for make in OTHERS)]
 
 
 def reference(model, env, state):
