@@ -1,4 +1,5 @@
 from .decision_time import time_single_world as time_single_world
+from .each_scenario import make_each as make_each
 from .folder import is_complete as is_complete
 from .folder import make_in_folder as make_in_folder
 from .folder import run_directory as run_directory
