@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from crowdbench.cli.console import say
+from crowdbench.cli.console import announce_compilation, say
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, floating, format_tables
 

@@ -15,6 +15,7 @@ from crowdbench.cli.console import announce_compilation, print_table, progress, 
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, format_tables, plain
 
+
 def compare(reference: Path, others: list[Path], metric: list[str] | None = None, format: Format | None = None) -> None:
     """Compare runs with one of them, paired by case.
 
@@ -118,9 +119,9 @@ def export(
         pedestrians: Your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
         layout: Your file of a layout that the run used, ./mine.py.
     """
+    from crowdbench.export.replay_page import PAGE, export_page
     from crowdbench.export.steps import STEPS
     from crowdbench.export.tracks import export_tracks
-    from crowdbench.export.replay_page import PAGE, export_page
     from crowdbench.results.run_result import RunResult
     from crowdbench.utils import files
 

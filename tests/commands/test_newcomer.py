@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from crowdbench.record.contents import read
 
 import crowdbench
 from crowdbench.core.types import Outcome
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.record import viewer
-from crowdbench.record.contents import read
 from crowdbench.record.recorded_cases import recorded_cases
 from crowdbench.results.episodes import Episodes
 

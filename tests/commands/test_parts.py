@@ -11,11 +11,11 @@ import time
 
 import numpy as np
 import pytest
+from crowdbench.record.contents import read
 from helpers import make, run_of
 
 from crowdbench.catalog import load_scenario
 from crowdbench.planners.planner import Planner
-from crowdbench.record.contents import read
 from crowdbench.runs import shards
 from crowdbench.runs.merge import merge
 from crowdbench.runs.shards import Shard, make_run

@@ -9,6 +9,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from crowdbench.record.contents import read
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -21,7 +22,6 @@ from crowdbench.figures.episode_figure import FILMS, HOLD, RATE, Episode
 from crowdbench.figures.time_marks import mark_times
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
-from crowdbench.record.contents import read
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from crowdbench.record.contents import read
 
 from crowdbench import load_planner, load_scenario
 from crowdbench.core.types import Outcome
 from crowdbench.metrics.user_metrics import load_metrics
 from crowdbench.planners.driver import Driver
-from crowdbench.record.contents import read
 from crowdbench.results.episodes import Episodes
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases

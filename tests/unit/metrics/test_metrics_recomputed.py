@@ -6,11 +6,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import shapely
+from crowdbench.export.export import export
 from helpers import drive, make
 from scipy.spatial.distance import cdist
 
 from crowdbench.catalog import load_scenario
-from crowdbench.export.export import export
 from crowdbench.metrics.registry import METRICS
 from crowdbench.results.episodes import Episodes
 from crowdbench.results.run_result import RunResult

@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from crowdbench.record.contents import read
 from helpers import Still, drive, same, trace
 
 from crowdbench.core.types import Outcome
 from crowdbench.metrics.registry import METRICS
-from crowdbench.record.contents import read
 from crowdbench.record.write import Recorder
 
 FAR = [50.0, 50.0]

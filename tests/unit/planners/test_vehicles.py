@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from crowdbench.record.contents import read
 from helpers import advance, check_step, drive, fixture, same, world
 
 from crowdbench.catalog import load_planner, load_scenario
@@ -21,7 +22,6 @@ from crowdbench.planners.reactive import along_walls
 from crowdbench.planners.scene import scene_of
 from crowdbench.planners.trials import propagate_vehicle, try_commands, try_sequences
 from crowdbench.predict import Prediction
-from crowdbench.record.contents import read
 from crowdbench.record.write import Recorder
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rerun as rr
+from crowdbench.record.contents import Recording, read
 from helpers import drive, same, trace
 from rerun.chunk import RrdReader
 
@@ -16,7 +17,6 @@ from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
 from crowdbench.record import contents, rrd, viewer
 from crowdbench.record.blueprint import draw_logs
-from crowdbench.record.contents import Recording, read
 from crowdbench.record.decisions import draw_decisions
 from crowdbench.record.marks import draw_approach, time_to_closest
 from crowdbench.record.write import Recorder

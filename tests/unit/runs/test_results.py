@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from crowdbench.record.contents import read
 from helpers import Still, drive, make, reseal
 
 from crowdbench.catalog import load_planner, load_scenario
@@ -15,7 +16,6 @@ from crowdbench.core.types import Outcome
 from crowdbench.metrics.registry import METRICS
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import ORCAPlanner
-from crowdbench.record.contents import read
 from crowdbench.results.compare import compare, comparison_grid
 from crowdbench.results.episodes import Episodes, planner_label, read_estimate
 from crowdbench.results.paired import mcnemar
@@ -165,7 +165,7 @@ def test_a_place_that_cannot_be_is_told(tmp_path):
     ],
 )
 def test_directories_are_told_apart_by_what_was_run(cases, changes, expected):
-    assert directory_name("orca", "square", RunSpec("orca", "square", Cases.parse(cases), changes)) == expected
+    assert directory_name("orca", "square", RunSpec("orca", "square", Cases.parse(cases), options=changes)) == expected
 
 
 class Breaks(Planner):

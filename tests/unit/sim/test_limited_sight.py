@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from crowdbench.record.contents import read
 from helpers import drive, failed_checks, fixture, same, world, worlds_of
 from typer.testing import CliRunner
 
@@ -14,7 +15,6 @@ from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.planners.planner import Planner
-from crowdbench.record.contents import read
 from crowdbench.record.entities import draw_episode
 from crowdbench.record.write import Recorder
 from crowdbench.results.run_result import RunResult
