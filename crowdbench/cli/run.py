@@ -203,7 +203,8 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         for outcome, cases in Episodes.read(directory / EPISODES).failures.items():
             print(f"{describe_cases(outcome, cases)}: crowdbench view {directory} --case {cases[0]}")
             if number:
-                from crowdbench.record.recorded_cases import read_verdict
+                from crowdbench.record.recorded_cases import read_recorded
 
-                for line in read_verdict(directory / RECORDING, cases[0]):
+                recorded_case = read_recorded(directory / RECORDING, cases[0])
+                for line in recorded_case.verdict if recorded_case else []:
                     print(f"  {line}")

@@ -32,7 +32,7 @@ from crowdbench.drawing import DARK, LIGHT, same_agents
 from crowdbench.metrics.fault import find_contacts
 from crowdbench.record.decisions import PlannedPaths
 from crowdbench.record.explanation import describe_failure
-from crowdbench.record.recorded_cases import read_decisions, read_verdict, recorded_outcomes
+from crowdbench.record.recorded_cases import read_recorded, recorded_outcomes
 from crowdbench.results.episodes import RECORDING
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.replay import Loader, stored_traces
@@ -98,9 +98,9 @@ def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress:
             hit = find_contacts(trace).agent
             for row, case in enumerate(trace.case.tolist()):
                 key, verdict = f"{table['name']}/{trace.split}-{case}", []
-                if case in recorded:
-                    verdict = read_verdict(recording, case)  # it contains the planner's predictions
-                    planned = read_decisions(recording, case, trace.rules.dt, commands=True)
+                if (found := read_recorded(recording, case)) is not None:
+                    verdict = found.verdict
+                    planned = found.paths(trace.rules.dt, commands=True)
                     files[f"{key}.paths"][planner] = _paths(planned, int(trace.steps[row]) + 1)
                 episode = {"hit": int(hit[row]), "verdict": verdict or describe_failure(trace, row)}
                 files[key][planner] = episode | _episode(trace, row)

@@ -34,7 +34,7 @@ from crowdbench.envs.render import rasterize
 from crowdbench.figures.style import canvas, check_file, draw_panel
 from crowdbench.figures.time_marks import mark_times
 from crowdbench.record.decisions import PlannedPaths
-from crowdbench.record.recorded_cases import read_decisions
+from crowdbench.record.recorded_cases import read_recorded
 from crowdbench.results.episodes import RECORDING
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.replay import Loader, stored_case
@@ -148,7 +148,8 @@ def stored_episodes(runs: Sequence[RunResult], case: int, load: Loader, zoom: fl
     episodes = []
     for run in runs:
         trace, row = stored_case(run, load, case)
-        paths = read_decisions(run.directory / RECORDING, case, trace.rules.dt)
+        recorded = read_recorded(run.directory / RECORDING, case)
+        paths = {} if recorded is None else recorded.paths(trace.rules.dt)
         episodes.append(Episode(trace, row, zoom, paths, "" if alone else run.label, side))
     starts = [(each.trace.split, each.trace.rules.dt, each.trace.position[each.row, 0]) for each in episodes]
     for run, (split, dt, position) in zip(runs, starts, strict=True):

@@ -37,6 +37,23 @@ class RecordedEpisode(NamedTuple):
     chunks: list[Chunk]
     properties: dict[str, Any]
 
+    @property
+    def verdict(self) -> list[str]:
+        """The sentences on its failure, which use the planner's predictions; none if it succeeds."""
+        return self.properties.get(VERDICT, [])
+
+    def paths(self, dt: float, *, commands: bool = False) -> dict[int, PlannedPaths]:
+        """Return the paths that the planner predicted, considered and planned, by the number of the state.
+
+        Args:
+            dt: Length of a step in seconds.
+            commands: True to add the commands that the planner compared, as paths of one second.
+        """
+        paths = read_paths(self.chunks, dt)
+        if commands:
+            add_commands(paths, self.chunks, dt)
+        return paths
+
 
 def recorded_outcomes(path: Path) -> dict[int, str]:
     """Return the label of the outcome of each case in a recording, sorted by case.
@@ -69,39 +86,15 @@ def read_recorded(path: Path, case: int) -> RecordedEpisode | None:
     if case not in entries:
         return None
     with rrd.opening(path):
-        chunks = rrd.chunks_of(reader, entries[case], "/**")
+        chunks = rrd.chunks_of(reader, entries[case])
         properties: dict[str, Any] = {}
         for chunk in chunks:
             if chunk.entity_path == f"/__properties/{PROPERTIES}":
                 batch = chunk.to_record_batch()
-                properties |= {name: batch[name][0].as_py() for name in batch.schema.names}
+                properties |= {
+                    name: batch[name][0].as_py() for name in batch.schema.names if not name.startswith("rerun.")
+                }
         return RecordedEpisode(entries[case], chunks, properties)
-
-
-def read_verdict(path: Path, case: int) -> list[str]:
-    """Return the sentences on the failure in a case of a recording; none if the case succeeds or is not recorded."""
-    episode = read_recorded(path, case)
-    return episode.properties.get(VERDICT, []) if episode else []
-
-
-def read_decisions(path: Path, case: int, dt: float, *, commands: bool = False) -> dict[int, PlannedPaths]:
-    """Return the paths that a planner predicted, considered and planned, by the number of the state.
-
-    There are none without a recording of the case.
-
-    Args:
-        path: The recording.
-        case: The number of the case.
-        dt: Length of a step in seconds.
-        commands: True to add the commands that the planner compared, as paths of one second.
-    """
-    episode = read_recorded(path, case)
-    if episode is None:
-        return {}
-    paths = read_paths(episode.chunks, dt)
-    if commands:
-        add_commands(paths, episode.chunks, dt)
-    return paths
 
 
 def _entries(path: Path) -> tuple[RrdReader, str, dict[int, StoreEntry]]:

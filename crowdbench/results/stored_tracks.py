@@ -56,6 +56,8 @@ def read_tracks(path: Path) -> Trace:
 
     Raises InputError if the file is missing, damaged, or has other contents.
     """
+    if not path.is_file():
+        raise InputError(f"there is no {path}")
     try:
         with path.open("rb") as file, pq.ParquetFile(file) as parquet:
             table = parquet.read()
@@ -67,7 +69,5 @@ def read_tracks(path: Path) -> Trace:
             values = table[name].combine_chunks().flatten().to_numpy(zero_copy_only=False)
             arrays[name] = values.reshape(len(table), *shape)
         return Trace(split=about["split"], rules=Rules.of_table(about["rules"]), **arrays)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (pa.ArrowException, LookupError, TypeError, ValueError) as error:
+    except (pa.ArrowException, OSError, LookupError, TypeError, ValueError) as error:
         raise InputError(f"{path} is not a table of tracks as crowdbench writes it: {describe_error(error)}") from None

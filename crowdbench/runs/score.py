@@ -148,6 +148,7 @@ def _compare_recording(differences: Differences, run: RunResult, replayed: Episo
     from crowdbench.record.recorded_cases import recorded_outcomes
 
     recorded = recorded_outcomes(run.directory / RECORDING)
+    differences.note_values(RESULT, {"recorded": run.result["recorded"]}, {"recorded": len(recorded)})
     differences.note_rows(RECORDING, np.array([*recorded]), some_missing=True)
     ends = dict(zip(replayed.case.tolist(), (Outcome(end).label for end in replayed.outcome.tolist()), strict=True))
     pairs = [(differences.name(case), outcome, ends[case]) for case, outcome in recorded.items() if case in ends]
