@@ -11,6 +11,8 @@ from .networks import network_estimate as network_estimate
 from .networks import range_over_networks as range_over_networks
 from .registry import METRICS as METRICS
 from .registry import info_of as info_of
+from .scenario_means import mean_over_scenarios as mean_over_scenarios
+from .scenario_means import scenario_weights as scenario_weights
 from .summary import CONFIDENCE as CONFIDENCE
 from .summary import UNDEFINED as UNDEFINED
 from .summary import Estimate as Estimate

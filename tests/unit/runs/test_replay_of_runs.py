@@ -24,7 +24,7 @@ from crowdbench.results.run_result import RunResult
 from crowdbench.runs import replay as replays
 from crowdbench.runs import rollout as rollouts
 from crowdbench.runs.merge import merge
-from crowdbench.runs.replay import replay
+from crowdbench.runs.replay import replay_run
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.simulator import step, step_pedestrians
@@ -53,7 +53,7 @@ def go(out, planner="orca", cases=str(CASES), scenario="circle_crossing_5", **se
 def again(directory, metrics=SOME, pedestrians=()):
     files = RunResult.read_unchecked(directory)
     scenario = load_recorded_scenario(files.result["scenario"], "result.json", pedestrians)
-    return replay(files, scenario, metrics)
+    return replay_run(files, scenario, metrics)
 
 
 @pytest.fixture(scope="module")
