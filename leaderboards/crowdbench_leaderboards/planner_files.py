@@ -17,6 +17,7 @@ from typing import Any
 from crowdbench import catalog
 from crowdbench.plugins.kind import file_and_function
 from crowdbench.plugins.plugin_files import read_files
+from crowdbench.runs.identity import SIMULATOR, digest
 from crowdbench.utils.errors import InputError
 
 PLANNER = "planner"
@@ -93,7 +94,7 @@ def _copy(text: str, copies: Path) -> str:
         if not path.is_file():
             return text
         path = path.resolve()  # the files beside a linked one are those beside its target
-        names = list(read_files(path).digests)
+        names = list(read_files(path))
         if links := [name for name in names if (path.parent / name).is_symlink()]:
             raise InputError(f"{path.parent / links[0]} is a link: an entry takes plain files")
         folders = itertools.chain([copies], (copies / f"other_{number}" for number in itertools.count(2)))
@@ -197,15 +198,15 @@ def package_files(planner: str) -> dict[str, str]:
         return {}
     if planner not in catalog.PLANNERS.sources():
         raise InputError(f"no planner that is built in or installed is called {planner!r}")
-    return catalog.PLANNERS.files(planner).digests
+    return catalog.PLANNERS.files(planner)
 
 
 def imported_code(planner: str, options: Mapping[str, Any], folder: Path) -> str:
-    """Return the digest of the code of crowdbench that the planner of an entry imports; nothing is loaded.
+    """Return the digest of the version of the simulator, the same for all planners.
 
     Args:
         planner: The planner's name, or its file in the folder.
         options: Its options, which may name files in the folder.
         folder: Folder of the entry.
     """
-    return catalog.planner_code(locate_named_files(planner, folder), locate_named_files(options, folder))
+    return digest({"simulator": SIMULATOR})

@@ -314,9 +314,8 @@ def test_an_entry_of_another_board_is_pending_and_neither_verified_nor_ranked(ro
     assert "| careful, Ada | - |" in section(found)
 
 
-@pytest.mark.parametrize("target", ["catalog.planner_code", "boards.entry.package_files"])
-def test_an_entry_whose_planner_has_other_code_now_is_pending(root, monkeypatch, target):
-    monkeypatch.setattr(f"crowdbench.{target}", lambda *_: {"other.py": "0" * 64})
+def test_an_entry_whose_planner_has_other_code_now_is_pending(root, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.entry.package_files", lambda *_: {"other.py": "0" * 64})
     board = read_board(root / "small")
     found = standings(board, read_entries(board, root), read_season(root))
     assert [one.reason for one in found.others] == ["pending", "pending"]
