@@ -175,6 +175,7 @@ def test_people_of_a_roll_out_avoid_a_vehicle_whose_plan_is_given(worlds):
         roll_out(ORCA(), obs, goals[:1], speed, 6)
 
 
+@pytest.mark.slow
 def test_a_world_is_the_same_in_a_batch_and_a_run_works():
     scenario, cases = load_scenario("blocks_12"), Cases.parse("val:3")
     options = {"futures": 3}
