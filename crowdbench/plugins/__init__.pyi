@@ -1,4 +1,3 @@
-from .code import code_digest as code_digest
 from .kind import file_and_function as file_and_function
 from .kind import plugin_name as plugin_name
 from .kind import program as program

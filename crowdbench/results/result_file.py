@@ -43,7 +43,7 @@ _Mean = Annotated[float, Field(ge=-LARGEST, le=LARGEST)] | None
 _Count = Annotated[int, Field(ge=0)]
 
 _ALONE: Any = {"__config__": ConfigDict(extra="forbid")}
-_Planner = create_model("_Planner", name=str, options=_Table, files=_Table, code=str, facts=_Texts, key=str, **_ALONE)
+_Planner = create_model("_Planner", name=str, options=_Table, files=_Table, facts=_Texts, key=str, **_ALONE)
 _Rest = create_model(
     "_Rest", replanning=_Table, batch=(int | None, ...), code=str, simulator=int, decision_limit=float, **_ALONE
 )

@@ -85,7 +85,6 @@ def identify(
         driver.name,
         options if named is None else named,
         catalog.planner_files(planner, options),
-        catalog.planner_code(planner, options),
         driver.facts,
     )
 

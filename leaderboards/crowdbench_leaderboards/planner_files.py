@@ -91,7 +91,7 @@ def _copy(text: str, copies: Path) -> str:
         if not path.is_file():
             return text
         path = path.resolve()  # the files beside a linked one are those beside its target
-        names = list(read_files(path).digests)
+        names = list(read_files(path))
         if links := [name for name in names if (path.parent / name).is_symlink()]:
             raise InputError(f"{path.parent / links[0]} is a link: an entry takes plain files")
         folders = itertools.chain([copies], (copies / f"other_{number}" for number in itertools.count(2)))
@@ -197,4 +197,4 @@ def package_files(planner: str) -> dict[str, str]:
         raise InputError(f"no planner that is built in or installed is called {planner!r}")
     if planner in PLANNERS.built_in():
         return {}
-    return PLANNERS.files(planner).digests
+    return PLANNERS.files(planner)

@@ -16,7 +16,6 @@ from jaxtyping import Float
 
 from crowdbench import METRICS, Cases, Driver, InputError, Outcome, Scenario, Trace, load_planner, rollout
 from crowdbench.core import PERFECT, SPLITS
-from crowdbench.plugins import code_digest
 from crowdbench.runs import Parts, PlannerId, Playback, Progress, Run, RunSpec, fit_batch, make_run
 from crowdbench.scenario import LARGEST, Certified, Examined
 from crowdbench.utils import hold_lock, write_whole
@@ -216,7 +215,8 @@ def make(
     margins = list(dict.fromkeys([margin, 0.0]))
     directory, table = out / cases.split, out / f"{cases.split}.json"
     spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))
-    identity = PlannerId(NAME, code=code_digest([], CODE), key=f"margins {margins}")
+    sources = {path.name: files.sha256(path) for path in CODE}
+    identity = PlannerId(NAME, files={"study": sources}, key=f"margins {margins}")
     run = Run(spec, play_back([], scenario), scenario, METRICS, identity)
     parts = Parts.of(run, directory).folder
 

@@ -66,7 +66,12 @@ def test_a_straight_drive_meets_a_crowd_that_crosses_in_the_centre():
     assert (arrived, approach < 1.0, near > 5.0) == (1.0, True, True)
 
 
-@pytest.mark.parametrize("name", SUITE)
+QUICK = "doorway_10", "restless_20"
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in SUITE]
+)
 def test_people_of_the_suite_move_like_people(name):
     walked, _ = simulate(load_scenario(name), Cases("val", 0, 10))
     _, _, most, largest, reversals, _, overlapping, *_ = measure(walked)

@@ -263,7 +263,7 @@ def test_files_lie_beside_the_result(a):
         RunResult.read(a)
 
 
-def test_a_run_by_other_code_is_told(a, runs, capsys):
+def test_a_run_by_another_version_of_the_simulator_is_told(a, runs, capsys):
     reseal(a, lambda table: table["run"].update(simulator=0))
     for command in (["compare", str(a), str(runs / "b")], ["score", str(a)], ["table", str(a)]):
         app(command, standalone_mode=False)
