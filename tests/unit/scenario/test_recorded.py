@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 import recordings
+import trainings
 from helpers import Still, same
 
 from crowdbench.catalog import load_planner, load_scenario, simulated_scenarios
@@ -309,7 +310,7 @@ def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
 def test_networks_learn_among_recorded_people(config_of, network, tmp_path):
     file = recordings.write(tmp_path)
     config = config_of(network=network, scenario=str(file), validation=str(file), data=str(tmp_path))
-    training = config.training("cpu")
+    training = trainings.start(config)
     place = training.scenario
     assert place.tracks.scene == training.validation[0].tracks.scene == "mine"
     assert f"--scenario {file} --data {tmp_path.name}" in config.command
@@ -317,9 +318,9 @@ def test_networks_learn_among_recorded_people(config_of, network, tmp_path):
     assert card.crowd(table) == "mine, people of mine"
     assert card.episodes(table) == "simulated episodes with the recorded tracks of mine"
     with pytest.raises(InputError, match="--data does not go with circle_crossing_5, which has no table"):
-        dataclasses.replace(config, scenario="circle_crossing_5", validation=None).training("cpu")
+        trainings.start(dataclasses.replace(config, scenario="circle_crossing_5", validation=None))
     with pytest.raises(InputError, match="give the folder that holds them, --data DIR"):
-        dataclasses.replace(config, data=None, validation=None).training("cpu")
+        trainings.start(dataclasses.replace(config, data=None, validation=None))
 
 
 def test_predictors_are_measured_on_those_who_come_later_too_by_networks_that_have_not_seen_the_scene(place):
