@@ -84,7 +84,7 @@ def _worlds(
     position[:, 0], radius[:, 0] = rows.vehicle.position, rows.vehicle.radius
     worlds, agents = radius.shape
     none, person = np.zeros((worlds, agents - 1), np.int64), np.tile(np.arange(agents - 1), (worlds, 1))
-    keys = np.stack([rng.other_chance(obs.noise_key, 0, mode) for mode in range(modes)], axis=1).ravel()
+    keys = np.stack([rng.continuation_keys(obs.noise_key, 0, mode) for mode in range(modes)], axis=1).ravel()
     own = {**policy.parameters, **parameters}
     return World(
         case=np.arange(worlds),

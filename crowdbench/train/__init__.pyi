@@ -1,5 +1,4 @@
 from .config import EPISODES as EPISODES
-from .config import MOST_SEED as MOST_SEED
 from .config import SCENARIO as SCENARIO
 from .config import Config as Config
 from .config import PPOConfig as PPOConfig
@@ -8,3 +7,5 @@ from .driving import describe_scenario as describe_scenario
 from .ppo import PPOTraining as PPOTraining
 from .training import Point as Point
 from .training import Training as Training
+from .value import ROUND as ROUND
+from .value import ValueTraining as ValueTraining

@@ -275,7 +275,7 @@ class PPOTraining(DrivingTraining):
         for name, plugin in {"reward": self.config.reward, "encoder": self.config.encoder}.items():
             file, _ = file_and_function(plugin or "")
             if file is not None:
-                conditions[f"{name}_files"] = read_files(file).digests
+                conditions[f"{name}_files"] = read_files(file)
         return conditions
 
 
