@@ -21,9 +21,10 @@ from crowdbench.results.result_file import RESULT, check_result, read_result, wr
 from crowdbench.runs.identity import code, digest
 from crowdbench.runs.recording import COMMANDS, Commands, check_size, read_commands
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
+from crowdbench.scenario.scenario_file import parse_recorded, rules_of
 from crowdbench.utils.errors import InputError, is_number
 from crowdbench.utils.tables import flatten, plain
+from crowdbench.utils.toml import Location
 
 if TYPE_CHECKING:
     from crowdbench.record.contents import Recording
@@ -221,25 +222,22 @@ def _check_scenario(result: Mapping[str, Any], path: Path) -> Rules:
     Raises InputError if the digest or an override does not match the table.
     """
 
-    def load(table: Mapping[str, Any]) -> Scenario:
-        return catalog.load_recorded_scenario(table, str(path), unseen=True)
-
     table, right = result["scenario"], result["run"]["scenario"]
     if len(right) == BAG_DIGEST_LENGTH and not table["pedestrians"]:
         return Rules(dt=table["dt"], time_limit=table["time_limit"])
-    scenario = load(table)
-    if scenario.digest != right:
-        raise InputError(f"{path}: run.scenario is {right}, but its table scenario has the digest {scenario.digest}")
-    table |= scenario.table
-    changed, layout = copy.deepcopy(table), {f"layout.{name}": value for name, value in table["layout"].items()}
+    spec = parse_recorded(table, str(path))
+    if spec.digest != right:
+        raise InputError(f"{path}: run.scenario is {right}, but its table scenario has the digest {spec.digest}")
+    table |= spec.complete()
+    changed, layout = copy.deepcopy(table), {f"layout.{name}": value for name, value in table.get("layout", {}).items()}
     for key, value in result["stated"]["overrides"].items():
         # The table has the contents of files, and numbers in the types of the layout's parameters, such as 6.0 for 6.
         if key == "layout.map" or catalog.names_file(value) or (key, value) in layout.items():
             continue
         catalog.set_key(changed, "pedestrians.policy" if key == "pedestrians" else key, value, path)
-    if changed != table and load(changed).digest != right:
+    if changed != table and parse_recorded(changed, str(path)).digest != right:
         raise InputError(f"{path}: stated.overrides differ from its table scenario")
-    return scenario.rules
+    return rules_of(spec, Location(str(path)))
 
 
 def _agree(stated: Any, recomputed: Any) -> bool:

@@ -18,8 +18,9 @@ from crowdbench.core.types import Rules, World
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.certified import CertificateStatus
 from crowdbench.scenario.placement import LayoutCall
-from crowdbench.scenario.population import Crowd
-from crowdbench.scenario.starts import Case, LayoutStarts, Vehicle
+from crowdbench.scenario.population import Population
+from crowdbench.scenario.schema import ScenarioSpec, VehicleSpec
+from crowdbench.scenario.starts import Case, LayoutStarts
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.sight import look
 from crowdbench.sim.simulator import PostStepRule, init_memories
@@ -37,28 +38,42 @@ class Scenario:
     Attributes:
         name: Name of the scenario.
         source: Name of its file in error messages.
+        spec: Its complete file. Each case has a random stream that depends on seed, split and case number.
         rules: Constants of all cases.
-        seed: Seed of the random streams. Each case has a stream that depends on seed, split and case number.
-        vehicle: The vehicle's radius and speed.
         crowd: The pedestrians.
         starts: Generator of the starts of cases: from a layout, as in CrowdNav++, or from recorded tracks.
         policies: The pedestrian policies by name.
-        table: The complete table of the scenario, as written to results.
-        digest: Twelve hexadecimal digits that change with the cases: see `crowdbench.scenario.scenario_file`.
         certificates: Certificates of its cases; None if there are none.
     """
 
     name: str
     source: str
+    spec: ScenarioSpec
     rules: Rules
-    seed: int
-    vehicle: Vehicle
-    crowd: Crowd
+    crowd: Population
     starts: LayoutStarts | TrackedCrowd
     policies: Mapping[str, PedestrianPolicy]
-    table: Mapping[str, Any]
-    digest: str
     certificates: CertificateStatus | None = None
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """The complete table of the scenario, as written to results."""
+        return self.spec.complete()
+
+    @property
+    def digest(self) -> str:
+        """Twelve hexadecimal digits that change with the cases, see `ScenarioSpec.digest`."""
+        return self.spec.digest
+
+    @property
+    def seed(self) -> int:
+        """Seed of the random streams."""
+        return self.spec.seed
+
+    @property
+    def vehicle(self) -> VehicleSpec:
+        """The vehicle's radius and preferred speed, among others."""
+        return self.spec.vehicle
 
     @functools.cached_property
     def post_step_rule(self) -> PostStepRule | None:
@@ -139,7 +154,7 @@ class Scenario:
             goal=pad_arrays([placement.goal for placement in placements], 0.0, agents),
             route=pad_arrays(routes, np.nan, agents),
             radius=stack(self.vehicle.radius, [people.radius for people in traits], 1.0),
-            preferred_speed=stack(self.vehicle.speed, [people.preferred_speed for people in traits], 1.0),
+            preferred_speed=stack(self.vehicle.preferred_speed, [people.preferred_speed for people in traits], 1.0),
             present=pad_arrays([np.ones(len(people.radius) + 1, bool) for people in traits], False, agents),
             group=pad_arrays([start.group for start in starts], -1, agents - 1),
             obstacles=pad_arrays(obstacles, np.nan),
