@@ -13,7 +13,6 @@ from typing import Any
 
 from crowdbench.planners.filtered import FilteredPlanner
 from crowdbench.planners.planner import Planner
-from crowdbench.plugins.code import code_digest
 from crowdbench.plugins.kind import ROOT, Kind, file_and_function
 from crowdbench.plugins.plugin_files import read_files
 from crowdbench.scenario import layouts, scenario_file
@@ -25,6 +24,9 @@ from crowdbench.utils.errors import InputError, find_named, is_number, plugin_er
 from crowdbench.utils.toml import Location, parse_table, read_toml
 
 SCENARIOS = ROOT / "scenarios"
+
+SUITE = SCENARIOS / "suite" / "suite.toml"
+"""The list of the scenarios of the suite."""
 
 
 def _check_parameters(name: str, policy: PedestrianPolicy) -> None:
@@ -92,24 +94,12 @@ def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, 
         Digests by path, for each source. `planner` has the planner's Python files. `option weights` and other options
         have the files that the option names, such as weights with their card, or a predictor's file with its imports.
     """
-    files = {"planner": PLANNERS.files(spec).digests}
+    files = {"planner": PLANNERS.files(spec)}
     for name, value in options.items():
-        digests = [read_files(path).digests for path in _named_files(value)]
+        digests = [read_files(path) for path in _named_files(value)]
         if digests:
             files[f"option {name}"] = {path: digest for part in digests for path, digest in part.items()}
     return files
-
-
-def planner_code(spec: str, options: Mapping[str, Any]) -> str:
-    """Return the digest of the code of crowdbench that a planner imports, see `plugins.code.code_digest`.
-
-    Args:
-        spec: Name or file of the planner, as for `load_planner`.
-        options: The planner's options. The imports of Python files that they name are included.
-    """
-    modules = PLANNERS.files(spec).imports | ({"crowdbench.planners.filtered"} if "filter" in options else set())
-    named = (path for path in _named_files(options) if path.suffix == ".py")
-    return code_digest(modules.union(*(read_files(path).imports for path in named)))
 
 
 def _named_files(value: Any) -> Iterator[Path]:
@@ -214,7 +204,7 @@ def load_recorded_scenario(
         InputError: A value of the table is wrong, or the file of the layout or of a policy is missing or differs from
             the run.
     """
-    keys = scenario_file.keys_of_recorded(table)
+    keys = {key: value for key, value in table.items() if key not in ("name", "digest")}
     names = parse_table(NamesSpec, keys, Location(source))
     file = names.layout.generator_file
     layout_files = {} if file is None else {names.layout.generator: file}
@@ -266,8 +256,14 @@ def scenarios() -> list[tuple[str, str]]:
 
 
 def _scenario_files() -> list[Path]:
-    """Return the files of all built-in scenarios, sorted by path, without dials and certificates."""
-    return sorted(path for path in SCENARIOS.rglob("*.toml") if path.parent.name not in ("dials", FOLDER))
+    """Return the files of all built-in scenarios, sorted by path, without dials, certificates and the suite's list."""
+    files = sorted(path for path in SCENARIOS.rglob("*.toml") if path.parent.name not in ("dials", FOLDER))
+    return [path for path in files if path != SUITE]
+
+
+def suite_families() -> dict[str, list[str]]:
+    """Return the names of the scenarios of the suite by family."""
+    return dict(read_toml(SUITE, "suite")["families"])
 
 
 def _resolve_files(policy: Any) -> Any:

@@ -214,6 +214,6 @@ def _files_named_in(value: Any) -> Iterator[Path]:
         path = file_and_function(value)[0] or Path(value)
         if "\0" not in value and path.is_file():
             yield path
-            yield from (path.resolve().parent / name for name in read_files(path).digests)
+            yield from (path.resolve().parent / name for name in read_files(path))
         elif "\0" not in value and path.is_dir():
             yield path

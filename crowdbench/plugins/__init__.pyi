@@ -1,1 +1,1 @@
-from .code import code_digest as code_digest
+from .plugin_files import read_files as read_files

@@ -83,7 +83,7 @@ def _worlds(
     position, velocity, radius, present = rows.everybody()
     position[:, 0], radius[:, 0] = rows.vehicle.position, rows.vehicle.radius
     worlds, agents = radius.shape
-    keys = np.stack([rng.other_chance(obs.noise_key, 0, mode) for mode in range(modes)], axis=1).ravel()
+    keys = np.stack([rng.continuation_keys(obs.noise_key, 0, mode) for mode in range(modes)], axis=1).ravel()
     values = {**policy.parameters, **parameters}
     return World.create(
         key=keys,

@@ -7,6 +7,10 @@ from .paired import LEAST_SHARED as LEAST_SHARED
 from .paired import MetricDifference as MetricDifference
 from .run_result import RunResult as RunResult
 from .run_result import write_run as write_run
+from .stored_commands import COMMANDS as COMMANDS
+from .stored_commands import StoredCommands as StoredCommands
+from .stored_commands import check_size as check_size
+from .stored_commands import read_commands as read_commands
 from .table import PRIVILEGED as PRIVILEGED
 from .table import RunTable as RunTable
 from .table import estimate_grid as estimate_grid

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core.types import Observation
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import AheadPlanner, Planner
-from crowdbench.runs.recording import Commands
+from crowdbench.results.stored_commands import StoredCommands
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
@@ -85,7 +85,7 @@ def time_single_world(
     scenario: Scenario,
     replanning: Replanning,
     cases: Cases,
-    recorded: Commands | None = None,
+    recorded: StoredCommands | None = None,
     progress: Callable[[float], None] | None = None,
     processor: Callable[[], float] = lambda: 0.0,
 ) -> Decisions:

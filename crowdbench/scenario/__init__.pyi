@@ -15,7 +15,7 @@ from .population import GOES_ON as GOES_ON
 from .respawn import LayoutWithRespawn as LayoutWithRespawn
 from .respawn import Room as Room
 from .scenario_file import parse_scenario as parse_scenario
-from .tracks.eth_ucy import DT as DT
+from .tracks.eth_ucy import ETH_UCY_DT as ETH_UCY_DT
 from .tracks.eth_ucy import FRAME_STEP as FRAME_STEP
 from .tracks.eth_ucy import SCENES as SCENES
 from .tracks.eth_ucy import RecordedTracks as RecordedTracks

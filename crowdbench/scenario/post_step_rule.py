@@ -53,7 +53,7 @@ class LayoutPostStepRule:
         ids = np.where(world.group < 0, world.person, world.group)
         change, turned = self.crowd.goal_change, np.zeros_like(walks)
         if change is not None and (is_due := running & change.is_due(world)).any():
-            draws = rng.uniforms(world.key, "goal_change", world.step, ids)
+            draws = rng.draw_uniforms(world.key, "goal_change", world.step, ids)
             turned = is_due[:, None] & walks & (draws < change.chance)
         if not arrived.any() and not turned.any():
             return world

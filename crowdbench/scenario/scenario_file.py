@@ -91,29 +91,6 @@ def parse_scenario(
     )
 
 
-def parse_recorded(table: Mapping[str, Any], source: str) -> ScenarioSpec:
-    """Return the model of a run's scenario without its layout, its policies and its tracks.
-
-    Their names, options and digests are taken from the table.
-
-    Args:
-        table: The table `scenario` of the run's `result.json`.
-        source: Name of that file in error messages.
-
-    Raises:
-        InputError: A key is unknown, or a value is wrong.
-    """
-    file, table = Location(source), keys_of_recorded(table)
-    names = _parse_names(table, file)
-    base: type[ScenarioSpec] = TracksScenarioSpec if "tracks" in table else LayoutScenarioSpec
-    return parse_table(scenario_spec(base, names.vehicle.dynamics), table, file)
-
-
-def keys_of_recorded(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys of a scenario's file from the table `scenario` of a run's `result.json`."""
-    return {key: value for key, value in table.items() if key not in ("name", "digest")}
-
-
 def _parse_names(table: Mapping[str, Any], file: Location) -> NamesSpec:
     """Return the names of layout, dynamics and policies, on which the other keys depend.
 
@@ -135,7 +112,7 @@ def _parse_with_layout(
     at_layout, at_pedestrians = file.at("layout"), file.at("pedestrians")
     with at_layout.at("generator").named():
         generator, layout, digest = load_layout(names.layout.generator)
-        model = scenario_spec(LayoutScenarioSpec, names.vehicle.dynamics, layout, _parameters(policies))
+        model = scenario_spec(LayoutScenarioSpec, names.vehicle.dynamics, _parameters(policies), layout)
     _check_digest(names.layout.generator_file, digest, at_layout.at("generator_file"))
     spec = _with_policies(parse_table(model, table, file), policies)
     if RECORDED in policies:
@@ -162,7 +139,7 @@ def _parse_with_tracks(
     from crowdbench.scenario.recorded import TrackedCrowd
     from crowdbench.scenario.tracks.scenes import load_scene
 
-    model = scenario_spec(TracksScenarioSpec, names.vehicle.dynamics, parameters=_parameters(policies))
+    model = scenario_spec(TracksScenarioSpec, names.vehicle.dynamics, _parameters(policies))
     spec = _with_policies(parse_table(model, table, file), policies)
     tracks, location = spec.tracks, file.at("tracks")
     rules = rules_of(spec, file)

@@ -138,8 +138,6 @@ class VehicleSpec(DynamicsSpec):
 class PedestriansSpec(PoliciesSpec):
     """`[pedestrians]`, with an additional table for each policy; see `scenario_spec`."""
 
-    __pydantic_extra__: dict[str, dict[str, Distribution]]
-
     radius: Size = quantity(0.3, MIN_SIZE)
     attention: Attention | None = Field(
         default=None, description="a table [pedestrians.attention] with the keys of { ignores = 0.1, delay = 0.4 }"
@@ -227,8 +225,8 @@ class TracksScenarioSpec(ScenarioSpec):
 def scenario_spec(
     base: type[AnyScenarioSpec],
     dynamics: str,
+    parameters: Mapping[str, Mapping[str, float]],
     layout: Layout | None = None,
-    parameters: Mapping[str, Mapping[str, float]] | None = None,
 ) -> type[AnyScenarioSpec]:
     """Return the pydantic model of a complete file.
 
@@ -237,8 +235,8 @@ def scenario_spec(
     Args:
         base: `LayoutScenarioSpec` or `TracksScenarioSpec`.
         dynamics: The vehicle's dynamics.
-        layout: The layout that the file names. None to accept any options of a layout.
-        parameters: By pedestrian policy, the defaults of its parameters. None to accept any parameters.
+        parameters: By pedestrian policy, the defaults of its parameters.
+        layout: The layout that the file names; None with recorded tracks.
 
     Raises:
         InputError: See `layout_spec`.
@@ -247,15 +245,16 @@ def scenario_spec(
         field.name: (float | None, number(None if field.default == math.inf else field.default, above=0.0, below=1e6))
         for field in dataclasses.fields(DYNAMICS[dynamics])
     }
-    tables: dict[str, Any] = {"vehicle": _extended(VehicleSpec, limits)}
+    policies = {
+        name: (_parameters_spec(defaults), table(f"pedestrians.{name}")) for name, defaults in parameters.items()
+    }
+    pedestrians = PedestriansSpec if layout is None else SimulatedPedestriansSpec
+    tables: dict[str, Any] = {
+        "vehicle": _extended(VehicleSpec, limits),
+        "pedestrians": _extended(pedestrians, policies),
+    }
     if layout is not None:
         tables["layout"] = layout_spec(layout)
-    if parameters is not None:
-        policies = {
-            name: (_parameters_spec(defaults), table(f"pedestrians.{name}")) for name, defaults in parameters.items()
-        }
-        has_layout = issubclass(base, LayoutScenarioSpec)
-        tables["pedestrians"] = _extended(SimulatedPedestriansSpec if has_layout else PedestriansSpec, policies)
     fields: dict[str, Any] = {name: (model, table(name)) for name, model in tables.items()}
     return create_model(base.__name__, __base__=base, **fields)
 

@@ -9,3 +9,5 @@ from .ppo import PPOTraining as PPOTraining
 from .training import Point as Point
 from .training import Training as Training
 from .training import describe_scenario as describe_scenario
+from .value import ROUND as ROUND
+from .value import ValueTraining as ValueTraining

@@ -180,7 +180,7 @@ class PPOTraining(DrivingTraining[Policy]):
         files: dict[str, dict[str, str]] = {}
         for name, spec in {"reward": self.config.reward, "encoder": self.config.encoder}.items():
             file, _ = file_and_function(spec or "")
-            files |= {} if file is None else {f"{name}_files": read_files(file).digests}
+            files |= {} if file is None else {f"{name}_files": read_files(file)}
         return {
             "nearest": self.nearest,
             "reward": self.config.reward,

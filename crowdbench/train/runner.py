@@ -21,7 +21,7 @@ from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.config import METHODS, Config
 from crowdbench.train.training import Point, Training
 from crowdbench.utils.errors import InputError, describe_error, find_named
-from crowdbench.utils.files import whole
+from crowdbench.utils.files import write_whole
 
 WEIGHTS = "weights.safetensors"
 
@@ -135,7 +135,7 @@ class Runner:
                 "licence": "MIT",
             }
             card = save_network(training.best()[1], training.config.network, weights, about)
-            with whole(weights.with_suffix(".md")) as partial:
+            with write_whole(weights.with_suffix(".md")) as partial:
                 partial.write_text(cards.markdown(card), encoding="utf-8")
             (self.directory / CHECKPOINT).unlink()
         return weights
@@ -154,7 +154,7 @@ class Runner:
         checkpoint.save(self.directory / CHECKPOINT, {name: getattr(training, name) for name in training.parts}, facts)
         if curve:
             rows = [curve[0], *(point.values() for point in curve)]
-            with whole(self.directory / "curve.csv") as partial:
+            with write_whole(self.directory / "curve.csv") as partial:
                 partial.write_text("".join(",".join(map(str, row)) + "\n" for row in rows), encoding="utf-8")
 
 

@@ -10,8 +10,10 @@ from .errors import require as require
 from .errors import require_count as require_count
 from .errors import require_not_negative as require_not_negative
 from .errors import require_positive as require_positive
+from .files import hold_lock as hold_lock
 from .files import new_directory as new_directory
 from .files import read_text as read_text
+from .files import write_whole as write_whole
 from .progress_bars import progress as progress
 from .tables import Format as Format
 from .tables import Grid as Grid

@@ -22,7 +22,7 @@ from crowdbench.core import HISTORY, PERFECT, norm
 from crowdbench.metrics import Estimate, bootstrap_distribution, interval, weighted_mean
 from crowdbench.predict import validate_prediction
 from crowdbench.scenario import GOES_ON, RecordedTracks
-from crowdbench.sim import crowd_decisions, limit_velocities, observe, walk
+from crowdbench.sim import crowd_decisions, limit_velocities, observe, step_pedestrians
 from crowdbench.utils import BATCH, HORIZON, MOST_AHEAD, is_integer, plugin_errors, require
 from studies.social_gan.recordings import scenes
 from studies.social_gan.windows import windows
@@ -208,7 +208,7 @@ def _walks(
         crowd, world = crowd_decisions(world, scenario.policies)
         obs = observe(world, future=limit_velocities(world, crowd) if predictor.privileged else None)
         predicted.append((_predict(name, predictor, obs, ahead), walking, world.person))
-        world = walk(world, crowd, scenario.post_step_rule)
+        world = step_pedestrians(world, crowd, scenario.post_step_rule)
         positions.append(world.position[:, 1:])
         if len(positions) == ahead:
             prediction, counted, persons = predicted.popleft()

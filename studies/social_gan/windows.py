@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench import InputError, Observation
-from crowdbench.core import Pedestrians, Vehicle, rng
+from crowdbench.core import Pedestrians, Vehicle, case_keys, noise_keys
 from crowdbench.scenario import FRAME_STEP, RecordedTracks
 from studies.social_gan.recordings import scenes
 
@@ -87,7 +87,7 @@ class Windows:
             ),
             obstacles=np.empty((len(self), 0, 0, 2)),
             row=np.arange(len(self)),
-            noise_key=rng.noise_keys(rng.case_keys(0, "test", self.frame)),
+            noise_key=noise_keys(case_keys(0, "test", self.frame)),
             step=np.full(len(self), seen - 1),
             dt=self.dt,
         )

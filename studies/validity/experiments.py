@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench import Cases, Scenario, catalog
+from crowdbench import PEDESTRIANS, Cases, Scenario
 from crowdbench.scenario import Placement, parse_scenario
 from studies.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, walk
 from studies.validity.door import NUMBER, Passages, hall, leave
@@ -144,7 +144,7 @@ def crowd(policy: str, people: People, number: int, layout: Callable[..., Placem
         "validity",
         "validity",
         lambda _: ("validity", layout, None),
-        catalog.PEDESTRIANS.load_with_digest,
+        PEDESTRIANS.load_with_digest,
     )
 
 

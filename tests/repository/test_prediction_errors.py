@@ -12,7 +12,7 @@ from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear
 from crowdbench.predict.predictors import PREDICTORS
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
-from crowdbench.sim.simulator import crowd_velocities, walk
+from crowdbench.sim.simulator import crowd_velocities, step_pedestrians
 from crowdbench.utils.defaults import HORIZON
 from crowdbench.utils.errors import InputError
 from studies.social_gan import prediction_errors
@@ -170,7 +170,7 @@ def slowly(predict, scenario, cases, ahead):
     moving = world.replace(rules=dataclasses.replace(world.rules, visible=False))
     positions, errors = [moving.position], []
     for _ in range(scenario.rules.max_steps):
-        moving = walk(moving, crowd_velocities(moving, scenario.policies), scenario.post_step_rule)
+        moving = step_pedestrians(moving, crowd_velocities(moving, scenario.policies), scenario.post_step_rule)
         positions.append(moving.position)
     track = np.stack(positions, axis=1)[:, :, 1:]
     for w in range(len(world)):

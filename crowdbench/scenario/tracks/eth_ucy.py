@@ -22,7 +22,7 @@ from crowdbench.utils.errors import InputError
 FRAME_STEP = 10
 """Difference between the numbers of two consecutive annotated frames."""
 
-DT = 0.4
+ETH_UCY_DT = 0.4
 """Seconds between two consecutive annotated frames."""
 
 COLUMNS = ("frame", "pedestrian", "x", "y")
@@ -64,7 +64,7 @@ class RecordedTracks:
     frame: Int[np.ndarray, "row"]
     pedestrian: Int[np.ndarray, "row"]
     position: Float[np.ndarray, "row 2"]
-    dt: float = DT
+    dt: float = ETH_UCY_DT
 
 
 def read_tracks(path: Path) -> RecordedTracks:

@@ -30,7 +30,7 @@ from crowdbench.scenario.tracks.excerpts import LEAST_WAY, cut_windows, split_wi
 from crowdbench.scenario.tracks.scenes import RecordedScene, SceneRecording, load_scene
 from crowdbench.sim.presence import come_and_go, track_at
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import crowd_velocities, walk
+from crowdbench.sim.simulator import crowd_velocities, step_pedestrians
 from crowdbench.train.config import PPOConfig, ValueConfig
 from crowdbench.utils.errors import InputError
 from studies.social_gan.prediction_errors import on_scenario
@@ -158,13 +158,13 @@ def test_who_would_come_onto_the_vehicle_comes_once_there_is_room(place):
     step, comer = (int(found[0]) for found in np.nonzero(there[1:] & ~there[:-1]))
     step += 1
     while world.step[0] < step - 1:
-        world = walk(world, crowd_velocities(world, place.policies), place.post_step_rule)
+        world = step_pedestrians(world, crowd_velocities(world, place.policies), place.post_step_rule)
     position = world.position.copy()
     position[0, 0] = world.track[0, step, comer]
     world = world.replace(position=position)
     came = []
     while world.step[0] < step + 6:
-        world = walk(world, crowd_velocities(world, place.policies), place.post_step_rule)
+        world = step_pedestrians(world, crowd_velocities(world, place.policies), place.post_step_rule)
         came.append(bool(world.present[0, comer + 1]))
     gap = norm(world.track[0, step : step + 7, comer] - position[0, 0]) - 0.6
     assert came == (gap >= 0.0).tolist()
@@ -183,7 +183,7 @@ def test_who_comes_has_no_history_before(place):
         first = np.broadcast_to(obs.position[:, None], obs.history.shape)
         assert np.array_equal(obs.history.swapaxes(1, 2)[new], first.swapaxes(1, 2)[new])
         seen.append(new.any())
-        world = walk(world, crowd_velocities(world, place.policies), place.post_step_rule)
+        world = step_pedestrians(world, crowd_velocities(world, place.policies), place.post_step_rule)
     assert any(seen[1:])
 
 

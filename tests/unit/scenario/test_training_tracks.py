@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from crowdbench.scenario.tracks.eth_ucy import DT, FRAME_STEP, RecordedTracks
+from crowdbench.scenario.tracks.eth_ucy import ETH_UCY_DT, FRAME_STEP, RecordedTracks
 from crowdbench.utils.errors import InputError
 from studies.social_gan.recordings import read_folder
 from studies.social_gan.windows import resample, training_split, windows
@@ -78,7 +78,7 @@ def test_resampled_tracks_are_interpolated_within_unbroken_stretches(dt):
 
 
 def test_resampled_at_its_own_step_a_recording_stays_as_it_is():
-    assert rows(resample(recording(), DT)) == rows(recording())
+    assert rows(resample(recording(), ETH_UCY_DT)) == rows(recording())
 
 
 def test_windows_of_resampled_tracks_have_their_step():

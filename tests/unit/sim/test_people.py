@@ -8,7 +8,7 @@ from helpers import Still, drive, failed_checks, fixture, same, to_walkers
 
 from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.check.checks import Subject
-from crowdbench.check.subjects import POLICY
+from crowdbench.check.drives import POLICY
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm
 from crowdbench.scenario.cases import Cases
