@@ -20,3 +20,4 @@ from .tracks.eth_ucy import FRAME_STEP as FRAME_STEP
 from .tracks.eth_ucy import SCENES as SCENES
 from .tracks.eth_ucy import RecordedTracks as RecordedTracks
 from .tracks.eth_ucy import read_tracks as read_tracks
+from .tracks.scenes import known_files as known_files
