@@ -16,7 +16,7 @@ from crowdbench.check.kinds import KINDS
 from crowdbench.cli.app import COMMANDS, app
 from crowdbench.cli.listing import FILTER, OptionRow, option_rows, parameter_rows
 from crowdbench.core.types import observation
-from crowdbench.metrics import SUBJECTS, info_of
+from crowdbench.metrics.registry import SUBJECTS, info_of
 from crowdbench.networks.card import headline
 from crowdbench.networks.weights import built_in, read_card
 

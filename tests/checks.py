@@ -3,7 +3,7 @@
 from crowdbench.catalog import load_scenario
 from crowdbench.check import check_plugin
 from crowdbench.check.checks import Subject
-from crowdbench.check.subjects import POLICY
+from crowdbench.check.drives import POLICY
 from crowdbench.scenario.cases import Cases
 
 # Crowds of several sizes, so that there is padding, in short episodes.

@@ -1,4 +1,4 @@
-"""Check plug-ins of every kind: drive again, with single cases, other batches and orders, and compare all answers."""
+"""Check a plug-in: drive it again, with single cases, other batches and orders, and compare all answers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Int
@@ -21,10 +21,13 @@ from crowdbench.utils.resources import FairLimit
 
 Answer = TypeVar("Answer")
 
-ROUNDING, TIES = 1e-6, 0.01
-"""For neural networks: largest difference that counts as rounding, and share of the answers that may differ by more.
+ROUNDING = 1e-6
+"""Largest difference between answers of a neural network that counts as rounding."""
 
-The batch size influences rounding, which decides ties.
+TIES = 0.01
+"""Largest share of the answers of a neural network that may differ by more.
+
+The batch size changes rounding, and rounding decides between commands of the same value.
 """
 
 EXTRA = 3
@@ -44,7 +47,7 @@ RULES = {
 """The checks that compare answers, and the rules of the contract."""
 
 
-class Broken(InputError):
+class ContractBroken(InputError):
     """A plug-in breaks the contract of its kind."""
 
 
@@ -85,8 +88,8 @@ class WithPadding(Scenario):
 
 
 @dataclass
-class Record:
-    """Record of the answers of a plug-in, with a method that calls the plug-in.
+class AnswerLog:
+    """Answers of a plug-in during a drive.
 
     Attributes:
         limit: Seconds that a call may take.
@@ -118,22 +121,26 @@ class Record:
             The valid answer.
 
         Raises:
-            Broken: The answer is invalid or late, or the plug-in changes its input.
+            ContractBroken: The answer is invalid or late, or the plug-in changes its input.
         """
         for _ in range(self.repeat):
             before = {path: array.copy() for path, array in _arrays(inputs)}
-            limit, start = FairLimit(self.limit, lambda: (os.getpid(),)), time.perf_counter()
+            limit = FairLimit(self.limit, lambda: (os.getpid(),))
+            start = time.perf_counter()
             try:
                 answer = call()
             except InputError as error:
-                raise Broken(f"{self.where}{error}") from error
+                raise ContractBroken(f"{self.where}{error}") from error
             self.seconds.append(time.perf_counter() - start)
             if limit.over():
-                raise Broken(f"{self.where}the plug-in took longer than the limit of {self.limit:g} s ({names[0]})")
+                late = f"the plug-in took longer than the limit of {self.limit:g} s ({names[0]})"
+                raise ContractBroken(f"{self.where}{late}")
             after = dict(_arrays(inputs))
             for path in before | after:
-                if (row := _find_difference(before.get(path), after.get(path))) is not None:
-                    raise Broken(f"{self.where}the plug-in changes {path} ({names[row]}), but must leave it as it is")
+                row = _find_difference(before.get(path), after.get(path))
+                if row is not None:
+                    changed = f"the plug-in changes {path} ({names[row]}), but must leave it as it is"
+                    raise ContractBroken(f"{self.where}{changed}")
         return answer
 
     def keep(self, names: Sequence[str], answers: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -143,23 +150,27 @@ class Record:
         return [self.expected.get(name, answer) for name, answer in recorded.items()]
 
 
-class Procedure(NamedTuple):
-    """Procedure by which plug-ins of a kind are driven.
+DriveCases = Callable[[Any, str, Scenario, Cases, AnswerLog], None]
+"""Drives a plug-in, given with its name, through cases of a scenario. Raises ContractBroken if an answer is invalid."""
+
+
+@dataclass(frozen=True)
+class Procedure:
+    """The check of one kind of plug-in.
 
     Attributes:
-        drive: Drives a plug-in through cases of a scenario, and records all answers. Raises Broken if the contract is
-            broken.
-        answers: Name of the answers.
-        repeat: Number of times that the plug-in gets each input in the repeated drive; 2 for plug-ins without a state.
+        drive: Drives a plug-in, and records all answers.
+        answers: Plural noun for the answers.
+        stateless: True if an answer depends on its input alone, so that a second call must give the same answer.
         padding: Description of padding in errors; empty if answers are not compared with more absent pedestrians.
-        further: Performs further checks of a plug-in that fulfils its contract.
+        further: Performs further checks after a drive with valid answers.
     """
 
-    drive: Callable[[Subject, Any, Scenario, Cases, Record], None]
+    drive: DriveCases
     answers: str
-    repeat: int = 2
+    stateless: bool = True
     padding: str = ""
-    further: Callable[[Subject, Cases], list[CheckResult]] = lambda subject, cases: []
+    further: Callable[[Scenario, Cases], list[CheckResult]] | None = None
 
 
 @dataclass(frozen=True)
@@ -183,21 +194,31 @@ class Subject:
     limit: float = DECISION_LIMIT
     neural: bool | None = None
 
+    def drive(self, plugin: Any, cases: Cases, numbers: Sequence[int], log: AnswerLog, padding: bool = False) -> None:
+        """Drive a plug-in through the cases with some numbers, in this order, as one batch."""
+        for where, scenario in self.scenarios.items():
+            chosen = [number for number in numbers if not where or number < cases.start + FEW_CASES]
+            if chosen:
+                log.where = where
+                shown = with_padding(scenario) if padding else scenario
+                self.procedure.drive(plugin, self.name, shown, CaseList(cases.split, 0, 0, tuple(chosen)), log)
 
-class Drive(NamedTuple):
-    """A drive of a plug-in.
+
+@dataclass(frozen=True)
+class Condition:
+    """The condition of a drive whose answers are compared with the first ones.
 
     Attributes:
-        when: Description of the conditions.
-        batches: The cases of each batch.
-        make: Makes the plug-in for each batch.
+        when: The condition in words.
+        batches: The case numbers of each batch.
+        plugin: The plug-in; None for a new one per batch.
         padding: True if the arrays have more absent pedestrians.
         repeat: Number of times that the plug-in gets each input.
     """
 
     when: str
     batches: Sequence[Sequence[int]]
-    make: Callable[[], Any]
+    plugin: Any = None
     padding: bool = False
     repeat: int = 1
 
@@ -207,67 +228,63 @@ def check_plugin(subject: Subject, cases: Cases) -> list[CheckResult]:
 
     Raises InputError if another part than the plug-in breaks its contract, or the plug-in cannot be constructed.
     """
-    plugin, numbers, first = subject.make(), cases.indices.tolist(), Record(subject.limit)
+    procedure, plugin, numbers = subject.procedure, subject.make(), cases.indices.tolist()
+    first = AnswerLog(subject.limit)
     try:
-        _run(Drive("", [numbers], lambda: plugin), subject, cases, first)
-    except Broken as error:
+        subject.drive(plugin, cases, numbers, first)
+    except ContractBroken as error:
         unexamined = [CheckResult(name, None, "not examined: the answers are not valid") for name in RULES]
         return [CheckResult("answers", False, str(error)), *unexamined]
-    time = f"{1e3 * np.mean(first.seconds):.3g} ms per call, at most {1e3 * max(first.seconds):.3g} ms"
-    observation = (
-        f"{len(first.answers)} {subject.procedure.answers} are valid{first.remark}, the input is unchanged; {time}"
-    )
+    valid = f"{len(first.answers)} {procedure.answers} are valid{first.remark}, the input is unchanged"
+    duration = f"{1e3 * np.mean(first.seconds):.3g} ms per call, at most {1e3 * max(first.seconds):.3g} ms"
+
     repeatable = [
-        Drive("when repeated", [numbers], lambda: plugin, repeat=subject.procedure.repeat),
-        Drive("with a new instance", [numbers], subject.make),
+        Condition("when repeated", [numbers], plugin, repeat=2 if procedure.stateless else 1),
+        Condition("with a new instance", [numbers]),
     ]
     independent = [
-        Drive("when a case is driven alone", [[number] for number in numbers], subject.make),
-        Drive("in batches of 3", [numbers[at : at + 3] for at in range(0, len(numbers), 3)], subject.make),
-        Drive("in reverse order", [numbers[::-1]], subject.make),
+        Condition("when a case is driven alone", [[number] for number in numbers]),
+        Condition("in batches of 3", [numbers[at : at + 3] for at in range(0, len(numbers), 3)]),
+        Condition("in reverse order", [numbers[::-1]]),
     ]
-    if subject.procedure.padding:
-        independent.append(Drive(subject.procedure.padding, [numbers], subject.make, padding=True))
-    return [
-        CheckResult("answers", True, observation),
+    if procedure.padding:
+        independent.append(Condition(procedure.padding, [numbers], padding=True))
+    results = [
+        CheckResult("answers", True, f"{valid}; {duration}"),
         _compare("repeatable", repeatable, subject, cases, first.answers),
         _compare("independent", independent, subject, cases, first.answers),
-        *subject.procedure.further(subject, cases),
     ]
-
-
-def _run(drive: Drive, subject: Subject, cases: Cases, record: Record) -> None:
-    """Drive a plug-in, and record its answers."""
-    for batch in drive.batches:
-        plugin = drive.make()
-        for where, scenario in subject.scenarios.items():
-            numbers = tuple(number for number in batch if not where or number < cases.start + FEW_CASES)
-            if numbers:
-                record.where, batch_cases = where, CaseList(cases.split, 0, 0, numbers)
-                padded = with_padding(scenario) if drive.padding else scenario
-                subject.procedure.drive(subject, plugin, padded, batch_cases, record)
+    if procedure.further is not None:
+        results += procedure.further(subject.scenarios[""], cases)
+    return results
 
 
 def _compare(
-    name: str, drives: Sequence[Drive], subject: Subject, cases: Cases, first: Mapping[str, np.ndarray]
+    name: str, conditions: Sequence[Condition], subject: Subject, cases: Cases, first: Mapping[str, np.ndarray]
 ) -> CheckResult:
-    """Compare the answers of drives with the first ones."""
-    is_neural = not {"torch", "onnxruntime"}.isdisjoint(sys.modules) if subject.neural is None else subject.neural
-    rounding, ties = (ROUNDING, TIES * (name == "independent")) if is_neural else (0.0, 0.0)
+    """Drive a plug-in under several conditions, and compare its answers with the first ones."""
+    is_neural = subject.neural
+    if is_neural is None:
+        is_neural = "torch" in sys.modules or "onnxruntime" in sys.modules
+    rounding = ROUNDING if is_neural else 0.0
+    tolerated = TIES * len(first) if is_neural and name == "independent" else 0.0
     answers = subject.procedure.answers
-    for drive in drives:
-        record = Record(subject.limit, first, drive.repeat)
+    for condition in conditions:
+        log = AnswerLog(subject.limit, first, condition.repeat)
         try:
-            _run(drive, subject, cases, record)
-        except Broken as error:
-            return CheckResult(name, False, f"{drive.when}: {error}")
-        pairs = {key: (answer, record.answers.get(key)) for key, answer in first.items()}
-        differing = [key for key, pair in pairs.items() if _find_difference(*pair, rounding) is not None]
-        if len(differing) > ties * len(first):
+            for batch in condition.batches:
+                plugin = subject.make() if condition.plugin is None else condition.plugin
+                subject.drive(plugin, cases, batch, log, condition.padding)
+        except ContractBroken as error:
+            return CheckResult(name, False, f"{condition.when}: {error}")
+        differing = [
+            key for key, answer in first.items() if _find_difference(answer, log.answers.get(key), rounding) is not None
+        ]
+        if len(differing) > tolerated:
             share = f"{len(differing)} of {len(first)} {answers}"
-            return CheckResult(name, False, f"{share} differ {drive.when}, first in {differing[0]}: {RULES[name]}")
-    same = f"are the same{' up to rounding' if rounding else ''}"
-    return CheckResult(name, True, f"{len(first)} {answers} {same} {', '.join(drive.when for drive in drives)}")
+            return CheckResult(name, False, f"{share} differ {condition.when}, first in {differing[0]}: {RULES[name]}")
+    same = "are the same up to rounding" if is_neural else "are the same"
+    return CheckResult(name, True, f"{len(first)} {answers} {same} {', '.join(each.when for each in conditions)}")
 
 
 def with_padding(scenario: Scenario) -> Scenario:
@@ -279,7 +296,7 @@ def _find_difference(first: np.ndarray | None, second: np.ndarray | None, roundi
     """Return the first row in which two arrays differ; None if they are the same."""
     if first is None or second is None or first.shape != second.shape:
         return 0
-    same = (first == second) | ((first != first) & (second != second))
+    same = (first == second) | ((first != first) & (second != second))  # NaN equals NaN here
     if rounding:
         same |= np.abs(np.subtract(first, second, dtype=float)) <= rounding
     rows = np.argwhere(~np.atleast_1d(same))

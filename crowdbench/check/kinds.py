@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench import catalog
-from crowdbench.check import subjects
+from crowdbench.check import drives
 from crowdbench.check.checks import Procedure, Subject
 from crowdbench.envs.rewards import REWARDS
 from crowdbench.metrics.user_metrics import METRIC
@@ -35,13 +35,13 @@ def limited_sight(dt: float) -> dict[str, Any]:
 
 
 PROCEDURES: Mapping[str, Procedure] = {
-    "planners": subjects.PLANNER,
-    "pedestrians": subjects.POLICY,
-    "predictors": subjects.PREDICTOR,
-    "metrics": subjects.METRIC,
-    "layouts": subjects.SCENARIO,
-    "rewards": subjects.REWARD,
-    "scenarios": subjects.SCENARIO,
+    "planners": drives.PLANNER,
+    "pedestrians": drives.POLICY,
+    "predictors": drives.PREDICTOR,
+    "metrics": drives.METRIC,
+    "layouts": drives.SCENARIO,
+    "rewards": drives.REWARD,
+    "scenarios": drives.SCENARIO,
 }
 """Procedures of `crowdbench check` for plug-ins, and for scenarios, which are not functions."""
 

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from jaxtyping import Int
 
-from crowdbench.check.checks import CheckResult, Subject
+from crowdbench.check.checks import CheckResult
 from crowdbench.core.types import World
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.post_step_rule import find_arrived, find_walking
@@ -27,9 +27,8 @@ MOST_TURNS = 24
 _TOLERANCE = 1e-6
 
 
-def check_worlds(subject: Subject, cases: Cases) -> list[CheckResult]:
+def check_worlds(scenario: Scenario, cases: Cases) -> list[CheckResult]:
     """Check the worlds of a scenario; no checks if pedestrians are recorded."""
-    scenario = subject.scenarios[""]
     if scenario.layout is None:
         return []
     world = scenario.worlds(cases)
@@ -46,10 +45,10 @@ def _check_bounds(world: World) -> CheckResult:
             continue
         outside = corners.max(axis=0, keepdims=True) + 2.0 * world.radius[row, 0] + 1.0
         with contextlib.suppress(InputError):  # there is no path
-            way = np.concatenate([find_routes(start, outside, world.radius[row, :1], walls)[0], outside])
-            x, y = way[~shapely.contains_xy(hull, *way.T)][0]
-            found = f"in case {world.case[row]}, the vehicle can leave the walls around it, at ({x:.3g}, {y:.3g})"
-            return CheckResult("bounds", False, f"{found}: people may push it out, so close them")
+            path = np.concatenate([find_routes(start, outside, world.radius[row, :1], walls)[0], outside])
+            x, y = path[~shapely.contains_xy(hull, *path.T)][0]
+            gap = f"in case {world.case[row]}, the vehicle can leave the walls around it, at ({x:.3g}, {y:.3g})"
+            return CheckResult("bounds", False, f"{gap}: pedestrians may push it out, so close them")
         enclosed += 1
     return CheckResult("bounds", True, f"walls enclose the vehicle in {enclosed} of {len(world)} cases")
 
@@ -64,12 +63,17 @@ def _check_arrivals(scenario: Scenario, world: World) -> CheckResult:
         crowd, world = crowd_decisions(world, scenario.policies)
         world, _ = move(world, np.zeros((len(world), 2)), crowd)
         arrived |= find_arrived(world, everywhere)
-        world = world if rule is None else rule(world, everywhere)
+        if rule is not None:
+            world = rule(world, everywhere)
     number, most = (arrived & walking).sum(axis=1), walking.sum(axis=1)
-    worst, passed = (number - most).argmin(), bool(number.sum() >= ARRIVALS * most.sum())
-    found = f"{number.sum()} of {most.sum()} people arrive in time where no vehicle is, in case {case[worst]} "
-    blocked = "" if passed else ": they block each other, or have too little time"
-    return CheckResult("arrivals", passed, f"{found}{number[worst]} of {most[worst]}{blocked}")
+    worst = (number - most).argmin()
+    passed = bool(number.sum() >= ARRIVALS * most.sum())
+    counts = (
+        f"{number.sum()} of {most.sum()} pedestrians arrive in time without a vehicle, "
+        f"{number[worst]} of {most[worst]} in case {case[worst]}"
+    )
+    cause = "" if passed else ": they block each other, or have too little time"
+    return CheckResult("arrivals", passed, counts + cause)
 
 
 def _check_symmetry(world: World) -> CheckResult:
@@ -79,11 +83,11 @@ def _check_symmetry(world: World) -> CheckResult:
     """
     for row, first in np.ndindex(len(world), 2):
         agents = np.flatnonzero(world.present[row])[first:]
-        if len(agents) > 2 and (order := _find_order(world, row, agents)):
-            found = f"in case {world.case[row]}, a turn by {360.0 / order:.3g} degrees maps {len(agents)} agents onto"
-            return CheckResult(
-                "symmetry", False, f"{found} each other, and they may stand forever: add noise to their starts"
-            )
+        order = _find_order(world, row, agents) if len(agents) > 2 else 0
+        if order:
+            turn = f"a turn by {360.0 / order:.3g} degrees maps {len(agents)} agents onto each other"
+            advice = "they may stand forever: add noise to their starts"
+            return CheckResult("symmetry", False, f"in case {world.case[row]}, {turn}, and {advice}")
     return CheckResult("symmetry", True, "no turn maps starts and goals onto each other")
 
 
@@ -91,9 +95,11 @@ def _find_order(world: World, row: int, agents: Int[np.ndarray, "agent"]) -> int
     """Return the order of the rotational symmetry; 0 if there is none."""
     start, goal = (points[row, agents] @ [1.0, 1.0j] for points in (world.position, world.goal))
     traits = [start - start.mean(), goal - start.mean(), world.radius[row, agents], world.preferred_speed[row, agents]]
-    one = np.stack(traits, axis=1)
+    original = np.stack(traits, axis=1)
     for order in range(min(len(agents), MOST_TURNS), 1, -1):
-        turned = one * np.exp([2j * np.pi / order, 2j * np.pi / order, 0.0, 0.0])
-        if all((np.abs(each - one).max(axis=1) < _TOLERANCE).any() for each in turned):
+        angle = 2j * np.pi / order
+        turned = original * np.exp([angle, angle, 0.0, 0.0])
+        difference = np.abs(turned[:, None] - original).max(axis=2)
+        if (difference.min(axis=1) < _TOLERANCE).all():
             return order
     return 0

@@ -214,7 +214,7 @@ def finish_step(after: World, check: StepCheck, post_step_rule: PostStepRule | N
     return look(after if post_step_rule is None else post_step_rule(after, check.outcome == Outcome.RUNNING))
 
 
-def walk(world: World, crowd: Velocities, post_step_rule: PostStepRule | None) -> World:
+def step_pedestrians(world: World, crowd: Velocities, post_step_rule: PostStepRule | None) -> World:
     """Simulate one step without a check, in which the vehicle stands.
 
     Args:

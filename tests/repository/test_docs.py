@@ -1,19 +1,13 @@
 """The pages of docs/ say what is there: the map of the folders, the way of one run, the API pages, the references."""
 
-import inspect
 import re
-import shutil
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
-from readme import write_readme
-from typer.testing import CliRunner
 
 import crowdbench
 from crowdbench.catalog import PLANNERS
-from crowdbench.cli.app import app
 from crowdbench.plugins.kind import load_module
 from crowdbench.utils.tables import printed_by
 from studies.publish import publish
@@ -22,18 +16,11 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 ARCHITECTURE = (DOCS / "architecture.md").read_text()
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-FIGURE = load_module(DOCS / "run_figure.py")
-words = load_module(DOCS / "words.py")
 
 MODULES = {path.parent.name for path in ROOT.glob("crowdbench/*/__init__.py")} | {
     path.stem for path in ROOT.glob("crowdbench/*.py") if not path.stem.startswith("__")
 }
 """The folders and files directly under crowdbench/."""
-
-
-def under_crowdbench(name):
-    """The file of an entry of the figure."""
-    return name if name.startswith("agents/") else f"crowdbench/{name}"
 
 
 def rows(heading):
@@ -60,58 +47,6 @@ def test_every_folder_beside_the_package_is_on_the_map():
     beside = {f"{path.name}/" for path in ROOT.iterdir() if path.is_dir()} - ignored
     second_table = ARCHITECTURE.split("| beside `crowdbench/` |")[1].split("\n\n")[0]
     assert set(re.findall(r"^\| `([\w.]+/)", second_table, re.MULTILINE)) == beside
-
-
-def test_the_map_stands_in_the_order_of_the_imports():
-    layers = PROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
-    layer_of = {name: i for i, layer in enumerate(layers) for name in re.findall(r"crowdbench\.(\w+)", layer)}
-    order = [layer_of[name] for row in rows("The folders") for name in re.findall(r"`(\w+)(?:/|\.py)`", row)]
-    assert order == sorted(order)
-
-
-def test_the_list_and_the_figure_have_the_same_files_each_once():
-    listed = re.findall(r"^\| (\d+) \| `(.+?)` \|", ARCHITECTURE, re.MULTILINE)
-    drawn = [under_crowdbench(file) for _, file, _ in FIGURE.RUN]
-    assert listed == [(str(i), file) for i, file in enumerate(drawn, 1)]
-    assert len(set(drawn)) == len(drawn)
-
-
-def test_the_figure_is_drawn_from_its_script():
-    assert FIGURE.FIGURE.read_text() == FIGURE.figure()
-
-
-def test_a_run_goes_the_way_of_the_figure(tmp_path):
-    """Each file is entered from the one that it is indented under, and those of a decision from the planner."""
-    tree = [(depth, str(ROOT / under_crowdbench(file))) for depth, file, _ in FIGURE.RUN]
-    expected = {
-        (next((caller for above, caller in reversed(tree[:i]) if above == depth - 1), None), file)
-        for i, (depth, file) in enumerate(tree)
-    }
-    planner = str(ROOT / "crowdbench" / "planners" / "lookahead.py")
-    inside = re.findall(r"^\d+\. `(.+?)`:", ARCHITECTURE, re.MULTILINE)
-    assert len(inside) > 5
-    expected |= {(planner, str(ROOT / file)) for file in inside}
-    files = {file for _, file in expected}
-    calls = set()
-
-    def profile(frame, event, argument):
-        code = frame.f_code
-        called = code.co_flags & inspect.CO_OPTIMIZED or "/agents/" in code.co_filename  # no import, but of a plug-in
-        if event != "call" or not called or code.co_filename not in files:
-            return
-        caller = frame.f_back
-        while caller is not None and caller.f_code.co_filename not in files:
-            caller = caller.f_back
-        calls.add((caller and caller.f_code.co_filename, code.co_filename))
-
-    command = ["run", "--planner", "sarl_sgan_kce", "--cases", "val:1", "--out", str(tmp_path / "run")]
-    sys.setprofile(profile)
-    try:
-        result = CliRunner().invoke(app, command)
-    finally:
-        sys.setprofile(None)
-    assert result.exit_code == 0, result.output
-    assert expected - calls == set()
 
 
 TABLES = ("suite", "learned", "policies", "crowds", "kce", "recorded", "crowdnav_plus")
@@ -199,17 +134,6 @@ def test_the_page_of_planners_has_each_in_one_family():
     assert sorted(re.findall(r"`(\w+)`", table)) == sorted(name for name, _ in PLANNERS.names())
 
 
-def test_the_cards_of_planners_that_ship_declare_planning_as_their_family_does():
-    families = dict(re.findall(r"^\| ([\w -]+) \| (`.+?`) \|", (DOCS / "planners.md").read_text(), re.MULTILINE))
-    shipped = tomllib.loads((ROOT / "leaderboards/shipped.toml").read_text())["shipped"]
-    for one in shipped:
-        card = tomllib.loads((ROOT / f"leaderboards/cards/{one['name']}.toml").read_text())
-        is_planning = card.get("planning", False)
-        assert is_planning == (f"`{one['planner']}`" in families["planning over seconds"]), one
-        is_trained = bool(card["training_scenarios"] or card["training_data"])
-        assert (not is_planning and not is_trained) == (f"`{one['planner']}`" in families["reactive"]), one
-
-
 def test_the_heat_table_is_drawn_from_its_script():
     figure = load_module(DOCS / "heat_figure.py")
     assert figure.FIGURE.read_text() == figure.figure()
@@ -244,10 +168,6 @@ def test_a_printed_page_is_split_into_an_overview_and_tables():
 @pytest.mark.parametrize("file", sorted(ROOT.glob("studies/*/tables/*.csv")), ids=lambda file: file.stem)
 def test_a_table_is_linked_by_the_page_of_its_study(file):
     assert f"(tables/{file.name})" in (file.parents[1] / "README.md").read_text()
-
-
-def test_the_hand_written_pages_have_at_most_22000_words():
-    assert words.main() <= words.MOST
 
 
 CITATION = re.compile(
@@ -290,16 +210,3 @@ def test_the_citation_file_has_the_version_of_the_project():
     citation = (ROOT / "CITATION.cff").read_text()
     assert re.findall(r"^version: (.+)$", citation, re.MULTILINE) == [PROJECT["project"]["version"]]
     assert re.findall(r"^license: (.+)$", citation, re.MULTILINE) == [PROJECT["project"]["license"]]
-
-
-def test_the_readme_says_so_while_the_boards_are_being_filled():
-    pages = [ROOT / "README.md", ROOT / "leaderboards" / "README.md", DOCS / "boards.md"]
-    has_entries = any((ROOT / "leaderboards").glob("*/entries/*"))
-    assert ["boards are being filled" in page.read_text() for page in pages] == [not has_entries] * 3
-
-
-@pytest.mark.slow
-def test_the_standings_in_leaderboards_are_those_of_its_entries(tmp_path):
-    shutil.copytree(ROOT / "leaderboards", tmp_path / "leaderboards")
-    written = write_readme(tmp_path / "leaderboards").read_text()
-    assert written == (ROOT / "leaderboards" / "README.md").read_text()

@@ -23,6 +23,7 @@ PAGES = [
 """Of docs/, without what is generated from the code; the site has that too."""
 
 RUN_ELSEWHERE = {
+    "suite": "tests/commands/test_suite.py",
     "submit": ".ci/boards",
     "verify": ".ci/boards",
     "merge": "tests/commands/test_parts.py",
@@ -85,7 +86,6 @@ def where_else(arguments):
         return RUN_ELSEWHERE[arguments[0]]
     text = " ".join(arguments)
     places = {
-        "run --board ": "tests/commands/test_run_board.py",
         "--shard": "tests/commands/test_parts.py",
         "weights=runs": ".ci/train",
         "--data": "tests/unit/scenario/test_recorded.py",

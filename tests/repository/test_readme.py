@@ -11,7 +11,7 @@ from torch import nn
 from crowdbench import export_policy
 from crowdbench.catalog import PEDESTRIANS, load_planner, load_scenario
 from crowdbench.check.checks import Subject
-from crowdbench.check.subjects import PLANNER, POLICY, SCENARIO
+from crowdbench.check.drives import PLANNER, POLICY, SCENARIO
 from crowdbench.cli.app import app
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.scenario.cases import Cases
@@ -105,7 +105,7 @@ def test_the_function_of_the_docs_drives():
 COMMANDS = [
     command
     for page in ("README.md", "docs/commands.md")
-    for command in re.findall(r"`crowdbench (run (?!--board)[^`]*)`", (ROOT / page).read_text())
+    for command in re.findall(r"`crowdbench (run [^`]*)`", (ROOT / page).read_text())
 ]
 
 

@@ -8,7 +8,7 @@ import pytest
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.check import CheckResult, check_plugin
 from crowdbench.check.checks import Subject
-from crowdbench.check.subjects import PLANNER
+from crowdbench.check.drives import PLANNER
 from crowdbench.cli.check import check_table
 from crowdbench.planners.planner import Planner
 from crowdbench.scenario.cases import Cases

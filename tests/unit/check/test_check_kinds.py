@@ -8,8 +8,8 @@ from checks import CASES, PLACE, broken, policy_faults, results_of
 
 from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.check.checks import Subject
+from crowdbench.check.drives import METRIC, PREDICTOR
 from crowdbench.check.kinds import limited_sight
-from crowdbench.check.subjects import METRIC, PREDICTOR
 from crowdbench.metrics.registry import METRICS
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Oracle, Prediction, Predictor
 from crowdbench.scenario.cases import Cases

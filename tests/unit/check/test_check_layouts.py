@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
 from crowdbench.check.checks import Subject
-from crowdbench.check.subjects import REWARD, SCENARIO
+from crowdbench.check.drives import REWARD, SCENARIO
 from crowdbench.cli.app import app
 from crowdbench.envs.rewards import REWARDS
 from crowdbench.scenario.cases import Cases

@@ -9,7 +9,7 @@ from helpers import failed_checks, fixture
 
 from crowdbench.catalog import load_scenario
 from crowdbench.check.checks import Subject
-from crowdbench.check.subjects import SCENARIO
+from crowdbench.check.drives import SCENARIO
 from crowdbench.check.worlds import check_worlds
 from crowdbench.core.geometry import pad_points
 from crowdbench.scenario.cases import Cases
@@ -22,7 +22,7 @@ def findings(layout, cases="val:2", **changes):
     """What is found in the worlds of a layout, by the names of the checks."""
     place = load_scenario("circle_crossing_5", {"pedestrians.policy": "orca", **changes})
     place = dataclasses.replace(place, starts=dataclasses.replace(place.starts, layout=LayoutCall(layout)))
-    found = check_worlds(Subject(SCENARIO, lambda: place, "mine", {"": place}), Cases.parse(cases))
+    found = check_worlds(place, Cases.parse(cases))
     return {result.name: result for result in found}
 
 
@@ -63,9 +63,9 @@ def narrow_corner(rng, radius, speed):
 def test_groups_who_block_each_other_are_named():
     found = findings(narrow_corner, **{"pedestrians.number": 8, "pedestrians.arrival": "leave"})
     assert broken(found) == {"arrivals"}
-    assert found["arrivals"].observation.endswith(" of 8: they block each other, or have too little time")
+    assert found["arrivals"].observation.endswith(": they block each other, or have too little time")
     alone = findings(narrow_corner, **{"pedestrians.number": 1, "pedestrians.arrival": "leave"})
-    assert alone["arrivals"].observation == "2 of 2 people arrive in time where no vehicle is, in case 0 1 of 1"
+    assert alone["arrivals"].observation == "2 of 2 pedestrians arrive in time without a vehicle, 1 of 1 in case 0"
 
 
 def ring(rng, radius, speed, *, noise=0.0, with_vehicle=False):
@@ -82,7 +82,7 @@ def test_people_in_exact_symmetry_are_named(number):
     found = findings(ring, **{"pedestrians.number": number})
     assert broken(found) == {"symmetry", "arrivals"}
     assert f"a turn by {360 // number} degrees maps {number} agents onto each other" in found["symmetry"].observation
-    assert found["arrivals"].observation.startswith(f"0 of {2 * number} people arrive")
+    assert found["arrivals"].observation.startswith(f"0 of {2 * number} pedestrians arrive")
     assert not broken(findings(functools.partial(ring, noise=0.3), **{"pedestrians.number": number}))
     whole = findings(functools.partial(ring, with_vehicle=True), **{"pedestrians.number": number - 1})
     assert "symmetry" in broken(whole)

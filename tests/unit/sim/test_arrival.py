@@ -10,7 +10,7 @@ from helpers import trace as trace_of
 
 from crowdbench.catalog import load_scenario
 from crowdbench.check.checks import Subject
-from crowdbench.check.subjects import SCENARIO
+from crowdbench.check.drives import SCENARIO
 from crowdbench.cli.app import app
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm
@@ -325,10 +325,10 @@ def test_room_is_clear_away_from_people_goals_and_walls():
 
 def test_uniform_numbers_are_uniform_and_of_their_own():
     person = np.tile(np.arange(5), (2000, 1))
-    drawn = rng.uniforms(np.arange(2000, dtype=np.uint64), "mind", np.zeros(2000, np.int64), person)
+    drawn = rng.draw_uniforms(np.arange(2000, dtype=np.uint64), "mind", np.zeros(2000, np.int64), person)
     assert ((drawn >= 0.0) & (drawn < 1.0)).all()
     assert drawn.mean() == pytest.approx(0.5, abs=0.02)
-    alone = rng.uniforms(np.arange(7, 8, dtype=np.uint64), "mind", np.zeros(1, int), np.array([[3, 1]]))
+    alone = rng.draw_uniforms(np.arange(7, 8, dtype=np.uint64), "mind", np.zeros(1, int), np.array([[3, 1]]))
     assert np.array_equal(alone, drawn[7:8, [3, 1]])
     streams = [rng.generator(np.uint64(1), "x", step, person).random() for step in range(3) for person in range(3)]
     assert len(set(streams)) == 9
