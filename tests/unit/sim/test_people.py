@@ -206,7 +206,9 @@ def test_who_gives_way_to_nobody_walks_straight():
     assert trace.position[:, 12, 1:] == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("name", ["stop_and_go", "straight", "standing", "learned"])
+@pytest.mark.parametrize(
+    "name", ["stop_and_go", "straight", "standing", pytest.param("learned", marks=pytest.mark.slow)]
+)
 def test_policies_of_habits_pass(name):
     place = load_scenario("circle_crossing_mixed", {"vehicle.visible": True, "time_limit": 3.5}, name)
     subject = Subject(POLICY, lambda: PEDESTRIANS.load(name)[1], name, {"": place}, neural=False)

@@ -89,7 +89,7 @@ def test_recorded_cars_keep_to_their_tracks_among_people_with_limits(shared):
     assert seen > 12
 
 
-@pytest.mark.parametrize("name", ["half_half_20", "corridor_8", "thousand"])
+@pytest.mark.parametrize("name", ["half_half_20", "corridor_8", pytest.param("thousand", marks=pytest.mark.slow)])
 def test_bits_do_not_depend_on_other_cases_or_threads(name, monkeypatch):
     changes, cases = {"pedestrians__limits": TABLE}, "val:3" if name != "thousand" else "val:2"
     together = drive("orca_margin", cases, name, **changes)
