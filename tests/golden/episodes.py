@@ -32,7 +32,10 @@ IN_EVERY_SCENARIO = {"orca_margin": ("test:6", "val:3", "train:2"), "mppi": ("te
 OF_EVERY_PLANNER = {"circle_crossing_5": "test:2", "doorway_10": "test:1"}
 """The cases of every shipped planner, by scenario."""
 
-SLOW = ("mpc", "dra_mppi", "mppi_interactive", "sarl_sgan", "sarl_sgan_kce", "sarl_sgan_kce_bounded", "sarl_sgan_seq")
+SLOW = {
+    *("mpc", "dra_mppi", "mppi_interactive", "mppi_sgan"),
+    *("sarl_sgan", "sarl_sgan_kce", "sarl_sgan_kce_bounded", "sarl_sgan_seq"),
+}
 """Planners that drive one case of `circle_crossing_5` only."""
 
 ROUNDED = {"brne", "dra_mppi", "mpc"}
