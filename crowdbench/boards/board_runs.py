@@ -14,7 +14,7 @@ from filelock import Timeout
 from crowdbench.boards.board import Board
 from crowdbench.boards.planner_files import PLANNER, locate_named_files
 from crowdbench.boards.season import SEASON
-from crowdbench.isolation.isolated_planner import IsolatedPlanner, Limits
+from crowdbench.isolation.isolated_planner import IsolatedPlanner, ResourceLimits
 from crowdbench.planners.driver import Driver
 from crowdbench.results.episodes import EPISODES, Episodes
 from crowdbench.results.result_file import check_result
@@ -28,7 +28,7 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, MachineFault
 
-LIMITS = Limits(total=7200.0)
+LIMITS = ResourceLimits(total=7200.0)
 """The limits of a planner for the cases of one scenario."""
 
 DECIMALS = 4

@@ -13,7 +13,8 @@ import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import ThreadsOption, assignments, use_threads
-from crowdbench.utils.errors import InputError, defuse
+from crowdbench.isolation.untrusted_text import one_line
+from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
     from crowdbench.boards.entry import Entry
@@ -228,7 +229,9 @@ def _print_verification(entry: Entry, board: str, verification: Verification) ->
 
     where = f" on seed {verification.seed}" if verification.figures else ""
     passes = verification.verdict == Verdict.RERUN
-    print(f"{entry.name} on {board}: {'passes, ' * passes}{verification.verdict}{where}: {defuse(verification.reason)}")
+    print(
+        f"{entry.name} on {board}: {'passes, ' * passes}{verification.verdict}{where}: {one_line(verification.reason)}"
+    )
     for scenario, metrics in verification.figures.items():
         measured = metrics["success_rate"].mean or 0.0
         reported = entry.spec.reported.get(scenario, {}).get("success_rate") or 0.0

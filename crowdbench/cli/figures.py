@@ -21,7 +21,7 @@ OF_A_COLUMN = ("success_rate", "collision_rate", "navigation_time", "jerk")
 """The default metrics of a LaTeX table: they fit a column of a paper."""
 
 
-class Kind(StrEnum):
+class FigureKind(StrEnum):
     """Kind of a figure."""
 
     SUCCESS = "success"
@@ -79,7 +79,7 @@ def table(
     print(floating(text, caption, label) if caption or label else text)
 
 
-def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Path = Path("figure.pdf")) -> None:
+def plot(kind: FigureKind, directories: list[Path], metric: str | None = None, out: Path = Path("figure.pdf")) -> None:
     """Draw a figure of runs, or of trainings, as wide as a column of a paper.
 
     Args:
@@ -91,14 +91,14 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
     """
     from crowdbench.figures import plots
 
-    if kind is Kind.METRIC and metric is None:
+    if kind is FigureKind.METRIC and metric is None:
         raise InputError("a figure of kind metric needs --metric NAME")
-    if kind is Kind.SUCCESS and metric is not None:
+    if kind is FigureKind.SUCCESS and metric is not None:
         raise InputError(f"a figure of kind {kind} takes no --metric: only metric and training do")
-    draw: dict[Kind, Callable[..., None]] = {
-        Kind.SUCCESS: plots.success_over_time,
-        Kind.METRIC: functools.partial(plots.distribution, metric=str(metric)),
-        Kind.TRAINING: functools.partial(plots.learning_curves, quantity=metric or "success"),
+    draw: dict[FigureKind, Callable[..., None]] = {
+        FigureKind.SUCCESS: plots.success_over_time,
+        FigureKind.METRIC: functools.partial(plots.distribution, metric=str(metric)),
+        FigureKind.TRAINING: functools.partial(plots.learning_curves, quantity=metric or "success"),
     }
     draw[kind](directories, out=out)
     say(f"wrote {out}")
