@@ -103,7 +103,10 @@ def main(script: Callable[..., None] | None = None) -> None:
     prepare_streams()
     interrupts.handle()
     try:
-        app = build_script(script) if script else build_app(arguments[:1] if arguments[0] in COMMANDS else COMMANDS)
+        if script is not None:
+            app = build_script(script)
+        else:
+            app = build_app(arguments[:1] if arguments[0] in COMMANDS else COMMANDS)
         status = app(arguments, standalone_mode=False)
         flush_output()
     except BaseException as error:

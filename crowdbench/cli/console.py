@@ -85,8 +85,11 @@ def exit_on_interrupt(message: str | Callable[[], str] = "") -> Iterator[None]:
     except KeyboardInterrupt as error:
         if not (message or str(error) or hasattr(error, "__notes__")):
             raise
-        said = message if isinstance(message, str) else message()
-        say(f"crowdbench: {f'interrupted: {said}' if said else with_notes(str(error) or 'interrupted', error)}")
+        kept = message if isinstance(message, str) else message()
+        if kept:
+            say(f"crowdbench: interrupted: {kept}")
+        else:
+            say(f"crowdbench: {with_notes(str(error) or 'interrupted', error)}")
         sys.exit(INTERRUPTED)
 
 

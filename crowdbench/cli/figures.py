@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -71,10 +69,12 @@ def table(
         grid = runs.grid(metric or (OF_A_COLUMN if format is Format.LATEX else MAIN))
     else:
         grid = runs.cross((metric or ["success_rate"])[0])
-    records = [{**record, "cases": str(runs.runs[0].cases)} for record in grid.records]
+    cases = str(runs.runs[0].cases)
+    records = [{**record, "cases": cases} for record in grid.records]
     text = format_tables([dataclasses.replace(grid, records=records)], format)
-    for warning in (warning for run in runs.runs for warning in run.warnings):
-        say(f"crowdbench: {warning}")
+    for run in runs.runs:
+        for warning in run.warnings:
+            say(f"crowdbench: {warning}")
     say(STATED)
     print(floating(text, caption, label) if caption or label else text)
 
@@ -95,12 +95,12 @@ def plot(kind: FigureKind, directories: list[Path], metric: str | None = None, o
         raise InputError("a figure of kind metric needs --metric NAME")
     if kind is FigureKind.SUCCESS and metric is not None:
         raise InputError(f"a figure of kind {kind} takes no --metric: only metric and training do")
-    draw: dict[FigureKind, Callable[..., None]] = {
-        FigureKind.SUCCESS: plots.success_over_time,
-        FigureKind.METRIC: functools.partial(plots.distribution, metric=str(metric)),
-        FigureKind.TRAINING: functools.partial(plots.learning_curves, quantity=metric or "success"),
-    }
-    draw[kind](directories, out=out)
+    if kind is FigureKind.SUCCESS:
+        plots.success_over_time(directories, out)
+    elif kind is FigureKind.METRIC:
+        plots.distribution(directories, str(metric), out)
+    else:
+        plots.learning_curves(directories, out, metric or "success")
     say(f"wrote {out}")
 
 

@@ -75,7 +75,6 @@ class IsolatedPlanner(AheadPlanner):
         spec: The name of a planner, `file.py` or `file.py:function`, or a program that reads and writes the messages
             of `crowdbench.isolation.protocol`.
         options: Arguments of the planner's function, as written in TOML.
-        limits: Its limits.
         readable: Files that it may read in its sandbox in addition to Python and crowdbench; if None, its files and
             the files that its options name.
         folder: Its working directory; the present one if None.
@@ -115,7 +114,8 @@ class IsolatedPlanner(AheadPlanner):
         except BaseException:
             self.close()
             raise
-        self.privileged, self.facts = properties.get("privileged"), properties.get("facts")  # type: ignore[assignment]
+        self.privileged = properties.get("privileged")  # type: ignore[assignment]  # checked by the driver
+        self.facts = properties.get("facts")  # type: ignore[assignment]
         self.native = properties.get("native", False)
         self.usage["construction_seconds"] = self.process.seconds
 
@@ -171,8 +171,6 @@ class IsolatedPlanner(AheadPlanner):
             read: Reads the content of the answer.
             where: The call for which the message is sent, for errors; empty for a decision.
             limit: Longest time for the answer in seconds.
-            kind: Kind of the message.
-            parts: Its content.
 
         Raises:
             InputError: The planner failed in construction or `reset`, or reports an error itself.

@@ -61,7 +61,8 @@ def describe() -> str:
     home = _home()
     if home is None:
         return "memory by PSS, processes by count, and time by that of processes and the children they have waited for"
-    return f"memory and processes by {'cgroup v2' if _limits(home) else 'PSS and by count'}, and time by cgroup v2"
+    memory = "cgroup v2" if _limits(home) else "PSS and by count"
+    return f"memory and processes by {memory}, and time by cgroup v2"
 
 
 @functools.cache

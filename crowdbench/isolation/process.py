@@ -34,10 +34,7 @@ class Process:
     read logs.
 
     Args:
-        name: Its name in its output.
-        command: The command to start.
         settings: The settings of `crowdbench.isolation.launch`.
-        usage: Its limits.
         folder: Its working directory; the present one if None.
 
     Attributes:
@@ -87,8 +84,6 @@ class Process:
 
         Args:
             limit: Longest time for the answer in seconds, without time in which it waits for a processor.
-            kind: Kind of the message.
-            parts: Its content.
 
         Returns:
             Kind and content of the answer.

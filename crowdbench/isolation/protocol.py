@@ -87,7 +87,6 @@ def send(write: Write, kind: MessageKind, *parts: bytes | memoryview) -> None:
 
     Args:
         write: Writes to the other side.
-        kind: Kind of the message.
         parts: Its content, in pieces.
 
     Raises:
@@ -107,9 +106,6 @@ def receive(readinto: ReadInto) -> tuple[MessageKind, bytearray]:
 
     Args:
         readinto: Reads from the other side.
-
-    Returns:
-        Its kind and its content.
 
     Raises:
         ProtocolError: The pipe ends, or contains no valid message.
@@ -192,9 +188,6 @@ def _observation_header(
 def read_observation(content: bytearray) -> tuple[Observation, int]:
     """Read an `OBSERVATION`.
 
-    Args:
-        content: The content of the message.
-
     Returns:
         The observation, and the number of steps to decide.
     """
@@ -232,9 +225,7 @@ def read_commands(content: bytearray, worlds: int, steps: int) -> Float[np.ndarr
     """Return the commands of a message `COMMANDS`.
 
     Args:
-        content: The content of the message.
         worlds: Number of worlds that it must have commands for.
-        steps: Number of steps.
 
     Returns:
         Velocities in m/s, or commands of a native planner.

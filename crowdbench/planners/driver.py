@@ -95,10 +95,6 @@ class Driver:
 
         Args:
             obs: The observation before the first of them.
-            steps: The number of steps.
-
-        Returns:
-            The commands.
 
         Raises:
             InputError: As in `decide`, with the step of the command; or the planner has no `plan_ahead`.

@@ -24,7 +24,6 @@ class Decision:
         state: Its state before the step.
 
     Args:
-        obs: The observation.
         cases: The case numbers by `Observation.row`.
     """
 

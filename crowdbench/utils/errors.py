@@ -69,7 +69,6 @@ def describe_error(error: BaseException, where: str = "") -> str:
     """Return an exception in one line: its type, its message if it can be read, and the line of a user's file.
 
     Args:
-        error: The exception.
         where: Text between type and message, such as ` in reset()`.
     """
     try:
@@ -78,14 +77,20 @@ def describe_error(error: BaseException, where: str = "") -> str:
         if is_interrupt(unreadable):
             raise
         message = "its message cannot be read"
-    return f"{type(error).__name__}{where}" + (f": {message}" if message else "") + _line_of(error)
+    sentence = f"{type(error).__name__}{where}"
+    if message:
+        sentence += f": {message}"
+    return sentence + _line_of(error)
 
 
 def _line_of(error: BaseException) -> str:
     """Return the innermost line of an exception outside of installed packages, as `, in line 8 of mine.py`."""
-    lines = [(frame.f_code.co_filename, number) for frame, number in traceback.walk_tb(error.__traceback__)]
-    users = [(Path(file), number) for file, number in lines if not file.startswith(("<", *INSTALLED))]
-    return f", in line {users[-1][1]} of {users[-1][0].name}" if users else ""
+    place = ""
+    for frame, number in traceback.walk_tb(error.__traceback__):
+        file = frame.f_code.co_filename
+        if not file.startswith(("<", *INSTALLED)):
+            place = f", in line {number} of {Path(file).name}"
+    return place
 
 
 def is_integer(value: Any) -> bool:
@@ -124,16 +129,17 @@ def find_named(kind: str, name: str, known: Mapping[str, Item], suffix: str = ""
 
     Args:
         kind: The noun for each of them, such as `planner`.
-        name: The name.
         known: The items by their names.
         suffix: Suffix of the files in which users define others, such as `.py`; empty if they cannot.
     """
     if name not in known:
-        hint = f", or give a file: ./mine{suffix}" if suffix else ""
-        files = [f"./{name}{suffix}"] if suffix and os.path.isfile(name + suffix) else []
-        raise InputError(
-            f"no {kind} is called {name!r}{did_you_mean(name, known, files)}; there are {', '.join(known)}{hint}"
-        )
+        files, hint = [], ""
+        if suffix:
+            hint = f", or give a file: ./mine{suffix}"
+            if os.path.isfile(name + suffix):
+                files = [f"./{name}{suffix}"]
+        meant = did_you_mean(name, known, files)
+        raise InputError(f"no {kind} is called {name!r}{meant}; there are {', '.join(known)}{hint}")
     return known[name]
 
 
@@ -141,11 +147,12 @@ def did_you_mean(name: str, known: Iterable[str], files: Sequence[str] = ()) -> 
     """Return ` (did you mean A or B?)` with names that resemble a name or contain it as a word; else empty.
 
     Args:
-        name: The name.
         known: The existing names.
         files: Files of that name, which come first.
     """
     names = list(known)
-    close = difflib.get_close_matches(name, names, 2) or [other for other in names if name in other.split("_")]
-    meant = " or ".join([*files, *close][:2])
-    return f" (did you mean {meant}?)" if meant else ""
+    close = difflib.get_close_matches(name, names, 2)
+    if not close:
+        close = [other for other in names if name in other.split("_")]
+    meant = [*files, *close][:2]
+    return f" (did you mean {' or '.join(meant)}?)" if meant else ""

@@ -30,7 +30,6 @@ class FairLimit:
         head: The seconds at the start that always count.
 
     Args:
-        seconds: The limit.
         processes: Function that returns the ids of the working processes, called at each check.
     """
 

@@ -28,8 +28,6 @@ def share(work: Callable[[Part], None], parts: Iterable[Part], threads: int, sta
 
     Args:
         work: Called with each part once.
-        parts: The parts.
-        threads: The number of threads.
         start: Called in each thread of the pool when it starts.
     """
     parts = list(parts)

@@ -253,7 +253,7 @@ FAULTS = {
     "return np.zeros(2)": r"returned shape \[2\] instead of \[2, 2\], a command per world \(case 0, step 0\)$",
     "return np.full((2, 2), np.nan)": r"returned \[nan, nan\], but a command must be finite \(case 0, step 0\)$",
     "return np.full((2, 2), 9.0)": r"asked for 12\.7279 m/s, but the vehicle's maximum is 1 m/s \(case 0, step 0\)$",
-    "raise ValueError('a\\n\\x1b[31mb' + 9999 * 'c')": r"raised ValueError: a \\x1b\[31mbc{200,250} \.\.\. c{100,250}, in line \d+ of mine\.py \(step 0",
+    "raise ValueError('a\\n\\x1b[31mb' + 9999 * 'c')": r"raised ValueError: a \\x1b\[31mbc{200,250} \.\.\. c+, in line",
     SCRIBBLE: r"sent a message of kind \d+ and \d+ bytes, which is none of the format \(step 0, one of 2 cases\)$",
 }
 
