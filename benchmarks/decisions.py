@@ -14,12 +14,11 @@ from typing import Any
 
 from benchmarks.measurement import Measurement, in_turns, seconds
 from crowdbench import Cases, Driver, Observation, ValuePlanner, load_planner, load_scenario, rollout
-from crowdbench.isolation import IsolatedPlanner, sandbox
+from crowdbench.isolation import IsolatedPlanner
 from crowdbench.networks import SARL
 from crowdbench.predict import ConstantVelocity
 from crowdbench.sim import observe
-from crowdbench.train import EPISODES, PPOConfig, PPOTraining, ValueConfig
-from crowdbench.train import value as method
+from crowdbench.train import EPISODES, ROUND, PPOConfig, PPOTraining, ValueConfig, ValueTraining
 
 CROWDNAV_SECONDS = {5: 0.037, 10: 0.067}
 """Time in seconds of a SARL decision by CrowdNav's code, by number of pedestrians. Recorded once, not measured here."""
@@ -56,7 +55,8 @@ def measure_isolation(worlds: int = 500, rounds: int = 7) -> Iterator[Measuremen
         inside, isolated = in_turns(rounds, *(functools.partial(seconds, work) for work in works))
     work = f"rollout of {worlds} worlds, ORCA vehicle"
     yield Measurement(work, 1e3 * inside, "ms")
-    yield Measurement(f"the same, the vehicle in its own process ({sandbox.level()})", 1e3 * isolated, "ms")
+    level = isolated_planner.usage["level"]
+    yield Measurement(f"the same, the vehicle in its own process ({level})", 1e3 * isolated, "ms")
     yield Measurement("more time with the vehicle in its own process", 100 * (isolated / inside - 1), "%")
 
 
@@ -81,12 +81,12 @@ def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
     Args:
         episodes: Number of episodes of the training. Its validations are not counted.
     """
-    training = method.ValueTraining(ValueConfig(network="sarl", episodes=episodes), "cpu")
-    rounds = episodes / method.ROUND
+    training = ValueTraining(ValueConfig(network="sarl", episodes=episodes), "cpu")
+    rounds = episodes / ROUND
     imitation = seconds(training.imitate)
     durations = []
     for part in PARTS:
-        training.amount = int(part * rounds) * method.ROUND
+        training.amount = int(part * rounds) * ROUND
         durations.append(seconds(training.improve))
     work = f"training of SARL, {episodes:,} episodes, estimated from imitation and {len(PARTS)} of {rounds:.0f} rounds"
     yield Measurement(work, (imitation + rounds * mean(durations)) / 60, "min")

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from stable_baselines3.common.vec_env import VecEnv
 
 from crowdbench import InputError, Outcome, Scenario
-from crowdbench.envs import CASES, Reward, TrainingWorlds, load_reward, stepping
+from crowdbench.envs import CASES, Reward, TrainingWorlds, as_scenario, check_actions, load_reward
 from crowdbench.views import NEAREST, Observed, View, row_of
 
 
@@ -54,7 +54,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         for name, number in {"num_envs": num_envs, "cases": cases}.items():
             if number < 1:
                 raise InputError(f"{name} is {number}, but must be 1 or more")
-        self.scenario = stepping.as_scenario(scenario)
+        self.scenario = as_scenario(scenario)
         self.view = View(self.scenario, observation, action, nearest, rays)
         self.render_mode = None
         self._running = TrainingWorlds(num_envs, self.view, load_reward(reward), cases)
@@ -80,7 +80,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
 
     def step_async(self, actions: np.ndarray) -> None:
         """Store the actions `[world, 2]` for `step_wait`."""
-        self._action = stepping.check_actions(actions, (self.num_envs, 2))
+        self._action = check_actions(actions, (self.num_envs, 2))
 
     def step_wait(self) -> tuple[Observed, Float[np.ndarray, "world"], Bool[np.ndarray, "world"], list[dict[str, Any]]]:
         """Simulate one step in all worlds. Return observations, rewards, whether episodes are over, and infos."""
@@ -94,7 +94,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
                 infos[row] = {
                     "terminal_observation": row_of(last, index),
                     "TimeLimit.truncated": bool(step.outcome[row] == Outcome.TIMEOUT),
-                    "outcome": stepping.LABELS[step.outcome[row]],
+                    "outcome": Outcome(step.outcome[row]).label,
                     "episode": {"r": float(returned[row]), "l": int(length[row])},
                 }
         return self.view.observe(self._running.worlds), reward, step.ended, infos

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from crowdbench import Episodes, catalog
+from crowdbench import Episodes, load_scenario
 from crowdbench.results import EPISODES
 from crowdbench.runs import WHOLE, Run, RunSpec, Shard, is_complete, load_run, run_directory
 from studies.schema import PlannerSpec
@@ -22,7 +22,7 @@ def load_runs(planners: Sequence[PlannerSpec], base: RunSpec) -> list[Run]:
     Raises:
         InputError: A planner or the scenario does not exist.
     """
-    scenario = catalog.load_scenario(base.scenario, base.overrides, data=base.data)
+    scenario = load_scenario(base.scenario, base.overrides, data=base.data)
     specs = [dataclasses.replace(base, planner=each.planner, options=its) for each in planners for its in each.choices]
     return [load_run(spec, scenario=scenario) for spec in specs]
 

@@ -11,8 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from crowdbench import Cases, Episodes
-from crowdbench.boards.means import range_over_networks
-from crowdbench.metrics import Estimate, info_of, mean_over_networks, wilson
+from crowdbench.metrics import Estimate, info_of, mean_over_networks, range_over_networks, wilson
 from crowdbench.results import PRIVILEGED, planner_label
 from crowdbench.runs import LOOK_FIRST, Replanning, Run, RunSpec, load_run
 from crowdbench.utils import (

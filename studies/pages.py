@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from crowdbench import Episodes, InputError
 from crowdbench.metrics import info_of
 from crowdbench.runs import Run
-from crowdbench.utils import Format, Grid, Location, files, parse_table, plain, printed_by, read_text, read_toml
+from crowdbench.utils import Format, Grid, Location, parse_table, plain, printed_by, read_text, read_toml, write_whole
 from studies.command import print_study
 from studies.folder import read_episodes
 from studies.schema import StudyHead
@@ -142,7 +142,7 @@ def print_two_steps(
 
 def keep(found: Any, file: Path) -> None:
     """Write results to a file, for a figure."""
-    with files.whole(file) as partial:
+    with write_whole(file) as partial:
         partial.write_text(json.dumps(plain(found), indent=2), encoding="utf-8")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from crowdbench import Cases, catalog
+from crowdbench import Cases, simulated_scenarios
 from crowdbench.metrics import info_of
 from crowdbench.results import (
     LEAST_SHARED,
@@ -169,7 +169,7 @@ class SideBySide:
         Raises:
             InputError: A planner or a scenario does not exist, or two planners have the same name and options.
         """
-        scenarios = catalog.simulated_scenarios() if spec.scenarios == "all" else spec.scenarios
+        scenarios = simulated_scenarios() if spec.scenarios == "all" else spec.scenarios
         replanning = Replanning(spec.replan_every, spec.look_first)
         base = RunSpec("", "", spec.cases, {}, spec.overrides, replanning=replanning, record="none", data=data)
         with location.named():

@@ -2,7 +2,6 @@
 
 import os
 import pkgutil
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -80,21 +79,6 @@ def shared() -> Path:
 def reference(shared):
     """Opens one of the reference files."""
     return lambda name: np.load(shared / "reference" / f"{name}.npz")
-
-
-@pytest.fixture(scope="session")
-def made(tmp_path_factory):
-    """A folder with `leaderboards`, whose two entries were verified in a season, and its maintainer's key."""
-    from boards import verified_root
-
-    return verified_root(tmp_path_factory)
-
-
-@pytest.fixture
-def root(made, tmp_path):
-    """A copy of these leaderboards, which a test may change."""
-    shutil.copytree(made / "leaderboards", tmp_path / "leaderboards")
-    return tmp_path / "leaderboards"
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import Field
 
 from crowdbench import InputError
-from crowdbench.utils import Location, TomlTable, files, number, parse_table, read_toml, table
+from crowdbench.utils import Location, TomlTable, number, parse_table, read_text, read_toml, table
 
 
 class RobotTable(TomlTable):
@@ -91,7 +91,7 @@ class DriveFile(TomlTable):
         for path in paths:
             if not path.is_file() or len(path.parts) < 3:
                 raise InputError(f"there is no file {path} of the form PACKAGE/msg/NAME.msg, which `messages` names")
-        return {f"{path.parts[-3]}/msg/{path.stem}": files.read_text(path) for path in paths}
+        return {f"{path.parts[-3]}/msg/{path.stem}": read_text(path) for path in paths}
 
 
 def read_drive_file(path: Path) -> DriveFile:

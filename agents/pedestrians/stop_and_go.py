@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from crowdbench import ORCA, PedestrianPolicy, World
-from crowdbench.core import rng
+from crowdbench.core import draw_uniforms
 from crowdbench.sim import Parameters, Velocities
 
 HABITS: Mapping[str, float] = {"period": 8.0, "pause": 0.25}
@@ -24,7 +24,7 @@ class StopAndGo(PedestrianPolicy):
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`. The parameters are ORCA's, `period` in seconds, and `pause`."""
-        start = rng.uniforms(world.key, "stop_and_go", np.zeros_like(world.step), world.person)
+        start = draw_uniforms(world.key, "stop_and_go", np.zeros_like(world.step), world.person)
         time = (world.step * world.rules.dt)[:, None]
         phase = (time / np.maximum(parameters["period"][:, 1:], world.rules.dt) + start) % 1.0
         pauses = phase < parameters["pause"][:, 1:]

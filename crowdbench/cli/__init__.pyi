@@ -1,6 +1,4 @@
 from .app import main as main
-from .boards import ROOT as ROOT
-from .boards import WORK as WORK
 from .console import announce_compilation as announce_compilation
 from .console import exit_on_interrupt as exit_on_interrupt
 from .console import print_table as print_table

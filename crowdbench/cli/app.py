@@ -11,7 +11,8 @@ import importlib
 import importlib.metadata
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
+from importlib.metadata import EntryPoint, entry_points
 from typing import Annotated
 
 import typer
@@ -19,9 +20,12 @@ import typer
 from crowdbench.cli.console import DEBUG, INTERRUPTED, NOTHING_KEPT, failure, flush_output, prepare_streams, say
 from crowdbench.cli.options import help_from_docstring
 from crowdbench.utils import interrupts
+from crowdbench.utils.errors import InputError
 
 COMMANDS = {
     "run": ("Run", "run", "run"),
+    "suite": ("Run", "suite", "suite"),
+    "new-planner": ("Run", "new_planner", "new_planner"),
     "check": ("Run", "check", "check"),
     "train": ("Run", "train", "train"),
     "merge": ("Run", "run", "merge"),
@@ -33,11 +37,14 @@ COMMANDS = {
     "compare": ("Look", "results", "compare"),
     "score": ("Look", "results", "score"),
     "export": ("Look", "results", "export"),
-    "new-planner": ("Boards", "boards", "new_planner"),
-    "submit": ("Boards", "boards", "submit"),
-    "verify": ("Boards", "boards", "verify"),
 }
 """The commands in the order of --help, with their group in --help, their module in this folder, and their function."""
+
+ENTRY_POINTS = "crowdbench.commands"
+"""The group of entry points of commands that other distributions add."""
+
+ELSEWHERE = dict.fromkeys(("submit", "verify"), "pip install ./leaderboards")
+"""Commands of other distributions, and how to install them from a clone of the repository."""
 
 
 def _print_version(is_wanted: bool | None) -> None:
@@ -56,15 +63,47 @@ def crowdbench(
     """
 
 
-def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
-    """Return the command line with some of the commands."""
+def added_commands() -> dict[str, EntryPoint]:
+    """Return the commands that other installed distributions add, by name."""
+    return {point.name: point for point in entry_points(group=ENTRY_POINTS) if point.name not in COMMANDS}
+
+
+def build_app(name: str | None = None) -> typer.Typer:
+    """Return the command line with one command, or with all commands.
+
+    Args:
+        name: The only command. If there is none of this name, the command line has all.
+
+    Raises:
+        InputError: The command is one of a distribution that is not installed.
+    """
     app = _new_app(f"Add {DEBUG} to any command to see the traceback of an error.")
     app.callback()(help_from_docstring(crowdbench))
-    for name in names:
-        group, module, function = COMMANDS[name]
-        command = getattr(importlib.import_module(f"crowdbench.cli.{module}"), function)
-        app.command(name, rich_help_panel=group)(help_from_docstring(command))
+    if name in COMMANDS:
+        _add_own_command(app, name)
+        return app
+    added = added_commands()
+    if name in added:
+        _add_command(app, added[name])
+        return app
+    if name in ELSEWHERE:
+        raise InputError(f"the command {name} is not installed: in a clone of crowdbench, {ELSEWHERE[name]}")
+    for own_name in COMMANDS:
+        _add_own_command(app, own_name)
+    for entry_point in added.values():
+        _add_command(app, entry_point)
     return app
+
+
+def _add_own_command(app: typer.Typer, name: str) -> None:
+    group, module, function = COMMANDS[name]
+    command = getattr(importlib.import_module(f"crowdbench.cli.{module}"), function)
+    app.command(name, rich_help_panel=group)(help_from_docstring(command))
+
+
+def _add_command(app: typer.Typer, entry_point: EntryPoint) -> None:
+    """Add the command of another distribution. Its module must import little, as the modules of this folder do."""
+    app.command(entry_point.name, rich_help_panel="Boards")(help_from_docstring(entry_point.load()))
 
 
 def build_script(command: Callable[..., None]) -> typer.Typer:
@@ -103,10 +142,7 @@ def main(script: Callable[..., None] | None = None) -> None:
     prepare_streams()
     interrupts.handle()
     try:
-        if script is not None:
-            app = build_script(script)
-        else:
-            app = build_app(arguments[:1] if arguments[0] in COMMANDS else COMMANDS)
+        app = build_script(script) if script else build_app(arguments[0])
         status = app(arguments, standalone_mode=False)
         flush_output()
     except BaseException as error:

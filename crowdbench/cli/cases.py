@@ -129,13 +129,9 @@ def describe_cases(outcome: str, cases: Sequence[int]) -> str:
 
 def load_scenario(run: RunResult, pedestrians: Sequence[str] | None, layout: str | None, data: Path | None) -> Scenario:
     """Load the scenario of a run, with the files that the run had."""
-    from crowdbench import catalog
-    from crowdbench.results.result_file import RESULT
+    from crowdbench.runs.loading import load_stored_scenario
 
-    source = str(run.directory / RESULT)
-    scenario = catalog.load_recorded_scenario(run.result["scenario"], source, pedestrians or [], layout, data)
-    scenario.check_data(data)
-    return scenario
+    return load_stored_scenario(run, pedestrians or (), layout, data)
 
 
 def recording_of(path: Path) -> Path:

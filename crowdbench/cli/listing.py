@@ -7,7 +7,7 @@ import re
 import types
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -18,10 +18,7 @@ from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.files import read_text
 from crowdbench.utils.tables import Grid
 
-if TYPE_CHECKING:
-    from crowdbench.boards.board import Board
-
-LISTED = ("planners", "pedestrians", "predictors", "weights", "scenarios", "layouts", "metrics", "boards")
+LISTED = ("planners", "pedestrians", "predictors", "weights", "scenarios", "layouts", "metrics")
 
 WORDS: dict[Any, str] = {
     bool: "true or false",
@@ -34,10 +31,10 @@ WORDS: dict[Any, str] = {
 
 
 def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> None:
-    """List planners, scenarios, boards and other named items, or explain one of them.
+    """List planners, scenarios and other named items, or explain one of them.
 
     Args:
-        kind: planners, pedestrians, predictors, weights, scenarios, layouts, metrics or boards.
+        kind: planners, pedestrians, predictors, weights, scenarios, layouts or metrics.
         name: Name of the item to explain, with its options.
     """
     if kind not in LISTED:
@@ -46,7 +43,7 @@ def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> No
     if name is None:
         print_table(Grid(kind, ("name", "description"), _names(kind), align="ll"))
         return
-    if kind in ("weights", "scenarios", "boards"):
+    if kind in ("weights", "scenarios"):
         print(read_text(_find_text(kind, name)).strip())
         return
     text, title, options = _plugin_page(kind, name)
@@ -88,35 +85,20 @@ def _names(kind: str) -> list[tuple[str, str]]:
         from crowdbench.catalog import scenarios
 
         return scenarios()
-    if kind == "boards":
-        from crowdbench.boards.board import read_boards
-
-        return [(board.name, _describe_board(board)) for board in read_boards()]
     from crowdbench.check.kinds import KINDS
 
     return KINDS[kind].names()
 
 
-def _describe_board(board: Board) -> str:
-    """Return the extent of an entry of a board, and the subject of the board."""
-    number, cases = len(board.scenarios), board.spec.public_cases
-    size = f"{cases} public cases" if number == 1 else f"{cases} public cases of each of {number} scenarios"
-    return f"{size}. {board.spec.description}"
-
-
 def _find_text(kind: str, name: str) -> Path:
-    """Return the file that explains weights, a scenario or a board."""
+    """Return the file that explains weights or a scenario."""
     if kind == "weights":
         from crowdbench.networks.weights import weights_file
 
         return weights_file(name).with_suffix(".md")
-    if kind == "scenarios":
-        from crowdbench.catalog import scenario_path
+    from crowdbench.catalog import scenario_path
 
-        return scenario_path(name)
-    from crowdbench.boards.board import FILE, ROOT, find_board
-
-    return ROOT / find_board(name, ROOT).name / FILE
+    return scenario_path(name)
 
 
 def _plugin_page(kind: str, name: str) -> tuple[str, str, list[OptionRow]]:

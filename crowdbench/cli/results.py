@@ -134,10 +134,10 @@ def _episodes_table(cases: int, episodes: Episodes) -> Grid:
 
 def _replay(run: RunResult, scenario: Scenario, metrics: Mapping[str, Metric], as_json: bool) -> None:
     """Print the result of a replay, and exit with status 1 if anything differs."""
-    from crowdbench.runs.replay import replay
+    from crowdbench.runs.replay import replay_run
 
     with progress(len(run.commands.case)) as report:
-        result = replay(run, scenario, metrics, report)
+        result = replay_run(run, scenario, metrics, report)
     print(json.dumps(result.to_json(), indent=2) if as_json else result)
     if result.differences:
         sys.exit(1)

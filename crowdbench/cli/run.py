@@ -33,11 +33,9 @@ NON_REACTIVE_NOTE = (
 
 
 def run(
-    context: typer.Context,
     planner: Annotated[str, typer.Option()],
     scenario: str = "circle_crossing_5",
-    board: str | None = None,
-    cases: Annotated[str | None, typer.Option(show_default="500, or the public cases of the board")] = None,
+    cases: str = "500",
     option: list[str] | None = None,
     overrides: list[str] | None = None,
     pedestrians: Annotated[str | None, typer.Option(show_default="as the scenario says")] = None,
@@ -46,7 +44,7 @@ def run(
     look_first: Annotated[int, typer.Option(min=1)] = LOOK_FIRST,
     isolated: bool = False,
     metric: list[str] | None = None,
-    out: Annotated[Path | None, typer.Option(show_default="in runs/, named after the run or the board")] = None,
+    out: Annotated[Path | None, typer.Option(show_default="in runs/, named after the run")] = None,
     record: Annotated[str, typer.Option(help=RECORD_HELP)] = RECORD[0],
     overwrite: bool = False,
     batch: Annotated[int, typer.Option(min=1)] = BATCH,
@@ -56,28 +54,21 @@ def run(
     all_metrics: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Drive a planner through the cases of a scenario, or of all scenarios of a board, and score it.
+    """Drive a planner through the cases of a scenario, and score it.
 
     Args:
-        board: Name of a board: run its scenarios by its rules. The same command makes only the runs that are missing.
         cases: 500 (the first 500 test cases), 2000:2500, test/37 (one case), val:100 (validation cases).
         pedestrians: Move all pedestrians by one policy: a name or ./mine.py.
         replan_every: Commands per observation; above 1 the planner drives open loop.
         look_first: With --replan-every, decide at every step until this number of positions of the pedestrians is
             observed; 1 starts with several commands at once.
         isolated: Run the planner in a separate process, which receives only observations.
-        out: Directory for the results; with --board, folder that keeps the runs of its scenarios.
+        out: Directory for the results.
         batch: Cases that are simulated at once.
         shard: Run one share of the batches, such as 2/8; the last shard to finish merges the run.
         all_metrics: Print all metrics, and not only the main ones; result.json has them all.
     """
     use_threads(threads)
-    if board is not None:
-        from crowdbench.cli.run_board import refuse_other_options, run_board
-
-        refuse_other_options(context)
-        run_board(board, planner, option or [], cases, data, out, as_json)
-        return
     from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
 
@@ -85,7 +76,7 @@ def run(
     spec = RunSpec(
         planner,
         scenario,
-        Cases.parse("500" if cases is None else cases),
+        Cases.parse(cases),
         assignments(option or [], "--option"),
         assignments(overrides or [], "--set"),
         pedestrians,

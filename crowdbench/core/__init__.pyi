@@ -21,6 +21,10 @@ from .geometry import pad_arrays as pad_arrays
 from .geometry import toward_goal as toward_goal
 from .reward import discount as discount
 from .rng import SPLITS as SPLITS
+from .rng import case_keys as case_keys
+from .rng import continuation_keys as continuation_keys
+from .rng import draw_uniforms as draw_uniforms
+from .rng import noise_keys as noise_keys
 from .types.observation import Pedestrians as Pedestrians
 from .types.observation import Vehicle as Vehicle
 from .types.rules import COLLISION_RULES as COLLISION_RULES

@@ -77,7 +77,7 @@ def noise_keys(keys: UInt[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:
     return np.frombuffer(b"".join(hashed), np.uint64).copy()
 
 
-def other_chance(keys: UInt[np.ndarray, "world"], step: int, number: int) -> UInt[np.ndarray, "world"]:
+def continuation_keys(keys: UInt[np.ndarray, "world"], step: int, number: int) -> UInt[np.ndarray, "world"]:
     """Return the keys of cases that continue from a step with other random numbers.
 
     Args:
@@ -125,7 +125,7 @@ def normal(
     return out.reshape(len(key), *shape)
 
 
-def uniforms(
+def draw_uniforms(
     key: UInt[np.ndarray, "world"], purpose: str, step: Int[np.ndarray, "world"], person: Int[np.ndarray, "world n"]
 ) -> Float[np.ndarray, "world n"]:
     """Return numbers from 0 to below 1. Each depends only on key, purpose, step and person.

@@ -242,7 +242,7 @@ def film(episodes: Sequence[Episode], out: Path, speed: float = 1.0) -> None:
     check_file(out, [*FILMS])
     if out.suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(f"a film {out.name} needs the program ffmpeg (Debian: ffmpeg); a .gif file does not")
-    with files.whole(out) as partial:
+    with files.write_whole(out) as partial:
         dpi = FILMS[out.suffix]
         frames = _frames(episodes, dpi, speed)
         last = _frame(episodes, max(episode.end for episode in episodes), dpi)

@@ -84,7 +84,7 @@ def canvas(out: Path, width: float, height: float) -> Iterator[Figure]:
     with matplotlib.style.context(["default", STYLE]):
         figure = matplotlib.figure.Figure(figsize=(width, height), layout="constrained")
         yield figure
-        with files.whole(out) as partial:
+        with files.write_whole(out) as partial:
             _write(figure, partial, out.suffix[1:])
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import t as student
 
-from crowdbench.metrics.summary import CONFIDENCE, UNDEFINED, Estimate
+from crowdbench.metrics.summary import CONFIDENCE, UNDEFINED, Estimate, wilson
 
 Values = Float[np.ndarray, "network case"]
 
@@ -90,3 +90,11 @@ def _half_width(groups: Sequence[Float[np.ndarray, "_ _"]]) -> float:
 def _t(n: int) -> float:
     """Return the quantile of Student's t for an interval that comes from `n` values."""
     return float(student.ppf(0.5 + CONFIDENCE / 2, n - 1))
+
+
+def range_over_networks(shares: Float[np.ndarray, "network case"]) -> Estimate:
+    """Return the mean of shares over networks, with its interval within 0 and 1."""
+    # Equal values in all networks and cases do not imply certainty: use Wilson's interval for the cases of one network.
+    is_constant = (shares == shares[0, 0]).all()
+    estimate = wilson(shares[0].astype(bool)) if is_constant else mean_over_networks(shares)
+    return Estimate(estimate.mean, max(estimate.low, 0.0), min(estimate.high, 1.0), estimate.n, estimate.max)

@@ -19,7 +19,7 @@ from torch import nn
 
 from crowdbench.plugins.kind import ROOT
 from crowdbench.utils.errors import InputError, find_named, is_number
-from crowdbench.utils.files import read_json, read_regular, whole
+from crowdbench.utils.files import read_json, read_regular, write_whole
 
 WEIGHTS = ROOT / "agents" / "weights"
 """The folder of the built-in weights."""
@@ -63,9 +63,9 @@ def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, A
     """
     content = save({key: tensor.detach().cpu().contiguous() for key, tensor in network.state_dict().items()})
     about = {"network": name, "sha256": hashlib.sha256(content).hexdigest(), **card}
-    with whole(path.with_suffix(".json")) as partial:
+    with write_whole(path.with_suffix(".json")) as partial:
         partial.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
-    with whole(path) as partial:
+    with write_whole(path) as partial:
         partial.write_bytes(content)
     return about
 

@@ -158,7 +158,7 @@ def load_policy(
 def _check_encoder(weights: Path, trained: object, encoder: str | None) -> None:
     """Raise InputError unless the files of an encoder have the digests in the card of the weights."""
     file, _ = file_and_function(encoder or "")
-    given = None if file is None else read_files(file).digests
+    given = None if file is None else read_files(file)
     if given != trained:
         right = f"with the encoder {', '.join(trained)}" if isinstance(trained, dict) else "without an encoder file"
         raise InputError(f"the weights {weights} were trained {right}: the option encoder must be the same")

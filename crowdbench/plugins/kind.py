@@ -17,7 +17,6 @@ from importlib.machinery import (
     SOURCE_SUFFIXES,
     ExtensionFileLoader,
     FileFinder,
-    ModuleSpec,
     SourceFileLoader,
 )
 from importlib.metadata import EntryPoint
@@ -26,13 +25,13 @@ from types import CodeType, ModuleType
 from typing import Any
 
 from crowdbench.plugins.options import read_options, takes_any
-from crowdbench.plugins.plugin_files import PluginFiles, read_files, read_module
+from crowdbench.plugins.plugin_files import package_digests, read_files, short_digest
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, did_you_mean, find_named, plugin_errors
 
-_PACKAGE = Path(__file__).parent.parent
+PACKAGE = Path(__file__).parent.parent
 
-ROOT = _PACKAGE if (_PACKAGE / "agents").is_dir() else _PACKAGE.parent
+ROOT = PACKAGE if (PACKAGE / "agents").is_dir() else PACKAGE.parent
 """The parent of the folders `agents` and `scenarios`: the package in a wheel, its parent folder in a checkout."""
 
 FORMATS = ".onnx", ".zip", ".pt", ".pth"
@@ -72,7 +71,7 @@ class Kind:
         if self.folder:
             in_folders = [path for path in self.folder.glob("*/*.py") if path.stem == path.parent.name]
             paths = sorted([*self.folder.glob("*.py"), *in_folders], key=lambda path: path.stem)
-            sources |= {path.stem: path for path in paths}
+            sources |= {path.stem: path for path in paths if path.stem != "__init__"}
         return sources
 
     def sources(self) -> dict[str, Source]:
@@ -123,7 +122,7 @@ class Kind:
         file, _ = file_and_function(spec)
         if file is None:
             return *self.load(spec), None
-        return *self.load(str(folder / spec)), read_files(folder / file).digest
+        return *self.load(str(folder / spec)), short_digest(read_files(folder / file))
 
     def make(self, name: str, factory: Callable[..., object], options: Mapping[str, Any]) -> Any:
         """Return the object that a function returns for options.
@@ -163,21 +162,20 @@ class Kind:
         reader = self._reader_of(source := self._source(spec))
         return importlib.import_module(reader.module).__doc__ or "" if reader else _docstring(source)
 
-    def files(self, spec: str) -> PluginFiles:
-        """Read the files of a plug-in that `find` finds, or of a program. No file is executed.
+    def files(self, spec: str) -> dict[str, str]:
+        """Return the sha256 of the files of a plug-in that `find` finds, or of a program. No file is executed.
 
-        Built-in functions have no files.
+        Built-in functions have no files. An installed plug-in has all files of its package.
         """
         source = self._source(spec)
         if isinstance(source, Path):
-            reader, found = self._reader_of(source), read_files(source)
-            return found._replace(imports={reader.module}) if reader else found
-        module = _find_module(source.module) if isinstance(source, EntryPoint) else None
-        if module is None or module.origin is None:
-            return PluginFiles({}, set())
-        parts, origin = tuple(module.name.split(".")), Path(module.origin).resolve()
-        depth = len(parts) if module.submodule_search_locations is not None else len(parts) - 1
-        return read_module(origin.parents[depth], parts, parts[0])
+            return read_files(source)
+        name = source.module.partition(".")[0] if isinstance(source, EntryPoint) else ""
+        package = importlib.util.find_spec(name) if name else None
+        if package is None or package.origin is None:
+            return {}
+        origin = Path(package.origin).resolve()
+        return package_digests(origin.parent if package.submodule_search_locations else origin)
 
     def _reader_of(self, source: Source) -> EntryPoint | None:
         """Return the reader of a file that is not Python; None for other sources."""
@@ -186,16 +184,6 @@ class Kind:
     def _source(self, spec: str) -> Source:
         """Return the source of a plug-in; for a program, its path."""
         return file_and_function(spec)[0] or self.built_in().get(spec) or self.sources().get(spec, Path(spec))
-
-
-def _find_module(name: str) -> ModuleSpec | None:
-    """Find a module. `importlib.util.find_spec` would execute its parent packages."""
-    package = name.rpartition(".")[0]
-    parent = _find_module(package) if package else None
-    if package and parent is None:
-        return None
-    folders = None if parent is None else parent.submodule_search_locations
-    return next((spec for finder in sys.meta_path if (spec := finder.find_spec(name, folders))), None)
 
 
 def file_and_function(spec: str) -> tuple[Path | None, str]:
@@ -243,8 +231,21 @@ def _import_from_source(folder: Path) -> None:
     sys.path_importer_cache.pop(str(folder), None)  # it may be cached already
 
 
+def _package_of(folder: Path) -> str:
+    """Return the name of a package whose modules are the files of a folder, so that they can import relatively."""
+    name = f"crowdbench_plugins_{hashlib.sha256(os.fsencode(folder)).hexdigest()[:8]}"
+    if name not in sys.modules:
+        package = ModuleType(name)
+        package.__path__ = [str(folder)]
+        sys.modules[name] = package
+    return name
+
+
 def load_module(path: Path) -> ModuleType:
-    """Execute a Python file as a module, which can import files beside it. Raises InputError if it fails."""
+    """Execute a Python file as a module. Raises InputError if it fails.
+
+    The module can import files beside it, by their name (`import helper`) or relatively (`from .helper import f`).
+    """
     try:
         path = path.resolve(strict=True)
         files.check_regular(path)
@@ -253,7 +254,7 @@ def load_module(path: Path) -> ModuleType:
     if path.suffix != ".py":
         raise InputError(f"{path} is not a Python file")
     # Registered under a unique name, because dataclasses and pickle look it up.
-    name = f"crowdbench_plugin_{path.stem}_{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}"
+    name = f"{_package_of(path.parent)}.{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path, loader=_SourceLoader(name, str(path)))
     assert spec is not None
     assert spec.loader is not None

@@ -1,47 +1,26 @@
-"""The files of a plug-in: its main file, and the files that it imports from its folder."""
+"""The files of a plug-in: its main file, and the files beside it that it imports."""
 
 from __future__ import annotations
 
 import ast
 import hashlib
 import json
-from collections.abc import Iterator
-from importlib.machinery import all_suffixes
+from collections.abc import Iterator, Mapping
+from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES
 from pathlib import Path
-from typing import NamedTuple
 
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import sha256
 
-Module = tuple[str, ...]
-"""The parts of a module's name: a file may be called `my.planner.py`."""
+_SUFFIXES = (*SOURCE_SUFFIXES, *EXTENSION_SUFFIXES)
 
 
-class PluginFiles(NamedTuple):
-    """The files of a plug-in.
+def read_files(file: Path) -> dict[str, str]:
+    """Return the sha256 of a file and of those that belong to it, by path in its folder. No file is executed.
 
-    Attributes:
-        digests: The sha256 of each file, by its path in the folder.
-        imports: The names of the modules of crowdbench that the files import.
-    """
-
-    digests: dict[str, str]
-    imports: set[str]
-
-    @property
-    def digest(self) -> str:
-        """Twelve hexadecimal digits that change with each file; for a single file, the first digits of its digest."""
-        if len(self.digests) == 1:
-            return next(iter(self.digests.values()))[:12]
-        return hashlib.sha256(json.dumps(self.digests, sort_keys=True).encode()).hexdigest()[:12]
-
-
-def read_files(file: Path) -> PluginFiles:
-    """Read a file and those that belong to it. No file is run.
-
-    For a Python file, these are the files that it imports from its folder, directly or indirectly, also in functions. A
-    module whose name is computed at run time is not found. Files of crowdbench do not count. For weights, it is their
-    card.
+    To a Python file belong the modules beside it that it imports, directly or indirectly, also in functions. A package
+    beside it counts with all its files. A module whose name is computed at run time is not found. To a file of weights
+    belongs its card.
 
     Args:
         file: The file.
@@ -49,82 +28,64 @@ def read_files(file: Path) -> PluginFiles:
     Raises:
         InputError: One of the files cannot be read.
     """
-    if file.suffix == ".py":
-        file = file.resolve()
-        return read_module(file.parent, (file.stem,))
-    card = file.with_suffix(".json")
-    has_card = file.suffix == ".safetensors" and card.is_file()
-    return PluginFiles({path.name: sha256(path) for path in ([file, card] if has_card else [file])}, set())
-
-
-def read_module(folder: Path, module: Module, package: str = "") -> PluginFiles:
-    """Read the files of a module that is imported by its name, as `read_files` does.
-
-    Args:
-        folder: The folder in which its top-level package lies.
-        module: Its name.
-        package: A top-level package to which the files must belong; if it is empty, all files of the folder count.
-    """
+    if file.suffix != ".py":
+        card = file.with_suffix(".json")
+        has_card = file.suffix == ".safetensors" and card.is_file()
+        return {path.name: sha256(path) for path in ([file, card] if has_card else [file])}
+    file = file.resolve()
+    folder, waiting = file.parent, [file]
     digests: dict[str, str] = {}
-    imports: set[str] = set()
-    waiting = [module]
     while waiting:
-        for path in _find_files(folder, waiting.pop(), package):
-            relative = path.relative_to(folder)
-            if relative.as_posix() in digests:
-                continue
-            try:
-                content = path.read_bytes()
-            except OSError as error:
-                raise InputError(f"{path}, which a plug-in imports, cannot be read: {error.strerror}") from None
-            digests[relative.as_posix()] = hashlib.sha256(content).hexdigest()
-            modules = _imports(content, relative)
-            waiting += modules
-            imports |= {".".join(module) for module in modules if module[:1] == ("crowdbench",)}
-    return PluginFiles(dict(sorted(digests.items())), imports)
+        path = waiting.pop()
+        name = path.relative_to(folder).as_posix()
+        if name in digests:
+            continue
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise InputError(f"{path}, which a plug-in imports, cannot be read: {error.strerror}") from None
+        digests[name] = hashlib.sha256(content).hexdigest()
+        if path.suffix == ".py":
+            for module in _imported_modules(content):
+                waiting += _files_of_module(folder, module)
+    return dict(sorted(digests.items()))
 
 
-def _find_files(folder: Path, module: Module, package: str) -> Iterator[Path]:
-    """Yield the files in the folder that the import of a module executes: its file, and files of parent packages."""
-    if not module or module[0] == "crowdbench" or (package and module[0] != package):
-        return
-    for depth in range(1, len(module) + 1):
-        path = folder.joinpath(*module[:depth])
-        for suffix in all_suffixes():
-            for candidate in (path / f"__init__{suffix}", path.with_name(path.name + suffix)):
-                if candidate.is_file():
-                    yield candidate
+def package_digests(package: Path) -> dict[str, str]:
+    """Return the sha256 of all files of a package, or of a single module, by path beside it."""
+    paths = _files_of_package(package) if package.is_dir() else [package]
+    return {path.relative_to(package.parent).as_posix(): sha256(path) for path in sorted(paths)}
 
 
-def _imports(content: bytes, path: Path) -> list[Module]:
-    """Return the modules that a file imports; none if it is not Python."""
-    if path.suffix != ".py":
-        return []
+def short_digest(digests: Mapping[str, str]) -> str:
+    """Return twelve hexadecimal digits that change with each file: of a single file, the first of its sha256."""
+    if len(digests) == 1:
+        return next(iter(digests.values()))[:12]
+    return hashlib.sha256(json.dumps(digests, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _imported_modules(content: bytes) -> set[str]:
+    """Return the top-level modules that a Python file may import, apart from crowdbench; none if it is broken."""
     try:
-        return imported_modules(ast.parse(content), path.parent.parts)
+        tree = ast.parse(content)
     except (SyntaxError, ValueError, RecursionError):
-        return []
-
-
-def imported_modules(tree: ast.AST, package: Module) -> list[Module]:
-    """Return the modules that a Python file may import; in `from a import b`, b may be a module.
-
-    Args:
-        tree: The file's syntax tree. Imports under `if TYPE_CHECKING` do not count.
-        package: The package that contains the file.
-    """
-    modules: list[Module] = []
-    waiting = [tree]
-    while waiting:
-        node = waiting.pop()
+        return set()
+    names: set[str] = set()
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            modules += [tuple(alias.name.split(".")) for alias in node.names]
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            above = package[: max(0, len(package) + 1 - node.level)] if node.level else ()
-            base = (*above, *(node.module or "").split(".")) if node.module else above
-            modules += [base, *((*base, alias.name) for alias in node.names)]
-        elif isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
-            waiting += node.orelse
-        elif not isinstance(node, ast.expr):
-            waiting += ast.iter_child_nodes(node)
-    return modules
+            names |= {node.module} if node.module else {alias.name for alias in node.names}
+    return {name.partition(".")[0] for name in names} - {"crowdbench"}
+
+
+def _files_of_module(folder: Path, module: str) -> Iterator[Path]:
+    """Yield the files of a module, or of a package, in a folder."""
+    paths = [folder / f"{module}{suffix}" for suffix in _SUFFIXES]
+    yield from (path for path in paths if path.is_file())
+    yield from _files_of_package(folder / module)
+
+
+def _files_of_package(package: Path) -> Iterator[Path]:
+    """Yield the Python files and the compiled extensions of a package; none if there is no such folder."""
+    yield from (path for path in package.rglob("*") if path.name.endswith(_SUFFIXES) and path.is_file())

@@ -17,8 +17,7 @@ from pydantic import ConfigDict, Field, create_model
 
 from crowdbench.metrics.user_metrics import LARGEST
 from crowdbench.results.episodes import EPISODES, RECORDING
-from crowdbench.runs.identity import digest
-from crowdbench.runs.recording import COMMANDS
+from crowdbench.results.stored_commands import COMMANDS
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
 from crowdbench.utils.defaults import RECORD
@@ -44,12 +43,14 @@ _Mean = Annotated[float, Field(ge=-LARGEST, le=LARGEST)] | None
 _Count = Annotated[int, Field(ge=0)]
 
 _ALONE: Any = {"__config__": ConfigDict(extra="forbid")}
-_Planner = create_model("_Planner", name=str, options=_Table, files=_Table, code=str, facts=_Texts, key=str, **_ALONE)
+_Planner = create_model("_Planner", name=str, options=_Table, files=_Table, facts=_Texts, key=str, **_ALONE)
 _Rest = create_model(
     "_Rest", replanning=_Table, batch=(int | None, ...), code=str, simulator=int, decision_limit=float, **_ALONE
 )
 _Run = create_model("_Run", __base__=_Rest, planner=_Planner, scenario=str, cases=str, metrics=_Texts)
-_Scenario = create_model("_Scenario", name=str, layout=_Table, pedestrians=_Table, dt=_Seconds, time_limit=_Seconds)
+_Scenario = create_model(
+    "_Scenario", name=str, layout=(_Table, {}), pedestrians=_Table, dt=_Seconds, time_limit=_Seconds
+)
 _Estimate = create_model("_Estimate", n=int, mean=(_Mean, None))
 _Timing = create_model("_Timing", seconds=_Figure, decision_ms_per_step=(_Figure, 0.0), **_ALONE)
 _Machine = create_model("_Machine", versions=_Texts, isolation=(dict[str, str | _Figure], {}), timing=_Timing, **_ALONE)
@@ -74,8 +75,8 @@ def write_result(folder: Path, result: Mapping[str, Any]) -> dict[str, Any]:
     """
     contents = {"format": FORMAT, **{key: value for key, value in result.items() if key not in ("format", "files")}}
     digests = {path.name: files.sha256(path) for path in sorted(folder.iterdir()) if path.name != RESULT}
-    sealed = {**contents, "files": {**digests, RESULT: _contents_digest(contents)}}
-    with files.whole(folder / RESULT) as partial:
+    sealed = {**contents, "files": {**digests, RESULT: digest_of(contents)}}
+    with files.write_whole(folder / RESULT) as partial:
         partial.write_text(json.dumps(sealed, indent=2) + "\n", encoding="utf-8")
     return sealed
 
@@ -115,9 +116,9 @@ def check_result(directory: Path, tables_only: bool = False) -> dict[str, Any]:
     """
     result, path = read_result(directory), directory / RESULT
     digests = {**result["files"]}
-    if digests.pop(RESULT, "") != _contents_digest({key: value for key, value in result.items() if key != "files"}):
+    if digests.pop(RESULT, "") != digest_of({key: value for key, value in result.items() if key != "files"}):
         raise InputError(f"{path} is not the file that the run wrote: its sha256 differs; make the run again")
-    if result["id"] != digest(result["run"]):
+    if result["id"] != digest_of(result["run"]):
         raise InputError(f"{path} has an id that is not that of its run; make the run again")
     for name in (EPISODES, COMMANDS, RECORDING):
         if name not in digests and (directory / name).exists():
@@ -134,6 +135,6 @@ def check_result(directory: Path, tables_only: bool = False) -> dict[str, Any]:
     return result
 
 
-def _contents_digest(contents: Mapping[str, Any]) -> str:
-    """Return the sha256 of the contents of `result.json` without its section `files`."""
+def digest_of(contents: Mapping[str, Any]) -> str:
+    """Return the sha256 of a table of JSON values: of the parts of a run's identity, or of a result without `files`."""
     return hashlib.sha256(json.dumps(contents, sort_keys=True).encode()).hexdigest()

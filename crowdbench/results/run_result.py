@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import functools
 import itertools
 import math
@@ -13,15 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crowdbench import catalog
 from crowdbench.core.types import Outcome, Rules, Trace
 from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.results.episodes import BLOCK, EPISODES, RECORDING, Episodes, result_label
-from crowdbench.results.result_file import RESULT, check_result, read_result, write_result
-from crowdbench.runs.identity import code, digest
-from crowdbench.runs.recording import COMMANDS, Commands, check_size, read_commands
+from crowdbench.results.result_file import RESULT, check_result, digest_of, read_result, write_result
+from crowdbench.results.stored_commands import COMMANDS, StoredCommands, check_size, read_commands
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.version import SIMULATOR
 from crowdbench.utils.errors import InputError, is_number
 from crowdbench.utils.tables import flatten, plain
 
@@ -57,7 +54,7 @@ def write_run(
     """
     episodes.write(folder / EPISODES)
     result = {
-        "id": digest(run),
+        "id": digest_of(run),
         "run": run,
         "scenario": scenario,
         "recorded": recorded,
@@ -117,7 +114,7 @@ class RunResult:
 
     def check(self) -> None:
         """Raise InputError with the file and the field if the files of the run contradict each other."""
-        rules = _check_scenario(self.result, self.directory / RESULT)
+        rules = self.rules
         rows, files = self._wrong_rows(rules), self._wrong_files(rules)
         for file, sentence in itertools.chain(rows, self._wrong_fields(), files):
             raise InputError(f"{self.directory / file}: {sentence}; make the run again")
@@ -177,6 +174,12 @@ class RunResult:
         return Cases.parse(self.result["run"]["cases"])
 
     @property
+    def rules(self) -> Rules:
+        """The length of a step and the time limit of its scenario; other rules have their defaults."""
+        scenario = self.result["scenario"]
+        return Rules(dt=scenario["dt"], time_limit=scenario["time_limit"])
+
+    @property
     def label(self) -> str:
         """The planner's name with its settings, for display."""
         return result_label(self.result)
@@ -184,9 +187,10 @@ class RunResult:
     @property
     def warnings(self) -> list[str]:
         """Reasons why the run may not be comparable with others, a sentence each."""
-        if self.result["run"]["code"] == code():
+        made = self.result["run"]["simulator"]
+        if made == SIMULATOR:
             return []
-        return [f"{self.directory} was made by other code of crowdbench than this"]
+        return [f"{self.directory} was made by version {made} of the simulator, and this is version {SIMULATOR}"]
 
     @property
     def header(self) -> dict[str, Any]:
@@ -195,7 +199,7 @@ class RunResult:
         return names | {"scenario_digest": self.result["run"]["scenario"]}
 
     @functools.cached_property
-    def commands(self) -> Commands:
+    def commands(self) -> StoredCommands:
         """The commands of its cases. Raises InputError if they were not recorded, or the file is damaged."""
         return read_commands(self.directory / COMMANDS)
 
@@ -213,33 +217,6 @@ class RunResult:
         from crowdbench.record.contents import read
 
         return read(self.directory / RECORDING)
-
-
-def _check_scenario(result: Mapping[str, Any], path: Path) -> Rules:
-    """Complete the table of a run's scenario by defaults, and return the rules.
-
-    Raises InputError if the digest or an override does not match the table.
-    """
-
-    def load(table: Mapping[str, Any]) -> Scenario:
-        return catalog.load_recorded_scenario(table, str(path), unseen=True)
-
-    table, right = result["scenario"], result["run"]["scenario"]
-    if len(right) == BAG_DIGEST_LENGTH and not table["pedestrians"]:
-        return Rules(dt=table["dt"], time_limit=table["time_limit"])
-    scenario = load(table)
-    if scenario.digest != right:
-        raise InputError(f"{path}: run.scenario is {right}, but its table scenario has the digest {scenario.digest}")
-    table |= scenario.table
-    changed, layout = copy.deepcopy(table), {f"layout.{name}": value for name, value in table["layout"].items()}
-    for key, value in result["stated"]["overrides"].items():
-        # The table has the contents of files, and numbers in the types of the layout's parameters, such as 6.0 for 6.
-        if key == "layout.map" or catalog.names_file(value) or (key, value) in layout.items():
-            continue
-        catalog.set_key(changed, "pedestrians.policy" if key == "pedestrians" else key, value, path)
-    if changed != table and load(changed).digest != right:
-        raise InputError(f"{path}: stated.overrides differ from its table scenario")
-    return scenario.rules
 
 
 def _agree(stated: Any, recomputed: Any) -> bool:

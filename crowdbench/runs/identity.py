@@ -13,25 +13,55 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from crowdbench.plugins.code import code_digest
-from crowdbench.plugins.kind import ROOT
+from crowdbench.plugins.kind import PACKAGE, ROOT
 from crowdbench.plugins.plugin_files import read_files
+from crowdbench.sim.version import SIMULATOR as SIMULATOR  # exported for boards
+from crowdbench.utils.files import sha256
 
-SIMULATOR = 1
-"""Version of the simulator. Raise it when an episode or a metric of an unchanged scenario moves: see tests/golden."""
+REACHED = (
+    "__init__.pyi",
+    "agents/pedestrians",
+    "catalog.py",
+    "core",
+    "networks",
+    "planners",
+    "plugins",
+    "predict",
+    "runs/rollout.py",
+    "runs/spec.py",
+    "scenario",
+    "sim",
+    "utils",
+    "views",
+)
+"""The files and folders that a rollout can reach, apart from those of its planner."""
 
-_MODULES = ("crowdbench.runs.rollout", "crowdbench.scenario.scenario_file")
-"""The modules that simulate an episode from a scenario and commands. Modules that they import count, too."""
-
+_SUFFIXES = (".py", ".pyi", ".npz")
 
 UNKNOWN = "unknown-"
 """Prefix of keys of `new_key`."""
 
 
-@functools.cache
 def code() -> str:
-    """Return the digest of the simulator's code, see `plugins.code.code_digest`."""
-    return code_digest(_MODULES, sorted((ROOT / "agents" / "pedestrians").glob("*.py")))
+    """Return the digest of the code that a rollout can reach."""
+    return source_digest(*REACHED)
+
+
+@functools.cache
+def source_digest(*names: str) -> str:
+    """Return the sha256 of paths and contents of files of the package and of its agents.
+
+    Args:
+        names: Files, or folders with all files of Python and of weights in them.
+    """
+    total = hashlib.sha256()
+    for name in names:
+        start = (ROOT if name.startswith("agents/") else PACKAGE) / name
+        for path in [start] if start.is_file() else sorted(start.rglob("*")):
+            if path.suffix in _SUFFIXES:
+                relative = path.relative_to(start).as_posix()
+                total.update(f"{name} {relative} {sha256(path)}\n".encode())
+    return total.hexdigest()
 
 
 @dataclass(frozen=True)
@@ -42,7 +72,6 @@ class PlannerId:
         name: The planner's name.
         options: Its options.
         files: The sha256 of the files of the planner and of its options, by path. See `catalog.planner_files`.
-        code: The digest of the code of crowdbench that it imports.
         facts: The planner's attribute `facts`, such as the digest of its weights.
         key: For planner objects that a user constructs: the author's name for this version, or a random key if there is
             none.
@@ -51,7 +80,6 @@ class PlannerId:
     name: str
     options: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    code: str = ""
     facts: Mapping[str, str] = field(default_factory=dict)
     key: str = ""
 
@@ -73,7 +101,7 @@ class RunId:
         batch: Number of cases in lock-step if it changes the last bits of the planner's values; None otherwise.
         metrics: The digest of the source of each metric, by name.
         decision_limit: Seconds that the planner may take for a decision.
-        code: The digest of the simulator's code.
+        code: The digest of the code that a rollout can reach, see `REACHED`.
         simulator: Version of the simulator, see `SIMULATOR`.
     """
 
@@ -111,25 +139,20 @@ def new_key() -> str:
 def source_of(thing: type | Callable[..., Any]) -> str:
     """Return 16 hexadecimal digits that change with the source of a class or a function.
 
-    They cover the file that defines it, and the imports of this file from its folder and from crowdbench. For code
-    typed into an interpreter, they cover its text if it is available; otherwise the digits are random.
+    In crowdbench they cover all files of its folder, such as `metrics`. In a user's file they cover that file and those
+    that it imports, see `plugins.read_files`. For code typed into an interpreter, they cover its text if it is
+    available; otherwise the digits are random.
     """
     module = str(getattr(thing, "__module__", ""))
-    if module.startswith("crowdbench."):
-        return _source_of_module(module)
     file = Path(getattr(sys.modules.get(module), "__file__", None) or "")
+    if module.startswith("crowdbench."):
+        return source_digest(file.relative_to(PACKAGE).parts[0])[:16]
     if file.is_file():  # not `<stdin>`
-        files = read_files(file)
-        return digest({"files": [files.digests, code_digest(files.imports)]})[:16]
+        return digest({"files": read_files(file)})[:16]
     try:
         return hashlib.sha256(inspect.getsource(thing).encode()).hexdigest()[:16]
     except (OSError, TypeError):
         return secrets.token_hex(8)
-
-
-@functools.cache
-def _source_of_module(module: str) -> str:
-    return code_digest([module])[:16]
 
 
 def id_of_object(planner: object, name: str, facts: Mapping[str, str], key: str) -> PlannerId:

@@ -1,9 +1,11 @@
-"""Loads runs: finds the planner, the scenario and the metrics that a `RunSpec` names."""
+"""Loads runs: the planner, the scenario and the metrics that a `RunSpec` names, and the scenario of a stored run."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+import copy
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from crowdbench import catalog
@@ -11,11 +13,13 @@ from crowdbench.isolation.fork_guard import ForkGuard
 from crowdbench.metrics.user_metrics import load_metrics
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
+from crowdbench.results.result_file import RESULT
+from crowdbench.results.run_result import RunResult
 from crowdbench.runs.identity import PlannerId, id_of_object, new_key
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.utils.errors import plugin_errors
+from crowdbench.utils.errors import InputError, plugin_errors
 
 
 def load_run(
@@ -83,6 +87,41 @@ def identify(
         driver.name,
         options if named is None else named,
         catalog.planner_files(planner, options),
-        catalog.planner_code(planner, options),
         driver.facts,
     )
+
+
+def load_stored_scenario(
+    run: RunResult, pedestrians: Sequence[str] = (), layout: str | None = None, data: Path | None = None
+) -> Scenario:
+    """Load the scenario of a stored run from its `result.json`, with the files of the user that the run had.
+
+    Args:
+        run: The stored run.
+        pedestrians: The files of the user's pedestrian policies in the run.
+        layout: The file of the layout, if the run used a layout of the user.
+        data: The folder with recorded tracks, if the run used recorded tracks.
+
+    Raises:
+        InputError: A file is missing or differs from the run, or the scenario's digest or an override contradicts its
+            table.
+    """
+    path, table, right = run.directory / RESULT, run.result["scenario"], run.result["run"]["scenario"]
+
+    def load(table: Mapping[str, Any]) -> Scenario:
+        return catalog.load_recorded_scenario(table, str(path), pedestrians, layout, data)
+
+    scenario = load(table)
+    scenario.check_data(data)
+    if scenario.digest != right:
+        raise InputError(f"{path}: run.scenario is {right}, but its table scenario has the digest {scenario.digest}")
+    changed = copy.deepcopy({**table, **scenario.table})
+    of_layout = [(f"layout.{name}", value) for name, value in changed.get("layout", {}).items()]
+    for key, value in run.result["stated"]["overrides"].items():
+        # The table has the contents of files, and numbers in the types of the layout's parameters, such as 6.0 for 6.
+        if key == "layout.map" or catalog.names_file(value) or (key, value) in of_layout:
+            continue
+        catalog.set_key(changed, "pedestrians.policy" if key == "pedestrians" else key, value, path)
+    if changed != {**table, **scenario.table} and load(changed).digest != right:
+        raise InputError(f"{path}: stated.overrides differ from its table scenario")
+    return scenario

@@ -12,8 +12,9 @@ import numpy as np
 
 from crowdbench.results.episodes import RECORDING, Episodes
 from crowdbench.results.run_result import RunResult, write_run
+from crowdbench.results.stored_commands import COMMANDS, join_commands
 from crowdbench.runs.identity import code
-from crowdbench.runs.recording import COMMANDS, join_commands, most_failures
+from crowdbench.runs.recording import most_failures
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import new_directory

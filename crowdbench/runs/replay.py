@@ -23,9 +23,9 @@ from crowdbench.planners.planner import Planner
 from crowdbench.results.episodes import EPISODES, RECORDING, Episodes
 from crowdbench.results.result_file import RESULT
 from crowdbench.results.run_result import RunResult
+from crowdbench.results.stored_commands import COMMANDS, StoredCommands
 from crowdbench.runs.differences import Difference, Differences
 from crowdbench.runs.identity import code, source_of
-from crowdbench.runs.recording import COMMANDS, Commands
 from crowdbench.runs.rollout import Progress, rollout
 from crowdbench.runs.run import fit_batch, read_versions
 from crowdbench.scenario.cases import Cases
@@ -104,7 +104,7 @@ class Replay:
         return "\n".join(lines)
 
 
-def replay(
+def replay_run(
     run: RunResult, scenario: Scenario, metrics: Mapping[str, Metric], progress: Progress | None = None
 ) -> Replay:
     """Simulate the cases of a run again and compare.
@@ -245,16 +245,18 @@ def record_case(run: RunResult, scenario: Scenario, case: int, path: Path) -> No
         recorder.add(trace, np.array([0]), episode.columns)
 
 
-def _possible(recorded: Commands, scenario: Scenario) -> Bool[np.ndarray, "case"]:
+def _possible(recorded: StoredCommands, scenario: Scenario) -> Bool[np.ndarray, "case"]:
     """Return for each case whether all commands are finite and within the limits of the vehicle, as a run requires."""
-    speed = np.full(len(recorded.command), scenario.vehicle.speed)
+    speed = np.full(len(recorded.command), scenario.vehicle.preferred_speed)
     with np.errstate(over="ignore"):
         is_within = scenario.rules.dynamics.is_within(recorded.command, speed)  # False if not finite
     row_of_step = np.repeat(np.arange(len(recorded.case)), recorded.steps)
     return np.bincount(row_of_step[~is_within], minlength=len(recorded.case)) == 0
 
 
-def _compare_commands(differences: Differences, commands: Commands, scenario: Scenario, replayed: Episodes) -> None:
+def _compare_commands(
+    differences: Differences, commands: StoredCommands, scenario: Scenario, replayed: Episodes
+) -> None:
     """Add the differences in `commands.parquet`."""
     differences.note_rows(COMMANDS, commands.case)
     refused = map(differences.name, commands.case[~_possible(commands, scenario)].tolist())

@@ -26,7 +26,7 @@ from crowdbench.sim.simulator import (
     init_memories,
     limit_velocities,
     step,
-    walk,
+    step_pedestrians,
 )
 from crowdbench.utils.errors import InputError
 
@@ -143,7 +143,7 @@ def _walk_alone(scenario: Scenario, world: World, trace: Trace) -> Float[np.ndar
         if not running.all():
             world, rows = world.take(running), rows[running]
         crowd, world = crowd_decisions(world, scenario.policies)
-        world = walk(world, crowd, scenario.post_step_rule)
+        world = step_pedestrians(world, crowd, scenario.post_step_rule)
     return positions
 
 

@@ -35,4 +35,4 @@ from .simulator import init_memories as init_memories
 from .simulator import limit_velocities as limit_velocities
 from .simulator import move as move
 from .simulator import step as step
-from .simulator import walk as walk
+from .simulator import step_pedestrians as step_pedestrians

@@ -18,7 +18,7 @@ from safetensors.torch import save as to_bytes
 from torch import Tensor
 
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.files import half_written, hold_lock, whole
+from crowdbench.utils.files import half_written, hold_lock, write_whole
 
 CHECKPOINT = "checkpoint.safetensors"
 """The state of the training. It is removed last: while it exists, the training is not finished."""
@@ -46,7 +46,7 @@ def save(path: Path, parts: Mapping[str, Any], facts: Mapping[str, Any]) -> None
             state = {f"{row}.{key}": tensor for row, values in state["state"].items() for key, tensor in values.items()}
         tensors |= {f"{name}.{key}": tensor.contiguous() for key, tensor in state.items()}
     content = to_bytes(tensors, metadata={"training": json.dumps(facts)})
-    with whole(path) as partial:
+    with write_whole(path) as partial:
         partial.write_bytes(content)
 
 

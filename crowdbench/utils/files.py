@@ -34,7 +34,7 @@ PATIENCE = 1.0
 
 
 @contextlib.contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def write_whole(path: Path) -> Iterator[Path]:
     """Yield a path to write to: the file is renamed to `path` if all goes well, and removed otherwise."""
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:

@@ -16,10 +16,9 @@ from jaxtyping import Float
 
 from crowdbench import METRICS, Cases, Driver, InputError, Outcome, Scenario, Trace, load_planner, rollout
 from crowdbench.core import PERFECT, SPLITS
-from crowdbench.plugins import code_digest
 from crowdbench.runs import Parts, PlannerId, Playback, Progress, Run, RunSpec, fit_batch, make_run
 from crowdbench.scenario import LARGEST, Certified, Examined
-from crowdbench.utils import files
+from crowdbench.utils import hold_lock, write_whole
 from studies.certificates.crowds import Crowd, Known, Reacting, known_steps
 from studies.certificates.search import Effort, SearchResult, Task, search
 from studies.pages import keep
@@ -216,14 +215,15 @@ def make(
     margins = list(dict.fromkeys([margin, 0.0]))
     directory, table = out / cases.split, out / f"{cases.split}.json"
     spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))
-    identity = PlannerId(NAME, code=code_digest([], CODE), key=f"margins {margins}")
+    sources = {path.name: files.sha256(path) for path in CODE}
+    identity = PlannerId(NAME, files={"study": sources}, key=f"margins {margins}")
     run = Run(spec, play_back([], scenario), scenario, METRICS, identity)
     parts = Parts.of(run, directory).folder
 
     def drive(part: Cases, folder: Path) -> None:
         found = certificates(scenario, part, margins, progress)
         _write(found, parts / f"found-{part.start}.json")
-        with files.hold_lock(parts / ".table"):
+        with hold_lock(parts / ".table"):
             _write(_read(sorted(parts.glob("found-*.json"))), table)
         player = play_back([each.commands for each in found], scenario)
         dataclasses.replace(run, driver=player).drive(part, folder)
@@ -265,7 +265,7 @@ def _list_without(scenario: Scenario, split: str, margin: float, found: Sequence
     uncertified = [each.case for each in found if not each.means]
     narrow = [each.case for each in found if each.margin < margin]
     splits[split] = Examined(examined=len(found), uncertified=uncertified, narrow=narrow)
-    with files.whole(path) as partial:
+    with write_whole(path) as partial:
         lines = [f'scenario = "{scenario.digest}"', f"margin = {float(margin)!r}"]
         for name in filter(splits.get, SPLITS):
             lines += ["", f"[{name}]", *(f"{key} = {value}" for key, value in splits[name])]

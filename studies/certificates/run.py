@@ -52,12 +52,12 @@ def certify(
         overwrite: Replace earlier certificates.
     """
     use_threads(threads)
-    from crowdbench import Cases, catalog
+    from crowdbench import Cases, load_scenario, scenario_path
     from crowdbench.scenario import FOLDER
     from studies.certificates.certificate import make
 
     examined, changes = Cases.parse(cases), assignments(overrides or [], "--set")
-    loaded = catalog.load_scenario(scenario, changes, data=data)
+    loaded = load_scenario(scenario, changes, data=data)
     loaded.check_data(data)
     directory = out or Path("runs") / f"certified-{loaded.name}"
     announce_compilation()
@@ -69,7 +69,7 @@ def certify(
     run = directory / examined.split
     print(f"\nKept in {run}; `crowdbench score {run} --replay` checks it.")
     if examined.start == 0:
-        folder = catalog.scenario_path(scenario).parent
+        folder = scenario_path(scenario).parent
         listed, place = directory / f"{loaded.name}.toml", folder / FOLDER / f"{loaded.name}.toml"
         print(f"{listed} lists the cases without certificate: copy it to {place}, and runs print their share.")
 

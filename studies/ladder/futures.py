@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench import ORCA, Observation, Prediction, Predictor, Scenario, World
-from crowdbench.core import norm, rng
+from crowdbench.core import continuation_keys, norm
 from crowdbench.sim import ATTENTION, crowd_decisions, has_attention, init_attention, move
 
 AWAY = 1e3
@@ -93,7 +93,7 @@ class Simulated(Predictor):
         """Return the worlds of all futures, with assumptions in place of unknown parts."""
         if self.knows < Knowledge.ALL:
             step = int(self._world.step[0])  # all worlds of a batch are in the same one
-            keys = [rng.other_chance(self._world.key, step, future) for future in range(self.futures)]
+            keys = [continuation_keys(self._world.key, step, future) for future in range(self.futures)]
             world = world.replace(key=np.concatenate(keys))
         if self.knows == Knowledge.GOALS:
             usual = {name: np.full(world.radius.shape, float(value)) for name, value in ORCA.parameters.items()}

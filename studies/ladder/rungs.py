@@ -25,9 +25,9 @@ from crowdbench import (
 )
 from crowdbench.core import PERFECT
 from crowdbench.planners import SEARCH, FilteredPlanner
-from crowdbench.plugins import code_digest
 from crowdbench.predict import ConstantVelocity
 from crowdbench.runs import PlannerId, Run, RunSpec
+from crowdbench.utils.files import sha256
 from studies.certificates.certificate import CODE, certificates, play_back
 from studies.ladder import futures
 from studies.ladder.futures import FUTURES, Knowledge, Simulated
@@ -100,7 +100,7 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
     if rung != "P0":
         scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT))
     planner: Planner
-    horizon, files = max(1, round(SECONDS / scenario.rules.dt)), [Path(__file__), Path(futures.__file__), *CODE]
+    horizon, paths = max(1, round(SECONDS / scenario.rules.dt)), [Path(__file__), Path(futures.__file__), *CODE]
     foresee: Callable[[World], None] | None = None
     if rung == "C":
         planner = certified = CertifiedPlanner(scenario, spec.cases.split)
@@ -108,7 +108,7 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
     elif rung == "I":
         options = {"futures": FUTURES, "ignoring": 1.0, "worst": WORST, "horizon": horizon, "samples": SEARCH.samples}
         _, planner = load_planner("mppi_interactive", options)
-        files += sorted(Path(inspect.getfile(type(planner))).parent.glob("*.py"))
+        paths += sorted(Path(inspect.getfile(type(planner))).parent.glob("*.py"))
     else:
         predictor: Predictor = ConstantVelocity()
         if rung in KNOWLEDGE:
@@ -118,5 +118,6 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
         if scenario.rules.sensor != PERFECT:
             planner = FilteredPlanner(planner)
     named = dataclasses.replace(spec, planner=rung)
-    identity = PlannerId(rung, code=code_digest([], files))
+    sources = {f"{path.parent.name}/{path.name}": sha256(path) for path in paths}
+    identity = PlannerId(rung, files={"study": sources})
     return Run(named, Driver(planner, rung, LIMIT), scenario, METRICS, identity, foresee=foresee)

@@ -91,11 +91,11 @@ def _load_predictors(specs: list[str], options: Mapping[str, Any]) -> dict[str, 
 def _on_scenario(
     scenario: str, cases: str, overrides: list[str], data: Path | None, ahead: int
 ) -> tuple[dict[str, Any], Measure]:
-    from crowdbench import Cases, catalog
+    from crowdbench import Cases, load_scenario
     from studies.social_gan import prediction_errors
 
     settings = assignments(overrides, "--set")
-    loaded, driven = catalog.load_scenario(scenario, settings, data=data), Cases.parse(cases)
+    loaded, driven = load_scenario(scenario, settings, data=data), Cases.parse(cases)
     loaded.check_data(data)
 
     def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
@@ -108,7 +108,7 @@ def _on_scenario(
 
 
 def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
-    from crowdbench.scenario.tracks import eth_ucy
+    from crowdbench.scenario import ETH_UCY_DT
     from studies.social_gan.prediction_errors import on_tracks
     from studies.social_gan.recordings import read_folder
     from studies.social_gan.recordings import scenes as scenes_of
@@ -120,7 +120,7 @@ def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
         with progress(scenes, f"of {scenes} scenes") as tell:
             return on_tracks(name, predictor, recordings, ahead, tell)
 
-    return {"data": str(data), "dt": eth_ucy.DT, "ahead": ahead}, measure
+    return {"data": str(data), "dt": ETH_UCY_DT, "ahead": ahead}, measure
 
 
 def _print_errors(

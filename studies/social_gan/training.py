@@ -22,7 +22,7 @@ from crowdbench import Prediction, load_scenario
 from crowdbench.core import HISTORY
 from crowdbench.networks import HIDDEN, NOISE, WIDE, Generator, TrajectoryEncoder, perceptron
 from crowdbench.predict import scatter
-from crowdbench.scenario import DT
+from crowdbench.scenario import ETH_UCY_DT
 from crowdbench.train import Point, Training, describe_scenario
 from studies.social_gan.config import SocialGANConfig
 from studies.social_gan.prediction_errors import TOGETHER, displacement
@@ -78,7 +78,7 @@ class SocialGANTraining(Training):
     """
 
     config: SocialGANConfig
-    parts = ("generator", "discriminator", "average", "validated", "generator_optimizer", "discriminator_optimizer")
+    saved = ("generator", "discriminator", "average", "validated", "generator_optimizer", "discriminator_optimizer")
 
     def __init__(self, config: SocialGANConfig, device: str) -> None:
         super().__init__(config, device)
@@ -193,7 +193,7 @@ class SocialGANTraining(Training):
             data = "simulated crowds only"
         else:
             trained_on = [scene for scene in scenes(read_folder(Path(config.data))) if scene != config.held_out]
-            source = {"held_out": config.held_out, "dt": config.dt or DT, "scenes": trained_on}
+            source = {"held_out": config.held_out, "dt": config.dt or ETH_UCY_DT, "scenes": trained_on}
             data = f"recorded tracks: {', '.join(trained_on)}, and those that are in no scene's test"
         return {
             "training": {

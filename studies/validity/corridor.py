@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from crowdbench import InputError, PedestrianPolicy, World
 from crowdbench.scenario import PerAgent, Placement
-from crowdbench.sim import simulator
+from crowdbench.sim import crowd_velocities, step_pedestrians
 
 OfPeople = Float[np.ndarray, "world person"]
 
@@ -107,8 +107,8 @@ def walk(
     """
     ahead = world.goal - world.position
     for _ in range(steps):
-        velocity = simulator.crowd_velocities(world, policies)
-        after = simulator.walk(world, velocity, None)
+        velocity = crowd_velocities(world, policies)
+        after = step_pedestrians(world, velocity, None)
         world = _closed(_in_the_middle(after) if single_file else after, ahead, length)
         yield world
 

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench import PedestrianPolicy, World
 from crowdbench.scenario import PerAgent, Placement
-from crowdbench.sim import crowd_velocities, walk
+from crowdbench.sim import crowd_velocities, step_pedestrians
 from studies.validity.corridor import spread
 
 NUMBER = 60
@@ -112,7 +112,7 @@ def leave(world: World, policies: Mapping[str, PedestrianPolicy]) -> Passages:
     steps = round(TIME / world.rules.dt)
     passed = np.full(world.person.shape, -1)
     for step in range(steps):
-        world = walk(world, crowd_velocities(world, policies), None)
+        world = step_pedestrians(world, crowd_velocities(world, policies), None)
         y = world.position[:, 1:, 1]
         passed[(passed < 0) & (y > 0.0)] = step
         gone = np.pad(y > GONE, ((0, 0), (1, 0)))

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench import Cases, Scenario, catalog
-from crowdbench.scenario import Placement, scenario_file
+from crowdbench import PEDESTRIANS, Cases, Scenario
+from crowdbench.scenario import Placement, parse_scenario
 from studies.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, walk
 from studies.validity.door import NUMBER, Passages, hall, leave
 
@@ -139,12 +139,12 @@ def crowd(policy: str, people: People, number: int, layout: Callable[..., Placem
     """
     size = {"radius": people.radius}  # the vehicle must fit in the same space
     pedestrians = {"number": number, "policy": policy, "preferred_speed": people.preferred_speed, **size}
-    return scenario_file.parse(
+    return parse_scenario(
         {"vehicle": size, "pedestrians": pedestrians},
         "validity",
         "validity",
         lambda _: ("validity", layout, None),
-        catalog.PEDESTRIANS.load_with_digest,
+        PEDESTRIANS.load_with_digest,
     )
 
 

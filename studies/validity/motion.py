@@ -17,8 +17,8 @@ sys.path.append(str(Path(__file__).parents[2]))
 from crowdbench import SCENARIOS, Cases, Scenario, load_scenario
 from crowdbench.cli import help_from_docstring, main
 from crowdbench.core import norm
-from crowdbench.scenario import DT, FRAME_STEP, Tracks, read_tracks
-from crowdbench.sim import crowd_decisions, init_memories, walk
+from crowdbench.scenario import ETH_UCY_DT, FRAME_STEP, RecordedTracks, read_tracks
+from crowdbench.sim import crowd_decisions, init_memories, step_pedestrians
 from crowdbench.utils import markdown, printed_by
 
 FOLDERS = ("suite", "generalisation", "maps")
@@ -75,7 +75,7 @@ def simulate(scenario: Scenario, cases: Cases) -> tuple[Walks, list[float]]:
     for _ in range(scenario.rules.max_steps + 1):
         states.append((world.position[:, 1:], np.where(world.present[:, 1:], world.person, -1), world.radius[:, 1:]))
         crowd, world = crowd_decisions(world, scenario.policies)
-        world = walk(world, crowd, scenario.post_step_rule)
+        world = step_pedestrians(world, crowd, scenario.post_step_rule)
     place, number, radius = map(np.array, zip(*states, strict=True))
     at = step, case, column = np.array((number >= 0).nonzero())
     person = (case * place.shape[2] + column) * (number.max() + 1) + number[step, case, column]
@@ -94,19 +94,19 @@ def simulate(scenario: Scenario, cases: Cases) -> tuple[Walks, list[float]]:
     return walks, [float(arrived), float(far[first].mean()), float(near[first].mean())]
 
 
-def recorded(tracks: Tracks) -> Walks:
+def recorded(tracks: RecordedTracks) -> Walks:
     """Return recorded pedestrians as walks."""
-    rows = tracks.frame / FRAME_STEP * DT, tracks.frame, tracks.position
+    rows = tracks.frame / FRAME_STEP * ETH_UCY_DT, tracks.frame, tracks.position
     return Walks(tracks.pedestrian, *rows, np.full(len(tracks.frame), RECORDED_RADIUS))
 
 
 def measure(walks: Walks) -> list[float]:
     """Return the figures of walks for the page, from accelerations to speeds."""
     velocities = list(_velocities(walks))
-    change = np.concatenate([norm(np.diff(velocity, axis=0)) / DT for velocity in velocities])
+    change = np.concatenate([norm(np.diff(velocity, axis=0)) / ETH_UCY_DT for velocity in velocities])
     fast = [velocity * (norm(velocity) > MOVING)[:, None] for velocity in velocities]
     turns = sum(int(((each[1:] * each[:-1]).sum(axis=1) < 0.0).sum()) for each in fast)
-    minutes = sum(map(len, velocities)) * DT / 60
+    minutes = sum(map(len, velocities)) * ETH_UCY_DT / 60
     overlap, near = np.zeros((2, len(walks.time)))
     order = np.argsort(walks.moment, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(walks.moment[order])) + 1):
@@ -122,12 +122,12 @@ def measure(walks: Walks) -> list[float]:
 
 
 def _velocities(walks: Walks) -> Iterator[Float[np.ndarray, "step 2"]]:
-    """Yield the velocities in m/s of each walking pedestrian, in steps of `DT`."""
+    """Yield the velocities in m/s of each walking pedestrian, in steps of `ETH_UCY_DT`."""
     for rows in np.split(np.arange(len(walks.time)), np.flatnonzero(np.diff(walks.person)) + 1):
         time, position = walks.time[rows], walks.position[rows]
         if norm(np.diff(position, axis=0)).sum() >= SHORTEST:
-            at = np.arange(time[0], time[-1] + 1e-9, DT)
-            yield np.diff([np.interp(at, time, xy) for xy in position.T], axis=1).T / DT
+            at = np.arange(time[0], time[-1] + 1e-9, ETH_UCY_DT)
+            yield np.diff([np.interp(at, time, xy) for xy in position.T], axis=1).T / ETH_UCY_DT
 
 
 def row(name: str, numbers: list[float]) -> list[str]:
@@ -153,7 +153,7 @@ def motion(scenarios: Names = None, data: Path | None = None, cases: int = 100) 
     asked = [*(scenarios or []), *["--data DIR"] * bool(data), *[f"--cases {cases}"] * (cases != 100)]
     command = " ".join(["python studies/validity/motion.py", *asked])
     numbers = {"near": NEAR, "middle": MIDDLE, "brushing": BRUSHING, "radius": RECORDED_RADIUS, "shortest": SHORTEST}
-    text = TEXT.read_text(encoding="utf-8").strip().format(cases=cases, dt=DT, moving=MOVING, **numbers)
+    text = TEXT.read_text(encoding="utf-8").strip().format(cases=cases, dt=ETH_UCY_DT, moving=MOVING, **numbers)
     print("# How people move", printed_by(command), text, sep="\n\n", end="\n\n")
     print(markdown(HEADER.split("|"), rows))
 

@@ -122,13 +122,9 @@ def test_json_is_all_that_json_prints(call):
         (["view", "nothing.rrd"], "nothing.rrd"),
         (["run", "--planner", "orca", "--decision-limit", "-1"], "decision limit of -1 s"),
         (["run", "--planner", "orca", "--replan-every", "0"], "--replan-every"),
-        (["run", "--planner", "orca", "--board", "twenty"], "no board is called 'twenty'; there are five, ten"),
         (["run", "--planner", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
         (["check", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
         (["train", "sarl", "--data", "."], "--data does not go with circle_crossing_mixed"),
-        (["run", "--planner", "orca", "--board", "five", "--set", "dt=0.1"], "--set does not go with --board"),
-        (["run", "--planner", "orca", "--board", "five", "--scenario", "circle_crossing_5"], "--scenario does not go"),
-        (["run", "--planner", "orca", "--board", "five", "--isolated"], "do are --planner, --option, --cases, --data"),
         (["run-board", "five"], "No such command 'run-board'"),
     ],
 )

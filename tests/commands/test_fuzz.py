@@ -20,11 +20,9 @@ from helpers import make, reseal
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from crowdbench.boards.entry import read_entry
 from crowdbench.catalog import load_planner, load_scenario, scenario_path
 from crowdbench.cli import app as cli
 from crowdbench.metrics.registry import METRICS
-from crowdbench.utils.errors import InputError
 
 FUZZ = int(os.environ.get("CROWDBENCH_FUZZ", "0"))
 LONGEST = 10.0
@@ -259,33 +257,3 @@ def test_tracks(folder, edits, others):
     answer("render", folder / "mine.toml", "--data", folder, "--out", folder / "x.svg")
     (folder / "mine.toml").write_text(edit_text(recordings.TOML, others), errors="replace")
     answer("render", folder / "mine.toml", "--data", folder, "--out", folder / "x.svg")
-
-
-ENTRY = {
-    "format": 1,
-    "board": "five",
-    "board_digest": "0" * 64,
-    "submitted_by": "Ada",
-    "planner": "planner/mine.py",
-    "package": "",
-    "package_files": {},
-    "code": "0" * 64,
-    "facts": {"circle_crossing_5": {"weights": "1"}},
-    "options": {"pace": 0.5, "weights": "planner/a.json"},
-    "networks": [],
-    "privileged": False,
-    "environment": {"numpy": "2.0"},
-    "files": {"planner/mine.py": "0" * 64},
-    "reported": {},
-}
-
-
-@fuzz
-@given(FIELDS)
-def test_entries(folder, edits):
-    (folder / "entry").mkdir(exist_ok=True)
-    table = edit_json(json.loads(json.dumps(ENTRY)), edits)
-    (folder / "entry" / "entry.json").write_text(json.dumps(table))
-    with pytest.raises(InputError):  # there are no files
-        read_entry(folder / "entry")
-    answer("verify", folder / "entry")

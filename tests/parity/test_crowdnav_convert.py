@@ -85,7 +85,7 @@ def test_a_converted_network_has_the_values_of_crowdnavs(kind, tmp_path):
         np.testing.assert_allclose(found(state, torch.ones(40, 5, dtype=torch.bool)), expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [KINDS[0], *(pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS[1:])])
 def test_a_converted_network_drives(kind, tmp_path):
     file = converted(kind, tmp_path)
     options = ["--planner", kind, "--option", f"weights={file}", "--cases", "val:2", "--set", "time_limit=2"]

@@ -58,6 +58,7 @@ def starts(number, split="val"):
     return zip(world.position.tolist(), world.goal.tolist(), strict=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seen", ["invisible", "visible"])
 def test_episodes_are_crowdnavs(fork, reference, seen):
     data, same = reference(f"crowdnav_circle5_orca_{seen}"), 0

@@ -56,6 +56,7 @@ def test_every_measurement_is_in_the_table(monkeypatch):
     assert sum("start-up of the command line" in line for line in lines) == 1
 
 
+@pytest.mark.slow
 def test_a_command_is_timed_with_its_memory_and_without_that_of_its_parent():
     ballast = np.ones(60_000_000)
     usage = commands.command("--help")
@@ -64,6 +65,7 @@ def test_a_command_is_timed_with_its_memory_and_without_that_of_its_parent():
     assert 1e7 < usage.memory < ballast.nbytes
 
 
+@pytest.mark.slow
 def test_a_command_that_fails_is_no_measurement(tmp_path):
     with pytest.raises(InputError, match=r"run --planner nobody.*no planner is called 'nobody'"):
         commands.command("run", "--planner", "nobody", "--out", str(tmp_path / "run"))
@@ -77,6 +79,7 @@ open('runs', 'a').write(crowdbench.__file__ + ' ')
 " """
 
 
+@pytest.mark.slow
 def test_a_command_compiles_in_the_first_of_two_clones_only(tmp_path):
     for name in ("first", "second"):
         shutil.copytree(Path(crowdbench.__file__).parent, tmp_path / name / "crowdbench")

@@ -1,12 +1,10 @@
 """The pages of docs/ say what is there: the map of the folders, the way of one run, the API pages, the references."""
 
 import re
-import shutil
 import tomllib
 from pathlib import Path
 
 import pytest
-from readme import write_readme
 
 import crowdbench
 from crowdbench.catalog import PLANNERS
@@ -136,17 +134,6 @@ def test_the_page_of_planners_has_each_in_one_family():
     assert sorted(re.findall(r"`(\w+)`", table)) == sorted(name for name, _ in PLANNERS.names())
 
 
-def test_the_cards_of_planners_that_ship_declare_planning_as_their_family_does():
-    families = dict(re.findall(r"^\| ([\w -]+) \| (`.+?`) \|", (DOCS / "planners.md").read_text(), re.MULTILINE))
-    shipped = tomllib.loads((ROOT / "leaderboards/shipped.toml").read_text())["shipped"]
-    for one in shipped:
-        card = tomllib.loads((ROOT / f"leaderboards/cards/{one['name']}.toml").read_text())
-        is_planning = card.get("planning", False)
-        assert is_planning == (f"`{one['planner']}`" in families["planning over seconds"]), one
-        is_trained = bool(card["training_scenarios"] or card["training_data"])
-        assert (not is_planning and not is_trained) == (f"`{one['planner']}`" in families["reactive"]), one
-
-
 def test_the_heat_table_is_drawn_from_its_script():
     figure = load_module(DOCS / "heat_figure.py")
     assert figure.FIGURE.read_text() == figure.figure()
@@ -223,16 +210,3 @@ def test_the_citation_file_has_the_version_of_the_project():
     citation = (ROOT / "CITATION.cff").read_text()
     assert re.findall(r"^version: (.+)$", citation, re.MULTILINE) == [PROJECT["project"]["version"]]
     assert re.findall(r"^license: (.+)$", citation, re.MULTILINE) == [PROJECT["project"]["license"]]
-
-
-def test_the_readme_says_so_while_the_boards_are_being_filled():
-    pages = [ROOT / "README.md", ROOT / "leaderboards" / "README.md", DOCS / "boards.md"]
-    has_entries = any((ROOT / "leaderboards").glob("*/entries/*"))
-    assert ["boards are being filled" in page.read_text() for page in pages] == [not has_entries] * 3
-
-
-@pytest.mark.slow
-def test_the_standings_in_leaderboards_are_those_of_its_entries(tmp_path):
-    shutil.copytree(ROOT / "leaderboards", tmp_path / "leaderboards")
-    written = write_readme(tmp_path / "leaderboards").read_text()
-    assert written == (ROOT / "leaderboards" / "README.md").read_text()

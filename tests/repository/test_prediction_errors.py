@@ -11,8 +11,8 @@ from crowdbench.cli.app import app, build_script
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle, Prediction, Predictor
 from crowdbench.predict.predictors import PREDICTORS
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.tracks.eth_ucy import Tracks
-from crowdbench.sim.simulator import crowd_velocities, walk
+from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
+from crowdbench.sim.simulator import crowd_velocities, step_pedestrians
 from crowdbench.utils.defaults import HORIZON
 from crowdbench.utils.errors import InputError
 from studies.social_gan import prediction_errors
@@ -40,7 +40,7 @@ def recording(frames, name="mine", step=0.0):
     """Pedestrians who are there for so many frames, moving so many metres in each."""
     rows = [(10 * t, p, step * t, p) for p, own in enumerate(frames) for t in range(own)]
     frame, pedestrian, x, y = np.array(rows).T
-    return Tracks(name, frame.astype(int), pedestrian.astype(int), np.stack([x, y], axis=1))
+    return RecordedTracks(name, frame.astype(int), pedestrian.astype(int), np.stack([x, y], axis=1))
 
 
 def means(estimates):
@@ -170,7 +170,7 @@ def slowly(predict, scenario, cases, ahead):
     moving = world.replace(rules=dataclasses.replace(world.rules, visible=False))
     positions, errors = [moving.position], []
     for _ in range(scenario.rules.max_steps):
-        moving = walk(moving, crowd_velocities(moving, scenario.policies), scenario.post_step_rule)
+        moving = step_pedestrians(moving, crowd_velocities(moving, scenario.policies), scenario.post_step_rule)
         positions.append(moving.position)
     track = np.stack(positions, axis=1)[:, :, 1:]
     for w in range(len(world)):

@@ -105,7 +105,7 @@ def test_the_function_of_the_docs_drives():
 COMMANDS = [
     command
     for page in ("README.md", "docs/commands.md")
-    for command in re.findall(r"`crowdbench (run (?!--board)[^`]*)`", (ROOT / page).read_text())
+    for command in re.findall(r"`crowdbench (run [^`]*)`", (ROOT / page).read_text())
 ]
 
 

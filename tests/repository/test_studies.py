@@ -21,6 +21,16 @@ from studies.transfer.table import TransferStudy
 ROOT = Path(__file__).parents[2]
 RUNNABLE = (path for path in ROOT.glob("studies/**/*.py") if "__main__" in path.read_text())
 SCRIPTS = sorted(path.relative_to(ROOT).as_posix() for path in RUNNABLE)
+HELP = """
+import contextlib, os, runpy, sys
+path = list(sys.path)
+for script in sys.argv[1:]:
+    sys.argv, sys.path[:] = [script, "--help"], [os.path.dirname(script), *path[1:]]
+    with contextlib.suppress(SystemExit):
+        runpy.run_path(script, run_name="__main__")
+"""
+"""Starts each script as Python does, but in one process: each imports the same packages."""
+
 SPECS = {
     "dials": DialStudy,
     "ladder": LadderStudy,
@@ -31,11 +41,15 @@ SPECS = {
 }
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
-def test_a_script_starts_in_any_folder(script, tmp_path):
-    command = [sys.executable, ROOT / script, "--help"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert "Usage" in done.stdout
+def test_the_scripts_start_in_any_folder(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", HELP, *(str(ROOT / script) for script in SCRIPTS)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.count("Usage") == len(SCRIPTS)
 
 
 @pytest.mark.parametrize("name", ["suite", "learned", "policies", "crowds", "kce", "recorded", "crowdnav_plus"])

@@ -144,6 +144,7 @@ def shipped():
     return read_reproduction(None, quick=False).tables
 
 
+@pytest.mark.slow
 def test_the_shipped_file_has_the_paper_s_tables_first(shipped):
     assert [table.spec.title[:7] for table in shipped[:5]] == [f"Table {n}" for n in (1, 2, 3, 3, 4)]
     assert {str(table.spec.cases) for table in shipped} == {"test:0:500"}
@@ -160,6 +161,7 @@ def test_the_shipped_file_has_the_paper_s_tables_first(shipped):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_page_lists_nine_differences_from_the_paper_and_the_tables_have_its_claims(shipped):
     description = read_file(table.FILE, ReproductionSpec).description
     assert re.findall(r"^\| (\d) \|", description, re.MULTILINE) == [*"123456789"]
@@ -174,6 +176,7 @@ def test_both_readings_of_the_papers_third_table_are_one_choice():
     assert [table.spec.look_first for table in read_reproduction(3, quick=False).tables] == [8, 1]
 
 
+@pytest.mark.slow
 def test_every_headline_is_read_again_on_cases_that_no_table_has(shipped):
     again = [row.second_reading for table in shipped for row in table.rows if row.second_reading]
     assert [run.driver.name for run in again] == [

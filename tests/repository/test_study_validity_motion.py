@@ -5,20 +5,20 @@ import pytest
 
 from crowdbench.catalog import SCENARIOS, load_scenario
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.tracks.eth_ucy import Tracks
-from studies.validity.motion import DT, HEADER, Walks, measure, motion, recorded, simulate
+from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
+from studies.validity.motion import ETH_UCY_DT, HEADER, Walks, measure, motion, recorded, simulate
 
 SUITE = sorted(path.stem for folder in ("suite", "generalisation") for path in (SCENARIOS / folder).glob("*.toml"))
 
 
-def walks(*paths, radius=0.2, dt=DT):
+def walks(*paths, radius=0.2, dt=ETH_UCY_DT):
     """Walks of people who are there at the same time, from their positions."""
     person = np.concatenate([np.full(len(path), number) for number, path in enumerate(paths)])
     moment = np.concatenate([np.arange(len(path)) for path in paths])
     return Walks(person, moment * dt, moment, np.concatenate(paths).astype(float), np.full(len(person), radius))
 
 
-def path(velocity, dt=DT, start=(0.0, 0.0)):
+def path(velocity, dt=ETH_UCY_DT, start=(0.0, 0.0)):
     """Positions from velocities."""
     return np.cumsum(np.concatenate([[start], np.array(velocity, float) * dt]), axis=0)
 
@@ -32,7 +32,7 @@ def test_accelerations_are_changes_of_velocity_over_a_step():
 
 
 def test_a_reversal_is_a_turn_by_more_than_a_right_angle_at_speed():
-    minutes = 10 * DT / 60
+    minutes = 10 * ETH_UCY_DT / 60
     for velocity, reversals in (([-1, 0.1], 1), ([0.1, 1], 0), ([-0.2, 0], 0)):
         assert measure(walks(path([[1, 0]] * 5 + [velocity] * 5)))[4] == pytest.approx(reversals / minutes)
 
@@ -52,10 +52,10 @@ def test_speeds_are_told_by_how_many_are_near():
 
 def test_recorded_people_are_read_as_walks():
     frame = np.array([0, 10, 20, 10, 20])
-    tracks = Tracks("mine", frame, np.array([1, 1, 1, 2, 2]), np.arange(10.0).reshape(5, 2))
+    tracks = RecordedTracks("mine", frame, np.array([1, 1, 1, 2, 2]), np.arange(10.0).reshape(5, 2))
     found = recorded(tracks)
     assert found.time.tolist() == pytest.approx([0.0, 0.4, 0.8, 0.4, 0.8])
-    assert measure(found)[7] == pytest.approx(2.0 * np.sqrt(2.0) / DT)
+    assert measure(found)[7] == pytest.approx(2.0 * np.sqrt(2.0) / ETH_UCY_DT)
 
 
 def test_a_straight_drive_meets_a_crowd_that_crosses_in_the_centre():
@@ -66,7 +66,12 @@ def test_a_straight_drive_meets_a_crowd_that_crosses_in_the_centre():
     assert (arrived, approach < 1.0, near > 5.0) == (1.0, True, True)
 
 
-@pytest.mark.parametrize("name", SUITE)
+QUICK = "doorway_10", "restless_20"
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in SUITE]
+)
 def test_people_of_the_suite_move_like_people(name):
     walked, _ = simulate(load_scenario(name), Cases("val", 0, 10))
     _, _, most, largest, reversals, _, overlapping, *_ = measure(walked)

@@ -22,7 +22,7 @@ from crowdbench.utils.errors import InputError
 FRAME_STEP = 10
 """Difference between the numbers of two consecutive annotated frames."""
 
-DT = 0.4
+ETH_UCY_DT = 0.4
 """Seconds between two consecutive annotated frames."""
 
 COLUMNS = ("frame", "pedestrian", "x", "y")
@@ -49,7 +49,7 @@ _LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Tracks:
+class RecordedTracks:
     """The annotations of one recording, a row each, ordered by pedestrian and then by frame.
 
     Attributes:
@@ -64,10 +64,10 @@ class Tracks:
     frame: Int[np.ndarray, "row"]
     pedestrian: Int[np.ndarray, "row"]
     position: Float[np.ndarray, "row 2"]
-    dt: float = DT
+    dt: float = ETH_UCY_DT
 
 
-def read_tracks(path: Path) -> Tracks:
+def read_tracks(path: Path) -> RecordedTracks:
     """Read a recording, and give each pedestrian a unique number.
 
     Raises:
@@ -90,7 +90,7 @@ def read_tracks(path: Path) -> Tracks:
             f"frames must be multiples of {FRAME_STEP} apart"
         )
     order = np.lexsort((frame, pedestrian))
-    tracks = Tracks(path.stem, frame[order], pedestrian[order], table[order, 2:])
+    tracks = RecordedTracks(path.stem, frame[order], pedestrian[order], table[order, 2:])
     is_again = (np.diff(tracks.frame) == 0) & (np.diff(tracks.pedestrian) == 0)
     for row, again in zip(order[:-1][is_again], order[1:][is_again], strict=True):
         raise InputError(
@@ -100,7 +100,7 @@ def read_tracks(path: Path) -> Tracks:
     return split_reused_numbers(tracks)
 
 
-def split_reused_numbers(tracks: Tracks) -> Tracks:
+def split_reused_numbers(tracks: RecordedTracks) -> RecordedTracks:
     """Give a new number to each pedestrian that has the number of an earlier one.
 
     Two annotations with one number belong to two pedestrians if more than `LONGEST_ABSENCE` lies between them, or if

@@ -21,7 +21,7 @@ from typing import NamedTuple
 from numba.core import config
 from numba.misc.appdirs import AppDirs
 
-from crowdbench.utils.files import whole
+from crowdbench.utils.files import write_whole
 
 DAY = 86400.0
 LONGEST_UNUSED = 90 * DAY
@@ -63,7 +63,7 @@ def write(name: str, payload: bytes) -> None:
         return
     folder = _places()[-1].folder
     with contextlib.suppress(OSError):
-        with whole(folder / name) as partial:
+        with write_whole(folder / name) as partial:
             partial.write_bytes(hashlib.sha256(payload).digest() + payload)
         _remove_unused(folder)
 

@@ -1,4 +1,4 @@
-"""Every view, reward and action of every environment, in crowds of 0, 1 and many, among walls and cars."""
+"""Each view, reward and action of the environments, in crowds of 0, 1 and many, among walls and cars."""
 
 import gymnasium
 import numpy as np
@@ -22,7 +22,15 @@ WORLDS = {
 }
 
 
-@pytest.fixture(params=WORLDS)
+CHOICES = [
+    *({"observation": observation} for observation in OBSERVATIONS),
+    *({"action": action} for action in ACTIONS),
+    *({"reward": reward} for reward in REWARDS.built_in()),
+]
+"""Each observation, action and reward once, with defaults for the others."""
+
+
+@pytest.fixture(params=WORLDS, scope="module")
 def scenario(request):
     name, overrides = WORLDS[request.param]
     data = request.getfixturevalue("shared") / "data" / "eth_ucy" if name == "eth_recorded" else None
@@ -35,10 +43,11 @@ def steps(env, number=3):
     return [env.step(env.action_space.sample()) for _ in range(number)]
 
 
-@pytest.mark.parametrize("reward", list(REWARDS.built_in()))
-@pytest.mark.parametrize("observation", ["flat", "goal_frame"])
-def test_every_agent_observes_and_is_rewarded(scenario, observation, reward):
-    env = parallel_env(scenario, observation=observation, reward=reward)
+@pytest.mark.parametrize("choice", [choice for choice in CHOICES if "action" not in choice], ids=str)
+def test_every_agent_observes_and_is_rewarded(scenario, choice):
+    if choice.get("observation") not in (None, "flat", "goal_frame"):
+        pytest.skip("an observation of the vehicle alone")
+    env = parallel_env(scenario, **choice)
     observations, _ = env.reset(seed=0)
     for _ in range(3):
         for agent, observed in observations.items():
@@ -48,11 +57,9 @@ def test_every_agent_observes_and_is_rewarded(scenario, observation, reward):
         assert np.isfinite(list(rewards.values())).all()
 
 
-@pytest.mark.parametrize("reward", list(REWARDS.built_in()))
-@pytest.mark.parametrize("action", ACTIONS)
-@pytest.mark.parametrize("observation", OBSERVATIONS)
-def test_the_vehicle_observes_and_is_rewarded(scenario, observation, action, reward):
-    options = {"scenario": scenario, "observation": observation, "action": action, "reward": reward}
+@pytest.mark.parametrize("choice", CHOICES, ids=str)
+def test_the_vehicle_observes_and_is_rewarded(scenario, choice):
+    options = {"scenario": scenario, **choice}
     with gymnasium.make("crowdbench/Vehicle-v0", **options) as env:
         observed, _ = env.reset(seed=0)
         assert env.observation_space.contains(observed)

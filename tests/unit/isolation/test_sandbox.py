@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from probes import probe
 
-from crowdbench.boards.board import ROOT
 from crowdbench.isolation import sandbox
 from crowdbench.isolation.isolated_planner import ResourceLimits
+from crowdbench.plugins.kind import ROOT
 from crowdbench.utils.errors import InputError
 
 pytestmark = [
@@ -40,13 +40,12 @@ def test_it_sees_nothing_but_python_crowdbench_the_system_and_its_own_file(tmp_p
 
 
 def test_the_repository_with_its_boards_and_seasons_is_not_there(tmp_path):
-    repository = ROOT.parent
     secret = [
-        repository / ".git",
-        ROOT,
-        ROOT / "season.toml",
-        ROOT / "five",
-        repository / "README.md",
+        ROOT / ".git",
+        ROOT / "leaderboards",
+        ROOT / "leaderboards" / "season.toml",
+        ROOT / "leaderboards" / "five",
+        ROOT / "README.md",
         Path.home() / ".ssh",
     ]
     there = f"[path for path in {list(map(str, secret))} if os.path.exists(path)]"

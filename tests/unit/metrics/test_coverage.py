@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import binom
 from study_folders import episodes
 
-from crowdbench.boards.means import weighted_mean
+from crowdbench.metrics import mean_over_scenarios
 from crowdbench.metrics.networks import mean_over_networks
 from crowdbench.metrics.summary import bootstrap, rate, wilson
 from crowdbench.results.paired import Paired, compare_metric
@@ -81,7 +81,7 @@ def test_paired_differences_cover_the_true_ones(gained, lost):
 @pytest.mark.slow
 def test_the_mean_over_scenarios_of_a_board_covers_the_true_one():
     draws, weights, rates = np.random.default_rng(5), np.array([0.5, 0.3, 0.2]), np.array([0.99, 0.9, 0.6])
-    found = [weighted_mean(weights, [wilson(draws.random(100) < each) for each in rates]) for _ in range(1000)]
+    found = [mean_over_scenarios(weights, [wilson(draws.random(100) < each) for each in rates]) for _ in range(1000)]
     coverage = np.mean([covers(each, weights @ rates) for each in found])
     print(f"weighted mean of Wilson's intervals: {coverage:.3f}")
     assert coverage > 0.935

@@ -7,6 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 import shapely
 from helpers import drive, make
+from scipy.spatial.distance import cdist
 
 from crowdbench.catalog import load_scenario
 from crowdbench.export.export import export
@@ -24,10 +25,10 @@ ELSEWHERE = {"clearing_distance", "wall_collision_rate", "group_intrusion", "at_
 """Recomputed in other scenarios, which have walls, groups and pedestrians who look around."""
 
 
-def tracks(folder, planner="orca", **visible):
+def tracks(folder, planner="orca", cases="val:15", **visible):
     """The table of episodes of a run, the positions `[frame, agent, 2]` of its cases, and the rewards of each."""
     scenario = load_scenario("circle_crossing_5", visible)
-    make(folder / "run", planner, scenario, "val:30")
+    make(folder / "run", planner, scenario, cases)
     (folder / "export").mkdir()
     export(RunResult.read(folder / "run"), lambda _: scenario, folder / "export")
     episodes = Episodes.read(folder / "run" / "episodes.csv")
@@ -54,7 +55,7 @@ def unseen(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def stops(tmp_path_factory):
-    return tracks(tmp_path_factory.mktemp("stops"), "social_force")
+    return tracks(tmp_path_factory.mktemp("stops"), "social_force", "val:6")
 
 
 def norm(vector):
@@ -233,7 +234,8 @@ def encounters(p, success):
             near += bool((gap[begin:end, i] < 0.2).any() or (time[begin:end, i] < 1.0).any())
     moments = np.arange(0, len(p) - 1 + 1e-9, 0.05)
     between = at(p, moments)
-    s, t, _ = np.nonzero(norm(between[:, None, :1] - between[None, :, 1:]) < 2 * RADIUS)
+    apart = np.stack([cdist(between[:, 0], between[:, i]) for i in range(1, 6)], axis=2)
+    s, t, _ = np.nonzero(apart < 2 * RADIUS)
     found = {
         "time_to_collision": time.min(),
         "near_misses": near / met if met else np.nan,

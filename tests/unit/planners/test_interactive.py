@@ -5,16 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
+from agents.planners.mppi_interactive import geodesics, goal_belief
+from agents.planners.mppi_interactive import mppi_interactive as interactive
 from crowdbench import ORCA, Cases, Driver, load_planner, load_scenario, roll_out, rollout
 from crowdbench.catalog import PLANNERS
-from crowdbench.plugins.kind import load_module
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.visibility_graph import find_routes
 from crowdbench.utils.errors import InputError
 
 FOLDER = PLANNERS.folder / "mppi_interactive"
-interactive = load_module(FOLDER / "mppi_interactive.py")
-goal_belief, geodesics = load_module(FOLDER / "goal_belief.py"), load_module(FOLDER / "geodesics.py")
 
 DOOR = load_scenario("doorway_10")
 STEPS = 18
@@ -176,6 +175,7 @@ def test_people_of_a_roll_out_avoid_a_vehicle_whose_plan_is_given(worlds):
         roll_out(ORCA(), obs, goals[:1], speed, 6)
 
 
+@pytest.mark.slow
 def test_a_world_is_the_same_in_a_batch_and_a_run_works():
     scenario, cases = load_scenario("blocks_12"), Cases.parse("val:3")
     options = {"futures": 3}

@@ -48,7 +48,7 @@ def test_a_shortlist_of_all_commands_changes_nothing(shortlist):
     assert np.array_equal(every, listed)
 
 
-@pytest.mark.parametrize("shortlist", [1, 5])
+@pytest.mark.parametrize("shortlist", [pytest.param(1, marks=pytest.mark.slow), 5])
 def test_of_a_shortlist_the_best_under_all_futures_is_taken(shortlist):
     obs, net = crowded(12), network()
     made = ValuePlanner(Forks(3), net, shortlist=shortlist)

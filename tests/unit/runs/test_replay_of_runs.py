@@ -24,10 +24,10 @@ from crowdbench.results.run_result import RunResult
 from crowdbench.runs import replay as replays
 from crowdbench.runs import rollout as rollouts
 from crowdbench.runs.merge import merge
-from crowdbench.runs.replay import replay
+from crowdbench.runs.replay import replay_run
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import step, walk
+from crowdbench.sim.simulator import step, step_pedestrians
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import plain
 
@@ -53,7 +53,7 @@ def go(out, planner="orca", cases=str(CASES), scenario="circle_crossing_5", **se
 def again(directory, metrics=SOME, pedestrians=()):
     files = RunResult.read_unchecked(directory)
     scenario = load_recorded_scenario(files.result["scenario"], "result.json", pedestrians)
-    return replay(files, scenario, metrics)
+    return replay_run(files, scenario, metrics)
 
 
 @pytest.fixture(scope="module")
@@ -338,7 +338,7 @@ def test_only_policies_that_the_user_gives_are_loaded_from_files(tmp_path):
     with pytest.raises(InputError, match="no pedestrian policy of the run is a file called other"):
         again(tmp_path / "run", pedestrians=[str(shutil.copy(policy, tmp_path / "other.py"))])
     policy.write_text(STROLL + "# changed")
-    with pytest.raises(InputError, match="give the file as it was"):
+    with pytest.raises(InputError, match=r"policy_files.stroll is \w+, but must be the digest of the file"):
         again(tmp_path / "run", pedestrians=[str(policy)])
     table = json.loads((tmp_path / "run" / "result.json").read_text())["scenario"]
     table["pedestrians"] = {"policy": str(policy)}
@@ -406,7 +406,9 @@ def test_a_replay_simulates_the_undisturbed_crowd_for_metrics_and_recordings(
     metrics = {name: METRICS[name] for name in names}
     run = go(tmp_path / "run", cases="4", scenario="circle_crossing_5_visible", metrics=metrics, record=record)
     walks = []
-    monkeypatch.setattr(rollouts, "walk", lambda *arguments: walks.append(arguments) or walk(*arguments))
+    monkeypatch.setattr(
+        rollouts, "step_pedestrians", lambda *arguments: walks.append(arguments) or step_pedestrians(*arguments)
+    )
     found = again(run, metrics)
     assert (found.differences, bool(walks)) == ([], expected)
     assert found.recorded == (4 if record == "all" else 0)

@@ -13,7 +13,7 @@ from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import crowd_velocities, step, walk
+from crowdbench.sim.simulator import crowd_velocities, step, step_pedestrians
 from crowdbench.utils.errors import InputError
 from crowdbench.views.ego import flatten
 
@@ -124,7 +124,11 @@ def test_the_undisturbed_crowd_is_the_crowd_of_an_invisible_vehicle():
 @pytest.mark.parametrize("wanted", [True, False])
 def test_the_undisturbed_crowd_is_simulated_to_the_end_of_each_episode_where_it_is_wanted(wanted, monkeypatch):
     walks = []
-    monkeypatch.setattr(rollouts, "walk", lambda world, *others: walks.append(len(world)) or walk(world, *others))
+    monkeypatch.setattr(
+        rollouts,
+        "step_pedestrians",
+        lambda world, *others: walks.append(len(world)) or step_pedestrians(world, *others),
+    )
     driver, place = Driver(load_planner("orca")[1], "orca"), load_scenario("circle_crossing_5_visible")
     trace = rollout(driver, place, Cases.parse("30"), undisturbed=wanted)
     assert sum(walks) == (trace.steps.sum() if wanted else 0)

@@ -263,10 +263,10 @@ def test_files_lie_beside_the_result(a):
         RunResult.read(a)
 
 
-def test_a_run_by_other_code_is_told(a, runs, capsys):
-    reseal(a, lambda table: table["run"].update(code="another"))
+def test_a_run_by_another_version_of_the_simulator_is_told(a, runs, capsys):
+    reseal(a, lambda table: table["run"].update(simulator=0))
     for command in (["compare", str(a), str(runs / "b")], ["score", str(a)], ["table", str(a)]):
         app(command, standalone_mode=False)
-        assert "other code of crowdbench" in capsys.readouterr().err
+        assert "was made by version 0 of the simulator, and this is version" in capsys.readouterr().err
     app(["score", str(a / "run.rrd")], standalone_mode=False)
     assert capsys.readouterr().err == ""

@@ -3,7 +3,7 @@ import os
 import numpy as np
 import pytest
 
-from crowdbench.scenario.tracks.eth_ucy import DT, FRAME_STEP, Tracks, read_tracks
+from crowdbench.scenario.tracks.eth_ucy import ETH_UCY_DT, FRAME_STEP, RecordedTracks, read_tracks
 from crowdbench.utils.errors import InputError
 from studies.social_gan.recordings import read_folder, scenes
 from studies.social_gan.windows import windows
@@ -39,7 +39,7 @@ def test_a_bad_file_is_told_in_one_sentence(tmp_path, text, expected):
 
 def walk(number, first, frames, start):
     """Lines of a pedestrian who walks along x at 1 m/s."""
-    return [f"{FRAME_STEP * (first + t)} {number} {start + DT * t:.3f} {number}.0\n" for t in range(frames)]
+    return [f"{FRAME_STEP * (first + t)} {number} {start + ETH_UCY_DT * t:.3f} {number}.0\n" for t in range(frames)]
 
 
 def test_a_number_that_comes_again_is_another_pedestrian(tmp_path, caplog):
@@ -51,7 +51,9 @@ def test_a_number_that_comes_again_is_another_pedestrian(tmp_path, caplog):
     ]
     assert len(set(tracks.pedestrian.tolist())) == 250
     is_same = np.diff(tracks.pedestrian) == 0
-    speed = np.hypot(*np.diff(tracks.position, axis=0)[is_same].T) / (np.diff(tracks.frame)[is_same] / FRAME_STEP * DT)
+    speed = np.hypot(*np.diff(tracks.position, axis=0)[is_same].T) / (
+        np.diff(tracks.frame)[is_same] / FRAME_STEP * ETH_UCY_DT
+    )
     assert speed == pytest.approx(1.0)
 
 
@@ -145,7 +147,7 @@ def test_a_window_shows_a_predictor_what_was_seen(tmp_path):
     obs = found.observation(5)
     np.testing.assert_array_equal(obs.pedestrians.history, found.position[:, :5])
     np.testing.assert_array_equal(obs.pedestrians.position, found.position[:, 4])
-    np.testing.assert_allclose(obs.pedestrians.velocity * DT, found.position[:, 4] - found.position[:, 3])
+    np.testing.assert_allclose(obs.pedestrians.velocity * ETH_UCY_DT, found.position[:, 4] - found.position[:, 3])
     assert (obs.pedestrians.observed == np.where(found.present, 5, 0)).all()
     assert obs.dt == 0.4
     part = found.take(slice(3, 6)).observation(5)
@@ -156,14 +158,16 @@ def test_a_window_shows_a_predictor_what_was_seen(tmp_path):
 
 def test_scenes_are_those_that_are_complete_and_other_files_by_themselves():
     none = np.zeros(0, np.int64)
-    files = {name: Tracks(name, none, none, np.zeros((0, 2))) for name in ("students001", "biwi_eth", "mine")}
+    files = {name: RecordedTracks(name, none, none, np.zeros((0, 2))) for name in ("students001", "biwi_eth", "mine")}
     found = scenes(files.values())
     assert {scene: [tracks.name for tracks in parts] for scene, parts in found.items()} == {
         "eth": ["biwi_eth"],
         "students001": ["students001"],
         "mine": ["mine"],
     }
-    others = [Tracks(name, none, none, np.zeros((0, 2))) for name in ("students003", "uni_examples", "crowds_zara03")]
+    others = [
+        RecordedTracks(name, none, none, np.zeros((0, 2))) for name in ("students003", "uni_examples", "crowds_zara03")
+    ]
     found = scenes([*files.values(), *others])
     assert list(found) == ["eth", "univ", "mine"]
     assert [tracks.name for tracks in found["univ"]] == ["students001", "students003"]

@@ -18,7 +18,7 @@ from crowdbench.record.contents import read
 from crowdbench.record.entities import draw_episode
 from crowdbench.record.write import Recorder
 from crowdbench.results.run_result import RunResult
-from crowdbench.runs.replay import replay
+from crowdbench.runs.replay import replay_run
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
@@ -198,9 +198,9 @@ def test_a_replay_sees_again_what_was_seen_and_finds_what_was_not(tmp_path):
     ]
     assert CliRunner().invoke(app, command).exit_code == 0
     files = RunResult.read_unchecked(tmp_path / "run")
-    assert replay(files, scenario, {}).differences == []
+    assert replay_run(files, scenario, {}).differences == []
     files.recording.trace.perceived[1, 9] += 0.5
-    assert "perceived at step 9" in str(replay(files, scenario, {}).differences[0])
+    assert "perceived at step 9" in str(replay_run(files, scenario, {}).differences[0])
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from crowdbench.envs.parallel import parallel_env
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim import kernels
 from crowdbench.sim.presence import track_at
-from crowdbench.sim.simulator import crowd_decisions, limit_velocities, walk
+from crowdbench.sim.simulator import crowd_decisions, limit_velocities, step_pedestrians
 from crowdbench.utils.errors import InputError
 
 LIMITS = WalkingLimits(acceleration=1.5, braking=3.0, sideways=2.0)
@@ -82,14 +82,14 @@ def test_recorded_cars_keep_to_their_tracks_among_people_with_limits(shared):
     cars, seen = now.policy == scenario.rules.walking.exempt, 0
     for _ in range(12):
         crowd, now = crowd_decisions(now, scenario.policies)
-        now = walk(now, crowd, scenario.post_step_rule)
+        now = step_pedestrians(now, crowd, scenario.post_step_rule)
         rows = cars & now.present[:, 1:]
         assert now.position[:, 1:][rows] == pytest.approx(track_at(now, now.step)[rows], abs=1e-9)
         seen += rows.sum()
     assert seen > 12
 
 
-@pytest.mark.parametrize("name", ["half_half_20", "corridor_8", "thousand"])
+@pytest.mark.parametrize("name", ["half_half_20", "corridor_8", pytest.param("thousand", marks=pytest.mark.slow)])
 def test_bits_do_not_depend_on_other_cases_or_threads(name, monkeypatch):
     changes, cases = {"pedestrians__limits": TABLE}, "val:3" if name != "thousand" else "val:2"
     together = drive("orca_margin", cases, name, **changes)
@@ -124,7 +124,7 @@ def test_what_is_foreseen_is_what_happens():
     for _ in range(20):
         crowd, now = crowd_decisions(now, scenario.policies)
         ahead = limit_velocities(now, crowd)
-        now = walk(now, crowd, None)
+        now = step_pedestrians(now, crowd, None)
         assert np.array_equal(now.velocity[:, 1:], ahead)
     assert not np.array_equal(ahead, crowd)
 

@@ -1,0 +1,111 @@
+"""The command that drives a planner through the scenarios of the suite, and prints one table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, print_table, progress, say
+from crowdbench.cli.options import ThreadsOption, assignments, use_threads
+
+if TYPE_CHECKING:
+    from crowdbench.metrics.summary import Estimate
+    from crowdbench.runs.spec import RunSpec
+    from crowdbench.utils.tables import Grid
+
+METRICS = ("success_rate", "sct")
+"""The metrics of the table."""
+
+
+def suite(
+    planner: str,
+    cases: Annotated[int, typer.Option(min=1)] = 100,
+    option: list[str] | None = None,
+    isolated: bool = False,
+    out: Path = Path("runs/suite"),
+    threads: ThreadsOption = None,
+    as_json: bool = False,
+) -> None:
+    """Drive a planner through the scenarios of the suite, and print its success and SCT in each, and their means.
+
+    The same command makes only the runs that are missing.
+
+    Args:
+        planner: Name of a planner, or a file of your own: ./mine.py, ./mine.py:factory or policy.onnx.
+        cases: Number of test cases of each scenario.
+        isolated: Run the planner in a separate process, which receives only observations.
+        out: Folder that keeps the runs.
+    """
+    use_threads(threads)
+    from crowdbench.catalog import suite_families
+    from crowdbench.plugins.kind import plugin_name
+    from crowdbench.runs.each_scenario import make_each
+    from crowdbench.runs.spec import RunSpec
+    from crowdbench.scenario.cases import Cases
+    from crowdbench.utils.tables import plain
+
+    families = suite_families()
+    options = assignments(option or [], "--option")
+    specs = {
+        scenario: RunSpec(planner, scenario, Cases("test", 0, cases), options, record="none", isolated=isolated)
+        for scenarios in families.values()
+        for scenario in scenarios
+    }
+    estimates: dict[str, Mapping[str, Estimate]] = {}
+    announce_compilation()
+    message = f"finished batches are kept in {out}, with which the same command goes on"
+    with exit_on_interrupt(message), progress(cases * len(specs), "of the suite") as report:
+
+        def make(name: str) -> None:
+            estimates[name] = _make(specs[name], out, report)
+
+        failures = make_each(specs, make)
+    for name, reason in failures.items():
+        say(f"{name} counts 0, because it cannot be driven: {reason}")
+    table = _table(f"{plugin_name(planner)} on the suite, {cases} cases of each scenario", families, estimates)
+    if as_json:
+        records = {str(record["scenario"]): {name: record[name] for name in METRICS} for record in table.records}
+        print(json.dumps(plain({"cases": cases, "metrics": records}), indent=2))
+        return
+    print_table(table)
+    print(f"\nAll families of scenarios count the same in the mean. Kept in {out}")
+
+
+def _make(spec: RunSpec, out: Path, report: Callable[[float], None]) -> Mapping[str, Estimate]:
+    """Make a run unless it is in the folder `out`, and return its estimates."""
+    from crowdbench.results.episodes import read_estimate
+    from crowdbench.results.result_file import read_result
+    from crowdbench.runs.folder import is_complete, make_in_folder, run_directory
+    from crowdbench.runs.loading import open_run
+    from crowdbench.utils.errors import MachineFault
+
+    with open_run(spec) as run:
+        if is_complete(run, out):
+            report(len(spec.cases))
+        elif not make_in_folder(run, out, report):
+            raise MachineFault(f"another process is making the run of {spec.scenario}: try again when it has ended")
+        measured = read_result(run_directory(run, out))["metrics"]
+    return {name: read_estimate(measured[name]) for name in METRICS}
+
+
+def _table(title: str, families: Mapping[str, list[str]], estimates: Mapping[str, Mapping[str, Estimate]]) -> Grid:
+    """Return a row for each scenario, and one for the mean, in which all families count the same.
+
+    Args:
+        title: The title.
+        families: The names of the scenarios by family.
+        estimates: The estimates by scenario and metric; none of a scenario that the planner cannot drive.
+    """
+    from crowdbench.metrics.registry import info_of
+    from crowdbench.metrics.scenario_means import FAILED, mean_over_scenarios, scenario_weights
+    from crowdbench.results.table import estimate_grid
+
+    weights = scenario_weights(families)
+    rows = {name: estimates.get(name, dict.fromkeys(METRICS, FAILED)) for names in families.values() for name in names}
+    means = {metric: mean_over_scenarios(weights, [row[metric] for row in rows.values()]) for metric in METRICS}
+    records = [{"scenario": name, **row} for name, row in (rows | {"mean": means}).items()]
+    return estimate_grid(title, records, {metric: info_of(metric) for metric in METRICS})

@@ -1,0 +1,134 @@
+"""The commands of a run, a row per case in `commands.parquet`: with the scenario, they determine all states exactly."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from jaxtyping import Float, Int
+
+from crowdbench.core.types import Trace
+from crowdbench.utils.defaults import BATCH
+from crowdbench.utils.errors import InputError, describe_error
+
+COMMANDS = "commands.parquet"
+
+_SCHEMA = pa.schema([("case", pa.int64()), ("command", pa.list_(pa.float64()))])
+"""A row per case: its number, and x and y of the command of each of its steps, in m/s."""
+
+
+@dataclass(frozen=True)
+class StoredCommands:
+    """The commands of several cases.
+
+    Attributes:
+        case: Number of each case.
+        steps: Number of its commands.
+        command: The commands of the first case in m/s, then of the second, ...
+    """
+
+    case: Int[np.ndarray, "case"]
+    steps: Int[np.ndarray, "case"]
+    command: Float[np.ndarray, "step 2"]
+
+    def of(self, case: int) -> Float[np.ndarray, "step 2"]:
+        """Return the commands of one case in m/s. Raises InputError if there are none."""
+        (rows,) = np.nonzero(self.case == case)
+        if not len(rows):
+            raise InputError(f"{COMMANDS} has no commands of case {case}")
+        end = int(np.cumsum(self.steps)[rows[0]])
+        return self.command[end - int(self.steps[rows[0]]) : end]
+
+    def pad(self, rows: Int[np.ndarray, "row"], steps: int) -> Float[np.ndarray, "row {steps} 2"]:
+        """Return the commands in m/s of the cases with these indices, cut or padded with zeros to a number of steps."""
+        ends = np.cumsum(self.steps)
+        padded = np.zeros((len(rows), steps, 2))
+        for commands, end, length in zip(padded, ends[rows], self.steps[rows], strict=True):
+            commands[:length] = self.command[end - length : end][:steps]
+        return padded
+
+
+def read_commands(path: Path) -> StoredCommands:
+    """Read the commands of a run. Raises InputError if the file is missing or has other contents."""
+    table = _read_table(path)
+    command = pc.list_flatten(table["command"])
+    lengths = pc.list_value_length(table["command"])
+    if table["case"].null_count or lengths.null_count or command.null_count or np.any(lengths.to_numpy() % 2):
+        raise InputError(f"{path} is not a table of commands as crowdbench writes it: values are missing in it")
+    steps = lengths.to_numpy().astype(np.int64) // 2
+    return StoredCommands(table["case"].to_numpy(), steps, command.to_numpy().reshape(-1, 2))
+
+
+def check_size(path: Path, cases: int, steps: int) -> None:
+    """Check that a file of commands is not larger than a run allows, before it is decompressed.
+
+    Args:
+        path: The file. `read_commands` reports a file that is missing or not in Parquet format.
+        cases: Number of cases of the run.
+        steps: Largest number of steps of a case.
+
+    Raises:
+        InputError: It is larger.
+    """
+    try:
+        with path.open("rb") as file, pq.ParquetFile(file) as parquet:
+            groups = [parquet.metadata.row_group(index) for index in range(parquet.metadata.num_row_groups)]
+            rows = parquet.metadata.num_rows
+    except (pa.ArrowException, OSError, ValueError):
+        return
+    size = sum(group.column(index).total_uncompressed_size for group in groups for index in range(group.num_columns))
+    most = 1_000_000 + 2 * 16 * cases * (steps + 1)  # twice the size of two float64 numbers per step
+    if rows > cases or size > most:
+        raise InputError(
+            f"{path} holds {rows} cases in {size / 1e6:.0f} MB, but a run of {cases} cases has as many in "
+            f"{most / 1e6:.0f} MB at most"
+        )
+
+
+def join_commands(parts: Sequence[Path], path: Path) -> None:
+    """Write the commands of several runs with consecutive cases into one file, as one run would write them.
+
+    Args:
+        parts: The files of the runs. Raises InputError if one is missing or has other contents.
+        path: The file to write.
+    """
+    table = pa.concat_tables([_read_table(part) for part in parts])
+    with open_writer(path) as writer:
+        for start in range(0, len(table), BATCH):
+            writer.write_table(table.slice(start, BATCH).combine_chunks())
+
+
+@contextlib.contextmanager
+def open_writer(path: Path) -> Iterator[pq.ParquetWriter]:
+    """Open a context for writing a file of commands, batch by batch."""
+    # Opened here, because Arrow accepts only paths in UTF-8.
+    with path.open("wb") as file, pq.ParquetWriter(file, _SCHEMA, compression="zstd") as writer:
+        yield writer
+
+
+def commands_table(trace: Trace) -> pa.Table:
+    """Return the commands of a trace as a part of the file."""
+    is_step = np.arange(trace.command.shape[1]) < trace.steps[:, None]
+    ends = np.concatenate([[0], np.cumsum(2 * trace.steps)])
+    commands = pa.ListArray.from_arrays(pa.array(ends, pa.int32()), pa.array(trace.command[is_step].ravel()))
+    return pa.table([pa.array(trace.case), commands], _SCHEMA)
+
+
+def _read_table(path: Path) -> pa.Table:
+    if not path.is_file():
+        raise InputError(f"there is no {path}, so that the run cannot be replayed: it was made with --record none")
+    try:
+        with path.open("rb") as file, pq.ParquetFile(file) as parquet:
+            table = parquet.read()
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise InputError(f"{path} is cut short, damaged or no Parquet file at all: {describe_error(error)}") from None
+    if not table.schema.equals(_SCHEMA):
+        columns = ", ".join(f"{field.name}: {field.type}" for field in table.schema)
+        raise InputError(f"{path} is not a table of commands as crowdbench writes it: it has the columns {columns}")
+    return table

@@ -1,0 +1,34 @@
+"""Runs of one planner in several scenarios: a scenario that it cannot drive does not stop the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+
+from crowdbench.utils.errors import InputError, MachineFault
+
+
+def make_each(scenarios: Collection[str], make: Callable[[str], None]) -> dict[str, str]:
+    """Make the run of each scenario.
+
+    Args:
+        scenarios: Their names.
+        make: Makes the run of a scenario.
+
+    Returns:
+        The error of each scenario in which the planner breaks its contract or a limit.
+
+    Raises:
+        InputError: The planner fails in all scenarios.
+        MachineFault: The machine fails.
+    """
+    failures: dict[str, InputError] = {}
+    for name in scenarios:
+        try:
+            make(name)
+        except MachineFault:
+            raise
+        except InputError as error:
+            failures[name] = error
+    if len(failures) == len(scenarios):
+        raise next(iter(failures.values()))
+    return {name: str(error) for name, error in failures.items()}

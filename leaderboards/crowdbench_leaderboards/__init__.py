@@ -1,0 +1,1 @@
+"""Leaderboards of crowdbench: boards, entries, submission, verification, seasons, ranks and pages."""

@@ -1,0 +1,1 @@
+"""Ranks of boards, and their pages."""

@@ -1,0 +1,138 @@
+"""Tables of the pages: success on an axis, tests of pairs, and failures by case."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from crowdbench import Outcome
+from crowdbench.metrics import Estimate
+from crowdbench_leaderboards.pages.ranking import Pair
+from crowdbench_leaderboards.pages.standings import Standing, Standings
+from crowdbench_leaderboards.pages.texts import NOTHING, number
+
+MOST_CASES = 80
+"""Largest number of shown cases: the ones in which most entries fail."""
+
+LETTERS = {
+    Outcome.RUNNING: NOTHING,
+    Outcome.SUCCESS: "",
+    Outcome.COLLISION: "C",
+    Outcome.TIMEOUT: "T",
+    Outcome.WALL_COLLISION: "C",
+}
+"""The letter of each outcome; a planner does not start in a scenario that it cannot drive."""
+
+
+def success_axis(table: Standings) -> float:
+    """Return the start of the success axis, a share; it ends at 1. It is the same for all entries of a board."""
+    lows = [one.figures["success_rate"].low for one in table.entries]
+    return min(math.floor(10.0 * min((low for low in lows if math.isfinite(low)), default=0.0)) / 10.0, 0.9)
+
+
+def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
+    """Return a share on an axis from `begin` to 1, in per cent of its length.
+
+    Returns:
+        The start of the interval, the mean, and the length of the interval, which is large enough to be visible.
+    """
+    low, mean, high = (
+        100.0 * min(max((value - begin) / (1.0 - begin), 0.0), 1.0) if math.isfinite(value) else 0.0
+        for value in (estimate.low, estimate.mean, estimate.high)
+    )
+    return low, mean, max(high - low, 1.0)
+
+
+TAGS = "reactive learned planning;real-time;privileged"
+"""Tags by which entries are filtered, in groups: a row that has one tag of each chosen group is shown."""
+
+
+def tags(one: Standing) -> str:
+    """Return the tags of an entry, in the groups of `TAGS`.
+
+    An entry is `learned` if it states a digest of weights or its card states a training, `planning` if its card states
+    so, and `reactive` if it is neither.
+    """
+    card, spec = one.entry.card, one.entry.spec
+    has_weights = any(name.endswith("weights") for facts in spec.facts.values() for name in facts)
+    is_learned = has_weights or bool(card.training_scenarios or card.training_data)
+    kinds = {"reactive": not (is_learned or card.planning), "learned": is_learned, "planning": card.planning}
+    groups = [
+        [kind for kind, holds in kinds.items() if holds],
+        ["real-time"] if one.decision_time is not None and one.decision_time.is_real_time else [],
+        ["privileged"] if card.privileged_training or spec.privileged else [],
+    ]
+    return ";".join(" ".join(group) for group in groups)
+
+
+def near(table: Standings, one: Standing) -> tuple[list[str], list[str]]:
+    """Return the names of the ranked entries equivalent to an entry, and of those without a decided difference."""
+    pairs = [pair for pair in table.pairs if one.name in (pair.higher, pair.lower)]
+    other = {pair: pair.higher if pair.lower == one.name else pair.lower for pair in pairs}
+    unclear = [other[pair] for pair in pairs if not pair.is_sure and not pair.is_equivalent]
+    return [other[pair] for pair in pairs if pair.is_equivalent], unclear
+
+
+def pair_table(table: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
+    """Return a row for each ranked entry with a cell for each one; None for itself and for pairs not compared."""
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for pair in table.pairs:
+        cells[pair.higher, pair.lower] = _pair_cell(pair, "better", 1.0)
+        cells[pair.lower, pair.higher] = _pair_cell(pair, "worse", -1.0)
+    names = [one.entry.name for one in table.ranked]
+    return [(one, [cells.get((one.entry.name, name)) for name in names]) for one in table.ranked]
+
+
+def _pair_cell(pair: Pair, verdict: str, sign: float) -> dict[str, str]:
+    """Return the verdict, and the difference in success with its half width, row minus column, in points."""
+    text = number(100.0 * sign * pair.difference, 1)
+    signed = text if text.startswith("\N{MINUS SIGN}") else f"+{text}"
+    return {
+        "style": verdict if pair.is_sure else "",
+        "verdict": verdict if pair.is_sure else "as good" if pair.is_equivalent else "not decided",
+        "difference": f"{signed} \N{PLUS-MINUS SIGN} {number(100.0 * pair.error, 1)}",
+    }
+
+
+def case_table(table: Standings, is_public: bool) -> dict[str, Any] | None:
+    """Return the cases in which some entry failed; None without entries that drove them.
+
+    Pending entries are left out.
+
+    Args:
+        table: The standings.
+        is_public: True for the public cases of all entries, False for the cases of the season.
+
+    Returns:
+        `groups` are the scenarios with their number of shown cases, `cases` the numbers of these cases, `links` their
+        names in a replay, and `rows` the entries with their outcomes. Of `total` cases, some entry failed in `failed`,
+        and all entries failed in `by_all`.
+    """
+    board = table.board
+    entries = [one for one in table.entries if (not one.is_pending if is_public else one.is_measured)]
+    if not entries:
+        return None
+    drawn = board.public_cases if is_public else board.cases
+    per_scenario = len(drawn)
+    outcomes = np.array([(one.public if is_public else one.outcomes).ravel() for one in entries])
+    failures = (outcomes != Outcome.SUCCESS).sum(axis=0)
+    hardest = np.argsort(-failures, kind="stable")[: min(MOST_CASES, int((failures > 0).sum()))]
+    cases = hardest[np.argsort(hardest // per_scenario, kind="stable")]
+    groups = zip(*np.unique(cases // per_scenario, return_counts=True), strict=True)
+    return {
+        "is_public": is_public,
+        "groups": [(board.scenarios[i], length) for i, length in groups],
+        "cases": (cases % per_scenario).tolist(),
+        "links": [
+            f"{board.scenarios[i // per_scenario]}/{drawn.split}/{drawn.start + i % per_scenario}" for i in cases
+        ],
+        "rows": [
+            (one, [LETTERS[Outcome(each)] for each in own])
+            for one, own in zip(entries, outcomes[:, cases].tolist(), strict=True)
+        ],
+        "failed": int((failures > 0).sum()),
+        "total": per_scenario * len(board.scenarios),
+        "by_all": int((failures == len(entries)).sum()),
+    }

@@ -1,0 +1,445 @@
+import errno
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from small_boards import BOARD, SEASON, card, not_timed, write_board
+
+from crowdbench import catalog
+from crowdbench.isolation import sandbox
+from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError, NotWritten
+from crowdbench.utils.files import sha256
+from crowdbench_leaderboards.board import find_board, read_board, read_boards
+from crowdbench_leaderboards.entry import check_unchanged, read_entries, read_entry
+from crowdbench_leaderboards.pages.readme import section, write_readme
+from crowdbench_leaderboards.pages.standings import standings
+from crowdbench_leaderboards.planner_files import copy_named_files
+from crowdbench_leaderboards.season import read_season
+from crowdbench_leaderboards.submission import Submission, submit
+from crowdbench_leaderboards.verdict import Verdict, read_verification
+from crowdbench_leaderboards.verification import verify
+
+pytestmark = pytest.mark.slow
+
+
+CHEAT = """
+import crowdbench, numpy as np
+
+class Cheat(crowdbench.Planner):
+    seen = None
+    def plan(self, obs):
+        if self.seen is None:
+            self.seen = known(obs)
+        way = obs.vehicle.goal - obs.vehicle.position
+        distance = np.linalg.norm(obs.pedestrians.position - obs.vehicle.position[:, None], axis=2)
+        slow = (distance < 1.5).any(axis=1) & self.seen[obs.row]
+        return way * (np.where(slow, 0.3, 1.0) / np.hypot(*way.T))[:, None]
+
+def planner():
+    return Cheat()
+"""
+"""Careful in the worlds that it knows, which takes it to the goal in a third of all cases, and to no goal elsewhere."""
+
+
+@pytest.fixture(autouse=True)
+def _few_timed(monkeypatch):
+    monkeypatch.setattr("crowdbench_leaderboards.calibrated_time.TIMED", 2)
+    not_timed(monkeypatch)
+
+
+def entry_of(root, name="careful"):
+    return read_entry(root / "small" / "entries" / name)
+
+
+def seal_again(directory):
+    """Write the digests of an entry's files anew, as a forger would."""
+    table = json.loads((directory / "entry.json").read_text())
+    table["files"] = {name: sha256(directory / name) for name in table["files"]}
+    (directory / "entry.json").write_text(json.dumps(table))
+
+
+def test_entries_are_verified_in_a_season_and_ranked(root):
+    board = read_board(root / "small")
+    found = standings(board, read_entries(board, root), read_season(root))
+    assert [one.verification.verdict for one in found.ranked] == [Verdict.RERUN, Verdict.RERUN]
+    assert not found.others
+    assert all(one.outcomes.shape == (1, 10) for one in found.ranked)
+    assert [one.rank.last for one in found.ranked][-1] == 2
+
+
+def test_an_entry_holds_what_its_planner_consists_of(root):
+    entry = entry_of(root)
+    assert entry.spec.planner == "planner/careful.py"
+    public = [f"public/circle_crossing_5/{name}" for name in ("commands.parquet", "episodes.csv")]
+    assert sorted(entry.spec.files) == ["card.toml", "planner/careful.py", *public]
+    assert entry_of(root, "orca").spec.package.startswith("crowdbench==")
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda folder: (folder / "planner" / "careful.py").write_text("#"), "careful.py was changed"),
+        (lambda folder: (folder / "planner" / "more.py").write_text("#"), "is not a file of this entry"),
+        (lambda folder: (folder / "planner" / "link.py").symlink_to("careful.py"), "link.py is not a plain file"),
+        (lambda folder: (folder / "card.toml").unlink(), "card.toml, which entry.json names, is missing"),
+        (lambda folder: (folder / "entry.json").unlink(), "is no entry: .* cannot be read"),
+        (lambda folder: (folder / "entry.json").write_text("{"), "is not valid JSON"),
+        (lambda folder: (folder / "entry.json").write_text('{"format": 7}'), "has the format 7"),
+        (lambda folder: (folder / "entry.json").write_text('{"format": 1}'), "is no entry of crowdbench: board: "),
+    ],
+)
+def test_an_entry_with_other_files_is_refused(root, change, sentence):
+    folder = root / "small" / "entries" / "careful"
+    change(folder)
+    with pytest.raises(InputError, match=sentence):
+        read_entry(folder)
+
+
+def test_the_digest_is_of_the_planner_and_not_of_its_runs(root):
+    before = entry_of(root).digest
+    for run in (root / "small" / "entries" / "careful").glob("*/*/episodes.csv"):
+        run.write_text(run.read_text() + "\n")
+    seal_again(root / "small" / "entries" / "careful")
+    assert entry_of(root).digest == before
+    (root / "small" / "entries" / "careful" / "card.toml").write_text(card(title='"Other"'))
+    seal_again(root / "small" / "entries" / "careful")
+    assert entry_of(root).digest != before
+
+
+def test_a_forged_outcome_is_not_reproduced(root, tmp_path):
+    folder = root / "small" / "entries" / "careful"
+    table = folder / "public" / "circle_crossing_5" / "episodes.csv"
+    text = table.read_text()
+    assert "collision" in text
+    row = next(line for line in text.splitlines() if "collision," in line)
+    table.write_text(text.replace(row, row.replace("collision", "success").replace("false,true", "true,false")))
+    seal_again(folder)
+    found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
+    assert found.verdict == Verdict.NOT_REPRODUCED
+    assert re.match("circle_crossing_5: .*", found.reason)
+
+
+OTHER_FIGURES = "circle_crossing_5: the reported figures differ from episodes.csv"
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda reported: reported["circle_crossing_5"].update(success_rate=1.0), OTHER_FIGURES),
+        (lambda reported: reported["circle_crossing_5"].update(navigation_time=None), OTHER_FIGURES),
+        (lambda reported: reported["circle_crossing_5"].pop("jerk"), OTHER_FIGURES),
+        (lambda reported: reported.update(square_crossing_5={}), "the scenarios of its reported figures differ"),
+        (lambda reported: reported.clear(), "the scenarios of its reported figures differ"),
+    ],
+)
+def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path, change, reason):
+    folder = root / "small" / "entries" / "careful"
+    table = json.loads((folder / "entry.json").read_text())
+    change(table["reported"])
+    (folder / "entry.json").write_text(json.dumps(table))
+    found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
+    assert found.verdict == Verdict.NOT_REPRODUCED
+    assert re.match(reason, found.reason)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"package": "mine==0.1"}, r"the planner is of mine==0\.1, but mine==0\.2 is installed"),
+        (
+            {"package": "mine==0.2", "package_files": {"orca.py": "0" * 64}},
+            "the files of the planner orca have changed .*",
+        ),
+    ],
+)
+def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path, monkeypatch, changes, reason):
+    monkeypatch.setattr("crowdbench_leaderboards.entry.package", lambda planner: "mine==0.2")
+    folder = root / "small" / "entries" / "orca"
+    table = json.loads((folder / "entry.json").read_text())
+    (folder / "entry.json").write_text(json.dumps(table | changes))
+    found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
+    assert found.verdict == Verdict.REFUSED
+    assert re.fullmatch(reason, found.reason)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("privileged", True), ("facts", {"circle_crossing_5": {"weights": "other"}}), ("facts", {})]
+)
+def test_an_entry_that_says_what_its_planner_does_not_is_refused(root, tmp_path, key, value):
+    folder = root / "small" / "entries" / "careful"
+    table = json.loads((folder / "entry.json").read_text())
+    (folder / "entry.json").write_text(json.dumps(table | {key: value}))
+    found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
+    assert found.verdict == Verdict.REFUSED
+    assert found.reason == "circle_crossing_5: the planner's facts differ from the facts of the entry"
+
+
+@pytest.mark.parametrize("key", ["planner", "options", "networks"])
+@pytest.mark.parametrize(
+    "path", ["{}/evil.py", "planner/../public/evil.py", "public/evil.py:planner", "evil.py/../evil.py"]
+)
+def test_a_file_that_is_not_frozen_with_its_entry_is_refused(root, tmp_path, key, path):
+    folder = root / "small" / "entries" / "careful"
+    for place in (tmp_path, folder, folder / "public"):
+        (place / "evil.py").write_text("")
+    value = path.format(tmp_path)
+    table = json.loads((folder / "entry.json").read_text())
+    changed = {"planner": value, "options": {"file": [value]}, "networks": [{"file": {"one": value}}]}
+    (folder / "entry.json").write_text(json.dumps(table | {key: changed[key]}))
+    with pytest.raises(
+        InputError, match=r"names the file .*, which does not lie in planner/|is not a file of this entry"
+    ):
+        read_entry(folder)
+
+
+def test_a_planner_that_nobody_has_is_refused(root, tmp_path):
+    named = "nonesuch"
+    folder = root / "small" / "entries" / "orca"
+    table = json.loads((folder / "entry.json").read_text())
+    (folder / "entry.json").write_text(json.dumps(table | {"planner": named}))
+    found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
+    assert found.verdict == Verdict.REFUSED
+    assert found.reason.startswith("no planner that is built in or installed is called ")
+
+
+def test_files_of_the_same_name_are_kept_apart(tmp_path):
+    (tmp_path / "mine.py").write_text(CHEAT + "def known(obs):\n    return np.ones(8, bool)\n")
+    for name, text in {"a": "1", "b": "2", "c": "1"}.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "speed.txt").write_text(text)
+    (tmp_path / "link.py").symlink_to("mine.py")
+    folder = tmp_path / "entry"
+    given = [str(tmp_path / name / "speed.txt") for name in "abc"]
+    assert copy_named_files({"paths": given, "near": 2.0}, folder) == {
+        "paths": ["planner/speed.txt", "planner/other_2/speed.txt", "planner/speed.txt"],
+        "near": 2.0,
+    }
+    assert (folder / "planner" / "other_2" / "speed.txt").read_text() == "2"
+    assert copy_named_files(f"{tmp_path}/link.py:planner", folder) == "planner/mine.py:planner"
+    with pytest.raises(InputError, match="is a folder: an entry takes files that are named one by one"):
+        copy_named_files(str(tmp_path / "a"), folder)
+
+
+TWO_SCENARIOS = BOARD.replace('"circle_crossing_5"', '"circle_crossing_10", "circle_crossing_5"')
+
+
+def test_a_scenario_that_a_planner_cannot_drive_is_told_and_counts_nothing(tmp_path, monkeypatch):
+    monkeypatch.undo()  # decisions are timed in the scenario that it can drive
+    monkeypatch.setattr("crowdbench_leaderboards.calibrated_time.TIMED", 2)
+    board = write_board(tmp_path / "boards", text=TWO_SCENARIOS)
+    (tmp_path / "cheat.py").write_text(
+        CHEAT
+        + "def known(obs):\n    return np.ones(len(obs.row), bool) if obs.pedestrians.seen.shape[1] == 5 else None\n"
+    )
+    (tmp_path / "card.toml").write_text(card())
+    wanted = Submission(board, "cheat", str(tmp_path / "cheat.py"), {}, [], tmp_path / "card.toml", "Eve")
+    entry, failed = submit(wanted, tmp_path / "boards", tmp_path / "work")
+    assert list(failed) == ["circle_crossing_10"]
+    assert "raised TypeError" in failed["circle_crossing_10"]
+    assert list(entry.spec.reported) == ["circle_crossing_5"]
+    found = verify(entry, board, work=tmp_path / "work")
+    assert found.verdict == Verdict.RERUN
+    assert found.decision_time is not None
+
+
+def test_a_full_disk_is_not_the_planners_fault(root, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("crowdbench.results.run_result.write_result", full)
+    with pytest.raises(NotWritten, match="cannot be written: No space left on device"):
+        pytest.fail(verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work").reason)
+
+
+def test_a_network_is_entered_once(root, tmp_path):
+    (tmp_path / "card.toml").write_text(card())
+    board = read_board(root / "small")
+    for networks in ([{}], [{"weights": "cadrl-seed1"}, {"weights": "cadrl-seed1"}]):
+        wanted = Submission(board, "mine", "cadrl", {}, networks, tmp_path / "card.toml", "Ada")
+        with pytest.raises(InputError, match="two networks of the entry are the same"):
+            submit(wanted, root, tmp_path / "work")
+
+
+def test_a_method_is_measured_on_the_cases_that_all_its_networks_drove(root, tmp_path):
+    (tmp_path / "card.toml").write_text(card())
+    board = read_board(root / "small")
+    others = [{"safety_space": space} for space in (0.05, 0.1, 0.15, 0.2)]
+    wanted = Submission(board, "margins", "orca", {}, others, tmp_path / "card.toml", "Ada")
+    entry, _ = submit(wanted, tmp_path / "boards", tmp_path / "work")
+    found = verify(entry, board, work=tmp_path / "work", cases=Cases("test", 0, 3))
+    assert found.method is not None
+    assert (found.method.networks, found.method.cases) == (5, 3)
+
+
+def change_scenario(root, monkeypatch):
+    shutil.copytree(catalog.SCENARIOS, root.parent / "scenarios")
+    path = next((root.parent / "scenarios").rglob("circle_crossing_5.toml"))
+    path.write_text(path.read_text().replace("[vehicle]", "[vehicle]\nradius = 0.31"))
+    monkeypatch.setattr("crowdbench.catalog.SCENARIOS", root.parent / "scenarios")
+
+
+def change_cases(root, monkeypatch):
+    write_board(root, text=BOARD.replace("\ncases = 10", "\ncases = 5"))
+
+
+def change_public_cases(root, monkeypatch):
+    write_board(root, text=BOARD.replace("public_cases = 8", "public_cases = 7"))
+
+
+def change_collision(root, monkeypatch):
+    write_board(root, text=BOARD.replace("version = 1", 'version = 1\ncollision = "crowdnav"'))
+
+
+def change_simulator(root, monkeypatch):
+    monkeypatch.setattr("crowdbench_leaderboards.board.SIMULATOR", 10**6)
+
+
+@pytest.mark.parametrize(
+    "change", [change_scenario, change_cases, change_public_cases, change_collision, change_simulator]
+)
+def test_an_entry_of_another_board_is_pending_and_neither_verified_nor_ranked(root, tmp_path, monkeypatch, change):
+    change(root, monkeypatch)
+    board = read_board(root / "small")
+    with pytest.raises(
+        InputError,
+        match=r"another simulator, other rules or scenarios of the board small \(\w{12}\) than these \(\w{12}\)",
+    ):
+        verify(entry_of(root), board, work=tmp_path)
+    found = standings(board, read_entries(board, root), read_season(root))
+    assert [one.reason for one in found.others] == ["pending", "pending"]
+    assert not found.ranked
+    assert all(np.isnan(one.figures["success_rate"].mean) for one in found.others)
+    assert "| careful, Ada | - |" in section(found)
+
+
+def test_an_entry_stays_valid_if_code_changes_but_no_episode(root, monkeypatch):
+    monkeypatch.setattr("crowdbench_leaderboards.entry.package_files", lambda *_: {"other.py": "0" * 64})
+    monkeypatch.setattr("crowdbench_leaderboards.entry.package", lambda planner: "crowdbench==9.9")
+    board = read_board(root / "small")
+    assert len(standings(board, read_entries(board, root), read_season(root)).ranked) == 2
+    check_unchanged(read_entry(root / "small" / "entries" / "orca"))
+
+
+def test_a_verification_of_another_board_does_not_count_for_an_entry_that_was_submitted_again(root, monkeypatch):
+    change_cases(root, monkeypatch)
+    board = read_board(root / "small")
+    for path in (root / "small" / "entries").glob("*/entry.json"):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"board_digest": board.digest}))
+    found = standings(board, read_entries(board, root), read_season(root))
+    assert [one.reason for one in found.others] == ["reported only", "reported only"]
+    assert "another digest of the board" in found.others[0].explanation
+
+
+def test_who_costs_pedestrians_time_has_it_in_a_column(tmp_path):
+    text = BOARD.replace("circle_crossing_5", "circle_crossing_5_visible")
+    board = write_board(tmp_path, text=text)
+    (tmp_path / "card.toml").write_text(card())
+    submit(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"), tmp_path, tmp_path / "work")
+    (found,) = standings(board, read_entries(board, tmp_path), None).others
+    assert 0.0001 < found.figures["imposed_delay"].mean < found.figures["imposed_delay_positive"].mean < 1.0
+    assert "| imposed delay, % | imposed losses, % |" in section(standings(board, read_entries(board, tmp_path), None))
+
+
+def submit_cheat(root, tmp_path, known, board):
+    (tmp_path / "cheat.py").write_text(CHEAT + known)
+    (tmp_path / "card.toml").write_text(card())
+    wanted = Submission(board, "cheat", str(tmp_path / "cheat.py"), {}, [], tmp_path / "card.toml", "Eve")
+    return submit(wanted, root, tmp_path)[0]
+
+
+def test_a_planner_that_knows_the_public_cases_alone_is_lower_than_claimed(tmp_path, monkeypatch):
+    not_timed(monkeypatch)
+    monkeypatch.setattr("secrets.randbits", lambda bits: 7)  # with some seeds chance alone would explain it
+    text = BOARD.replace("public_cases = 8", "public_cases = 40").replace("cases = 10", "cases = 60")
+    board = write_board(tmp_path / "boards", text=text)
+    known = "def known(obs):\n    return np.full(len(obs.row), len(obs.row) == 40)"
+    entry = submit_cheat(tmp_path / "boards", tmp_path, known, board)
+    assert entry.spec.reported["circle_crossing_5"]["success_rate"] > 0.2
+    found = verify(entry, board, work=tmp_path / "work")
+    assert found.verdict == Verdict.LOWER
+    assert "success in circle_crossing_5 was 0.4 as reported and is 0." in found.reason
+
+
+def test_a_planner_that_fails_on_unknown_cases_is_refused(tmp_path):
+    board = write_board(tmp_path / "boards")
+    known = "def known(obs):\n    return np.ones(len(obs.row), bool) if len(obs.row) == 8 else None"
+    entry = submit_cheat(tmp_path / "boards", tmp_path, known, board)
+    found = verify(entry, board, work=tmp_path / "work")
+    assert found.verdict == Verdict.REFUSED
+    assert "raised TypeError" in found.reason
+
+
+@pytest.mark.skipif(sandbox.level() != sandbox.BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
+def test_a_planner_cannot_read_the_season_but_its_own_files(tmp_path):
+    root = tmp_path / "boards"
+    board = write_board(root)
+    (root / "season.toml").write_text(SEASON)
+    looks = f"""
+import os
+def known(obs):
+    hidden = len(obs.row) == 8 or not os.path.exists({str(root / "season.toml")!r})
+    return np.full(len(obs.row), hidden and os.path.exists(__file__)) if hidden else None
+"""
+    entry = submit_cheat(root, tmp_path, looks, board)
+    found = verify(entry, board, work=tmp_path / "work")
+    assert found.verdict == Verdict.RERUN, found.reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"name": "My Planner"}, "'My Planner' cannot be an entry: its name must be 2 to 50 lower-case letters"),
+        ({"name": "orca"}, "exists already: choose another name"),
+        ({"planner": "nonesuch"}, "no planner that is built in or installed is called 'nonesuch'"),
+        ({"by": " "}, "' ' cannot submit an entry: a name has letters, digits"),
+        ({"card": "missing.toml"}, "there is no card .*missing.toml, which says what the planner is"),
+    ],
+)
+def test_what_cannot_be_submitted_is_refused_and_leaves_nothing(root, tmp_path, changes, sentence):
+    (tmp_path / "card.toml").write_text(card())
+    wanted = {"name": "mine", "planner": "orca", "by": "Ada", "card": "card.toml"} | changes
+    before = sorted((root / "small" / "entries").iterdir())
+    with pytest.raises(InputError, match=sentence):
+        submit(
+            Submission(
+                read_board(root / "small"),
+                wanted["name"],
+                wanted["planner"],
+                {},
+                [],
+                tmp_path / wanted["card"],
+                wanted["by"],
+            ),
+            root,
+            tmp_path / "work",
+        )
+    assert sorted((root / "small" / "entries").iterdir()) == before
+
+
+def test_no_more_than_two_entries_of_a_submitter_are_ranked(root, monkeypatch):
+    one = read_verification(entry_of(root), read_board(root / "small"), read_season(root))
+    monkeypatch.setattr("standings.read_verification", lambda *_: one)
+    entries, found = root / "small" / "entries", root / "small" / "verifications"
+    for name in ("second", "third"):
+        shutil.copytree(entries / "careful", entries / name)
+        shutil.copytree(found / "careful", found / name)
+    board = read_board(root / "small")
+    found = standings(board, read_entries(board, root), read_season(root))
+    assert sorted(one.entry.name for one in found.ranked) == ["careful", "orca", "second"]
+    assert [(one.entry.name, one.reason) for one in found.others] == [("third", "more than 2 of one submitter")]
+
+
+def test_the_readme_has_the_standings(root):
+    text = write_readme(root).read_text()
+    assert "## Small" in text
+    assert re.search(r"\| \d( to \d)? \| orca.*, baseline \| \d+\.\d \(", text)
+    assert re.search(r"\| \d( to \d)? \| careful.*, Ada \|", text)
+
+
+def test_the_boards_that_ship_are_in_order_and_have_all_their_scenarios():
+    assert [board.name for board in read_boards()][:3] == ["five", "ten", "eight_at_once"]
+    with pytest.raises(InputError, match="no board is called 'six'; there are five, ten, "):
+        find_board("six")

@@ -1,0 +1,169 @@
+import datetime
+import json
+import shutil
+
+import pytest
+from small_boards import SEASON, card, not_timed
+
+from crowdbench.utils.errors import InputError
+from crowdbench_leaderboards.board import read_board
+from crowdbench_leaderboards.board_runs import InUse
+from crowdbench_leaderboards.entry import read_entry
+from crowdbench_leaderboards.fill import Job, do_all
+from crowdbench_leaderboards.season import TooEarly, freeze, read_season
+from crowdbench_leaderboards.submission import Submission, submit
+from crowdbench_leaderboards.verdict import Verdict, read_verification
+from crowdbench_leaderboards.verification import verify, verify_in_season
+
+pytestmark = pytest.mark.slow
+
+
+def entry_of(root, name="careful"):
+    return read_entry(root / "small" / "entries" / name)
+
+
+def found_of(root, name="careful"):
+    return read_verification(entry_of(root, name), read_board(root / "small"), read_season(root))
+
+
+def unverified(root, name="careful"):
+    """An entry without what a season has found."""
+    shutil.rmtree(root / "small" / "verifications" / name)
+    return entry_of(root, name)
+
+
+@pytest.fixture
+def season(root, made):
+    """What a verification in the season takes."""
+    return {"season": read_season(root), "key": made / "key_of_tester"}
+
+
+def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeypatch):
+    not_timed(monkeypatch)
+    before = (root / "small" / "entries" / "careful" / "entry.json").read_bytes()
+    found = verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work")
+    assert found.verdict == Verdict.RERUN
+    assert (root / "small" / "entries" / "careful" / "entry.json").read_bytes() == before
+
+
+def test_an_interrupted_verification_without_a_season_leaves_nothing(root, tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench_leaderboards.verification.time_decisions", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work")
+    assert not list((tmp_path / "work").iterdir())
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt
+
+
+def test_a_verification_that_was_killed_before_its_verdict_goes_on(root, season, tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench_leaderboards.calibrated_time.TIMED", 2)
+    entry = unverified(root)
+    command = {"board": read_board(root / "small"), "work": tmp_path, **season}
+    with monkeypatch.context() as patch:
+        patch.setattr("crowdbench_leaderboards.verdict.sign", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            verify_in_season(entry, **command)
+    assert not list((root / "small" / "verifications" / "careful").iterdir())
+    assert verify_in_season(entry, **command).verdict == Verdict.RERUN
+    assert found_of(root).season == "first"
+
+
+def test_an_interrupted_submission_goes_on_with_its_own_runs_and_with_no_others(root, tmp_path, monkeypatch):
+    not_timed(monkeypatch)
+    (tmp_path / "card.toml").write_text(card())
+    board, work = read_board(root / "small"), tmp_path / "work"
+    result = work / "submit-small-mine" / "circle_crossing_5" / "result.json"
+
+    def submission(space):
+        return Submission(board, "mine", "orca", {"safety_space": space}, [], tmp_path / "card.toml", "Ada")
+
+    def interrupt(space):
+        with monkeypatch.context() as patch:
+            patch.setattr("crowdbench_leaderboards.submission.write_entry", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                submit(submission(space), root, work)
+        assert not (root / "small" / "entries" / "mine").exists()
+        return json.loads(result.read_text())["id"], result.stat().st_mtime_ns
+
+    first = interrupt(0.05)
+    assert interrupt(0.05) == first
+    assert interrupt(0.1)[0] != first[0]
+    entry, _ = submit(submission(0.1), root, work)
+    assert entry.spec.options == {"safety_space": 0.1}
+    assert not result.exists()
+    with pytest.raises(InUse, match="exists already"):
+        submit(submission(0.1), root, work)
+
+
+def test_an_entry_is_verified_once_in_a_season(root, season, tmp_path):
+    with pytest.raises(InputError, match="was verified in the season first before, which is done once"):
+        verify_in_season(entry_of(root), read_board(root / "small"), work=tmp_path, **season)
+
+
+def test_an_entry_that_came_later_takes_no_part(root, made, tmp_path):
+    (root / "frozen.json").write_text(json.dumps({"season": "first", "entries": {"small": {"orca": "0" * 64}}}))
+    with pytest.raises(InputError, match="takes no part in the season first"):
+        verify_in_season(
+            entry_of(root),
+            read_board(root / "small"),
+            work=tmp_path,
+            season=read_season(root),
+            key=made / "key_of_tester",
+        )
+
+
+def test_entries_are_frozen_after_the_season_closes_and_before_anybody_knows_the_round(tmp_path):
+    today = datetime.datetime.now(datetime.UTC).date()
+    season = SEASON.replace("rehearsal = true", "")
+
+    def write(days, text=season):
+        (tmp_path / "season.toml").write_text(text.replace("2027-01-31", str(today + datetime.timedelta(days))))
+
+    write(1, season.replace("ab" * 32, ""))
+    with pytest.raises(TooEarly, match=r"the season first is open until .*: its entries are frozen on a later day"):
+        freeze(tmp_path, "small", {"a": "0" * 64})
+    write(-2)
+    with pytest.raises(InputError, match="has the randomness of round 5000000 already, but the entries of small must"):
+        freeze(tmp_path, "small", {"a": "0" * 64})
+    write(-2, season.replace("ab" * 32, ""))
+    with pytest.raises(TooEarly, match="fetch it from drand, and write it there"):
+        freeze(tmp_path, "small", {"a": "0" * 64}).seed("small")
+    write(-2)
+    assert read_season(tmp_path).seed("small")
+
+
+def test_the_seed_of_a_season_needs_frozen_entries_and_the_round(root):
+    season = read_season(root)
+    seed = season.seed("small")
+    assert 0 <= seed < 2**63
+    frozen = json.loads((root / "frozen.json").read_text())
+    frozen["entries"]["small"]["orca"] = "0" * 64
+    (root / "frozen.json").write_text(json.dumps(frozen))
+    assert read_season(root).seed("small") != seed
+    freeze(root, "small", {"a": "0" * 64})  # too late
+    assert json.loads((root / "frozen.json").read_text()) == frozen
+    with pytest.raises(InputError, match="has no entries to freeze"):
+        freeze(root, "other", {})
+    (root / "season.toml").write_text((root / "season.toml").read_text().replace("ab" * 32, ""))
+    with pytest.raises(InputError, match="lacks the randomness of round 5000000"):
+        read_season(root).seed("small")
+    (root / "frozen.json").unlink()
+    with pytest.raises(InputError, match="the entries of small are not frozen yet"):
+        read_season(root).seed("small")
+
+
+def test_a_filling_process_goes_on_when_the_others_are_done_too():
+    missing = ["one", "two"]
+
+    def make(name, in_use):
+        if in_use:
+            missing.remove("one")  # by another process, in the meantime
+            raise InUse("one is in use")
+        missing.remove(name)
+
+    def wanted():
+        return [Job(name, 1, lambda progress, name=name: make(name, name == "one")) for name in missing]
+
+    assert do_all(wanted, "entry")
