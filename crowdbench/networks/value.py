@@ -69,9 +69,6 @@ def perceptron(*sizes: int, last: bool = False) -> Perceptron:
     Args:
         sizes: The size of the input and of every layer.
         last: True if there is a ReLU after the last layer too.
-
-    Returns:
-        The layers.
     """
     layers: list[nn.Module] = []
     for inputs, outputs in itertools.pairwise(sizes):
@@ -92,7 +89,6 @@ class ValueNetwork(nn.Module, abc.ABC):
         """Return the value of each state.
 
         Args:
-            joint: The joint states.
             present: Which pedestrians are present.
 
         Returns:
@@ -104,7 +100,6 @@ class ValueNetwork(nn.Module, abc.ABC):
         """Return the value of each state, and the attention to each pedestrian.
 
         Args:
-            joint: The joint states.
             present: Which pedestrians are present.
 
         Returns:
@@ -123,7 +118,6 @@ class ValueNetwork(nn.Module, abc.ABC):
         """Return the same as `attend`, for one batch axis. The value of a state without pedestrians is not used.
 
         Args:
-            joint: The joint states.
             present: Which pedestrians are present.
 
         Returns:
@@ -257,8 +251,6 @@ def evaluate(
     """Return a network's values and attention.
 
     Args:
-        network: The network.
-        joint: The joint states.
         present: Which pedestrians are present.
 
     Returns:
