@@ -18,6 +18,7 @@ from crowdbench.results.episodes import BLOCK, EPISODES, RECORDING, Episodes, re
 from crowdbench.results.result_file import RESULT, check_result, digest_of, read_result, write_result
 from crowdbench.results.stored_commands import COMMANDS, StoredCommands, check_size, read_commands
 from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.digest import scenario_digest
 from crowdbench.sim.version import SIMULATOR
 from crowdbench.utils.errors import InputError, is_number
 from crowdbench.utils.tables import flatten, plain
@@ -135,13 +136,16 @@ class RunResult:
                 yield EPISODES, f"{name} contradicts the outcomes"
 
     def _wrong_fields(self) -> Iterator[tuple[str, str]]:
-        """Yield the fields of `result.json` that do not follow from `episodes.csv`."""
+        """Yield the fields of `result.json` that do not follow from `episodes.csv` or from the scenario."""
         found = summary_of(self.episodes)
         recomputed = flatten({"blocks": None, **found})
         stated = flatten({name: self.result.get(name) for name in ("blocks", *found)})
         for name in {**stated, **recomputed}:
             if not _agree(stated.get(name), recomputed.get(name)):
                 yield RESULT, f"{name} is {stated.get(name)!r}, but {EPISODES} gives {recomputed.get(name)!r}"
+        digest, computed = self.result["run"]["scenario"], scenario_digest(self.result["scenario"])
+        if len(digest) != BAG_DIGEST_LENGTH and digest != computed:
+            yield RESULT, f"run.scenario is {digest}, but its table scenario has the digest {computed}"
 
     def _wrong_files(self, rules: Rules) -> Iterator[tuple[str, str]]:
         """Yield the errors in the commands and the recording."""
