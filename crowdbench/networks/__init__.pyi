@@ -1,11 +1,13 @@
 from .chunks import CHUNK as CHUNK
 from .chunks import in_chunks as in_chunks
+from .evaluation import evaluate as evaluate
 from .features import direction as direction
 from .features import in_disc as in_disc
 from .features import to_world as to_world
 from .joint_state import joint_states as joint_states
+from .layers import perceptron as perceptron
 from .policy import Seen as Seen
-from .policy import SetEncoder as SetEncoder
+from .set_encoder import SetEncoder as SetEncoder
 from .social_gan import HIDDEN as HIDDEN
 from .social_gan import NOISE as NOISE
 from .social_gan import WIDE as WIDE
@@ -14,8 +16,6 @@ from .social_gan import TrajectoryEncoder as TrajectoryEncoder
 from .value import NETWORKS as NETWORKS
 from .value import SARL as SARL
 from .value import ValueNetwork as ValueNetwork
-from .value import evaluate as evaluate
-from .value import perceptron as perceptron
 from .weights import SUFFIX as SUFFIX
 from .weights import digest as digest
 from .weights import save_network as save_network
