@@ -17,13 +17,9 @@ from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.results.episodes import BLOCK, EPISODES, RECORDING, Episodes, result_label
 from crowdbench.results.result_file import RESULT, check_result, digest_of, read_result, write_result
 from crowdbench.results.stored_commands import COMMANDS, StoredCommands, check_size, read_commands
-<<<<<<< HEAD
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.digest import scenario_digest
-=======
 from crowdbench.results.stored_tracks import TRACKS, read_tracks
 from crowdbench.scenario.cases import Cases, parse_case
->>>>>>> main
+from crowdbench.scenario.digest import scenario_digest
 from crowdbench.sim.version import SIMULATOR
 from crowdbench.utils.errors import InputError, is_number
 from crowdbench.utils.tables import flatten, plain
