@@ -15,7 +15,6 @@ from crowdbench.core import norm
 from crowdbench.planners import (
     Commands,
     PredictingPlanner,
-    Velocities,
     radius_inflation,
     scene_of,
     time_left,
@@ -81,7 +80,7 @@ class DWAPlanner(PredictingPlanner):
         require_count("horizon", self.horizon)
         self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
 
-    def plan(self, obs: Observation) -> Velocities:
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
         vehicle = obs.vehicle
         window = vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, obs.dt)

@@ -16,6 +16,6 @@ from .value import SARL as SARL
 from .value import ValueNetwork as ValueNetwork
 from .value import evaluate as evaluate
 from .value import perceptron as perceptron
-from .weights import SUFFIX as SUFFIX
-from .weights import digest as digest
+from .weights import WEIGHTS_SUFFIX as WEIGHTS_SUFFIX
 from .weights import save_network as save_network
+from .weights import weights_digest as weights_digest

@@ -16,7 +16,7 @@ from crowdbench.core.reward import discount, reward
 from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.chunks import CHUNK, in_chunks
 from crowdbench.networks.value import ValueNetwork, evaluate
-from crowdbench.networks.weights import digest
+from crowdbench.networks.weights import weights_digest
 from crowdbench.planners.kce import Limits, Shaping
 from crowdbench.planners.planner import AheadPlanner, PredictingPlanner
 from crowdbench.planners.scene import Commands, Scene, Sequence, Velocities, mean_future, scene_of
@@ -91,7 +91,7 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
             require_count("shortlist", self.shortlist)
         self.value.eval()
         self.privileged, self.trained_dt = self.predictor.privileged, self.value.trained_dt
-        self.facts = {"network": self.value.name, "weights": digest(self.value), **self.predictor.facts}
+        self.facts = {"network": self.value.name, "weights": weights_digest(self.value), **self.predictor.facts}
 
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`. The crowd is predicted once for all steps; the vehicle follows its earlier commands."""

@@ -31,7 +31,7 @@ SHOWN = 12
 
 
 @dataclasses.dataclass(frozen=True)
-class Search:
+class MPPISearch:
     """Settings of the sampling. Commands are in fractions of their range: from 0 to the preferred speed, or to a limit.
 
     Attributes:
@@ -63,7 +63,7 @@ class Search:
 
 
 @dataclasses.dataclass(frozen=True)
-class Weights:
+class MPPIWeights:
     """Costs of a sequence, as equivalent additional travel time in seconds.
 
     Attributes:
@@ -98,7 +98,7 @@ class Weights:
         require("margin", self.margin, self.margin > 0.0, "above 0")
 
 
-SEARCH, WEIGHTS = Search(), Weights()
+SEARCH, WEIGHTS = MPPISearch(), MPPIWeights()
 
 
 @dataclasses.dataclass(eq=False)
@@ -117,8 +117,8 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         InputError: `horizon` is not a whole number above 0, or `worst` is not in (0, 1].
     """
 
-    search: Search = SEARCH
-    weights: Weights = WEIGHTS
+    search: MPPISearch = SEARCH
+    weights: MPPIWeights = WEIGHTS
     horizon: int = 18
     worst: float = 1.0
 
@@ -211,7 +211,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
     def costs(
         self, scene: Scene, commands: Sequences, inflation: RadiusInflation, hidden: Scene | None = None
     ) -> tuple[Costs, SequenceResult]:
-        """Return the costs of sequences in seconds, see `Weights`, and their simulated results.
+        """Return the costs of sequences in seconds, see `MPPIWeights`, and their simulated results.
 
         The costs are the time to the goal, and penalties for events during the sequence.
 

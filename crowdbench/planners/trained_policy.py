@@ -18,7 +18,7 @@ from crowdbench.networks.encoders import POLICIES, make_policy
 from crowdbench.networks.features import Features, Vectors, direction, features, in_disc, to_world
 from crowdbench.networks.features_ahead import RAYS, REACH, STEPS, features_ahead
 from crowdbench.networks.policy import Policy, Seen
-from crowdbench.networks.weights import digest, load_into, read_card, training_dt, weights_file
+from crowdbench.networks.weights import load_into, read_card, training_dt, weights_digest, weights_file
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import along_walls
 from crowdbench.plugins.kind import file_and_function
@@ -90,7 +90,7 @@ class NetworkPlanner(Planner):
         predictor = self.interface.predictor
         self.privileged = predictor is not None and predictor.privileged
         of_predictor = {} if predictor is None else predictor.facts
-        self.facts = {**of_predictor, "network": self.network, "weights": digest(self.policy)}
+        self.facts = {**of_predictor, "network": self.network, "weights": weights_digest(self.policy)}
         self.reset(np.arange(0))
 
     def for_held_out_scene(self, scene: str) -> NetworkPlanner:

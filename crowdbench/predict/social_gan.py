@@ -15,7 +15,7 @@ from torch import Tensor
 from crowdbench.core.types import Observation, Pedestrians
 from crowdbench.networks.chunks import CHUNK, in_chunks
 from crowdbench.networks.social_gan import NOISE, Generator
-from crowdbench.networks.weights import built_in, digest, load_into, read_card, weights_file
+from crowdbench.networks.weights import built_in, load_into, read_card, weights_digest, weights_file
 from crowdbench.predict.predictor import Prediction, Predictor
 from crowdbench.utils.errors import InputError, is_number, require_count
 
@@ -55,7 +55,7 @@ class SocialGAN(Predictor):
 
     def __post_init__(self) -> None:
         require_count("modes", self.modes)
-        self.facts = {"predictor_weights": digest(self.generator.eval())}
+        self.facts = {"predictor_weights": weights_digest(self.generator.eval())}
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """See `Predictor`. There are `modes` modes."""

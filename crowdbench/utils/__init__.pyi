@@ -13,6 +13,7 @@ from .errors import require_positive as require_positive
 from .files import hold_lock as hold_lock
 from .files import new_directory as new_directory
 from .files import read_text as read_text
+from .files import sha256 as sha256
 from .files import write_whole as write_whole
 from .progress_bars import progress as progress
 from .tables import Format as Format

@@ -18,7 +18,6 @@ from crowdbench.planners import (
     LastPlans,
     RadiusInflation,
     Sequence,
-    Velocities,
     limit_commands,
     radius_inflation,
     scene_of,
@@ -96,7 +95,7 @@ class MPCPlanner(Planner):
         """See `Planner`."""
         self.last.reset(rows)
 
-    def plan(self, obs: Observation) -> Velocities:
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
         return self.plan_ahead(obs, 1)[:, 0]
 
