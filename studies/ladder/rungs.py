@@ -27,7 +27,7 @@ from crowdbench.core import PERFECT_SENSOR
 from crowdbench.planners import FilteredPlanner
 from crowdbench.predict import ConstantVelocity
 from crowdbench.runs import PlannerId, Run, RunSpec
-from crowdbench.utils.files import sha256
+from crowdbench.utils import sha256
 from studies.certificates.certificate import CODE, certificates, play_back
 from studies.ladder import futures
 from studies.ladder.futures import FUTURES, Knowledge, Simulated
