@@ -3,8 +3,11 @@ from .compare import compare_results as compare_results
 from .episodes import EPISODES as EPISODES
 from .episodes import RECORDING as RECORDING
 from .episodes import planner_label as planner_label
+from .episodes import read_estimate as read_estimate
 from .paired import LEAST_SHARED as LEAST_SHARED
 from .paired import MetricDifference as MetricDifference
+from .result_file import check_result as check_result
+from .result_file import read_result as read_result
 from .run_result import RunResult as RunResult
 from .run_result import write_run as write_run
 from .stored_commands import COMMANDS as COMMANDS

@@ -1,3 +1,4 @@
+from .decision_time import SAME_COMMANDS as SAME_COMMANDS
 from .decision_time import time_single_world as time_single_world
 from .each_scenario import make_each as make_each
 from .folder import is_complete as is_complete
@@ -8,6 +9,7 @@ from .identity import PlannerId as PlannerId
 from .identity import RunId as RunId
 from .identity import code as code
 from .identity import source_of as source_of
+from .loading import identify as identify
 from .loading import load_run as load_run
 from .loading import load_stored_scenario as load_stored_scenario
 from .recording import units_of as units_of

@@ -247,7 +247,7 @@ def record_case(run: RunResult, scenario: Scenario, case: int, path: Path) -> No
 
 def _possible(recorded: StoredCommands, scenario: Scenario) -> Bool[np.ndarray, "case"]:
     """Return for each case whether all commands are finite and within the limits of the vehicle, as a run requires."""
-    speed = np.full(len(recorded.command), scenario.vehicle.speed)
+    speed = np.full(len(recorded.command), scenario.vehicle.preferred_speed)
     with np.errstate(over="ignore"):
         is_within = scenario.rules.dynamics.is_within(recorded.command, speed)  # False if not finite
     row_of_step = np.repeat(np.arange(len(recorded.case)), recorded.steps)

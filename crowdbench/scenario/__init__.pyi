@@ -14,9 +14,10 @@ from .placement import Way as Way
 from .population import GOES_ON as GOES_ON
 from .respawn import LayoutWithRespawn as LayoutWithRespawn
 from .respawn import Room as Room
-from .scenario_file import parse as parse
+from .scenario_file import parse_scenario as parse_scenario
 from .tracks.eth_ucy import ETH_UCY_DT as ETH_UCY_DT
 from .tracks.eth_ucy import FRAME_STEP as FRAME_STEP
 from .tracks.eth_ucy import SCENES as SCENES
-from .tracks.eth_ucy import Tracks as Tracks
+from .tracks.eth_ucy import RecordedTracks as RecordedTracks
 from .tracks.eth_ucy import read_tracks as read_tracks
+from .tracks.scenes import known_files as known_files

@@ -18,9 +18,10 @@ from crowdbench.core.types import Rules, World
 from crowdbench.scenario.layouts.crossings import NOISE, PLUS_CLEARANCE, draw_beside, is_clear, vehicle_way
 from crowdbench.scenario.layouts.placer import Point
 from crowdbench.scenario.placement import Placement
-from crowdbench.scenario.population import Crowd, Traits
+from crowdbench.scenario.population import Population, Traits
 from crowdbench.scenario.post_step_rule import find_arrived, replace_person
-from crowdbench.scenario.starts import Case, LayoutStarts, Start, Vehicle, seed_legacy
+from crowdbench.scenario.schema import VehicleSpec
+from crowdbench.scenario.starts import Case, LayoutStarts, Start, seed_legacy
 from crowdbench.sim.simulator import PostStepRule
 from crowdbench.utils.errors import InputError
 
@@ -48,7 +49,7 @@ class _Stream:
         drawn: Count of numbers drawn before.
     """
 
-    def __init__(self, case: int, crowd: Crowd, circle_radius: float, drawn: int = 0) -> None:
+    def __init__(self, case: int, crowd: Population, circle_radius: float, drawn: int = 0) -> None:
         legacy = seed_legacy(SEED + case)
         legacy.random_raw(2 * drawn, output=False)  # a number takes two raw values
         self._generator = np.random.Generator(legacy)
@@ -98,7 +99,7 @@ class _Stream:
 class CrowdNavPlusStarts(LayoutStarts):
     """Starts as in CrowdNav++ for the first test cases, and by the layout of the same name for other cases."""
 
-    def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
+    def start(self, case: Case, crowd: Population, vehicle: VehicleSpec, rules: Rules) -> Start:
         """See `LayoutStarts`."""
         if not self.uses_crowdnav_seed(case):
             return super().start(case, crowd, vehicle, rules)
@@ -122,7 +123,7 @@ class CrowdNavPlusStarts(LayoutStarts):
         memory = {"case": np.array(numbers, np.int64), "drawn": np.array(drawn, np.int64)}
         return world.replace(memory={**world.memory, MEMORY: memory})
 
-    def post_step_rule(self, crowd: Crowd) -> PostStepRule | None:
+    def post_step_rule(self, crowd: Population) -> PostStepRule | None:
         """See `LayoutStarts`."""
         others = super().post_step_rule(crowd)
         if others is None or crowd.arrival != "respawn":
@@ -140,7 +141,7 @@ class _CrowdNavPlusRule:
         others: The rule of other cases.
     """
 
-    crowd: Crowd
+    crowd: Population
     circle_radius: float
     others: PostStepRule
 

@@ -14,7 +14,7 @@ from crowdbench.core.types import World
 from crowdbench.scenario.clear_space import MovingVehicle, velocities_ahead
 from crowdbench.scenario.groups import group_reach, spread
 from crowdbench.scenario.placement import LayoutCall, Position
-from crowdbench.scenario.population import Crowd, Traits
+from crowdbench.scenario.population import Population, Traits
 from crowdbench.scenario.respawn import Room, draw_again
 from crowdbench.sim.routes import with_route
 
@@ -30,7 +30,7 @@ class LayoutPostStepRule:
         layout: The layout, which draws pedestrians and goals again.
     """
 
-    crowd: Crowd
+    crowd: Population
     layout: LayoutCall
 
     def __call__(self, world: World, running: Bool[np.ndarray, "world"]) -> World:

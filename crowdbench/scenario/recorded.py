@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,11 +15,12 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.layouts.placer import CLEARANCE
 from crowdbench.scenario.placement import PerAgent, Placement, Position, Way
-from crowdbench.scenario.population import RECORDED, Crowd, Traits
-from crowdbench.scenario.starts import Case, Start, Vehicle
-from crowdbench.scenario.tracks.eth_ucy import Tracks
+from crowdbench.scenario.population import RECORDED, Population, Traits
+from crowdbench.scenario.schema import VehicleSpec
+from crowdbench.scenario.starts import Case, Start
+from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
 from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, interpolate, people_of, split_windows
-from crowdbench.scenario.tracks.scenes import Scene
+from crowdbench.scenario.tracks.scenes import RecordedScene
 from crowdbench.sim.presence import come_and_go
 from crowdbench.sim.simulator import PostStepRule
 from crowdbench.utils.errors import InputError
@@ -56,7 +56,7 @@ class FreeSpace:
         tracks: The recording of the scene.
     """
 
-    def __init__(self, tracks: Tracks) -> None:
+    def __init__(self, tracks: RecordedTracks) -> None:
         points = np.concatenate([_dense(person.position) for person in people_of(tracks)])
         self.origin = points.min(axis=0) - 2.0 * CELL
         self.walked = cells = np.unique(((points - self.origin) / CELL).astype(np.int64), axis=0)
@@ -114,7 +114,6 @@ class TrackedCrowd:
         windows: The windows by split.
         free_space: The free space of each recording by its name.
         has_cars: True if the scene has cars: the vehicle replaces one of them, and the others drive as recorded.
-        table: Its table in results.
     """
 
     scene: str
@@ -122,10 +121,9 @@ class TrackedCrowd:
     windows: Mapping[str, Sequence[Excerpt]]
     free_space: Mapping[str, FreeSpace]
     has_cars: bool
-    table: Mapping[str, Any]
 
     @classmethod
-    def of(cls, scene: Scene, distance: float, rules: Rules) -> TrackedCrowd:
+    def of(cls, scene: RecordedScene, distance: float, rules: Rules) -> TrackedCrowd:
         """Cut a scene into the windows of a scenario, each as long as an episode that times out.
 
         Args:
@@ -144,8 +142,7 @@ class TrackedCrowd:
             )
         has_cars = any(recording.cars for recording in scene.recordings)
         free = {recording.tracks.name: FreeSpace(recording.tracks) for recording in scene.recordings if not has_cars}
-        table = {"scene": scene.name, "files": dict(scene.files)} | ({} if has_cars else {"distance": distance})
-        return cls(scene.name, distance, split_windows(windows), free, has_cars, table)
+        return cls(scene.name, distance, split_windows(windows), free, has_cars)
 
     @property
     def number(self) -> tuple[int, int]:
@@ -200,7 +197,7 @@ class TrackedCrowd:
         """
         return np.array([self.window(split, case).block for case in cases.tolist()], np.int64)
 
-    def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
+    def start(self, case: Case, crowd: Population, vehicle: VehicleSpec, rules: Rules) -> Start:
         """Draw the start of a case, see `LayoutStarts`. Later pedestrians start at their first recorded position."""
         window = self.window(case.split, case.number)
         traits = crowd.draw(rng.generator(case.key, "crowd"), len(window.radius))
@@ -210,7 +207,7 @@ class TrackedCrowd:
             placement = self._place(window, rng.generator(case.key, "places"), radius, rules)
         return Start(traits, placement, np.full(len(window.radius), -1))
 
-    def post_step_rule(self, crowd: Crowd) -> PostStepRule:
+    def post_step_rule(self, crowd: Population) -> PostStepRule:
         """Return the rule by which pedestrians appear and disappear as recorded."""
         return come_and_go
 

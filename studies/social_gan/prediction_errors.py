@@ -21,7 +21,7 @@ from crowdbench import Cases, InputError, Observation, Prediction, Predictor, Sc
 from crowdbench.core import HISTORY, PERFECT_SENSOR, norm
 from crowdbench.metrics import Estimate, bootstrap_distribution, interval, weighted_mean
 from crowdbench.predict import validate_prediction
-from crowdbench.scenario import GOES_ON, Tracks
+from crowdbench.scenario import GOES_ON, RecordedTracks
 from crowdbench.sim import crowd_decisions, limit_velocities, observe, step_pedestrians
 from crowdbench.utils import BATCH, HORIZON, MOST_AHEAD, is_integer, plugin_errors, require
 from studies.social_gan.recordings import scenes
@@ -125,7 +125,7 @@ def on_scenario(
 def on_tracks(
     name: str,
     predictor: Predictor,
-    recordings: Sequence[Tracks],
+    recordings: Sequence[RecordedTracks],
     ahead: int = HORIZON,
     progress: Callable[[int], object] = lambda _: None,
 ) -> dict[str, Errors]:
@@ -218,7 +218,7 @@ def _walks(
             yield prediction, counted & stayed, np.stack(positions, axis=1)
 
 
-def _of_recording(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _Clusters:
+def _of_recording(name: str, predictor: Predictor, tracks: RecordedTracks, ahead: int) -> _Clusters:
     samples = windows(tracks, HISTORY + ahead)
     if not len(samples):
         raise InputError(

@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float
 
 from crowdbench.core.geometry import pad_points
 from crowdbench.scenario.tracks.dut import Car
-from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, Tracks
-from crowdbench.scenario.tracks.scenes import Recording, Scene
+from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, RecordedTracks
+from crowdbench.scenario.tracks.scenes import RecordedScene, SceneRecording
 
 TRAIN_SHARE, VAL_SHARE = 0.4, 0.1
 """Shares of a scene's blocks for training (the first blocks) and for validation (the next blocks)."""
@@ -116,7 +116,7 @@ class Excerpt:
     driven: CarMotion | None
 
 
-def cut_windows(scene: Scene, steps: int, dt: float) -> list[Excerpt]:
+def cut_windows(scene: RecordedScene, steps: int, dt: float) -> list[Excerpt]:
     """Return the windows of a scene that contain pedestrians, in order.
 
     Without cars, windows follow each other without a gap. With cars, a window starts when a car appears, and
@@ -165,12 +165,12 @@ def split_windows(excerpts: Sequence[Excerpt]) -> Mapping[str, list[Excerpt]]:
     }
 
 
-def times_of(tracks: Tracks) -> Float[np.ndarray, "row"]:
+def times_of(tracks: RecordedTracks) -> Float[np.ndarray, "row"]:
     """Return the time of each annotation in seconds."""
     return tracks.frame / FRAME_STEP * tracks.dt
 
 
-def people_of(tracks: Tracks) -> Iterator[MovingDisc]:
+def people_of(tracks: RecordedTracks) -> Iterator[MovingDisc]:
     """Yield the pedestrians of a recording."""
     bounds = np.flatnonzero(np.diff(tracks.pedestrian)) + 1
     for rows in np.split(np.arange(len(tracks.frame)), bounds):
@@ -185,7 +185,7 @@ def car_discs(car: Car) -> Iterator[MovingDisc]:
         yield MovingDisc(car.time, car.position + ahead * direction, car.width / 2.0)
 
 
-def _windows(recording: Recording, steps: int, dt: float) -> list[tuple[float, Car | None, CarMotion | None]]:
+def _windows(recording: SceneRecording, steps: int, dt: float) -> list[tuple[float, Car | None, CarMotion | None]]:
     """Return the start time in seconds of each window, in order of time, and the car that the vehicle replaces in it,
     if any."""
     time, length = times_of(recording.tracks), steps * dt
