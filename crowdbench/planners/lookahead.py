@@ -21,8 +21,7 @@ from crowdbench.planners.kce import Limits, Shaping
 from crowdbench.planners.planner import AheadPlanner, PredictingPlanner
 from crowdbench.planners.scene import Commands, Scene, Sequence, Velocities, mean_future, scene_of
 from crowdbench.planners.trials import propagate_vehicle, try_commands
-from crowdbench.predict import Prediction
-from crowdbench.predict.predictor import predict
+from crowdbench.predict.predictor import Prediction, predict
 from crowdbench.utils.errors import require_count
 
 Actions = Callable[[Float[np.ndarray, "world"]], Commands]

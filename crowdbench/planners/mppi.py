@@ -17,8 +17,7 @@ from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.planner import AheadPlanner, PredictingPlanner
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
 from crowdbench.planners.trials import SequenceResult, limit_commands, propagate_vehicle, time_left, try_sequences
-from crowdbench.predict import Prediction
-from crowdbench.predict.predictor import predict
+from crowdbench.predict.predictor import Prediction, predict
 from crowdbench.utils.errors import is_number, require, require_count, require_not_negative, require_positive
 
 Costs = Float[np.ndarray, "world sequence"]

@@ -32,7 +32,7 @@ from crowdbench.planners.trained_policy import NetworkPlanner, PolicyInterface
 from crowdbench.plugins.kind import file_and_function
 from crowdbench.plugins.options import Option
 from crowdbench.plugins.plugin_files import read_files
-from crowdbench.predict import ConstantVelocity
+from crowdbench.predict.linear import ConstantVelocity
 from crowdbench.sim.sensor import observe
 from crowdbench.train.config import PPOConfig, split_names
 from crowdbench.train.training import DrivingTraining, describe_scenario
