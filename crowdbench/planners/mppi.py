@@ -122,9 +122,9 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
     worst: float = 1.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_count("horizon", self.horizon)
         require("worst", self.worst, is_number(self.worst) and 0.0 < self.worst <= 1.0, "above 0, and 1 at most")
-        self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
         self.last = LastPlans(self.horizon)
 
     def reset(self, rows: np.ndarray) -> None:
