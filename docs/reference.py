@@ -1,10 +1,12 @@
 """The parts of the reference that are generated from the code, as Markdown; `docs/hooks.py` inserts them into pages."""
 
 import dataclasses
+import importlib
 import inspect
 import re
 from collections.abc import Callable, Iterable
 from enum import Enum
+from pathlib import Path
 from typing import Any, get_args
 
 from docstring_parser import DocstringStyle, parse
@@ -172,8 +174,14 @@ def _shape(annotation: object) -> str:
 
 
 def public_names() -> str:
-    """Return a directive of mkdocstrings for each public name."""
-    return "\n\n".join(f"::: crowdbench.{name}" for name in crowdbench.__all__)
+    """Return a directive of mkdocstrings for each public name, by the folder that it is imported from."""
+    stubs = Path(crowdbench.__file__).parent.glob("*/__init__.pyi")
+    doors = ["crowdbench", *sorted(f"crowdbench.{path.parent.name}" for path in stubs)]
+    parts = []
+    for door in doors:
+        names = importlib.import_module(door).__all__
+        parts += [f"### From {door}", *(f"::: {door}.{name}" for name in names)]
+    return "\n\n".join(parts)
 
 
 def _paragraphs(text: str) -> str:

@@ -29,7 +29,7 @@ from numpy._core.multiarray import scalar
 from torch import Tensor
 
 from crowdbench import InputError, Observation, Planner
-from crowdbench.networks import in_disc, weights_digest
+from crowdbench.networks import clip_to_disc, weights_digest
 
 STEPS = 5
 """Number of predicted steps, and of observed positions in the input of a predictor."""
@@ -151,7 +151,7 @@ class CrowdNavPlusPlanner(Planner):
             _, action, _, after = self.network.act(inputs, memory, go_on, deterministic=True)
         for name, kept in self.memory.items():
             kept[row] = after[name]
-        return in_disc(action.double().numpy(), vehicle.preferred_speed)
+        return clip_to_disc(action.double().numpy(), vehicle.preferred_speed)
 
     def _edges(
         self, obs: Observation, row: Int[Tensor, "world"]

@@ -77,8 +77,8 @@ class DWAPlanner(PredictingPlanner):
     horizon: int = 14
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_count("horizon", self.horizon)
-        self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""

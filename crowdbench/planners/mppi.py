@@ -17,8 +17,7 @@ from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.planner import AheadPlanner, PredictingPlanner
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
 from crowdbench.planners.trials import SequenceResult, limit_commands, propagate_vehicle, time_left, try_sequences
-from crowdbench.predict import Prediction
-from crowdbench.predict.predictor import predict
+from crowdbench.predict.predictor import Prediction, predict
 from crowdbench.utils.errors import is_number, require, require_count, require_not_negative, require_positive
 
 Costs = Float[np.ndarray, "world sequence"]
@@ -123,9 +122,9 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
     worst: float = 1.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_count("horizon", self.horizon)
         require("worst", self.worst, is_number(self.worst) and 0.0 < self.worst <= 1.0, "above 0, and 1 at most")
-        self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
         self.last = LastPlans(self.horizon)
 
     def reset(self, rows: np.ndarray) -> None:

@@ -14,8 +14,8 @@ from crowdbench.planners.driver import Driver
 from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.mppi import SHOWN, MPPIPlanner, MPPISearch, MPPIWeights
 from crowdbench.planners.scene import scene_of
-from crowdbench.predict import Prediction
 from crowdbench.predict.linear import ConstantVelocity
+from crowdbench.predict.predictor import Prediction
 from crowdbench.record.decisions import marks_of
 from crowdbench.record.explanation import legend_text
 from crowdbench.runs.rollout import rollout
