@@ -132,8 +132,8 @@ class Scenario:
         starts = [self.starts.start(case, self.crowd, self.vehicle, self.rules) for case in drawn]
         placements, traits = [start.placement for start in starts], [start.traits for start in starts]
         agents = self.max_agents
-        routes = [_NOTHING if placement.route is None else placement.route for placement in placements]
-        obstacles = [_NOTHING if placement.obstacles is None else placement.obstacles for placement in placements]
+        routes = [_NO_POINTS if placement.route is None else placement.route for placement in placements]
+        obstacles = [_NO_POINTS if placement.obstacles is None else placement.obstacles for placement in placements]
 
         def stack(vehicle: float, pedestrians: Sequence[Float[np.ndarray, "_"]], padding: float) -> np.ndarray:
             vehicles = np.full((len(cases), 1), vehicle)
@@ -183,5 +183,5 @@ def _initial_heading(world: World) -> Float[np.ndarray, "world"]:
     return np.arctan2(ahead[:, 1], ahead[:, 0])
 
 
-_NOTHING = np.empty((0, 0, 2))
+_NO_POINTS = np.empty((0, 0, 2))
 """The routes or the obstacles of a case that has none."""

@@ -304,7 +304,8 @@ def test_an_entry_of_another_board_is_pending_and_neither_verified_nor_ranked(ro
     change(root, monkeypatch)
     board = read_board(root / "small")
     with pytest.raises(
-        InputError, match=r"made for other rules, scenarios or code of the board small \(\w{12}\) than these \(\w{12}\)"
+        InputError,
+        match=r"another simulator, other rules or scenarios of the board small \(\w{12}\) than these \(\w{12}\)",
     ):
         verify(entry_of(root), board, work=tmp_path)
     found = standings(board, read_entries(board, root), read_season(root))

@@ -27,7 +27,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.recorded import TrackedCrowd
 from crowdbench.scenario.tracks.dut import Car, read_clip
 from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
-from crowdbench.scenario.tracks.excerpts import LEAST_WAY, cut_windows, split_windows
+from crowdbench.scenario.tracks.excerpts import MIN_TRIP, cut_windows, split_windows
 from crowdbench.scenario.tracks.scenes import RecordedScene, SceneRecording, load_scene
 from crowdbench.sim.presence import come_and_go, track_at
 from crowdbench.sim.sensor import observe
@@ -295,10 +295,10 @@ def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
     crowd = TrackedCrowd.of(crossing, 8.0, rules)
     assert {split: len(windows) for split, windows in crowd.windows.items()} == {"train": 0, "val": 0, "test": 2}
     window = crowd.window("test", 1)
-    assert np.allclose(window.driven.start, [8.0, 0.0])
-    assert np.allclose(window.driven.goal, [8.0 + 2.0 * 0.75 * 4.0, 0.0])
-    assert window.driven.speed == pytest.approx(2.0)
-    assert math.dist(window.driven.goal, window.driven.start) >= LEAST_WAY
+    assert np.allclose(window.replaced_car.start, [8.0, 0.0])
+    assert np.allclose(window.replaced_car.goal, [8.0 + 2.0 * 0.75 * 4.0, 0.0])
+    assert window.replaced_car.speed == pytest.approx(2.0)
+    assert math.dist(window.replaced_car.goal, window.driven.start) >= MIN_TRIP
     # Somebody who stands, and three discs that lie along the parked car.
     assert np.allclose(window.track[0], [[10.0, 5.0], [10.0, -5.2], [10.0, -4.0], [10.0, -2.8]])
     assert np.allclose(window.radius[1:], 0.8)
@@ -390,7 +390,7 @@ def test_every_scene_of_eth_ucy_and_dut_can_be_driven_in(shared):
         "test": 21,
     }
     world = place.draw("test", np.arange(21))
-    assert (norm(world.goal[:, 0] - world.position[:, 0]) >= LEAST_WAY - 1e-9).all()
+    assert (norm(world.goal[:, 0] - world.position[:, 0]) >= MIN_TRIP - 1e-9).all()
     reactive = load_scenario("dut_reactive", data=shared / "data" / "dut").draw("test", np.arange(21))
     assert list(reactive.parameters) == ["orca", "recorded"]
     assert set(reactive.policy[reactive.present[:, 1:]]) == {0, 1}, "some are people, some are cars"
