@@ -174,14 +174,21 @@ def _shape(annotation: object) -> str:
 
 
 def public_names() -> str:
-    """Return a directive of mkdocstrings for each public name, by the folder that it is imported from."""
+    """Return a directive of mkdocstrings for each public class and function, by the folder that it is imported from."""
     stubs = Path(crowdbench.__file__).parent.glob("*/__init__.pyi")
     doors = ["crowdbench", *sorted(f"crowdbench.{path.parent.name}" for path in stubs)]
     parts = []
     for door in doors:
-        names = importlib.import_module(door).__all__
+        module = importlib.import_module(door)
+        names = [name for name in module.__all__ if _is_class_or_function(getattr(module, name))]
         parts += [f"### From {door}", *(f"::: {door}.{name}" for name in names)]
     return "\n\n".join(parts)
+
+
+def _is_class_or_function(public: object) -> bool:
+    """Return whether a public name is a class or a function of the package; false for types of arrays and constants."""
+    is_ours = getattr(public, "__module__", "").startswith("crowdbench")
+    return is_ours and (inspect.isclass(public) or inspect.isfunction(inspect.unwrap(public)))  # type: ignore[arg-type]
 
 
 def _paragraphs(text: str) -> str:

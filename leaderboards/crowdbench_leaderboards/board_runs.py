@@ -120,8 +120,8 @@ def _drive(
         planner.planner,
         scenario.name,
         case_set.cases,
-        options,
-        board.overrides(case_set.seed),
+        options=options,
+        overrides=board.overrides(case_set.seed),
         replanning=board.replanning,
         record="commands",
     )

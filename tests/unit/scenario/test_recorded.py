@@ -240,18 +240,18 @@ def test_a_run_says_its_blocks_and_can_be_replayed_with_the_same_files_alone(tmp
     assert result["blocks"] == 6
     assert list(result["scenario"]["tracks"]["files"]) == ["mine.txt"]
     assert Episodes.read(tmp_path / "one" / "episodes.csv").block.tolist() == 2 * [6, 7, 8, 9, 10, 11]
-    assert run(monkeypatch, "score", "one", "--replay", "--data", tmp_path) == 0
+    assert run(monkeypatch, "score", "one", "--data", tmp_path) == 0
     assert "the states of 12 episodes with run.rrd" in capsys.readouterr().out
     rows = (tmp_path / "one" / "episodes.csv").read_text()
     (tmp_path / "one" / "episodes.csv").write_text(rows.replace(",6,", ",7,", 1))
-    assert run(monkeypatch, "score", "one", "--replay", "--data", tmp_path) == 1
+    assert run(monkeypatch, "score", "one", "--data", tmp_path) == 1
     assert "1 of 12 cases are of another block of time in episodes.csv: test/0 (block)" in capsys.readouterr().out
     (tmp_path / "one" / "episodes.csv").write_text(rows)
-    assert run(monkeypatch, "score", "one", "--replay") != 0
+    assert run(monkeypatch, "score", "one") != 0
     assert "--data DIR" in capsys.readouterr().err
     text = (tmp_path / "mine.txt").read_text()
     (tmp_path / "mine.txt").write_text(text.replace("0.500000", "0.500001", 1))
-    assert run(monkeypatch, "score", "one", "--replay", "--data", tmp_path) != 0
+    assert run(monkeypatch, "score", "one", "--data", tmp_path) != 0
     assert "mine.txt is damaged or another version" in capsys.readouterr().err
 
 

@@ -254,7 +254,7 @@ def test_runs_with_them_are_recorded_and_replayed(arrival, tmp_path, capsys):
     settings = [f"pedestrians.arrival={arrival}", "pedestrians.goal_change={period=1.0,chance=0.3}"]
     out = str(tmp_path / "run")
     app([*run, *(part for each in settings for part in ("--set", each)), "--out", out], standalone_mode=False)
-    app(["score", out, "--replay"], standalone_mode=False)
+    app(["score", out], standalone_mode=False)
     assert "All agree" in capsys.readouterr().out.replace("\n", " ")
 
 
