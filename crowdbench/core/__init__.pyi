@@ -11,7 +11,6 @@ from .dynamics.vehicles import Bicycle as Bicycle
 from .dynamics.vehicles import Holonomic as Holonomic
 from .dynamics.vehicles import Unicycle as Unicycle
 from .geometry import Discs as Discs
-from .geometry import local_goals as local_goals
 from .geometry import nearest_in_step as nearest_in_step
 from .geometry import norm as norm
 from .geometry import pad_arrays as pad_arrays

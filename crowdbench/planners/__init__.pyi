@@ -1,4 +1,3 @@
-from .filtered import NO_INFLATION as NO_INFLATION
 from .filtered import FilteredPlanner as FilteredPlanner
 from .filtered import RadiusInflation as RadiusInflation
 from .filtered import radius_inflation as radius_inflation
@@ -21,6 +20,6 @@ from .scene import scene_of as scene_of
 from .trained_policy import NetworkPlanner as NetworkPlanner
 from .trained_policy import load_policy as load_policy
 from .trials import limit_commands as limit_commands
-from .trials import route_from as route_from
+from .trials import local_goals_at as local_goals_at
 from .trials import time_left as time_left
 from .trials import try_sequences as try_sequences

@@ -11,7 +11,7 @@ from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.networks.chunks import CHUNK, in_chunks
-from crowdbench.planners.filtered import NO_INFLATION, RadiusInflation, radius_inflation
+from crowdbench.planners.filtered import RadiusInflation, radius_inflation
 from crowdbench.planners.hidden import hidden_scene
 from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.planner import AheadPlanner, PredictingPlanner
@@ -148,7 +148,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
             order = np.argsort(-paths[:, :, 0, 2], axis=1, kind="stable")[:, : shown.shape[1], None, None]
             shown[part] = np.take_along_axis(paths, order, axis=1)
             if obs.logs is not None:
-                path[part] = try_sequences(scene, best[part, None], NO_INFLATION).motion[:, 0, 1:, :2]
+                path[part] = try_sequences(scene, best[part, None]).motion[:, 0, 1:, :2]
 
         rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1) * prediction.position.shape[1]
         in_chunks(fill, len(obs), max(1, 8 * CHUNK // rows))
@@ -223,7 +223,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         result = try_sequences(scene, commands, inflation)
         cost = self._nearness(result, scene.dt) + self.weights.wall * (result.outcome == Outcome.WALL_COLLISION)
         if hidden is not None:
-            cost += self._nearness(try_sequences(hidden, commands, NO_INFLATION), scene.dt)
+            cost += self._nearness(try_sequences(hidden, commands), scene.dt)
         arrived, whole = result.outcome == Outcome.SUCCESS, scene.dt * commands.shape[2]
         cost += np.where(arrived, scene.dt * result.steps, whole + time_left(scene, result)[..., None])
         return self._over_futures(cost) + self._roughness(scene, commands), result
