@@ -152,9 +152,6 @@ class _TestVehicle(Planner):
 
     In this way, all outcomes occur.
 
-    Args:
-        cases: The cases.
-
     Attributes:
         observations: Its observations.
     """

@@ -54,7 +54,6 @@ def load_subject(
     Args:
         kind: A key of `PROCEDURES`.
         plugin: Its name, `file.py` or `file.py:function`.
-        options: Its options.
         scenario: Name or file of the scenario; None for the default scenario of its kind.
         limit: Seconds that it may take for one answer.
         data: The folder with the recorded tracks that the scenario needs, if any.

@@ -1,11 +1,13 @@
 from .chunks import CHUNK as CHUNK
 from .chunks import in_chunks as in_chunks
+from .evaluation import evaluate as evaluate
 from .features import clip_to_disc as clip_to_disc
 from .features import direction as direction
 from .features import to_world as to_world
 from .joint_state import joint_states as joint_states
+from .layers import perceptron as perceptron
 from .policy import Seen as Seen
-from .policy import SetEncoder as SetEncoder
+from .set_encoder import SetEncoder as SetEncoder
 from .social_gan import SGAN_HIDDEN as SGAN_HIDDEN
 from .social_gan import SGAN_NOISE as SGAN_NOISE
 from .social_gan import SGAN_WIDE as SGAN_WIDE
@@ -14,8 +16,6 @@ from .social_gan import TrajectoryEncoder as TrajectoryEncoder
 from .value import NETWORKS as NETWORKS
 from .value import SARL as SARL
 from .value import ValueNetwork as ValueNetwork
-from .value import evaluate as evaluate
-from .value import perceptron as perceptron
 from .weights import WEIGHTS_SUFFIX as WEIGHTS_SUFFIX
 from .weights import save_network as save_network
 from .weights import weights_digest as weights_digest

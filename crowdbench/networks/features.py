@@ -91,9 +91,10 @@ def histories(obs: Observation, view: Features) -> Float[np.ndarray, "world time
 
 def to_goal_frame(vectors: Float[np.ndarray, "world *k 2"], axis: Vectors) -> Float[np.ndarray, "world *k 2"]:
     """Turn vectors from the axes of the world into the frame of the goal, whose direction is `axis`."""
-    c, s = axis.T.reshape(2, -1, *[1] * (vectors.ndim - 2))
-    x, y = np.moveaxis(vectors, -1, 0)
-    return np.stack([c * x + s * y, c * y - s * x], axis=-1)
+    each_world = (-1, *[1] * (vectors.ndim - 2))
+    cosine, sine = axis[:, 0].reshape(each_world), axis[:, 1].reshape(each_world)
+    x, y = vectors[..., 0], vectors[..., 1]
+    return np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1)
 
 
 def direction(position: Vectors, goal: Vectors) -> Vectors:

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from crowdbench.networks.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES, Features
+from crowdbench.networks.features import Features
 
 SCALE = 3.0
 """Distances in metres are divided by this before they enter the network, so that its inputs are of the order of 1."""
@@ -56,41 +56,6 @@ class Encoder(nn.Module, abc.ABC):
     @abc.abstractmethod
     def forward(self, seen: Seen) -> Float[Tensor, "row encoded"]:
         """Return the code of the observation in each row, without units."""
-
-
-class SetEncoder(Encoder):
-    """Encoder of the vehicle and any number of pedestrians, whose order does not matter.
-
-    Each pedestrian is encoded together with the vehicle. The output is a sum over pedestrians, weighted by attention,
-    and the largest value of each number: the sum describes the crowd, the maximum the most urgent pedestrian.
-
-    Args:
-        width: Numbers per pedestrian inside the network.
-        encoded: Size of the output.
-    """
-
-    def __init__(self, width: int = 64, encoded: int = 128) -> None:
-        super().__init__()
-        self.encoded = encoded
-        self.each = nn.Sequential(
-            nn.Linear(VEHICLE_FEATURES + PEDESTRIAN_FEATURES, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
-        )
-        self.attention = nn.Linear(width, 1)
-        self.joined = nn.Sequential(nn.Linear(VEHICLE_FEATURES + 2 * width, encoded), nn.ReLU())
-
-    def forward(self, seen: Seen) -> Float[Tensor, "world encoded"]:
-        """Return the code of the observation in each world, without units."""
-        vehicle, pedestrians, mask = seen
-        vehicle = vehicle / vehicle.new_tensor([SCALE, 1.0, 1.0, 1.0, 1.0])
-        pedestrians = pedestrians / pedestrians.new_tensor([SCALE, SCALE, 1.0, 1.0, 1.0, 1.0, SCALE, 1.0])
-        own = vehicle[:, None].expand(-1, pedestrians.shape[1], -1)
-        each = self.each(torch.cat([own, pedestrians], dim=2)) * mask[..., None]
-        score = self.attention(each)[..., 0].masked_fill(~mask, -torch.inf)
-        # Without any pedestrian there is nothing to weight, and softmax would be undefined.
-        weight = torch.softmax(score.masked_fill(~mask.any(dim=1, keepdim=True), 0.0), dim=1)
-        crowd = (weight[..., None] * each).sum(dim=1)
-        # ReLU makes all codes 0 or more, so that the zeros of unseen pedestrians never exceed other codes.
-        return self.joined(torch.cat([vehicle, crowd, each.amax(dim=1)], dim=1))
 
 
 class Policy(nn.Module):

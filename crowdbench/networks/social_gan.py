@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from crowdbench.networks.value import perceptron
+from crowdbench.networks.layers import perceptron
 
 EMBEDDING = 16
 """Size of the embedding of a displacement or a relative position."""

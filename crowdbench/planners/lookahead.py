@@ -15,7 +15,8 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.reward import discount, reward
 from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.chunks import CHUNK, in_chunks
-from crowdbench.networks.value import ValueNetwork, evaluate
+from crowdbench.networks.evaluation import evaluate
+from crowdbench.networks.value import ValueNetwork
 from crowdbench.networks.weights import weights_digest
 from crowdbench.planners.kce import Limits, Shaping
 from crowdbench.planners.planner import AheadPlanner, PredictingPlanner

@@ -13,7 +13,7 @@ from crowdbench.catalog import PEDESTRIANS, PLANNERS
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "crowdbench"
-OUTSIDE = ("agents", "adapters", "studies", "benchmarks", "examples")
+OUTSIDE = ("agents", "adapters", "studies", "benchmarks", "examples", "leaderboards/crowdbench_leaderboards")
 STUBS = sorted([PACKAGE / "__init__.pyi", *PACKAGE.glob("*/__init__.pyi")])
 
 

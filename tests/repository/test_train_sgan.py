@@ -172,7 +172,7 @@ def run(*arguments):
     ("options", "message"),
     [
         ({"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both set the length of a training"),
-        ({"data": "eth_ucy", "dt": float("nan")}, "dt is nan, but must be a number, 0.01 or more"),
+        ({"data": "eth_ucy", "dt": float("nan")}, "--dt is nan, but must be a number, 0.01 or more"),
     ],
 )
 def test_options_that_contradict_each_other_are_refused(options, message):

@@ -146,7 +146,7 @@ def test_minutes_end_a_training(tmp_path):
         ({"scenario": "nowhere"}, "no scenario is called 'nowhere'"),
         ({"validation": "circle_crossing_5,nowhere"}, "no scenario is called 'nowhere'"),
         ({"max_turn": 4.0}, "max_turn is 4.0, but must be pi at most"),
-        ({"max_velocity_change": 0.0}, "max_velocity_change is 0.0, but must be a number above 0"),
+        ({"max_velocity_change": 0.0}, "--max-velocity-change is 0.0, but must be a number above 0"),
     ],
 )
 def test_what_does_not_exist_is_refused_and_nothing_is_left(change, message, tmp_path):
