@@ -223,7 +223,9 @@ def _start(scenario: Scenario, split: str, case: int) -> np.ndarray:
     """
     world = scenario.draw(split, np.array([case]))
     present = world.present[0]
-    start, goal, route = (array[0, present] for array in (world.position, world.goal, world.route))
+    start = world.position[0, present]
+    goal = world.goal[0, present]
+    route = world.route[0, present]
     radius = world.radius[0, present]
     distance = norm(goal - start)
     with Location(scenario.source, f"case {split}/{case}").named():

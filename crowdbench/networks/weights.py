@@ -50,13 +50,8 @@ def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, A
     """Write weights, and their card beside them. The weights are written last, so that they never exist without a card.
 
     Args:
-        network: The network.
-        name: The name of the network.
         path: The file of the weights, which ends in .safetensors.
         card: Contents of the card, without the name of the network and the sha256 of the file.
-
-    Returns:
-        The whole card.
 
     Raises:
         OSError: One of the files cannot be written.

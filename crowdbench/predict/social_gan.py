@@ -36,7 +36,6 @@ class SocialGAN(Predictor):
     extrapolated backwards from the first displacement; a pedestrian that was observed once has none.
 
     Args:
-        generator: The trained generator.
         about: Facts of the training from its card: at least `dt`, the time step in seconds, and `scenes`, the
             recorded scenes that it was trained on.
         modes: Number of futures [1]. The first futures are the same for every number.

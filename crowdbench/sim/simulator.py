@@ -208,7 +208,6 @@ def finish_step(after: World, check: StepCheck, post_step_rule: PostStepRule | N
 
     Args:
         after: The worlds after the first part.
-        check: Result of its check.
         post_step_rule: Applied to the worlds that are still running, if given.
     """
     return look(after if post_step_rule is None else post_step_rule(after, check.outcome == Outcome.RUNNING))

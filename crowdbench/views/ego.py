@@ -93,7 +93,8 @@ def ego_views(world: World) -> World:
     agents = world.radius.shape[1]
     order = np.arange(agents)
     agent = np.where(order[None] == 0, order[:, None], order - (order[None] <= order[:, None]))
-    row, agent = np.repeat(np.arange(len(world)), agents)[:, None], np.tile(agent, (len(world), 1))
+    row = np.repeat(np.arange(len(world)), agents)[:, None]
+    agent = np.tile(agent, (len(world), 1))
     worlds = world.take(row[:, 0])
     present = world.present[row, agent]
     present[:, 1:2] &= (agent[:, :1] == 0) | world.rules.visible  # a slice, because there may be no other agent

@@ -114,7 +114,6 @@ class Dynamics(abc.ABC):
         `step`.
 
         Args:
-            command: Finite commands.
             max_speed: In m/s.
         """
         low, high = self.space(max_speed)
@@ -145,7 +144,6 @@ class Dynamics(abc.ABC):
 
         Args:
             state: The vehicles before it.
-            command: Their commands.
             max_speed: In m/s.
             dt: Duration of the step in seconds.
         """
