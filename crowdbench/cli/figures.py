@@ -62,7 +62,8 @@ def table(
         raise InputError("--all-metrics shows all metrics in rows: leave out --metric and --columns")
     if columns != METRIC and len(metric or []) > 1:
         raise InputError(f"a table with --columns {columns} shows one metric: give --metric once")
-    runs = RunTable.read(directories, SCENARIO if columns == METRIC else columns, names.split(",") if names else [])
+    column = SCENARIO if columns == METRIC else columns
+    runs = RunTable.read(directories, column, names.split(",") if names else [])
     if all_metrics:
         grid = runs.all_metrics()
     elif columns == METRIC:
@@ -76,7 +77,9 @@ def table(
         for warning in run.warnings:
             say(f"crowdbench: {warning}")
     say(STATED)
-    print(floating(text, caption, label) if caption or label else text)
+    if caption or label:
+        text = floating(text, caption, label)
+    print(text)
 
 
 def plot(kind: FigureKind, directories: list[Path], metric: str | None = None, out: Path = Path("figure.pdf")) -> None:

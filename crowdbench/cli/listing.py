@@ -126,7 +126,10 @@ def _plugin_page(kind: str, name: str) -> tuple[str, str, list[OptionRow]]:
     if kind == "layouts":
         return text, "Options: --set name=value", option_rows(factory, "layout.", keyword_only=True)
     title = "Options: --option name=value, and a table --option 'name={parameter=value}'"
-    return text, title, option_rows(factory) + ([FILTER] if kind == "planners" else [])
+    rows = option_rows(factory)
+    if kind == "planners":
+        rows.append(FILTER)
+    return text, title, rows
 
 
 def option_rows(factory: Callable[..., object], prefix: str = "", keyword_only: bool = False) -> list[OptionRow]:

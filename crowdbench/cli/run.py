@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 RECORD_HELP = (
     f"Extent of the recording: episodes for the viewer (failures: {MOST_FAILURES} at most, fewer in large crowds, and "
-    f"the first {FIRST_RECORDED} cases; or all), only the commands, with which `crowdbench score --replay` simulates "
+    f"the first {FIRST_RECORDED} cases; or all), only the commands, with which `crowdbench score` simulates "
     "the cases again, or none."
 )
 

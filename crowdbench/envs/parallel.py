@@ -30,7 +30,7 @@ VEHICLE = "vehicle"
 """The name of the vehicle as an agent. The others are `pedestrian_0`, `pedestrian_1`, ..."""
 
 # As integers, because access to members of an enumeration is slow, and training spends most of its time in `step`.
-_RUNNING, _SUCCESS, _TIMEOUT = (int(o) for o in (Outcome.RUNNING, Outcome.SUCCESS, Outcome.TIMEOUT))
+_RUNNING, _SUCCESS, _TIMEOUT = int(Outcome.RUNNING), int(Outcome.SUCCESS), int(Outcome.TIMEOUT)
 
 Observations = dict[str, Float[np.ndarray, "features"]]
 Infos = dict[str, dict[str, Any]]

@@ -107,7 +107,9 @@ class IsolatedPlanner(AheadPlanner):
         self.usage: dict[str, Any] = {"level": sandbox.level(), "limits": describe_limits()}
         readable = [*_files_named_in(spec), *_files_named_in(options)] if readable is None else readable
         command = sandbox.command(program(spec), readable, folder, hidden)
-        usage = Usage(limits.memory, usable_cores() if cores is None else cores, sandbox.temporary())
+        if cores is None:
+            cores = usable_cores()
+        usage = Usage(limits.memory, cores, sandbox.temporary())
         self.process = Process(self.name, command, sandbox.settings(), usage, folder)
         try:
             properties = self._start(spec, options, scene)

@@ -30,7 +30,7 @@ class TooSlow(Exception):
 class Process:
     """A process that reads and answers the messages of `crowdbench.isolation.protocol`.
 
-    Its standard error is printed line by line after its name, without commands for terminals and for services that
+    Its standard error is printed line by line after its name, as ASCII without commands for terminals and services that
     read logs.
 
     Args:
@@ -162,7 +162,7 @@ class Process:
             lines, self._line = [*lines, self._line], b""
         for line in filter(None, lines):
             if self._printed < PRINTED:
-                text = line[:PRINTED].decode(errors="replace")
+                text = line[:PRINTED].decode("ascii", "backslashreplace")
                 print(one_line(f"planner {self.name}: {text}", 2 * PRINTED), file=sys.stderr)
             self._printed += len(line)
         return bool(content)

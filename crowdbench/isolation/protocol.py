@@ -151,12 +151,15 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
         steps: The number of steps that the planner must decide.
     """
     parts: dict[str, Any] = {"": obs, "vehicle.": obs.vehicle, "pedestrians.": obs.pedestrians}
-    fields = [(prefix + name, value) for prefix, part in parts.items() for name, value in vars(part).items()]
-    arrays = [(name, np.ascontiguousarray(value)) for name, value in fields if isinstance(value, np.ndarray)]
+    arrays = []
+    for prefix, part in parts.items():
+        for name, value in vars(part).items():
+            if isinstance(value, np.ndarray):
+                arrays.append((prefix + name, np.ascontiguousarray(value)))
     arrays.sort(key=lambda pair: -pair[1].itemsize)  # so that all numbers are aligned
+    layout = tuple((name, array.dtype.str, array.shape) for name, array in arrays)
     vehicle = obs.vehicle
-    constants = steps, obs.dt, vehicle.dynamics, vehicle.goal_tolerance, vehicle.body, obs.sensor
-    yield _observation_header(tuple((name, array.dtype.str, array.shape) for name, array in arrays), *constants)
+    yield _observation_header(layout, steps, obs.dt, vehicle.dynamics, vehicle.goal_tolerance, vehicle.body, obs.sensor)
     for _, array in arrays:
         yield array.reshape(-1).view(np.uint8).data
 

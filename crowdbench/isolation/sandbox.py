@@ -130,7 +130,10 @@ def _covers(places: Iterable[Path], hidden: Iterable[Path]) -> list[Path]:
 
 
 def _binds(paths: Iterable[Path]) -> list[str]:
-    return [word for path in paths for word in ("--ro-bind", str(path.resolve()), str(path.absolute()))]
+    options = []
+    for path in paths:
+        options += ["--ro-bind", str(path.resolve()), str(path.absolute())]
+    return options
 
 
 def _python() -> Iterator[Path]:

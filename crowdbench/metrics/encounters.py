@@ -57,8 +57,8 @@ def near_misses_per_hour(trace: Trace) -> Float[np.ndarray, "world"]:
 
     n / (3600 sum_t P_t dt) with P_t the number of pedestrians in step t. Undefined without pedestrians.
     """
-    _, near, people = _count_encounters(trace)
-    return near / np.where(people > 0, people * trace.rules.dt / 3600.0, np.nan)
+    _, near, presence = _count_encounters(trace)
+    return near / np.where(presence > 0, presence * trace.rules.dt / 3600.0, np.nan)
 
 
 @describe("post-encroachment time", "more", of_successes=True, source="Allen et al. (1978)")

@@ -23,7 +23,6 @@ def in_chunks(work: Callable[[slice], None], rows: int, chunk: int) -> None:
 
     Args:
         work: Called with slices that together cover every row once.
-        rows: Number of rows.
         chunk: Number of rows of a slice; the last may have fewer.
     """
     slices = [slice(start, start + chunk) for start in range(0, rows, chunk)]

@@ -31,9 +31,6 @@ def make_policy(network: str, encoder: str | None = None) -> Policy:
         network: One of `POLICIES`.
         encoder: The file of an encoder that replaces the default one.
 
-    Returns:
-        The policy.
-
     Raises:
         InputError: There is no such encoder, or it fails.
     """

@@ -54,7 +54,6 @@ def features(obs: Observation, nearest: int) -> Features:
     """Return the features of an observation.
 
     Args:
-        obs: The observation.
         nearest: Largest number of pedestrians.
     """
     worlds, crowd = len(obs), obs.pedestrians
@@ -74,10 +73,6 @@ def features(obs: Observation, nearest: int) -> Features:
 
 def histories(obs: Observation, view: Features) -> Float[np.ndarray, "world time nearest 2"]:
     """Return the last positions of the pedestrians in the frame of the goal, in metres; 0 in empty rows.
-
-    Args:
-        obs: The observation.
-        view: Its features.
 
     Returns:
         From the oldest to the current position, as `Observation.pedestrians.history`.
@@ -124,11 +119,10 @@ def to_world(action: Vectors, axis: Vectors) -> Vectors:
     return x * axis + y * np.stack([-axis[:, 1], axis[:, 0]], axis=1)
 
 
-def in_disc(action: Vectors, radius: Float[np.ndarray, "world"]) -> Vectors:
+def clip_to_disc(action: Vectors, radius: Float[np.ndarray, "world"]) -> Vectors:
     """Return actions of limited length: longer ones are shortened.
 
     Args:
-        action: Vectors.
         radius: The largest length of each.
     """
     length = np.sqrt((action**2).sum(axis=1))

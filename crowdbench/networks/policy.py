@@ -68,7 +68,6 @@ class Policy(nn.Module):
         action: The last layer: a velocity in the frame of the goal in m/s, see `NetworkPlanner`.
 
     Args:
-        encoder: The encoder.
         remembered: Size of the memory from step to step; 0 for none.
         hidden: Numbers in the hidden layer.
     """
@@ -123,7 +122,6 @@ class ActorCritic(nn.Module):
         log_std: The logarithm of the standard deviation of the sampled actions, in m/s.
 
     Args:
-        policy: The policy.
         hidden: Numbers in the hidden layer of the value.
     """
 
@@ -151,7 +149,6 @@ class ActorCritic(nn.Module):
 
         Args:
             action: The actions in m/s.
-            mean: Their means.
         """
         deviation = (action - mean) / self.log_std.exp()
         return (-0.5 * deviation**2 - self.log_std - 0.5 * math.log(2.0 * math.pi)).sum(dim=1)

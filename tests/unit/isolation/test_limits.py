@@ -230,7 +230,7 @@ def test_what_a_planner_prints_is_harmless(tmp_path, capfd):
     assert lines[0] == "planner probe: : :error: :forged"
     assert lines[1:3] == [
         "planner probe: ## [error]forged",
-        "planner probe: \\x1b[2J\\u202eadet careful on five: passes, re-run",
+        "planner probe: \\x1b[2J\\xe2\\x80\\xaeadet careful on five: passes, re-run",
     ]
     assert len(shown.err) < 30_000
 
