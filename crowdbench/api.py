@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,11 +16,12 @@ from crowdbench.metrics.summary import Estimate
 from crowdbench.metrics.user_metrics import RESERVED
 from crowdbench.planners.planner import Planner
 from crowdbench.results.compare import Comparison, compare
-from crowdbench.results.episodes import RECORDING, Episodes, read_estimate
+from crowdbench.results.episodes import Episodes, read_estimate
 from crowdbench.results.run_result import RunResult
 from crowdbench.results.table import metric_grid
 from crowdbench.runs.identity import new_key
-from crowdbench.runs.loading import load_run
+from crowdbench.runs.loading import load_run, load_stored_scenario
+from crowdbench.runs.replay import recording_of, stored_case
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
@@ -59,9 +61,6 @@ class Result:
     def read(cls, directory: Path | str) -> Result:
         """Read the result of `crowdbench run` or `run` from its directory.
 
-        Args:
-            directory: The directory of the run.
-
         Raises:
             InputError: A file is missing, or was changed after the run.
         """
@@ -82,33 +81,42 @@ class Result:
         """
         return compare(self._stored_directory(), other._stored_directory())
 
-    def view(self, case: int | str, *, web: bool = False) -> None:
-        """Open a recorded case in the Rerun viewer, and wait until it is closed.
+    def view(self, case: int | str, *, web: bool = False, **files: Any) -> None:
+        """Open a case in the Rerun viewer, and wait until it is closed.
 
         Args:
             case: The number of the case, or its name: "val/37".
             web: True to open it in a browser instead of a window.
+            **files: Files of yours that the run used, the parameters of `load_stored_scenario`: pedestrians, layout and
+                data. They are needed if the case was not recorded.
 
         Raises:
-            InputError: The run was not kept, the case is not recorded, or the viewer does not start.
+            InputError: The run was not kept or has no commands, there is no such case, or the viewer does not start.
         """
         from crowdbench.record import viewer
-        from crowdbench.record.recorded_cases import find_case
 
-        recording = self._stored_directory() / RECORDING
-        viewer.view(recording, find_case(recording, str(case)), web=web)
+        run = RunResult.read(self._stored_directory())
+        number = run.find_case(case)
+        with tempfile.TemporaryDirectory() as folder:
+            recording = recording_of(run, functools.partial(load_stored_scenario, **files), number, Path(folder))
+            viewer.view(recording, number, web=web)
 
-    def render(self, case: int | str) -> Image:
-        """Draw a recorded case from above, as an image for a notebook or for its method `save("case.png")`.
+    def render(self, case: int | str, **files: Any) -> Image:
+        """Draw a case from above, as an image for a notebook or for its method `save("case.png")`.
 
-        Raises InputError if the run was not kept, or if the case is not recorded.
+        Args:
+            case: The number of the case, or its name: "val/37".
+            **files: See `view`.
+
+        Raises:
+            InputError: The run was not kept or has no commands, or there is no such case.
         """
         from crowdbench.envs.render import rasterize
         from crowdbench.figures.episode_figure import Episode
-        from crowdbench.record.recorded_cases import find_case, read_case
 
-        recording = self._stored_directory() / RECORDING
-        return rasterize(*Episode(read_case(recording, find_case(recording, str(case))).trace, 0).picture(), 300.0)
+        run = RunResult.read(self._stored_directory())
+        trace, row = stored_case(run, functools.partial(load_stored_scenario, **files), run.find_case(case))
+        return rasterize(*Episode(trace, row).picture(), 300.0)
 
     def _stored_directory(self) -> Path:
         if self.directory is None:
@@ -160,9 +168,6 @@ def run(
         progress: Called after each step with the progress of the step, as a fractional number of episodes, such as
             `tqdm(total=500, unit_scale=True).update`; None to show a line of progress every few seconds.
 
-    Returns:
-        The result.
-
     Raises:
         InputError: An input does not exist, a plug-in breaks its contract, or the run cannot be written.
     """
@@ -172,17 +177,18 @@ def run(
         raise InputError("options are for a planner that is named: give them to the planner that you construct")
     if key is not None and isinstance(planner, str) and not metrics:
         raise InputError("key is for what was made in Python: a planner or metrics; leave it out")
-    if duplicates := [name for name in metrics or {} if name in METRICS or name in RESERVED]:
-        raise InputError(f"a column {duplicates[0]} exists already: give the metric another name")
+    for name in metrics or {}:
+        if name in METRICS or name in RESERVED:
+            raise InputError(f"a column {name} exists already: give the metric another name")
     spec = RunSpec(
         planner if isinstance(planner, str) else type(planner).__name__,
         scenario,
         Cases.parse(str(cases)),
-        options or {},
-        overrides or {},
-        pedestrians,
-        record=record if out is not None else "none",
-        data=Path(data).absolute() if data is not None else None,
+        options=options or {},
+        overrides=overrides or {},
+        pedestrians=pedestrians,
+        record="none" if out is None else record,
+        data=None if data is None else Path(data).absolute(),
     )
     announce_compilation()
     loaded = load_run(spec, None if isinstance(planner, str) else planner, key=key)

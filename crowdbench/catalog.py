@@ -174,8 +174,8 @@ def scenario_path(spec: str) -> Path:
     stem, _, number = spec.rpartition("_")
     numbers = [int(name.rpartition("_")[2]) for name in files if re.fullmatch(rf"{re.escape(stem)}_[0-9]+", name)]
     if spec not in files and numbers and re.fullmatch("[0-9]{1,4}", number):
-        like = f"{stem}_{min(numbers, key=lambda other: abs(other - int(number)))}"
-        raise InputError(f"no scenario is called {spec!r}: give {like} with --set pedestrians.number={number}")
+        nearest = f"{stem}_{min(numbers, key=lambda other: abs(other - int(number)))}"
+        raise InputError(f"no scenario is called {spec!r}: give {nearest} with --set pedestrians.number={number}")
     return find_named("scenario", spec, files, ".toml")
 
 

@@ -1,6 +1,7 @@
 """Small worlds and traces built by hand."""
 
 import dataclasses
+import functools
 import json
 from pathlib import Path
 
@@ -13,7 +14,10 @@ from crowdbench.metrics.registry import METRICS
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
 from crowdbench.results.result_file import write_result
+from crowdbench.results.run_result import RunResult
 from crowdbench.runs.identity import PlannerId, digest
+from crowdbench.runs.loading import load_stored_scenario
+from crowdbench.runs.replay import stored_traces
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.run import Run
 from crowdbench.runs.shards import make_run
@@ -182,3 +186,9 @@ def failed_checks(subject, cases="val:3"):
     results = check_plugin(subject, Cases.parse(cases))
     assert all(result.observation for result in results)
     return {result.name: result.observation for result in results if not result.passed}
+
+
+def stored_trace(directory, **files):
+    """The trace of a stored run, simulated again from its commands or read from its tracks."""
+    (found,) = stored_traces(RunResult.read(directory), functools.partial(load_stored_scenario, **files))
+    return found

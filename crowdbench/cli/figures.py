@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from crowdbench.cli.console import say
+from crowdbench.cli.console import announce_compilation, say
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, floating, format_tables
 
@@ -21,7 +19,7 @@ OF_A_COLUMN = ("success_rate", "collision_rate", "navigation_time", "jerk")
 """The default metrics of a LaTeX table: they fit a column of a paper."""
 
 
-class Kind(StrEnum):
+class FigureKind(StrEnum):
     """Kind of a figure."""
 
     SUCCESS = "success"
@@ -64,22 +62,27 @@ def table(
         raise InputError("--all-metrics shows all metrics in rows: leave out --metric and --columns")
     if columns != METRIC and len(metric or []) > 1:
         raise InputError(f"a table with --columns {columns} shows one metric: give --metric once")
-    runs = RunTable.read(directories, SCENARIO if columns == METRIC else columns, names.split(",") if names else [])
+    column = SCENARIO if columns == METRIC else columns
+    runs = RunTable.read(directories, column, names.split(",") if names else [])
     if all_metrics:
         grid = runs.all_metrics()
     elif columns == METRIC:
         grid = runs.grid(metric or (OF_A_COLUMN if format is Format.LATEX else MAIN))
     else:
         grid = runs.cross((metric or ["success_rate"])[0])
-    records = [{**record, "cases": str(runs.runs[0].cases)} for record in grid.records]
+    cases = str(runs.runs[0].cases)
+    records = [{**record, "cases": cases} for record in grid.records]
     text = format_tables([dataclasses.replace(grid, records=records)], format)
-    for warning in (warning for run in runs.runs for warning in run.warnings):
-        say(f"crowdbench: {warning}")
+    for run in runs.runs:
+        for warning in run.warnings:
+            say(f"crowdbench: {warning}")
     say(STATED)
-    print(floating(text, caption, label) if caption or label else text)
+    if caption or label:
+        text = floating(text, caption, label)
+    print(text)
 
 
-def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Path = Path("figure.pdf")) -> None:
+def plot(kind: FigureKind, directories: list[Path], metric: str | None = None, out: Path = Path("figure.pdf")) -> None:
     """Draw a figure of runs, or of trainings, as wide as a column of a paper.
 
     Args:
@@ -91,16 +94,16 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
     """
     from crowdbench.figures import plots
 
-    if kind is Kind.METRIC and metric is None:
+    if kind is FigureKind.METRIC and metric is None:
         raise InputError("a figure of kind metric needs --metric NAME")
-    if kind is Kind.SUCCESS and metric is not None:
+    if kind is FigureKind.SUCCESS and metric is not None:
         raise InputError(f"a figure of kind {kind} takes no --metric: only metric and training do")
-    draw: dict[Kind, Callable[..., None]] = {
-        Kind.SUCCESS: plots.success_over_time,
-        Kind.METRIC: functools.partial(plots.distribution, metric=str(metric)),
-        Kind.TRAINING: functools.partial(plots.learning_curves, quantity=metric or "success"),
-    }
-    draw[kind](directories, out=out)
+    if kind is FigureKind.SUCCESS:
+        plots.success_over_time(directories, out)
+    elif kind is FigureKind.METRIC:
+        plots.distribution(directories, str(metric), out)
+    else:
+        plots.learning_curves(directories, out, metric or "success")
     say(f"wrote {out}")
 
 
@@ -111,22 +114,26 @@ def render(
     strip: Annotated[int | None, typer.Option(min=1, max=12)] = None,
     zoom: Annotated[float | None, typer.Option(min=1.0, max=100.0)] = None,
     out: Path = Path("case.png"),
+    pedestrians: list[str] | None = None,
+    layout: str | None = None,
     data: Path | None = None,
 ) -> None:
     """Draw a case of a run from above, as a figure or a film, or the start of a case of a scenario.
 
-    Several runs are drawn side by side in the same case. A case that was not recorded is simulated again from its
-    commands. No viewer is needed.
+    Several runs are drawn side by side in the same case, which is simulated again from its commands. Predicted and
+    planned paths are drawn in recorded cases. No viewer is needed.
 
     Args:
-        what: Directories of runs, .rrd files, or one scenario: a name, or ./mine.toml.
+        what: Directories of runs, or one scenario: a name, or ./mine.toml.
         case: The case: val/37, or its number; else the first failure of a run, or the first test case of a scenario.
         worst: The case of the (first) run in which this metric, such as minimum_gap, is worst.
         strip: Number of moments of one run that are drawn side by side, instead of the whole path.
         zoom: Number of metres around the vehicle that are shown; a film and moments follow the vehicle.
         out: A figure (.pdf, .svg or .png) or a film (.gif, .webp, or .mp4 with ffmpeg).
+        pedestrians: Your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
+        layout: Your file of a layout that the run used, ./mine.py.
     """
-    from crowdbench.cli.cases import open_case
+    from crowdbench.cli.cases import choose_case, make_loader
     from crowdbench.figures import episode_figure as episode
     from crowdbench.scenario.cases import parse_case
 
@@ -134,11 +141,14 @@ def render(
         raise InputError(
             "--strip draws a figure of one run: leave it out, or give one run and a .pdf, .svg or .png file"
         )
-    if all(Path(each).is_dir() or each.endswith(".rrd") for each in what):
-        with open_case([Path(each) for each in what], case, worst, data) as (recordings, number):
-            if number is None:
-                raise InputError(f"{what[0]} may have several cases: give one of them, --case 37")
-            episode.draw_case(recordings, number, out, strip, zoom)
+    if all(Path(each).is_dir() for each in what):
+        from crowdbench.results.run_result import RunResult
+
+        runs = [RunResult.read(Path(each), tables_only=True) for each in what]
+        number = choose_case(runs, case, worst)
+        announce_compilation()
+        episodes = episode.stored_episodes(runs, number, make_loader(pedestrians, layout, data), zoom)
+        episode.draw_episodes(episodes, out, strip)
     else:
         if len(what) > 1:
             raise InputError(f"{' '.join(what)} are not all runs: give directories of runs, or one scenario")

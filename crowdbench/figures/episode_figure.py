@@ -33,8 +33,11 @@ from crowdbench.drawing import (
 from crowdbench.envs.render import rasterize
 from crowdbench.figures.style import canvas, check_file, draw_panel
 from crowdbench.figures.time_marks import mark_times
-from crowdbench.record.decisions import PlannedPaths, read_paths
-from crowdbench.record.recorded_cases import read_same_case
+from crowdbench.record.decisions import PlannedPaths
+from crowdbench.record.recorded_cases import read_recorded
+from crowdbench.results.episodes import RECORDING
+from crowdbench.results.run_result import RunResult
+from crowdbench.runs.replay import Loader, stored_case
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
@@ -90,12 +93,15 @@ class Episode:
     @property
     def outcome(self) -> tuple[str, Color]:
         """The outcome in short, and its colour; in a narrow picture there is no room to name the failure."""
-        outcome, seconds = Outcome(int(self.trace.outcome[self.row])), f"{self.end * self.trace.rules.dt:g} s"
+        outcome = Outcome(int(self.trace.outcome[self.row]))
+        seconds = f"{self.end * self.trace.rules.dt:g} s"
         if outcome is Outcome.SUCCESS:
             return f"\N{CHECK MARK} {seconds}", LIGHT.success
-        hit = " and ".join(f"pedestrian {agent - 1}" for agent in Moment.of_trace(self.trace, self.row, self.end).hit)
-        failure = f"{hit or outcome.label.replace('_', ' ')}, " if self.side > 2.0 else ""
-        return f"\N{BALLOT X} {failure}{seconds}", LIGHT.contact
+        if self.side <= 2.0:
+            return f"\N{BALLOT X} {seconds}", LIGHT.contact
+        hit = [f"pedestrian {agent - 1}" for agent in Moment.of_trace(self.trace, self.row, self.end).hit]
+        failure = " and ".join(hit) or outcome.label.replace("_", " ")
+        return f"\N{BALLOT X} {failure}, {seconds}", LIGHT.contact
 
     def bounds(self, centre: Float[np.ndarray, "2"] | None = None) -> Float[np.ndarray, "2 2"]:
         """Return the smallest and the largest x and y of the shown part of the plane.
@@ -128,34 +134,52 @@ class Episode:
         return [*shapes, *draw_bands(bounds, inch, note, self.title)], bounds, inch
 
 
-def draw_case(
-    recordings: Sequence[Path], case: int, out: Path, moments: int | None = None, zoom: float | None = None
-) -> None:
-    """Draw a recorded case of one run, or of several side by side, as a film or a figure.
+def stored_episodes(runs: Sequence[RunResult], case: int, load: Loader, zoom: float | None = None) -> list[Episode]:
+    """Return one case of stored runs for pictures side by side, with the planners' paths where it was recorded.
 
     Args:
-        recordings: The recordings.
+        runs: The stored runs.
         case: The number of the case.
-        out: A file of `FILMS`, or a figure.
-        moments: Number of moments of one recording that a figure shows side by side; None for the whole episode.
+        load: Loads the scenario of a simulated run.
         zoom: See `Episode`.
 
     Raises:
-        InputError: The case is not recorded, or its starting states differ between the recordings.
+        InputError: The case cannot be simulated again, or its starting states differ between the runs.
     """
-    recorded = read_same_case(recordings, case)
-    alone, columns = len(recorded) == 1, count_columns(len(recorded))
-    side = SIDE if alone else WHOLE / columns
-    episodes = [
-        Episode(each.trace, 0, zoom, read_paths(each.chunks, each.trace.rules.dt), "" if alone else each.planner, side)
-        for each in recorded
-    ]
+    alone = len(runs) == 1
+    side = SIDE if alone else WHOLE / count_columns(len(runs))
+    episodes = []
+    for run in runs:
+        trace, row = stored_case(run, load, case)
+        recorded = read_recorded(run.directory / RECORDING, case)
+        paths = {} if recorded is None else recorded.paths(trace.rules.dt)
+        episodes.append(Episode(trace, row, zoom, paths, "" if alone else run.label, side))
+    starts = [(each.trace.split, each.trace.rules.dt, each.trace.position[each.row, 0]) for each in episodes]
+    for run, (split, dt, position) in zip(runs, starts, strict=True):
+        same_start = np.array_equal(position, starts[0][2], equal_nan=True)
+        if not same_start or (split, dt) != starts[0][:2]:
+            both = f"{run.directory} and {runs[0].directory}"
+            raise InputError(f"case {case} starts differently in {both}: give runs of one scenario")
+    return episodes
+
+
+def draw_episodes(episodes: Sequence[Episode], out: Path, moments: int | None = None) -> None:
+    """Draw an episode, or several side by side, as a film or a figure.
+
+    Args:
+        episodes: The episodes.
+        out: A file of `FILMS`, or a figure.
+        moments: Number of moments of one episode that a figure shows side by side; None for the whole episode.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
     if out.suffix in FILMS:
         film(episodes, out)
     elif moments is not None:
         draw_strip(episodes[0], moments, out)
     else:
-        draw_pictures([episode.picture() for episode in episodes], columns, out)
+        draw_pictures([episode.picture() for episode in episodes], count_columns(len(episodes)), out)
 
 
 def count_columns(number: int) -> int:
@@ -167,7 +191,6 @@ def draw_pictures(pictures: Sequence[Picture], columns: int, out: Path) -> None:
     """Draw pictures of `Episode.picture` in rows, as one figure.
 
     Args:
-        pictures: The pictures.
         columns: Number of pictures side by side.
         out: The figure's file.
 
@@ -185,9 +208,6 @@ def draw_start(scenario: Scenario, split: str, number: int, out: Path) -> None:
     """Draw a case at its start: the positions and the routes of all agents.
 
     Args:
-        scenario: The scenario.
-        split: The split of the case.
-        number: Its number.
         out: The figure's file.
 
     Raises:
@@ -216,8 +236,6 @@ def draw_strip(episode: Episode, moments: int, out: Path) -> None:
     """Draw moments of an episode side by side, equally far apart in time, the last one at its end.
 
     Args:
-        episode: The episode.
-        moments: Number of moments.
         out: The figure's file.
 
     Raises:
@@ -247,7 +265,8 @@ def film(episodes: Sequence[Episode], out: Path, speed: float = 1.0) -> None:
         raise InputError(f"a film {out.name} needs the program ffmpeg (Debian: ffmpeg); a .gif file does not")
     with files.write_whole(out) as partial:
         dpi = FILMS[out.suffix]
-        frames, last = _frames(episodes, dpi, speed), _frame(episodes, max(episode.end for episode in episodes), dpi)
+        frames = _frames(episodes, dpi, speed)
+        last = _frame(episodes, max(episode.end for episode in episodes), dpi)
         if out.suffix != ".mp4":
             # Pillow stores all pictures in memory: with the palette of the last one, a pixel needs one byte.
             palette = last.quantize()
@@ -284,7 +303,8 @@ def _frame(episodes: Sequence[Episode], step: float, dpi: int) -> Image:
     """Return a picture of a film, at a time in steps: a panel for each episode."""
     from PIL import Image as Images
 
-    panels, columns = [rasterize(*episode.picture(step), dpi) for episode in episodes], count_columns(len(episodes))
+    panels = [rasterize(*episode.picture(step), dpi) for episode in episodes]
+    columns = count_columns(len(episodes))
     width, height = (np.max([panel.size for panel in panels], axis=0) + dpi // 18).tolist()  # apart from each other
     frame = Images.new("RGB", (width * columns, height * math.ceil(len(panels) / columns)), LIGHT.background)
     for number, panel in enumerate(panels):

@@ -14,6 +14,9 @@ from .stored_commands import COMMANDS as COMMANDS
 from .stored_commands import StoredCommands as StoredCommands
 from .stored_commands import check_size as check_size
 from .stored_commands import read_commands as read_commands
+from .stored_tracks import TRACKS as TRACKS
+from .stored_tracks import read_tracks as read_tracks
+from .stored_tracks import write_tracks as write_tracks
 from .table import PRIVILEGED as PRIVILEGED
 from .table import RunTable as RunTable
 from .table import estimate_grid as estimate_grid

@@ -14,11 +14,11 @@ from .loading import load_run as load_run
 from .loading import load_stored_scenario as load_stored_scenario
 from .recording import units_of as units_of
 from .replay import Playback as Playback
-from .replay import replay_run as replay_run
 from .rollout import Progress as Progress
 from .run import Run as Run
 from .run import fit_batch as fit_batch
 from .run import read_versions as read_versions
+from .score import replay_run as replay_run
 from .shards import WHOLE as WHOLE
 from .shards import Parts as Parts
 from .shards import Shard as Shard

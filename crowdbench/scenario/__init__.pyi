@@ -10,10 +10,10 @@ from .occupancy_grid import read_obstacles as read_obstacles
 from .placement import PerAgent as PerAgent
 from .placement import Placement as Placement
 from .placement import Position as Position
-from .placement import Way as Way
-from .population import GOES_ON as GOES_ON
+from .placement import Trip as Trip
+from .population import CONTINUING_ARRIVALS as CONTINUING_ARRIVALS
 from .respawn import LayoutWithRespawn as LayoutWithRespawn
-from .respawn import Room as Room
+from .respawn import Surroundings as Surroundings
 from .scenario_file import parse_scenario as parse_scenario
 from .tracks.eth_ucy import ETH_UCY_DT as ETH_UCY_DT
 from .tracks.eth_ucy import FRAME_STEP as FRAME_STEP

@@ -30,7 +30,7 @@ ARRIVALS = ("walk_on", "stop", "leave", "new_goal", "respawn", "back_and_forth")
 RECORDED = "recorded"
 """The name of the policy of pedestrians that walk as they were recorded."""
 
-GOES_ON = ("new_goal", "respawn", "back_and_forth")
+CONTINUING_ARRIVALS = ("new_goal", "respawn", "back_and_forth")
 """Behaviours after which a pedestrian walks to another goal."""
 
 
@@ -101,7 +101,7 @@ class Traits(NamedTuple):
     policy: Int[np.ndarray, "pedestrian"]
     parameters: Mapping[str, Mapping[str, Float[np.ndarray, "pedestrian"]]]
 
-    def alike(self, first: Int[np.ndarray, "pedestrian"]) -> Traits:
+    def with_traits_of(self, first: Int[np.ndarray, "pedestrian"]) -> Traits:
         """Return the same pedestrians, each with the speed and the policy of the first one in its group."""
         return self._replace(preferred_speed=self.preferred_speed[first], policy=self.policy[first])
 

@@ -17,6 +17,7 @@ from crowdbench.core.geometry import pad_arrays
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.certified import CertificateStatus
+from crowdbench.scenario.digest import scenario_digest
 from crowdbench.scenario.placement import LayoutCall
 from crowdbench.scenario.population import Population
 from crowdbench.scenario.schema import ScenarioSpec, VehicleSpec
@@ -55,15 +56,15 @@ class Scenario:
     policies: Mapping[str, PedestrianPolicy]
     certificates: CertificateStatus | None = None
 
-    @property
+    @functools.cached_property
     def table(self) -> dict[str, Any]:
         """The complete table of the scenario, as written to results."""
         return self.spec.complete()
 
-    @property
+    @functools.cached_property
     def digest(self) -> str:
-        """Twelve hexadecimal digits that change with the cases, see `ScenarioSpec.digest`."""
-        return self.spec.digest
+        """Twelve hexadecimal digits that change with the cases, see `scenario_digest`."""
+        return scenario_digest(self.table)
 
     @property
     def seed(self) -> int:
@@ -132,8 +133,8 @@ class Scenario:
         starts = [self.starts.start(case, self.crowd, self.vehicle, self.rules) for case in drawn]
         placements, traits = [start.placement for start in starts], [start.traits for start in starts]
         agents = self.max_agents
-        routes = [_NOTHING if placement.route is None else placement.route for placement in placements]
-        obstacles = [_NOTHING if placement.obstacles is None else placement.obstacles for placement in placements]
+        routes = [_NO_POINTS if placement.route is None else placement.route for placement in placements]
+        obstacles = [_NO_POINTS if placement.obstacles is None else placement.obstacles for placement in placements]
 
         def stack(vehicle: float, pedestrians: Sequence[Float[np.ndarray, "_"]], padding: float) -> np.ndarray:
             vehicles = np.full((len(cases), 1), vehicle)
@@ -183,5 +184,5 @@ def _initial_heading(world: World) -> Float[np.ndarray, "world"]:
     return np.arctan2(ahead[:, 1], ahead[:, 0])
 
 
-_NOTHING = np.empty((0, 0, 2))
+_NO_POINTS = np.empty((0, 0, 2))
 """The routes or the obstacles of a case that has none."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -70,7 +69,7 @@ def parse_scenario(
         InputError: A key is unknown, or a value has the wrong type or is impossible; the message contains the key.
     """
     file = Location(source)
-    names = _parse_names(table, file)
+    names = parse_table(NamesSpec, table, file)
     policies = _load_policies(names.pedestrians, load_policy, file.at("pedestrians"))
     spec: ScenarioSpec
     starts: LayoutStarts | TrackedCrowd
@@ -89,16 +88,6 @@ def parse_scenario(
         starts=starts,
         policies={name: part.policy for name, part in policies.items()},
     )
-
-
-def _parse_names(table: Mapping[str, Any], file: Location) -> NamesSpec:
-    """Return the names of layout, dynamics and policies, on which the other keys depend.
-
-    Raises InputError if they are wrong, or if `[vehicle]` has a limit that only other dynamics have.
-    """
-    names = parse_table(NamesSpec, table, file)
-    _refuse_limits_of_others(table.get("vehicle", {}), names.vehicle.dynamics, file.at("vehicle"))
-    return names
 
 
 def _parse_with_layout(
@@ -273,16 +262,6 @@ def _count_steps(seconds: float, dt: float, location: Location) -> int:
     if not math.isclose(steps * dt, seconds):
         raise location.wrong(f"{seconds:g}", f"a multiple of dt, {dt:g} s")
     return steps
-
-
-def _refuse_limits_of_others(table: Mapping[str, Any], dynamics: str, location: Location) -> None:
-    """Raise InputError if `[vehicle]` has a limit that only other dynamics have."""
-    known = {name: {field.name for field in dataclasses.fields(kind)} for name, kind in DYNAMICS.items()}
-    for key in table:
-        owners = [f'"{name}"' for name, limits in known.items() if key in limits]
-        if owners and key not in known[dynamics]:
-            right = f"left out where dynamics is {dynamics}: only {' and '.join(owners)} has it"
-            raise location.at(key).wrong("given", right)
 
 
 class _Policy(NamedTuple):

@@ -84,7 +84,7 @@ class LayoutStarts:
         leader, group = np.arange(len(traits.radius)), np.full(len(traits.radius), -1)
         if crowd.groups:
             leader = draw_groups(rng.generator(case.key, "groups"), crowd.groups, len(leader))
-            traits, group = traits.alike(leader), group_numbers(leader)
+            traits, group = traits.with_traits_of(leader), group_numbers(leader)
         radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
         speed = np.append(vehicle.preferred_speed, traits.preferred_speed)
         stands, stream = crowd.stands[traits.policy], rng.generator(case.key, "places")

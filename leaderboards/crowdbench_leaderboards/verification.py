@@ -119,7 +119,7 @@ def _check_board(entry: Entry, board: Board) -> None:
     check_board_name(entry, board)
     if entry.spec.board_digest != board.digest:
         raise InputError(
-            f"{entry.directory} was made for other rules, scenarios or code of the board {board.name} "
+            f"{entry.directory} was made for another simulator, other rules or scenarios of the board {board.name} "
             f"({entry.spec.board_digest[:12]}) than these ({board.digest[:12]}): submit it again"
         )
     spec = entry.spec
@@ -232,6 +232,7 @@ def read_public_run(entry: Entry, board: Board, scenario: Scenario) -> RunResult
         "stated": {"versions": entry.spec.environment},
         "outcomes": episodes.counts(),
         "recorded": 0,
+        "files": {},  # neither tracks nor a recording: the cases are simulated again from the commands
         "metrics": plain(episodes.summary()),
     }
     return RunResult(folder, result, episodes)

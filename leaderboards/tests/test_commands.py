@@ -8,6 +8,7 @@ import pytest
 from commands.test_fuzz import FIELDS, answer, edit_json, fuzz
 from commands.test_newcomer import export
 from hypothesis import given
+from repository.test_docs_commands import CALLS, check_command
 
 from crowdbench.cli import app as cli
 from crowdbench.utils.errors import InputError
@@ -30,6 +31,16 @@ def test_a_command_that_is_not_installed_says_how_to_install_it(call, monkeypatc
 
 def test_the_commands_are_in_the_help(call):
     assert re.search(r" Boards .*\n. submit .*\n.*\n. verify ", call("--help").stdout)
+
+
+SHOWN = [(page, arguments) for page, arguments in CALLS if arguments[0] in cli.ELSEWHERE]
+
+
+@pytest.mark.parametrize(
+    ("page", "arguments"), SHOWN, ids=lambda each: each if isinstance(each, str) else " ".join(each)
+)
+def test_every_command_that_is_shown_is_one(page, arguments):
+    check_command(cli.app, page, arguments)
 
 
 @pytest.mark.parametrize("command", [["verify"], ["submit", "--board", "ten"]], ids=" ".join)

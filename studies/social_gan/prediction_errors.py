@@ -18,10 +18,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench import Cases, InputError, Observation, Prediction, Predictor, Scenario
-from crowdbench.core import HISTORY, PERFECT, norm
+from crowdbench.core import HISTORY, PERFECT_SENSOR, norm
 from crowdbench.metrics import Estimate, bootstrap_distribution, interval, weighted_mean
 from crowdbench.predict import validate_prediction
-from crowdbench.scenario import GOES_ON, RecordedTracks
+from crowdbench.scenario import CONTINUING_ARRIVALS, RecordedTracks
 from crowdbench.sim import crowd_decisions, limit_velocities, observe, step_pedestrians
 from crowdbench.utils import BATCH, HORIZON, MOST_AHEAD, is_integer, plugin_errors, require
 from studies.social_gan.recordings import scenes
@@ -196,8 +196,8 @@ def _walks(
 ) -> Iterator[tuple[Prediction, Counted, Positions]]:
     """Yield the prediction of each step, the pedestrians that have not arrived then, and their true positions."""
     world = scenario.worlds(cases)
-    world = world.replace(rules=dataclasses.replace(world.rules, visible=False, sensor=PERFECT), sight={})
-    arrived, goes_on = np.zeros_like(world.present[:, 1:]), scenario.crowd.arrival in GOES_ON
+    world = world.replace(rules=dataclasses.replace(world.rules, visible=False, sensor=PERFECT_SENSOR), sight={})
+    arrived, goes_on = np.zeros_like(world.present[:, 1:]), scenario.crowd.arrival in CONTINUING_ARRIVALS
     predicted: deque[tuple[Prediction, Counted, Int[np.ndarray, "world pedestrian"]]] = deque()
     positions: deque[Float[np.ndarray, "world pedestrian 2"]] = deque(maxlen=ahead)
     for _ in range(scenario.rules.max_steps):

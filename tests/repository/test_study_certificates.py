@@ -197,7 +197,7 @@ def test_certify_and_run_of_a_scenario_of_ones_own(made):
     named = ", ".join(f"test/{case}" for case in without_one)
     assert f"no certificate exists on the grid of the search: {named}" in result.output
     assert "Traceback" not in result.output
-    replay = CliRunner().invoke(app, ["score", "certified/test", "--replay", "--layout", "mine.py:ring"])
+    replay = CliRunner().invoke(app, ["score", "certified/test", "--layout", "mine.py:ring"])
     assert "All agree" in replay.output, replay.output
     # It lies in the folder that the last line names.
     assert Certified.read(Path("certified/mine.toml")).test.uncertified == without_one
@@ -205,7 +205,7 @@ def test_certify_and_run_of_a_scenario_of_ones_own(made):
     run = ["run", "--planner", "orca_margin", "--scenario", "mine.toml", "--record", "commands", "--cases"]
     driven = CliRunner().invoke(app, [*run, "4", "--out", "some"])
     assert f"crowdbench: {there} of 4 examined test cases ({there / 4:.1%}) of mine have a certificate" in driven.stderr
-    again = CliRunner().invoke(app, ["score", "some", "--replay", "--layout", "mine.py:ring"])
+    again = CliRunner().invoke(app, ["score", "some", "--layout", "mine.py:ring"])
     assert "All agree" in again.output, again.output
     beyond = CliRunner().invoke(app, [*run, "5", "--out", "more"])
     assert "`python studies/certificates/run.py mine.toml --cases test:5` makes them" in beyond.stderr

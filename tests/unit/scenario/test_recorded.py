@@ -27,7 +27,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.recorded import TrackedCrowd
 from crowdbench.scenario.tracks.dut import Car, read_clip
 from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
-from crowdbench.scenario.tracks.excerpts import LEAST_WAY, cut_windows, split_windows
+from crowdbench.scenario.tracks.excerpts import MIN_TRIP, cut_windows, split_windows
 from crowdbench.scenario.tracks.scenes import RecordedScene, SceneRecording, load_scene
 from crowdbench.sim.presence import come_and_go, track_at
 from crowdbench.sim.sensor import observe
@@ -240,18 +240,18 @@ def test_a_run_says_its_blocks_and_can_be_replayed_with_the_same_files_alone(tmp
     assert result["blocks"] == 6
     assert list(result["scenario"]["tracks"]["files"]) == ["mine.txt"]
     assert Episodes.read(tmp_path / "one" / "episodes.csv").block.tolist() == 2 * [6, 7, 8, 9, 10, 11]
-    assert run(monkeypatch, "score", "one", "--replay", "--data", tmp_path) == 0
-    assert "the states of 12 episodes with run.rrd" in capsys.readouterr().out
+    assert run(monkeypatch, "score", "one", "--data", tmp_path) == 0
+    assert "12 cases were simulated again from their commands" in capsys.readouterr().out
     rows = (tmp_path / "one" / "episodes.csv").read_text()
     (tmp_path / "one" / "episodes.csv").write_text(rows.replace(",6,", ",7,", 1))
-    assert run(monkeypatch, "score", "one", "--replay", "--data", tmp_path) == 1
+    assert run(monkeypatch, "score", "one", "--data", tmp_path) == 1
     assert "1 of 12 cases are of another block of time in episodes.csv: test/0 (block)" in capsys.readouterr().out
     (tmp_path / "one" / "episodes.csv").write_text(rows)
-    assert run(monkeypatch, "score", "one", "--replay") != 0
+    assert run(monkeypatch, "score", "one") != 0
     assert "--data DIR" in capsys.readouterr().err
     text = (tmp_path / "mine.txt").read_text()
     (tmp_path / "mine.txt").write_text(text.replace("0.500000", "0.500001", 1))
-    assert run(monkeypatch, "score", "one", "--replay", "--data", tmp_path) != 0
+    assert run(monkeypatch, "score", "one", "--data", tmp_path) != 0
     assert "mine.txt is damaged or another version" in capsys.readouterr().err
 
 
@@ -295,10 +295,10 @@ def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
     crowd = TrackedCrowd.of(crossing, 8.0, rules)
     assert {split: len(windows) for split, windows in crowd.windows.items()} == {"train": 0, "val": 0, "test": 2}
     window = crowd.window("test", 1)
-    assert np.allclose(window.driven.start, [8.0, 0.0])
-    assert np.allclose(window.driven.goal, [8.0 + 2.0 * 0.75 * 4.0, 0.0])
-    assert window.driven.speed == pytest.approx(2.0)
-    assert math.dist(window.driven.goal, window.driven.start) >= LEAST_WAY
+    assert np.allclose(window.replaced_car.start, [8.0, 0.0])
+    assert np.allclose(window.replaced_car.goal, [8.0 + 2.0 * 0.75 * 4.0, 0.0])
+    assert window.replaced_car.speed == pytest.approx(2.0)
+    assert math.dist(window.replaced_car.goal, window.replaced_car.start) >= MIN_TRIP
     # Somebody who stands, and three discs that lie along the parked car.
     assert np.allclose(window.track[0], [[10.0, 5.0], [10.0, -5.2], [10.0, -4.0], [10.0, -2.8]])
     assert np.allclose(window.radius[1:], 0.8)
@@ -390,7 +390,7 @@ def test_every_scene_of_eth_ucy_and_dut_can_be_driven_in(shared):
         "test": 21,
     }
     world = place.draw("test", np.arange(21))
-    assert (norm(world.goal[:, 0] - world.position[:, 0]) >= LEAST_WAY - 1e-9).all()
+    assert (norm(world.goal[:, 0] - world.position[:, 0]) >= MIN_TRIP - 1e-9).all()
     reactive = load_scenario("dut_reactive", data=shared / "data" / "dut").draw("test", np.arange(21))
     assert list(reactive.parameters) == ["orca", "recorded"]
     assert set(reactive.policy[reactive.present[:, 1:]]) == {0, 1}, "some are people, some are cars"
