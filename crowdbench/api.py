@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,11 +16,12 @@ from crowdbench.metrics.summary import Estimate
 from crowdbench.metrics.user_metrics import RESERVED
 from crowdbench.planners.planner import Planner
 from crowdbench.results.compare import Comparison, compare
-from crowdbench.results.episodes import RECORDING, Episodes, read_estimate
+from crowdbench.results.episodes import Episodes, read_estimate
 from crowdbench.results.run_result import RunResult
 from crowdbench.results.table import metric_grid
 from crowdbench.runs.identity import new_key
-from crowdbench.runs.loading import load_run
+from crowdbench.runs.loading import load_run, load_stored_scenario
+from crowdbench.runs.replay import recording_of, stored_case
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
@@ -82,33 +84,42 @@ class Result:
         """
         return compare(self._stored_directory(), other._stored_directory())
 
-    def view(self, case: int | str, *, web: bool = False) -> None:
-        """Open a recorded case in the Rerun viewer, and wait until it is closed.
+    def view(self, case: int | str, *, web: bool = False, **files: Any) -> None:
+        """Open a case in the Rerun viewer, and wait until it is closed.
 
         Args:
             case: The number of the case, or its name: "val/37".
             web: True to open it in a browser instead of a window.
+            **files: Files of yours that the run used, the parameters of `load_stored_scenario`: pedestrians, layout and
+                data. They are needed if the case was not recorded.
 
         Raises:
-            InputError: The run was not kept, the case is not recorded, or the viewer does not start.
+            InputError: The run was not kept or has no commands, there is no such case, or the viewer does not start.
         """
         from crowdbench.record import viewer
-        from crowdbench.record.recorded_cases import find_case
 
-        recording = self._stored_directory() / RECORDING
-        viewer.view(recording, find_case(recording, str(case)), web=web)
+        run = RunResult.read(self._stored_directory())
+        number = run.find_case(case)
+        with tempfile.TemporaryDirectory() as folder:
+            recording = recording_of(run, functools.partial(load_stored_scenario, **files), number, Path(folder))
+            viewer.view(recording, number, web=web)
 
-    def render(self, case: int | str) -> Image:
-        """Draw a recorded case from above, as an image for a notebook or for its method `save("case.png")`.
+    def render(self, case: int | str, **files: Any) -> Image:
+        """Draw a case from above, as an image for a notebook or for its method `save("case.png")`.
 
-        Raises InputError if the run was not kept, or if the case is not recorded.
+        Args:
+            case: The number of the case, or its name: "val/37".
+            **files: See `view`.
+
+        Raises:
+            InputError: The run was not kept or has no commands, or there is no such case.
         """
         from crowdbench.envs.render import rasterize
         from crowdbench.figures.episode_figure import Episode
-        from crowdbench.record.recorded_cases import find_case, read_case
 
-        recording = self._stored_directory() / RECORDING
-        return rasterize(*Episode(read_case(recording, find_case(recording, str(case))).trace, 0).picture(), 300.0)
+        run = RunResult.read(self._stored_directory())
+        trace, row = stored_case(run, functools.partial(load_stored_scenario, **files), run.find_case(case))
+        return rasterize(*Episode(trace, row).picture(), 300.0)
 
     def _stored_directory(self) -> Path:
         if self.directory is None:
@@ -178,9 +189,9 @@ def run(
         planner if isinstance(planner, str) else type(planner).__name__,
         scenario,
         Cases.parse(str(cases)),
-        options or {},
-        overrides or {},
-        pedestrians,
+        options=options or {},
+        overrides=overrides or {},
+        pedestrians=pedestrians,
         record=record if out is not None else "none",
         data=Path(data).absolute() if data is not None else None,
     )

@@ -18,11 +18,10 @@ from crowdbench.plugins.plugin_files import read_files
 from crowdbench.scenario import layouts, scenario_file
 from crowdbench.scenario.certified import FOLDER, CertificateStatus, Certified
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.scenario.schema import LayoutSpec, PedestriansSpec
-from crowdbench.scenario.unseen import unseen_layout, unseen_policy
+from crowdbench.scenario.schema import NamesSpec, SimulatedPedestriansSpec
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.utils.errors import InputError, find_named, is_number, plugin_errors
-from crowdbench.utils.toml import read_toml
+from crowdbench.utils.toml import Location, parse_table, read_toml
 
 SCENARIOS = ROOT / "scenarios"
 
@@ -136,12 +135,12 @@ def load_scenario(
     table.pop("dial", None)  # variations of the scenario: see studies/dials
     crowd = table.get("pedestrians", {})
     if pedestrians is not None and isinstance(crowd, dict):
-        table["pedestrians"] = {key: crowd[key] for key in crowd if key in PedestriansSpec.model_fields}
+        table["pedestrians"] = {key: crowd[key] for key in crowd if key in SimulatedPedestriansSpec.model_fields}
         table["pedestrians"]["policy"] = _resolve_files(pedestrians)
     for key, value in (overrides or {}).items():
         set_key(table, key, _resolve_files(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
     _read_map(table.get("layout"), path.parent)
-    scenario = scenario_file.parse(
+    scenario = scenario_file.parse_scenario(
         table,
         path.stem,
         str(path) if spec.endswith(".toml") else path.name,
@@ -175,8 +174,8 @@ def scenario_path(spec: str) -> Path:
     stem, _, number = spec.rpartition("_")
     numbers = [int(name.rpartition("_")[2]) for name in files if re.fullmatch(rf"{re.escape(stem)}_[0-9]+", name)]
     if spec not in files and numbers and re.fullmatch("[0-9]{1,4}", number):
-        like = f"{stem}_{min(numbers, key=lambda other: abs(other - int(number)))}"
-        raise InputError(f"no scenario is called {spec!r}: give {like} with --set pedestrians.number={number}")
+        nearest = f"{stem}_{min(numbers, key=lambda other: abs(other - int(number)))}"
+        raise InputError(f"no scenario is called {spec!r}: give {nearest} with --set pedestrians.number={number}")
     return find_named("scenario", spec, files, ".toml")
 
 
@@ -186,7 +185,6 @@ def load_recorded_scenario(
     pedestrians: Iterable[str] = (),
     layout: str | None = None,
     data: Path | None = None,
-    unseen: bool = False,
 ) -> Scenario:
     """Reconstruct the scenario of a run.
 
@@ -198,8 +196,6 @@ def load_recorded_scenario(
         pedestrians: The files of the user's pedestrian policies in the run.
         layout: The file of the layout, if the run used a layout of the user.
         data: The folder with the recorded tracks, if the run used recorded tracks.
-        unseen: True to load neither files of the user nor recorded tracks: then the scenario has a table and a digest,
-            but no cases.
 
     Returns:
         The scenario.
@@ -209,33 +205,12 @@ def load_recorded_scenario(
             the run.
     """
     keys = {key: value for key, value in table.items() if key not in ("name", "digest")}
-    placement, crowd = dict(table.get("layout", {})), dict(table["pedestrians"])
-    layouts = (
-        {str(placement.get("generator")): placement.pop("generator_file")} if "generator_file" in placement else {}
-    )
-    policies = _as_table(crowd.pop("policy_files", {}))
-    load_layout: Callable[[str], PluginWithDigest]
-    if unseen:
-        options = {key: value for key, value in placement.items() if key not in LayoutSpec.model_fields}
-        load_layout = _load_unseen(LAYOUTS, layouts, lambda name: unseen_layout(options))
-        load_policy = _load_unseen(PEDESTRIANS, policies, lambda name: unseen_policy(_as_table(crowd.get(name))))
-    else:
-        load_layout = _make_loader(LAYOUTS, "--layout", [layout] if layout else [], layouts, source)
-        load_policy = _make_loader(PEDESTRIANS, "--pedestrians", pedestrians, policies, source)
-    keys |= {"layout": placement, "pedestrians": crowd}
-    return scenario_file.parse(keys, str(table.get("name", "")), source, load_layout, load_policy, data, not unseen)
-
-
-def _as_table(value: Any) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else {}
-
-
-def _load_unseen(
-    kind: Kind, digests: Mapping[str, str], stand_in: Callable[[str], Any]
-) -> Callable[[str], PluginWithDigest]:
-    """Return a loader like `_make_loader`, with stand-ins for files of the user."""
-    load = _make_loader(kind, "", [], digests, "")
-    return lambda name: (name, stand_in(name), digests[name]) if name in digests else load(name)
+    names = parse_table(NamesSpec, keys, Location(source))
+    file = names.layout.generator_file
+    layout_files = {} if file is None else {names.layout.generator: file}
+    load_layout = _make_loader(LAYOUTS, "--layout", [layout] if layout else [], layout_files, source)
+    load_policy = _make_loader(PEDESTRIANS, "--pedestrians", pedestrians, names.pedestrians.policy_files, source)
+    return scenario_file.parse_scenario(keys, str(table.get("name", "")), source, load_layout, load_policy, data)
 
 
 def _make_loader(
@@ -251,17 +226,11 @@ def _make_loader(
         source: Name of the file of the run, for errors.
 
     Raises:
-        InputError: The run used no such file, or a different file with the same name.
+        InputError: The run used no such file.
     """
     plugins = {plugin[0]: plugin for plugin in map(kind.load_with_digest, specs)}
-    for name, _, digest in plugins.values():
-        if name not in digests:
-            raise InputError(f"{source}: no {kind.word} of the run is a file called {name}")
-        if digest != digests[name]:
-            raise InputError(
-                f"{source}: the {kind.word} {name} of the run had the digest {digests[name]}, but the file that "
-                f"is given has {digest}: give the file as it was"
-            )
+    for name in plugins.keys() - digests.keys():
+        raise InputError(f"{source}: no {kind.word} of the run is a file called {name}")
 
     def load(name: str) -> PluginWithDigest:
         if name in plugins:

@@ -171,7 +171,7 @@ class SideBySide:
         """
         scenarios = simulated_scenarios() if spec.scenarios == "all" else spec.scenarios
         replanning = Replanning(spec.replan_every, spec.look_first)
-        base = RunSpec("", "", spec.cases, {}, spec.overrides, replanning=replanning, record="none", data=data)
+        base = RunSpec("", "", spec.cases, overrides=spec.overrides, replanning=replanning, record="none", data=data)
         with location.named():
             by_scenario = [load_runs(spec.planners, dataclasses.replace(base, scenario=name)) for name in scenarios]
         labels = [run.label for run in by_scenario[0]]

@@ -1,6 +1,7 @@
 """Small worlds and traces built by hand."""
 
 import dataclasses
+import functools
 import json
 from pathlib import Path
 
@@ -8,12 +9,15 @@ import numpy as np
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.check import check_plugin
-from crowdbench.core.types import HISTORY, Outcome, Rules, Trace, World
+from crowdbench.core.types import Outcome, Rules, Trace, World
 from crowdbench.metrics.registry import METRICS
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
 from crowdbench.results.result_file import write_result
+from crowdbench.results.run_result import RunResult
 from crowdbench.runs.identity import PlannerId, digest
+from crowdbench.runs.loading import load_stored_scenario
+from crowdbench.runs.replay import stored_traces
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.run import Run
 from crowdbench.runs.shards import make_run
@@ -35,32 +39,14 @@ def fixture(name):
 def world(position, velocity=None, goal=None, *, radius=0.3, step=0, rules=Rules()):  # noqa: B008 (immutable)
     """One world with the given agents, the vehicle first, all present."""
     position = np.array([position], float)
-    agents = position.shape[1]
-    return World(
-        case=np.array([0]),
-        key=np.array([0], np.uint64),
-        noise_key=np.array([0], np.uint64),
-        step=np.array([step]),
+    shape = position.shape[:2]
+    return World.create(
         position=position,
         velocity=np.zeros_like(position) if velocity is None else np.array([velocity], float),
-        heading=np.zeros(1),
-        angular_speed=np.zeros(1),
-        origin=position.copy(),
         goal=position + 100.0 if goal is None else np.array([goal], float),
-        route=np.empty((1, agents, 0, 2)),
-        waypoint=np.zeros((1, agents), np.int64),
-        radius=np.full((1, agents), radius),
-        preferred_speed=np.ones((1, agents)),
-        present=np.ones((1, agents), bool),
-        person=np.arange(agents - 1)[None],
-        since=np.zeros((1, agents - 1), np.int64),
-        track=np.empty((1, 0, agents - 1, 2)),
-        group=np.full((1, agents - 1), -1),
-        history=np.repeat(position[:, None, 1:], HISTORY, axis=1),
-        obstacles=np.empty((1, 0, 0, 2)),
-        policy=np.zeros((1, agents - 1), np.int64),
-        memory={"orca": {}},
-        parameters={"orca": {name: np.full((1, agents), value) for name, value in ORCA.parameters.items()}},
+        step=np.array([step]),
+        radius=np.full(shape, radius),
+        parameters={"orca": {name: np.full(shape, value) for name, value in ORCA.parameters.items()}},
         rules=rules,
     )
 
@@ -200,3 +186,9 @@ def failed_checks(subject, cases="val:3"):
     results = check_plugin(subject, Cases.parse(cases))
     assert all(result.observation for result in results)
     return {result.name: result.observation for result in results if not result.passed}
+
+
+def stored_trace(directory, **files):
+    """The trace of a stored run, simulated again from its commands or read from its tracks."""
+    (found,) = stored_traces(RunResult.read(directory), functools.partial(load_stored_scenario, **files))
+    return found

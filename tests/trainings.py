@@ -5,9 +5,9 @@ import dataclasses
 import pytest
 
 from crowdbench.scenario.cases import Cases
-from crowdbench.train import training
+from crowdbench.train import driving
 from crowdbench.train.config import METHODS
-from crowdbench.train.runner import Runner
+from crowdbench.train.runner import Runner, make_training
 
 
 class Killed(Exception):
@@ -22,9 +22,14 @@ def shorten(monkeypatch, module, cases, **sizes):
     """Set sizes of a method, and the number of cases of a validation and of a card's split."""
     for name, size in sizes.items():
         monkeypatch.setattr(module, name, size)
-    monkeypatch.setattr(training, "VALIDATION_CASES", Cases("val", 0, cases))
-    splits = {split: dataclasses.replace(part, stop=part.start + cases) for split, part in training.CARD_CASES.items()}
-    monkeypatch.setattr(training, "CARD_CASES", splits)
+    monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, cases))
+    splits = {split: dataclasses.replace(part, stop=part.start + cases) for split, part in driving.CARD_CASES.items()}
+    monkeypatch.setattr(driving, "CARD_CASES", splits)
+
+
+def start(config):
+    """A training that writes no files."""
+    return make_training(config, "cpu")
 
 
 def train(config, directory):

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from drive import trace_of
@@ -17,7 +16,7 @@ from crowdbench import Episodes, Trace
 from crowdbench.cli import main, say
 from crowdbench.metrics import load_metrics
 from crowdbench.record import Recorder
-from crowdbench.results import RECORDING, write_run
+from crowdbench.results import RECORDING, TRACKS, write_run, write_tracks
 from crowdbench.runs import PlannerId, RunId, code, read_versions, source_of, units_of
 from crowdbench.utils import new_directory
 
@@ -46,7 +45,7 @@ def convert(file: Path, out: Path = Path("runs/drive"), tracks: Path | None = No
     if tracks is not None:
         tracks.mkdir(parents=True, exist_ok=True)
         for row, name in enumerate(drive.bags):
-            write_tracks(trace, row, tracks / f"{Path(name).stem}.txt")
+            write_pedestrians(trace, row, tracks / f"{Path(name).stem}.txt")
         say(f"wrote {tracks}: crowdbench run --scenario eth_recorded --set tracks.scene={Path(drive.bags[0]).stem}")
 
 
@@ -66,9 +65,16 @@ def write(trace: Trace, planner: str, scenario: str, digest: str, out: Path) -> 
     run = RunId(PlannerId(planner, facts={"bags": digest}), digest, cases, {}, None, sources, 0.0, code())
     episodes = Episodes.of(trace, metrics)
     with new_directory(out, overwrite=True) as folder:
-        header: dict[str, Any] = {"planner": planner, "scenario": scenario, "units": units_of(metrics)}
-        known: dict[str, Any] = {"scenario_digest": digest, "cases": len(trace), "identity": run.digest[:8]}
-        with Recorder(folder / RECORDING, **header, **known) as recorder:
+        write_tracks(trace, folder / TRACKS)
+        recorder = Recorder(
+            folder / RECORDING,
+            planner=planner,
+            scenario=scenario,
+            scenario_digest=digest,
+            units=units_of(metrics),
+            identity=run.digest[:8],
+        )
+        with recorder:
             recorder.add(trace, np.arange(len(trace)), episodes.columns)
         write_run(
             folder,
@@ -92,7 +98,7 @@ def write(trace: Trace, planner: str, scenario: str, digest: str, out: Path) -> 
         )
 
 
-def write_tracks(trace: Trace, row: int, path: Path) -> None:
+def write_pedestrians(trace: Trace, row: int, path: Path) -> None:
     """Write the pedestrians of a drive in the format of ETH/UCY: positions every 0.4 s, by linear interpolation."""
     position = trace.position[row, : trace.steps[row] + 1, 1:]
     time = trace.rules.dt * np.arange(len(position))

@@ -199,7 +199,7 @@ def is_free(
     """
     worlds, agents, samples, steps, _ = paths.shape
     gap = distance_to_walls(paths.reshape(worlds, -1, 2), obstacles).reshape(worlds, agents, samples, steps)
-    free = (gap > radius[:, :, None, None]).all(axis=3)
+    free: Bool[np.ndarray, "world agent sample"] = np.all(gap > radius[:, :, None, None], axis=3)
     return np.where(free.any(axis=2, keepdims=True), free, True).astype(float)
 
 

@@ -1,10 +1,10 @@
-"""The command `view`, and functions that choose a case of a run and find, or make, its recording."""
+"""The command `view`, and functions that choose a case of runs and load their scenarios."""
 
 from __future__ import annotations
 
-import contextlib
+import functools
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,14 +13,20 @@ from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
     from crowdbench.results.run_result import RunResult
-    from crowdbench.scenario.scenario import Scenario
+    from crowdbench.runs.replay import Loader
 
 NAMED = 10
 """How many cases of an outcome are named."""
 
 
 def view(
-    run: Path, case: str | None = None, worst: str | None = None, web: bool = False, data: Path | None = None
+    run: Path,
+    case: str | None = None,
+    worst: str | None = None,
+    web: bool = False,
+    pedestrians: list[str] | None = None,
+    layout: str | None = None,
+    data: Path | None = None,
 ) -> None:
     """Play a case of a run in the Rerun viewer: its first failure, or else its first case.
 
@@ -31,62 +37,49 @@ def view(
         case: Show this case: val/37, or its number.
         worst: Show the case in which this metric, such as jerk, is worst.
         web: Open it in a browser.
+        pedestrians: Your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
+        layout: Your file of a layout that the run used, ./mine.py.
     """
     from crowdbench.record import viewer
-
-    with open_case([run], case, worst, data) as ([path], number):
-        viewer.view(path, number, web=web)
-
-
-@contextlib.contextmanager
-def open_case(
-    runs: Sequence[Path], case: str | None, worst: str | None, data: Path | None
-) -> Iterator[tuple[list[Path], int | None]]:
-    """Choose a case of runs, and yield a recording of the case for each run, and the number of the case.
-
-    Args:
-        runs: Directories of runs, or .rrd files.
-        case: The name or the number of the case; None for the first failure of the first run, or else its first case.
-        worst: A metric, to choose the case of the first run in which it is worst.
-        data: Folder with recorded tracks, if the case must be simulated again with them.
-
-    Yields:
-        The recordings, and the number: None for all cases of .rrd files.
-
-    Raises:
-        InputError: There is no such case or metric, or the case can be neither read nor simulated again.
-    """
     from crowdbench.record.recorded_cases import find_case
     from crowdbench.results.episodes import EPISODES
     from crowdbench.results.run_result import RunResult
+    from crowdbench.runs.replay import recording_of
 
-    if worst is not None and case is not None:
-        raise InputError("--worst chooses the case: leave out --case or --worst")
-    if not runs[0].is_dir():
+    if not run.is_dir():
         if worst is not None:
-            raise InputError(f"--worst needs the directory of a run, whose {EPISODES} has the metrics, not {runs[0]}")
-        yield [recording_of(run) for run in runs], None if case is None else find_case(recording_of(runs[0]), case)
+            raise InputError(f"--worst needs the directory of a run, whose {EPISODES} has the metrics, not {run}")
+        viewer.view(run, None if case is None else find_case(run, case), web=web)
         return
-    results = [RunResult.read(run, tables_only=True) for run in runs if run.is_dir()]
-    number = _choose(results, case, worst)
+    result = RunResult.read(run, tables_only=True)
+    number = choose_case([result], case, worst)
+    announce_compilation()
     with tempfile.TemporaryDirectory() as folder:
-        yield [_record(run, number, Path(folder) / f"{index}.rrd", data) for index, run in enumerate(runs)], number
+        recording = recording_of(result, make_loader(pedestrians, layout, data), number, Path(folder))
+        viewer.view(recording, number, web=web)
 
 
-def _choose(runs: Sequence[RunResult], case: str | None, worst: str | None) -> int:
-    """Return the number of the case, see `open_case`. Unless the user gave it, print it and the outcomes."""
+def choose_case(runs: Sequence[RunResult], case: str | None, worst: str | None) -> int:
+    """Return the number of a case of the first run. Unless the user gave it, print it and the outcomes.
+
+    Args:
+        runs: The runs.
+        case: The name or the number of the case; None for the first failure, or else the first case.
+        worst: A metric, to choose the case in which it is worst.
+
+    Raises:
+        InputError: There is no such case or metric.
+    """
     import numpy as np
 
     from crowdbench.core.types import Outcome
     from crowdbench.metrics.registry import info_of, no_metric
-    from crowdbench.scenario.cases import parse_case
 
-    cases, episodes = runs[0].cases, runs[0].episodes
+    if worst is not None and case is not None:
+        raise InputError("--worst chooses the case: leave out --case or --worst")
     if case is not None:
-        split, number = parse_case(case, cases.split)
-        if split != cases.split or number not in cases.indices:
-            raise InputError(f"case {case} is none of the cases {cases} of {runs[0].directory}")
-        return number
+        return runs[0].find_case(case)
+    cases, episodes = runs[0].cases, runs[0].episodes
     if worst is None:
         solved = episodes.case[episodes.outcome == Outcome.SUCCESS].tolist()
         outcomes = episodes.failures | ({Outcome.SUCCESS.label: solved} if solved else {})
@@ -105,21 +98,6 @@ def _choose(runs: Sequence[RunResult], case: str | None, worst: str | None) -> i
     return number
 
 
-def _record(run: Path, case: int, path: Path, data: Path | None) -> Path:
-    """Return a recording with a case of a run: the run's recording, or else a replay that is written to `path`."""
-    from crowdbench.record.recorded_cases import recorded_cases
-    from crowdbench.results.run_result import RunResult
-    from crowdbench.runs.replay import record_case
-
-    recording = recording_of(run)
-    if not run.is_dir() or (recording.exists() and case in recorded_cases(recording)):
-        return recording
-    announce_compilation()
-    result = RunResult.read(run)
-    record_case(result, load_scenario(result, [], None, data), case, path)
-    return path
-
-
 def describe_cases(outcome: str, cases: Sequence[int]) -> str:
     """Return how many cases had an outcome, and the first of them, such as `2 collisions (cases 3, 8)`."""
     many = ("es" if outcome.endswith("s") else "s") * (len(cases) != 1)
@@ -127,15 +105,8 @@ def describe_cases(outcome: str, cases: Sequence[int]) -> str:
     return f"{len(cases)} {outcome.replace('_', ' ')}{many} ({which})"
 
 
-def load_scenario(run: RunResult, pedestrians: Sequence[str] | None, layout: str | None, data: Path | None) -> Scenario:
-    """Load the scenario of a run, with the files that the run had."""
+def make_loader(pedestrians: Sequence[str] | None, layout: str | None, data: Path | None) -> Loader:
+    """Return a function that loads the scenario of a stored run, with the files that the run had."""
     from crowdbench.runs.loading import load_stored_scenario
 
-    return load_stored_scenario(run, pedestrians or (), layout, data)
-
-
-def recording_of(path: Path) -> Path:
-    """Return the recording of a run, given by its directory or by the file itself."""
-    from crowdbench.results.episodes import RECORDING
-
-    return path / RECORDING if path.is_dir() else path
+    return functools.partial(load_stored_scenario, pedestrians=pedestrians or (), layout=layout, data=data)

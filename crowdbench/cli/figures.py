@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from crowdbench.cli.console import say
+from crowdbench.cli.console import announce_compilation, say
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, floating, format_tables
 
@@ -111,22 +111,26 @@ def render(
     strip: Annotated[int | None, typer.Option(min=1, max=12)] = None,
     zoom: Annotated[float | None, typer.Option(min=1.0, max=100.0)] = None,
     out: Path = Path("case.png"),
+    pedestrians: list[str] | None = None,
+    layout: str | None = None,
     data: Path | None = None,
 ) -> None:
     """Draw a case of a run from above, as a figure or a film, or the start of a case of a scenario.
 
-    Several runs are drawn side by side in the same case. A case that was not recorded is simulated again from its
-    commands. No viewer is needed.
+    Several runs are drawn side by side in the same case, which is simulated again from its commands. Predicted and
+    planned paths are drawn in recorded cases. No viewer is needed.
 
     Args:
-        what: Directories of runs, .rrd files, or one scenario: a name, or ./mine.toml.
+        what: Directories of runs, or one scenario: a name, or ./mine.toml.
         case: The case: val/37, or its number; else the first failure of a run, or the first test case of a scenario.
         worst: The case of the (first) run in which this metric, such as minimum_gap, is worst.
         strip: Number of moments of one run that are drawn side by side, instead of the whole path.
         zoom: Number of metres around the vehicle that are shown; a film and moments follow the vehicle.
         out: A figure (.pdf, .svg or .png) or a film (.gif, .webp, or .mp4 with ffmpeg).
+        pedestrians: Your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
+        layout: Your file of a layout that the run used, ./mine.py.
     """
-    from crowdbench.cli.cases import open_case
+    from crowdbench.cli.cases import choose_case, make_loader
     from crowdbench.figures import episode_figure as episode
     from crowdbench.scenario.cases import parse_case
 
@@ -134,11 +138,14 @@ def render(
         raise InputError(
             "--strip draws a figure of one run: leave it out, or give one run and a .pdf, .svg or .png file"
         )
-    if all(Path(each).is_dir() or each.endswith(".rrd") for each in what):
-        with open_case([Path(each) for each in what], case, worst, data) as (recordings, number):
-            if number is None:
-                raise InputError(f"{what[0]} may have several cases: give one of them, --case 37")
-            episode.draw_case(recordings, number, out, strip, zoom)
+    if all(Path(each).is_dir() for each in what):
+        from crowdbench.results.run_result import RunResult
+
+        runs = [RunResult.read(Path(each), tables_only=True) for each in what]
+        number = choose_case(runs, case, worst)
+        announce_compilation()
+        episodes = episode.stored_episodes(runs, number, make_loader(pedestrians, layout, data), zoom)
+        episode.draw_episodes(episodes, out, strip)
     else:
         if len(what) > 1:
             raise InputError(f"{' '.join(what)} are not all runs: give directories of runs, or one scenario")

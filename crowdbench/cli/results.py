@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
-from crowdbench.cli.cases import load_scenario, recording_of
+from crowdbench.cli.cases import make_loader
 from crowdbench.cli.console import announce_compilation, print_table, progress, say
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import Format, Grid, format_tables, plain
-
-if TYPE_CHECKING:
-    from crowdbench.metrics.info import Metric
-    from crowdbench.results.episodes import Episodes
-    from crowdbench.results.run_result import RunResult
-    from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.tables import Format, format_tables, plain
 
 
 def compare(reference: Path, others: list[Path], metric: list[str] | None = None, format: Format | None = None) -> None:
@@ -58,88 +50,46 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
 
 
 def score(
-    recording: Path,
+    run: Path,
     metric: list[str] | None = None,
-    replay: bool = False,
     pedestrians: list[str] | None = None,
     layout: str | None = None,
     data: Path | None = None,
     as_json: bool = False,
 ) -> None:
-    """Compute the metrics of a run again: from its recording, or by a replay of its commands.
+    """Compute the metrics of a run again from its commands or tracks, and report differences from its files.
+
+    All cases are simulated again from the stored commands, without the planner.
 
     Args:
-        recording: Directory of a run, or an .rrd file.
-        replay: Simulate all cases again from the recorded commands, without the planner, and report differences from
-            the run's files.
-        pedestrians: With --replay: your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
-        layout: With --replay: your file of a layout that the run used, ./mine.py.
+        run: Directory of a run.
+        metric: Your file with metrics, ./mine.py, which are computed, too. Repeatable.
+        pedestrians: Your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
+        layout: Your file of a layout that the run used, ./mine.py.
     """
-    if replay:
-        from crowdbench.metrics.user_metrics import load_metrics
-        from crowdbench.results.run_result import RunResult
-
-        announce_compilation()
-        run = RunResult.read_unchecked(recording)
-        _replay(run, load_scenario(run, pedestrians, layout, data), load_metrics(metric or []), as_json)
-        return
-    given = {"--layout": layout, "--data": data, "--pedestrians": pedestrians}
-    if wrong := [flag for flag, value in given.items() if value]:
-        raise InputError(f"{wrong[0]} is for --replay: a recording contains all tracks")
     from crowdbench.metrics.user_metrics import load_metrics
-    from crowdbench.record.contents import read
-    from crowdbench.results.episodes import Episodes
-    from crowdbench.results.result_file import STATED
     from crowdbench.results.run_result import RunResult
     from crowdbench.results.table import metric_grid
-    from crowdbench.runs.replay import check_recorded
+    from crowdbench.runs.score import replay_run
 
-    checked = RunResult.read(recording) if recording.is_dir() else None
-    metrics, contents = load_metrics(metric or []), read(recording_of(recording))
-    episodes = Episodes.of(contents.trace, metrics)
-    if checked is not None:
-        for warning in checked.warnings:
-            say(f"crowdbench: {warning}")
-        say(STATED)
-        check_recorded(checked, episodes, metrics)
-    # Rates over some of the cases would be biased, because failures have priority in recordings.
-    summary = episodes.summary() if len(episodes) == (contents.cases if checked is None else len(checked.cases)) else {}
+    announce_compilation()
+    stored, metrics = RunResult.read_unchecked(run), load_metrics(metric or [])
+    scenario = make_loader(pedestrians, layout, data)(stored) if stored.is_simulated else None
+    for warning in stored.warnings:
+        say(f"crowdbench: {warning}")
+    with progress(len(stored.episodes)) as report:
+        replay = replay_run(stored, scenario, metrics, report)
+    episodes, summary = replay.episodes, replay.episodes.summary()
     if as_json:
-        about = {"planner": contents.planner, "scenario": contents.scenario, "cases": contents.cases}
+        about = {"planner": stored.label, "scenario": stored.result["scenario"]["name"]}
         rows = dataclasses.replace(episodes, block=None).to_arrow().to_pylist()
-        result = {"metrics": plain(summary), "rates": episodes.rates} if summary else {}
-        print(json.dumps({**about, "episodes": rows, **result}, indent=2))
-    elif summary:
-        title = f"{contents.planner} on {contents.scenario}, from {recording}"
-        print_table(metric_grid(title, summary, episodes.rates, metrics, all_metrics=False))
+        result = {"episodes": rows, "metrics": plain(summary), "rates": episodes.rates, "comparison": replay.to_json()}
+        print(json.dumps({**about, **result}, indent=2))
     else:
-        print_table(_episodes_table(contents.cases, episodes))
-
-
-def _episodes_table(cases: int, episodes: Episodes) -> Grid:
-    """Return the episodes of a recording that lacks some of `cases`, without means, which would be biased."""
-    from crowdbench.core.types import Outcome
-    from crowdbench.metrics.registry import METRICS
-
-    title = f"{len(episodes)} of {cases} cases are recorded; rates over these alone would be biased"
-    shown = ["navigation_time", "path_length", "minimum_gap", "discomfort", "max_velocity_change", "jerk"]
-    shown += [name for name in episodes.columns if name not in METRICS]
-    outcomes = [Outcome(outcome).label for outcome in episodes.outcome]
-    infos = episodes.infos
-    values = ([infos[name].number(value) for value in episodes.columns[name]] for name in shown)
-    rows = list(zip(map(str, episodes.case.tolist()), outcomes, *values, strict=True))
-    header = ("case", "outcome", *(infos[name].heading for name in shown))
-    return Grid(title, header, rows, align="rl".ljust(len(header), "r"))
-
-
-def _replay(run: RunResult, scenario: Scenario, metrics: Mapping[str, Metric], as_json: bool) -> None:
-    """Print the result of a replay, and exit with status 1 if anything differs."""
-    from crowdbench.runs.replay import replay_run
-
-    with progress(len(run.commands.case)) as report:
-        result = replay_run(run, scenario, metrics, report)
-    print(json.dumps(result.to_json(), indent=2) if as_json else result)
-    if result.differences:
+        title = f"{stored.label} on {stored.result['scenario']['name']}, computed again from {run}"
+        print_table(metric_grid(title, summary, episodes.rates, metrics, all_metrics=False))
+        print(f"\n{replay}")
+    if replay.differences:
         sys.exit(1)
 
 
@@ -169,9 +119,9 @@ def export(
         pedestrians: Your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
         layout: Your file of a layout that the run used, ./mine.py.
     """
-    from crowdbench.export.export import STEPS
-    from crowdbench.export.export import export as write
     from crowdbench.export.replay_page import PAGE, export_page
+    from crowdbench.export.steps import STEPS
+    from crowdbench.export.tracks import export_tracks
     from crowdbench.results.run_result import RunResult
     from crowdbench.utils import files
 
@@ -182,10 +132,10 @@ def export(
     announce_compilation()
     results = [RunResult.read(run) for run in runs]
     number = sum(len(result.episodes) for result in results)
-    load = functools.partial(load_scenario, pedestrians=pedestrians, layout=layout, data=data)
+    load = make_loader(pedestrians, layout, data)
     with files.new_directory(out, overwrite, mark) as folder, progress(number) as report:
         if format == "replay":
             cases = export_page(results, load, folder, report)
         else:
-            cases = write(results[0], load, folder, report, format)
+            cases = export_tracks(results[0], load, folder, report, format)
     print(f"{cases} cases in {out}")

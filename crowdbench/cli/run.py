@@ -77,16 +77,16 @@ def run(
         planner,
         scenario,
         Cases.parse(cases),
-        assignments(option or [], "--option"),
-        assignments(overrides or [], "--set"),
-        pedestrians,
-        tuple(metric or []),
-        Replanning(replan_every, look_first),
-        record,
-        batch,
-        isolated,
-        decision_limit,
-        data.absolute() if data else None,
+        options=assignments(option or [], "--option"),
+        overrides=assignments(overrides or [], "--set"),
+        pedestrians=pedestrians,
+        metrics=tuple(metric or []),
+        replanning=Replanning(replan_every, look_first),
+        record=record,
+        batch=batch,
+        isolated=isolated,
+        decision_limit=decision_limit,
+        data=data.absolute() if data else None,
     )
     loaded, directory = make_one_run(spec, out, shard, overwrite)
     changes = "".join(f", {key}={value}" for key, value in spec.changes.items())
@@ -203,7 +203,8 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         for outcome, cases in Episodes.read(directory / EPISODES).failures.items():
             print(f"{describe_cases(outcome, cases)}: crowdbench view {directory} --case {cases[0]}")
             if number:
-                from crowdbench.record.recorded_cases import read_verdict
+                from crowdbench.record.recorded_cases import read_recorded
 
-                for line in read_verdict(directory / RECORDING, cases[0]):
+                recorded_case = read_recorded(directory / RECORDING, cases[0])
+                for line in recorded_case.verdict if recorded_case else []:
                     print(f"  {line}")

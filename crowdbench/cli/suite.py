@@ -51,7 +51,7 @@ def suite(
     families = suite_families()
     options = assignments(option or [], "--option")
     specs = {
-        scenario: RunSpec(planner, scenario, Cases("test", 0, cases), options, record="none", isolated=isolated)
+        scenario: RunSpec(planner, scenario, Cases("test", 0, cases), options=options, record="none", isolated=isolated)
         for scenarios in families.values()
         for scenario in scenarios
     }

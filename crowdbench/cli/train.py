@@ -1,17 +1,17 @@
-"""The command that trains networks."""
+"""The command that trains networks. The dataclasses of the methods declare most of its options."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_origin, get_type_hints
 
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
-from crowdbench.train.config import METHODS, MOST_SEED, SCENARIO, Config, flag, make_config, method_options
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, parse_docstring, use_threads
+from crowdbench.train.config import METHODS, Config, flag, make_config, networks_by_option
 from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,16 +21,11 @@ if TYPE_CHECKING:
 @help_from_docstring  # before the options of the methods are added
 def train(
     network: Annotated[str, typer.Argument(help=f"One of {', '.join(METHODS)}.")],
-    scenario: Annotated[str | None, typer.Option(show_default=SCENARIO)] = None,
-    overrides: list[str] | None = None,
-    data: Path | None = None,
-    seed: Annotated[int | None, typer.Option(min=0, max=MOST_SEED, show_default="0")] = None,
-    minutes: Annotated[float | None, typer.Option(min=0.1)] = None,
     device: str = "cpu",
     threads: ThreadsOption = None,
     resume: Path | None = None,
     out: Annotated[Path | None, typer.Option(show_default="runs/train-<network>-seed<seed>")] = None,
-    **method: Any,
+    **options: Any,
 ) -> None:
     """Train a value network or a policy for planners.
 
@@ -39,17 +34,12 @@ def train(
     the best, the one with the shortest time to the goal is kept.
 
     Args:
-        scenario: Name of the scenario to train in, or a file: ./mine.toml.
-        seed: Seed of the weights and of everything random in training.
-        minutes: Train for this many minutes, validations included, instead of --episodes or --steps.
         device: cpu or cuda.
         resume: Continue the interrupted training in this directory, with the options and the number of threads that it
             was started with; only --device and --threads can be different.
         out: Directory for the results.
     """
-    use_threads(threads)
-    common = {"scenario": scenario, "overrides": overrides, "data": data, "seed": seed, "minutes": minutes}
-    run_training(network, common | method, device, threads, resume, out)
+    run_training(network, options, device, threads, resume, out)
 
 
 def run_training(
@@ -67,7 +57,7 @@ def run_training(
         network: The name of the network.
         options: The options of the command line, by field name; None for those that are not given.
         device: `cpu` or `cuda`.
-        threads: The number of threads, which has been set by `use_threads`.
+        threads: The number of threads; None for one per core.
         resume: The directory of an interrupted training, or None.
         out: The directory for the results; None for one in runs/.
         methods: The options of the methods, by the name of the network.
@@ -75,19 +65,17 @@ def run_training(
     Raises:
         InputError: An option is impossible, or a file cannot be read or written.
     """
+    use_threads(threads)
     from crowdbench.train.runner import Runner
 
-    options = {name: value for name, value in options.items() if value is not None}
+    given = {name: value for name, value in options.items() if value is not None}
     if resume is None:
-        if "data" in options:
-            options["data"] = str(options["data"])
-        for name in {"overrides", "ppo"} & options.keys():
-            options[name] = assignments(options[name], flag(name))
-        config = make_config(network, options, methods)
+        pairs = {name: assignments(value, flag(name)) for name, value in given.items() if isinstance(value, list)}
+        config = make_config(network, given | pairs, methods)
         announce_compilation()
         runner = Runner.start(config, out or Path("runs") / f"train-{network}-seed{config.seed}", device)
     else:
-        if flags := [flag(name) for name in (options if out is None else {**options, "out": out})]:
+        if flags := [flag(name) for name in [*given, *(["out"] if out else [])]]:
             raise InputError(
                 f"{', '.join(flags)} cannot be changed with --resume: a training goes on with the options that it was "
                 "started with, except --device and --threads"
@@ -114,27 +102,40 @@ def _run(runner: Runner) -> None:
             weights = runner.finish(advance)
     print(f"The best validated network was kept: {' '.join(training.describe(training.best()[0]).split())}")
     print(f"Its card has figures on other cases: {weights.with_suffix('.md')}")
-    print(f"The weights are in {weights}; use them with crowdbench {training.config.use} --option weights={weights}")
+    print(f"The weights are in {weights}; use them with crowdbench {training.config.usage} --option weights={weights}")
 
 
 def with_method_options(
     signature: inspect.Signature, methods: Mapping[str, type[Config]] = METHODS
 ) -> inspect.Signature:
-    """Return a signature with the options of the training methods instead of its last parameter, `**method`."""
+    """Return a signature with the options of the training methods instead of its last parameter, `**options`.
+
+    An option is None if it is not given. Its type and default are those of the field, and its help is in the docstring.
+    """
     *common, _ = signature.parameters.values()
     parameters = []
-    for name, (field, networks) in method_options(methods).items():
+    for name, networks in networks_by_option(methods).items():
+        config = methods[networks[0]]
+        default = getattr(config, name, None)
+        hint: Any = get_type_hints(config)[name]
         option = typer.Option(
             flag(name),
-            min=field.metadata["least"],
-            help=f"{field.metadata['help']}.",
-            show_default=str(field.default) if field.default else False,
-            rich_help_panel=f"Options for {', '.join(networks)} only" if len(methods) > 1 else None,
+            help=_read_help(config)[name],
+            show_default=False if default in (None, False) else str(default),
+            rich_help_panel=f"Options for {', '.join(networks)} only" if len(networks) < len(methods) else None,
         )
-        kind: Any = list[str] if field.metadata["pairs"] else get_type_hints(methods[networks[0]])[name]
-        hint: Any = Annotated[kind | None, option]
+        kind: Any = list[str] if get_origin(hint) is Mapping else hint
+        hint = Annotated[kind | None, option]
         parameters.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=hint))
     return signature.replace(parameters=[*common, *parameters])
+
+
+def _read_help(config: type[Config]) -> dict[str, str]:
+    """Return the texts of the attributes in the docstrings of a dataclass and its base classes, by name."""
+    texts: dict[str, str] = {}
+    for base in reversed(config.__mro__):
+        texts |= parse_docstring(base.__doc__)[1]
+    return texts
 
 
 # Typer reads the options from the signature.

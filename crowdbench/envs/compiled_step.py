@@ -6,7 +6,6 @@ Results are identical to the last bit. In a single world, entering a kernel take
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import namedtuple
 from typing import Any, NamedTuple, no_type_check
@@ -19,11 +18,12 @@ from crowdbench.core.reward import fill_reward
 from crowdbench.core.types import World
 from crowdbench.envs.rewards import CheckedReward, crowdnav
 from crowdbench.envs.step_outcomes import check_pedestrians
-from crowdbench.sim.episode import StepCheck, check_disc
-from crowdbench.sim.kernels import FlatKernel, per_agent
+from crowdbench.sim.episode import check_disc
+from crowdbench.sim.kernels import per_agent
 from crowdbench.sim.neighbors import CELLS_FROM
 from crowdbench.sim.pedestrians.orca_crowd import ORCA, avoidance_of, orca_in_one
-from crowdbench.sim.simulator import STEP, After, Commands, move_agents, state_before
+from crowdbench.sim.simulator import After, move_agents, name_fields, state_before
+from crowdbench.utils.compiled import njit
 from crowdbench.views.ego import AGENT_FEATURES, flatten_agents
 from crowdbench.views.view import View
 
@@ -80,13 +80,13 @@ class CompiledStep:
         (parameters,) = before.parameters.values()
         visible = before.present.copy()
         visible[:, 0] &= before.rules.visible
-        commands = Commands(np.empty((1, 2)), np.empty((1, before.radius.shape[1] - 1, 2)))
-        check = StepCheck(np.empty(1, np.int64), np.empty(1), np.empty(1))
-        margins = Margins(*map(per_agent, (parameters["safety_space"], *avoidance_of(parameters)[:3])))
-        exchange = Exchange(visible, self._action, self._observed, self.outcome, self.gap, self.reward)
-        state = map(np.ascontiguousarray, state_before(before))
-        fields = before.rules.numbers, state, commands, (getattr(after, name) for name in After._fields), check
-        return tuple(itertools.chain(*fields, margins, exchange))
+        state = tuple(map(np.ascontiguousarray, state_before(before)))
+        commands = np.empty((1, 2)), np.empty((1, before.radius.shape[1] - 1, 2))
+        arrays = tuple(getattr(after, name) for name in After._fields)
+        check = np.empty(1, np.int64), np.empty(1), np.empty(1)
+        margins = tuple(map(per_agent, (parameters["safety_space"], *avoidance_of(parameters)[:3])))
+        exchange = visible, self._action, self._observed, self.outcome, self.gap, self.reward
+        return tuple(before.rules.numbers), state, commands, arrays, check, margins, exchange
 
     @staticmethod
     def fits(world: World, view: View, reward: CheckedReward) -> bool:
@@ -121,7 +121,7 @@ class CompiledStep:
         """
         self._action.fill(np.nan)
         self._action[columns] = actions
-        _step_and_observe.compiled(*self._arguments[0])
+        _step_and_observe(*self._arguments[0])
         self._arguments.reverse()
         self.world, self._next = self._next, self.world
         return self._observed[0].copy()
@@ -133,29 +133,39 @@ def _copies(world: World) -> dict[str, np.ndarray]:
 
 
 @no_type_check
-def _step_and_observe(rules, before, commands, after, check, margins, exchange):
-    """Simulate all of a step, in one kernel."""
-    goal, speed, radius, crowd = before.goal, before.preferred_speed, before.radius, commands.crowd
-    action, visible, outcome, gap = exchange.action, exchange.visible, exchange.outcome, exchange.gap
+@njit(nogil=True)
+def _step_and_observe(numbers, state, commands, arrays, check, margins, exchange):
+    """Simulate all of a step, in one kernel.
+
+    Args:
+        numbers (tuple): The fields of `RuleNumbers`.
+        state (tuple): The fields of `Before`.
+        commands (tuple): The fields of `Commands`, filled.
+        arrays (tuple): The fields of `After`, filled.
+        check (tuple): The fields of `StepCheck`, filled.
+        margins (tuple): The fields of `Margins`.
+        exchange (tuple): The fields of `Exchange`.
+    """
+    rules, before, orders, after, result = name_fields(numbers, state, commands, arrays, check)
+    limits, agents = Margins(*margins), Exchange(*exchange)
+    goal, speed, radius, crowd = before.goal, before.preferred_speed, before.radius, orders.crowd
+    action, visible, outcome, gap = agents.action, agents.visible, agents.outcome, agents.gap
     is_asked = False
     for a in range(1, len(action)):
         is_asked = is_asked or (before.present[0, a] and math.isnan(action[a, 0]))
     if is_asked:
-        state = before.position, before.velocity, radius, speed, visible
-        limits = margins.neighbor_distance, margins.max_neighbors, margins.time_horizon
-        orca_in_one(goal, speed, margins.safety_space, *state, rules.dt, *limits, crowd)
+        seen = before.position, before.velocity, radius, speed, visible
+        avoidance = limits.neighbor_distance, limits.max_neighbors, limits.time_horizon
+        orca_in_one(goal, speed, limits.safety_space, *seen, rules.dt, *avoidance, crowd)
     for a in range(1, len(action)):
         if not math.isnan(action[a, 0]):
             crowd[0, a - 1, 0], crowd[0, a - 1, 1] = action[a, 0], action[a, 1]
-    commands.vehicle[0, 0], commands.vehicle[0, 1] = action[0, 0], action[0, 1]
-    move_agents(rules, before, commands, after)
-    check_disc(rules, before, after, check)
-    outcome[0], gap[0] = check.outcome[0], check.gap[0]
+    orders.vehicle[0, 0], orders.vehicle[0, 1] = action[0, 0], action[0, 1]
+    move_agents(rules, before, orders, after)
+    check_disc(rules, before, after, result)
+    outcome[0], gap[0] = result.outcome[0], result.gap[0]
     if len(outcome) > 1:
         check_pedestrians(before.position, after.position, goal, radius, visible, None, None, outcome, gap)
-    fill_reward(outcome, gap, rules.dt, exchange.reward)
-    state = after.position, after.velocity, radius, goal, speed, before.present
-    flatten_agents(*state, visible, exchange.observed)
-
-
-_step_and_observe = FlatKernel(_step_and_observe, *STEP, Margins, Exchange)
+    fill_reward(outcome, gap, rules.dt, agents.reward)
+    moved = after.position, after.velocity, radius, goal, speed, before.present
+    flatten_agents(*moved, visible, agents.observed)

@@ -18,7 +18,7 @@ from crowdbench.envs import stepping
 from crowdbench.envs.render import RENDER_MODES
 from crowdbench.envs.rewards import Reward, Step, crowdnav
 from crowdbench.envs.step_outcomes import outcomes_of_agents
-from crowdbench.scenario.population import GOES_ON
+from crowdbench.scenario.population import CONTINUING_ARRIVALS
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, finish_step, move
@@ -176,7 +176,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         columns = [(agent, self._column[agent]) for agent in agents]
         truncated = outcome[0] == _TIMEOUT
         over = outcome[0] not in (_RUNNING, _TIMEOUT)
-        leaves = self.scenario.crowd.arrival not in GOES_ON
+        leaves = self.scenario.crowd.arrival not in CONTINUING_ARRIVALS
         terminations = {a: over or not present[c] or (outcome[c] == _SUCCESS and leaves) for a, c in columns}
         self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
         infos = {a: {"outcome": stepping.LABELS[outcome[c]], "gap": gap[c], "case": self._case} for a, c in columns}

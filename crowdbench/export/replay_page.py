@@ -30,12 +30,12 @@ from crowdbench.core.geometry import polygons
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.drawing import DARK, LIGHT, same_agents
 from crowdbench.metrics.fault import find_contacts
-from crowdbench.record.decisions import PlannedPaths, add_commands, read_paths
+from crowdbench.record.decisions import PlannedPaths
 from crowdbench.record.explanation import describe_failure
-from crowdbench.record.recorded_cases import read_case, read_verdict, recorded_cases
+from crowdbench.record.recorded_cases import read_recorded, recorded_outcomes
 from crowdbench.results.episodes import RECORDING
 from crowdbench.results.run_result import RunResult
-from crowdbench.runs.replay import Loader, traces_of
+from crowdbench.runs.replay import Loader, stored_traces
 from crowdbench.runs.rollout import Progress
 from crowdbench.utils.errors import InputError
 
@@ -67,7 +67,7 @@ def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress:
 
     Args:
         runs: The runs. Runs of one scenario can be seen side by side.
-        load: Reconstructs the scenario of a simulated run.
+        load: Loads the scenario of a simulated run.
         folder: An empty folder.
         progress: Called after each step with its progress, summed over the episodes, in fractions of an episode.
 
@@ -91,17 +91,16 @@ def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress:
         planner = f"{name}-{len(about['runs']) + 1}" if name in about["runs"] else name
         outcomes = "".join(Outcome(outcome).label[0] for outcome in run.episodes.outcome.tolist())
         recording = run.directory / RECORDING
-        recorded = recorded_cases(recording) if recording.exists() else []
+        recorded = [*recorded_outcomes(recording)] if recording.exists() else []
         about["runs"][planner] = dict(label=run.label, cases=str(run.cases), outcomes=outcomes, recorded=recorded)
-        for trace in traces_of(run, load, progress):
+        for trace in stored_traces(run, load, progress=progress):
             about |= _describe(trace)
             hit = find_contacts(trace).agent
             for row, case in enumerate(trace.case.tolist()):
                 key, verdict = f"{table['name']}/{trace.split}-{case}", []
-                if case in recorded:
-                    verdict = read_verdict(recording, case)  # it contains the planner's predictions
-                    chunks = read_case(recording, case).chunks
-                    add_commands(planned := read_paths(chunks, trace.rules.dt), chunks, trace.rules.dt)
+                if (found := read_recorded(recording, case)) is not None:
+                    verdict = found.verdict
+                    planned = found.paths(trace.rules.dt, commands=True)
                     files[f"{key}.paths"][planner] = _paths(planned, int(trace.steps[row]) + 1)
                 episode = {"hit": int(hit[row]), "verdict": verdict or describe_failure(trace, row)}
                 files[key][planner] = episode | _episode(trace, row)

@@ -33,8 +33,11 @@ from crowdbench.drawing import (
 from crowdbench.envs.render import rasterize
 from crowdbench.figures.style import canvas, check_file, draw_panel
 from crowdbench.figures.time_marks import mark_times
-from crowdbench.record.decisions import PlannedPaths, read_paths
-from crowdbench.record.recorded_cases import read_same_case
+from crowdbench.record.decisions import PlannedPaths
+from crowdbench.record.recorded_cases import read_recorded
+from crowdbench.results.episodes import RECORDING
+from crowdbench.results.run_result import RunResult
+from crowdbench.runs.replay import Loader, stored_case
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
@@ -128,34 +131,52 @@ class Episode:
         return [*shapes, *draw_bands(bounds, inch, note, self.title)], bounds, inch
 
 
-def draw_case(
-    recordings: Sequence[Path], case: int, out: Path, moments: int | None = None, zoom: float | None = None
-) -> None:
-    """Draw a recorded case of one run, or of several side by side, as a film or a figure.
+def stored_episodes(runs: Sequence[RunResult], case: int, load: Loader, zoom: float | None = None) -> list[Episode]:
+    """Return one case of stored runs for pictures side by side, with the planners' paths where it was recorded.
 
     Args:
-        recordings: The recordings.
+        runs: The stored runs.
         case: The number of the case.
-        out: A file of `FILMS`, or a figure.
-        moments: Number of moments of one recording that a figure shows side by side; None for the whole episode.
+        load: Loads the scenario of a simulated run.
         zoom: See `Episode`.
 
     Raises:
-        InputError: The case is not recorded, or its starting states differ between the recordings.
+        InputError: The case cannot be simulated again, or its starting states differ between the runs.
     """
-    recorded = read_same_case(recordings, case)
-    alone, columns = len(recorded) == 1, count_columns(len(recorded))
-    side = SIDE if alone else WHOLE / columns
-    episodes = [
-        Episode(each.trace, 0, zoom, read_paths(each.chunks, each.trace.rules.dt), "" if alone else each.planner, side)
-        for each in recorded
-    ]
+    alone = len(runs) == 1
+    side = SIDE if alone else WHOLE / count_columns(len(runs))
+    episodes = []
+    for run in runs:
+        trace, row = stored_case(run, load, case)
+        recorded = read_recorded(run.directory / RECORDING, case)
+        paths = {} if recorded is None else recorded.paths(trace.rules.dt)
+        episodes.append(Episode(trace, row, zoom, paths, "" if alone else run.label, side))
+    starts = [(each.trace.split, each.trace.rules.dt, each.trace.position[each.row, 0]) for each in episodes]
+    for run, (split, dt, position) in zip(runs, starts, strict=True):
+        same_start = np.array_equal(position, starts[0][2], equal_nan=True)
+        if not same_start or (split, dt) != starts[0][:2]:
+            both = f"{run.directory} and {runs[0].directory}"
+            raise InputError(f"case {case} starts differently in {both}: give runs of one scenario")
+    return episodes
+
+
+def draw_episodes(episodes: Sequence[Episode], out: Path, moments: int | None = None) -> None:
+    """Draw an episode, or several side by side, as a film or a figure.
+
+    Args:
+        episodes: The episodes.
+        out: A file of `FILMS`, or a figure.
+        moments: Number of moments of one episode that a figure shows side by side; None for the whole episode.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
     if out.suffix in FILMS:
         film(episodes, out)
     elif moments is not None:
         draw_strip(episodes[0], moments, out)
     else:
-        draw_pictures([episode.picture() for episode in episodes], columns, out)
+        draw_pictures([episode.picture() for episode in episodes], count_columns(len(episodes)), out)
 
 
 def count_columns(number: int) -> int:

@@ -116,7 +116,7 @@ def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "suc
         InputError: One of them is not a training or has no such quantity, they are too many, or the file cannot be
             written.
     """
-    from crowdbench.train.training import VALIDATION_CASES
+    from crowdbench.train.driving import VALIDATION_CASES
 
     groups = _read_trainings(directories, quantity)
     with axes(out, caption=f"cases {VALIDATION_CASES} of each validation scenario") as ax:

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.types import Observation
 from crowdbench.isolation import sandbox
-from crowdbench.isolation.limits import Usage, describe, usable_cores
+from crowdbench.isolation.limits import Usage, describe_limits, usable_cores
 from crowdbench.isolation.process import Process, TooSlow
 from crowdbench.isolation.protocol import (
     VERSION,
@@ -103,7 +103,7 @@ class IsolatedPlanner(AheadPlanner):
     ) -> None:
         self.name = plugin_name(spec)
         self.limits, self.decimals = limits, decimals
-        self.usage: dict[str, Any] = {"level": sandbox.level(), "limits": describe()}
+        self.usage: dict[str, Any] = {"level": sandbox.level(), "limits": describe_limits()}
         readable = [*_files_named_in(spec), *_files_named_in(options)] if readable is None else readable
         command = sandbox.command(program(spec), readable, folder, hidden)
         usage = Usage(limits.memory, usable_cores() if cores is None else cores, sandbox.temporary())

@@ -56,7 +56,7 @@ def launcher(settings: Mapping[str, Any], command: Sequence[str]) -> tuple[str, 
 
 
 @functools.cache
-def describe() -> str:
+def describe_limits() -> str:
     """Return a phrase on how memory, processes and processor time of planners are limited on this machine."""
     home = _home()
     if home is None:

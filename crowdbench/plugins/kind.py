@@ -71,7 +71,7 @@ class Kind:
         if self.folder:
             in_folders = [path for path in self.folder.glob("*/*.py") if path.stem == path.parent.name]
             paths = sorted([*self.folder.glob("*.py"), *in_folders], key=lambda path: path.stem)
-            sources |= {path.stem: path for path in paths}
+            sources |= {path.stem: path for path in paths if path.stem != "__init__"}
         return sources
 
     def sources(self) -> dict[str, Source]:
@@ -231,8 +231,21 @@ def _import_from_source(folder: Path) -> None:
     sys.path_importer_cache.pop(str(folder), None)  # it may be cached already
 
 
+def _package_of(folder: Path) -> str:
+    """Return the name of a package whose modules are the files of a folder, so that they can import relatively."""
+    name = f"crowdbench_plugins_{hashlib.sha256(os.fsencode(folder)).hexdigest()[:8]}"
+    if name not in sys.modules:
+        package = ModuleType(name)
+        package.__path__ = [str(folder)]
+        sys.modules[name] = package
+    return name
+
+
 def load_module(path: Path) -> ModuleType:
-    """Execute a Python file as a module, which can import files beside it. Raises InputError if it fails."""
+    """Execute a Python file as a module. Raises InputError if it fails.
+
+    The module can import files beside it, by their name (`import helper`) or relatively (`from .helper import f`).
+    """
     try:
         path = path.resolve(strict=True)
         files.check_regular(path)
@@ -241,7 +254,7 @@ def load_module(path: Path) -> ModuleType:
     if path.suffix != ".py":
         raise InputError(f"{path} is not a Python file")
     # Registered under a unique name, because dataclasses and pickle look it up.
-    name = f"crowdbench_plugin_{path.stem}_{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}"
+    name = f"{_package_of(path.parent)}.{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path, loader=_SourceLoader(name, str(path)))
     assert spec is not None
     assert spec.loader is not None

@@ -83,11 +83,9 @@ def _worlds(
     position, velocity, radius, present = rows.everybody()
     position[:, 0], radius[:, 0] = rows.vehicle.position, rows.vehicle.radius
     worlds, agents = radius.shape
-    none, person = np.zeros((worlds, agents - 1), np.int64), np.tile(np.arange(agents - 1), (worlds, 1))
     keys = np.stack([rng.continuation_keys(obs.noise_key, 0, mode) for mode in range(modes)], axis=1).ravel()
-    own = {**policy.parameters, **parameters}
-    return World(
-        case=np.arange(worlds),
+    values = {**policy.parameters, **parameters}
+    return World.create(
         key=keys,
         noise_key=rows.noise_key,
         step=rows.step,
@@ -95,22 +93,13 @@ def _worlds(
         velocity=velocity,
         heading=rows.vehicle.heading,
         angular_speed=rows.vehicle.angular_speed,
-        origin=position,
         goal=np.concatenate([rows.vehicle.goal[:, None], position[:, 1:]], axis=1),
-        route=np.empty((worlds, agents, 0, 2)),
-        waypoint=np.zeros((worlds, agents), np.int64),
         radius=radius,
         preferred_speed=np.column_stack([rows.vehicle.preferred_speed, speed.reshape(worlds, -1)]),
         present=present,
-        person=person,
-        since=none,
-        track=np.empty((worlds, 0, agents - 1, 2)),
-        group=none - 1,
         history=rows.pedestrians.history,
         obstacles=rows.obstacles,
-        policy=none,
-        parameters={"policy": {name: np.full((worlds, agents), float(value)) for name, value in own.items()}},
-        memory={"policy": {}},
+        parameters={"policy": {name: np.full((worlds, agents), float(value)) for name, value in values.items()}},
         rules=Rules(
             obs.dt, visible=visible, dynamics=vehicle.dynamics, body=vehicle.body, walking=WalkingLimits(*limits)
         ),

@@ -71,15 +71,14 @@ def foreign(path: Path) -> InputError:
     return InputError(f"{path} is a Rerun file but holds no episodes of crowdbench: give the run.rrd of a run")
 
 
-def chunks_of(reader: RrdReader, entry: StoreEntry, content: str) -> list[Chunk]:
-    """Return the chunks of one recording in a file whose entity paths match `content`, such as `/exact/**`.
+def chunks_of(reader: RrdReader, entry: StoreEntry) -> list[Chunk]:
+    """Return all chunks of one recording in a file, also its properties.
 
     Args:
         reader: The reader of the file.
         entry: The recording.
-        content: A pattern of Rerun.
     """
-    return reader.store(store=entry).stream().filter(content=content).to_chunks()
+    return reader.store(store=entry).stream().to_chunks()
 
 
 def moments(steps: Int[np.ndarray, "time"], dt: float) -> list[rr.TimeColumn]:

@@ -12,12 +12,12 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 from rerun.chunk import LazyChunkStream
 
 from crowdbench.record import rrd
 from crowdbench.record.blueprint import blueprint, logged_curves
-from crowdbench.record.entities import extent
-from crowdbench.record.recorded_cases import read_case, recorded_cases
+from crowdbench.record.recorded_cases import EXTENT, SPEED, read_recorded, recorded_outcomes
 from crowdbench.utils.errors import InputError, Interrupted
 
 
@@ -35,7 +35,7 @@ def view(path: Path, case: int | None = None, *, web: bool = False) -> None:
     with tempfile.TemporaryDirectory() as folder:
         file = path.resolve()
         if case is None:
-            recorded_cases(path)
+            recorded_outcomes(path)  # raises an error for other files
         else:
             file = _write_case(path, case, Path(folder))
         show(file, web=web)
@@ -43,8 +43,11 @@ def view(path: Path, case: int | None = None, *, web: bool = False) -> None:
 
 def _write_case(path: Path, case: int, folder: Path) -> Path:
     """Write one case of a recording to a file, with its blueprint."""
-    entry, chunks, trace, _ = read_case(path, case)
-    layout = blueprint([extent(trace, 0)], logged_curves(chunks), float(trace.preferred_speed[0, 0]))
+    episode = read_recorded(path, case)
+    if episode is None:
+        raise InputError(f"case {case} is not recorded in {path}")
+    entry, chunks, properties = episode
+    layout = blueprint([np.reshape(properties[EXTENT], (2, 2))], logged_curves(chunks), *properties[SPEED])
     with rrd.writing(f"a copy of the case in {folder}"):
         LazyChunkStream.from_iter(chunks).write_rrd(
             folder / "case.rrd", application_id=entry.application_id, recording_id=entry.recording_id

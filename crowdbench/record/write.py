@@ -1,6 +1,6 @@
 """Writes episodes as Rerun recordings: one recording per episode, all in one .rrd file.
 
-`drawing` creates the marks for the viewer, in Rerun's float32; `contents` creates the data that can be read back.
+Recordings are for viewing, in Rerun's float32: a run's exact store is its commands, or its tracks.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 from jaxtyping import Float, Int, Shaped
-from rerun.chunk import Chunk, LazyChunkStream, RrdReader
+from rerun.chunk import Chunk, LazyChunkStream
 
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.record import contents, rrd
+from crowdbench.record import rrd
 from crowdbench.record.blueprint import blueprint, is_curve, logged_curves
 from crowdbench.record.entities import draw_episode, extent
 from crowdbench.record.explanation import describe_failure
-from crowdbench.record.recorded_cases import PROPERTIES, VERDICT
+from crowdbench.record.recorded_cases import EXTENT, PROPERTIES, SPEED, VERDICT, read_recorded, recorded_outcomes
 from crowdbench.record.rrd import still
 
 
@@ -43,7 +43,6 @@ class Recorder:
         planner: The planner's name with its options.
         scenario: The scenario's name.
         scenario_digest: The scenario's digest.
-        cases: Number of cases of the whole run, recorded or not.
         options: The planner's options.
         units: Units of the metrics that have one.
         identity: The digest of the run. Names of its recordings end with it, because Rerun treats recordings with the
@@ -55,7 +54,6 @@ class Recorder:
     planner: str
     scenario: str
     scenario_digest: str
-    cases: int
     options: Mapping[str, Any] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     identity: str = ""
@@ -63,10 +61,10 @@ class Recorder:
     def __enter__(self) -> Recorder:
         # In the same folder, so that moving the finished file is a rename within one file system.
         self._folder = tempfile.TemporaryDirectory(prefix=f".{self.path.name}.", dir=self.path.parent)
-        self._run = {name: getattr(self, name) for name in ("planner", "scenario", "scenario_digest", "cases")}
         # The viewer lists the file under this name, and warns if it has other characters or more than 180.
         self._application = re.sub(r"[^A-Za-z0-9 _-]", "-", f"{self.planner[:100]} on {self.scenario}")[:180]
         self._version = importlib.metadata.version("crowdbench")
+        self._parts = 0
         self._extents: list[Float[np.ndarray, "2 2"]] = []
         self._plotted: dict[str, int] = {}
         self._fastest = 0.0
@@ -91,11 +89,11 @@ class Recorder:
             measured = {name: column[row].item() for name, column in values.items()}
             chunks = [
                 *self._properties(trace, row, measured),
-                *contents.to_chunks(trace, row, self._run),
                 *draw_episode(trace, row, title, self._with_units(measured)),
             ]
             name = f"{trace.split}-{trace.case[row]:04d}-{outcome.label}"
-            self._keep(chunks, f"{name}-{self.identity}" if self.identity else name, trace, row)
+            self._keep(chunks, f"{name}-{self.identity}" if self.identity else name)
+            self._frame(extent(trace, row), float(trace.preferred_speed[row, 0]))
         self._plot({name: logged[0, 0].size for name, logged in trace.logs.items() if is_curve(logged)})
 
     def _plot(self, curves: Mapping[str, int]) -> None:
@@ -108,9 +106,19 @@ class Recorder:
         yield still("__properties", rr.archetypes.RecordingInfo(name=f"case {trace.split}/{case} · {outcome}"))
         # In one column, because each column needs one or two kilobytes in the file's index.
         metrics = pa.StructArray.from_arrays([pa.array([value]) for value in measured.values()], names=[*measured])
-        about = {name: value for name, value in self._run.items() if name != "cases"}
-        about |= {"options": json.dumps(self.options), "split": trace.split, "case": case, "outcome": outcome}
-        about |= {"version": self._version, "metrics": metrics}
+        about = {
+            "planner": self.planner,
+            "options": json.dumps(self.options),
+            "scenario": self.scenario,
+            "scenario_digest": self.scenario_digest,
+            "split": trace.split,
+            "case": case,
+            "outcome": outcome,
+            "metrics": metrics,
+            "version": self._version,
+            EXTENT: extent(trace, row).ravel(),
+            SPEED: float(trace.preferred_speed[row, 0]),
+        }
         if sentences := describe_failure(trace, row):
             about[VERDICT] = sentences
         yield Chunk.from_property(PROPERTIES, rr.AnyValues(**about))
@@ -135,29 +143,34 @@ class Recorder:
         Raises:
             InputError: It cannot be read, or this one cannot be written.
         """
-        with rrd.opening(path):
-            reader = RrdReader(path)
-            entries = reader.recordings()
-        for entry in entries:
-            episode = contents.read_episode(path, reader, entry)
-            self._keep(episode.chunks, entry.recording_id, episode.trace, 0)
-            self._plot(logged_curves(episode.chunks))
-        return len(entries)
+        number = 0
+        for case in recorded_outcomes(path):
+            episode = read_recorded(path, case)
+            if episode is not None:
+                self._keep(episode.chunks, episode.entry.recording_id)
+                self._frame(np.reshape(episode.properties[EXTENT], (2, 2)), *episode.properties[SPEED])
+                self._plot(logged_curves(episode.chunks))
+                number += 1
+        return number
 
-    def _keep(self, chunks: Sequence[Chunk], name: str, trace: Trace, row: int) -> None:
-        """Write the file of one episode, the given row of a trace, under a name."""
-        part = Path(self._folder.name) / f"{len(self._extents)}.rrd"
+    def _frame(self, extent: Float[np.ndarray, "2 2"], speed: float) -> None:
+        """Store the extent and the preferred speed of an episode, for the layout of the viewer."""
+        self._extents.append(extent)
+        self._fastest = max(self._fastest, speed)
+
+    def _keep(self, chunks: Sequence[Chunk], name: str) -> None:
+        """Write the file of one episode under a name."""
+        part = Path(self._folder.name) / f"{self._parts}.rrd"
+        self._parts += 1
         with self._writing():
             LazyChunkStream.from_iter(chunks).write_rrd(part, application_id=self._application, recording_id=name)
-        self._extents.append(extent(trace, row))
-        self._fastest = max(self._fastest, float(trace.preferred_speed[row, 0]))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         with self._folder as folder:
-            if kind is None and self._extents:
-                parts = [f"{part}.rrd" for part in range(len(self._extents))]
+            if kind is None and self._parts:
+                parts = [f"{part}.rrd" for part in range(self._parts)]
                 layout = blueprint(self._extents, self._plotted, self._fastest)
                 with self._writing():
                     rrd.join(Path(folder), parts, self._application, layout).replace(self.path)

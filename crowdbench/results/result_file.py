@@ -48,7 +48,9 @@ _Rest = create_model(
     "_Rest", replanning=_Table, batch=(int | None, ...), code=str, simulator=int, decision_limit=float, **_ALONE
 )
 _Run = create_model("_Run", __base__=_Rest, planner=_Planner, scenario=str, cases=str, metrics=_Texts)
-_Scenario = create_model("_Scenario", name=str, layout=_Table, pedestrians=_Table, dt=_Seconds, time_limit=_Seconds)
+_Scenario = create_model(
+    "_Scenario", name=str, layout=(_Table, {}), pedestrians=_Table, dt=_Seconds, time_limit=_Seconds
+)
 _Estimate = create_model("_Estimate", n=int, mean=(_Mean, None))
 _Timing = create_model("_Timing", seconds=_Figure, decision_ms_per_step=(_Figure, 0.0), **_ALONE)
 _Machine = create_model("_Machine", versions=_Texts, isolation=(dict[str, str | _Figure], {}), timing=_Timing, **_ALONE)

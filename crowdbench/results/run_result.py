@@ -8,26 +8,20 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from crowdbench.core.types import Outcome, Rules, Trace
+from crowdbench.core.types import Rules, Trace
 from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.results.episodes import BLOCK, EPISODES, RECORDING, Episodes, result_label
 from crowdbench.results.result_file import RESULT, check_result, digest_of, read_result, write_result
 from crowdbench.results.stored_commands import COMMANDS, StoredCommands, check_size, read_commands
-from crowdbench.scenario.cases import Cases
+from crowdbench.results.stored_tracks import TRACKS, read_tracks
+from crowdbench.scenario.cases import Cases, parse_case
 from crowdbench.sim.version import SIMULATOR
 from crowdbench.utils.errors import InputError, is_number
 from crowdbench.utils.tables import flatten, plain
-
-if TYPE_CHECKING:
-    from crowdbench.record.contents import Recording
-
-
-BAG_DIGEST_LENGTH = 64
-"""Number of digits of the digest of a robot's bags, which replaces the digest of a scenario."""
 
 
 def write_run(
@@ -39,7 +33,7 @@ def write_run(
     recorded: int,
     stated: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Write the files of a run beside its commands and its recording.
+    """Write the files of a run beside its exact store (`commands.parquet` or `tracks.parquet`) and its recording.
 
     Args:
         folder: The folder, which becomes the run's directory.
@@ -106,7 +100,7 @@ class RunResult:
     def read_unchecked(cls, directory: Path) -> RunResult:
         """Read a run for a replay, also if its checks fail. Raises InputError if a file is missing or damaged."""
         if not directory.is_dir():
-            raise InputError(f"{directory} is not the directory of a run, which --replay needs")
+            raise InputError(f"{directory} is not the directory of a run")
         try:
             return cls.read(directory)
         except InputError as error:  # the replay reports the errors in the file
@@ -114,18 +108,16 @@ class RunResult:
 
     def check(self) -> None:
         """Raise InputError with the file and the field if the files of the run contradict each other."""
-        rules = self.rules
-        rows, files = self._wrong_rows(rules), self._wrong_files(rules)
-        for file, sentence in itertools.chain(rows, self._wrong_fields(), files):
+        for file, sentence in itertools.chain(self._wrong_rows(), self._wrong_fields(), self._wrong_files()):
             raise InputError(f"{self.directory / file}: {sentence}; make the run again")
 
-    def _wrong_rows(self, rules: Rules) -> Iterator[tuple[str, str]]:
+    def _wrong_rows(self) -> Iterator[tuple[str, str]]:
         """Yield the errors in the rows of `episodes.csv`, each as a file and the rest of a sentence."""
-        episodes, cases = self.episodes, self.cases
+        episodes, cases, most = self.episodes, self.cases, self.rules.max_steps
         if len(episodes) != len(cases) or not (episodes.case == cases.indices).all():
             yield EPISODES, f"its cases differ from {cases}, as in {RESULT}"
-        elif not ((episodes.steps >= 1) & (episodes.steps <= rules.max_steps)).all():
-            yield EPISODES, f"steps are not all from 1 to {rules.max_steps}"
+        elif not ((episodes.steps >= 1) & (episodes.steps <= most)).all():
+            yield EPISODES, f"steps are not all from 1 to {most}"
         if (episodes.block is not None) != ("tracks" in self.result["scenario"]):
             yield EPISODES, f"it must have a column {BLOCK} if pedestrians are recorded, and only then"
         if episodes.columns.keys() != self.result["run"]["metrics"].keys():
@@ -143,30 +135,27 @@ class RunResult:
             if not _agree(stated.get(name), recomputed.get(name)):
                 yield RESULT, f"{name} is {stated.get(name)!r}, but {EPISODES} gives {recomputed.get(name)!r}"
 
-    def _wrong_files(self, rules: Rules) -> Iterator[tuple[str, str]]:
-        """Yield the errors in the commands and the recording."""
-        result, record, recorded = self.result, self.result["stated"]["record"], self.result["recorded"]
-        has_commands = record != "none" and len(result["run"]["scenario"]) != BAG_DIGEST_LENGTH
-        for name, is_written in ((COMMANDS, has_commands), (RECORDING, recorded > 0)):
-            if is_written != (name in result["files"]):
-                yield RESULT, f"stated.record is {record!r} and recorded {recorded}, which contradicts files.{name}"
-        commands, recording = self.directory / COMMANDS, self.directory / RECORDING
+    def _wrong_files(self) -> Iterator[tuple[str, str]]:
+        """Yield the errors in the list of files, and in the commands."""
+        listed, record, recorded = self.result["files"], self.result["stated"]["record"], self.result["recorded"]
+        if (COMMANDS in listed) + (TRACKS in listed) != (record != "none"):
+            yield RESULT, f"stated.record is {record!r}, which contradicts files.{COMMANDS} or files.{TRACKS}"
+        if (RECORDING in listed) != (recorded > 0):
+            yield RESULT, f"recorded is {recorded}, which contradicts files.{RECORDING}"
+        commands = self.directory / COMMANDS
         if commands.exists():
-            check_size(commands, len(self.cases), rules.max_steps)
+            check_size(commands, len(self.cases), self.rules.max_steps)
             for name in ("case", "steps"):
                 if not np.array_equal(getattr(self.commands, name), getattr(self.episodes, name)):
                     yield COMMANDS, f"its {name} differ from {EPISODES}"
-        if recording.exists():
-            from crowdbench.record.recorded_cases import read_header
 
-            header, ends = read_header(recording)
-            right = {**self.header, "split": self.cases.split, "recorded": recorded}
-            for name, value in {**header, "recorded": len(ends)}.items():
-                if value != right[name]:
-                    yield RECORDING, f"its {name} is {value!r}, but {RESULT} says {right[name]!r}"
-            labels = [Outcome(outcome).label for outcome in self.episodes.outcome]
-            if not ends.items() <= dict(zip(self.episodes.case.tolist(), labels, strict=True)).items():
-                yield RECORDING, f"its outcomes differ from {EPISODES}"
+    def find_case(self, case: int | str) -> int:
+        """Return the number of a case, given by its number or its name. Raises InputError if the run has no such
+        case."""
+        split, number = parse_case(str(case), self.cases.split)
+        if split != self.cases.split or number not in self.cases.indices:
+            raise InputError(f"case {case} is none of the cases {self.cases} of {self.directory}")
+        return number
 
     @property
     def cases(self) -> Cases:
@@ -195,28 +184,23 @@ class RunResult:
     @property
     def header(self) -> dict[str, Any]:
         """The properties of the run for a recording, see `record.write.Recorder`."""
-        names = {"planner": self.label, "scenario": self.result["scenario"]["name"], "cases": len(self.cases)}
-        return names | {"scenario_digest": self.result["run"]["scenario"]}
+        scenario = {"scenario": self.result["scenario"]["name"], "scenario_digest": self.result["run"]["scenario"]}
+        return {"planner": self.label, **scenario}
+
+    @property
+    def is_simulated(self) -> bool:
+        """True if the exact store is commands, with which the run is simulated again; False if it is tracks."""
+        return TRACKS not in self.result["files"]
 
     @functools.cached_property
     def commands(self) -> StoredCommands:
-        """The commands of its cases. Raises InputError if they were not recorded, or the file is damaged."""
+        """The commands of its cases. Raises InputError if they were not stored, or the file is damaged."""
         return read_commands(self.directory / COMMANDS)
 
-    @property
-    def drives(self) -> Trace | None:
-        """The recorded drives of a robot; None for a simulated run."""
-        is_simulated = len(self.result["run"]["scenario"]) != BAG_DIGEST_LENGTH
-        return None if is_simulated or self.recording is None else self.recording.trace
-
     @functools.cached_property
-    def recording(self) -> Recording | None:
-        """The recording; None if nothing is recorded. Raises InputError if the file is damaged."""
-        if not (self.directory / RECORDING).exists():
-            return None
-        from crowdbench.record.contents import read
-
-        return read(self.directory / RECORDING)
+    def tracks(self) -> Trace:
+        """The stored tracks. Raises InputError if the file is damaged."""
+        return read_tracks(self.directory / TRACKS)
 
 
 def _agree(stated: Any, recomputed: Any) -> bool:

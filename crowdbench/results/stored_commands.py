@@ -122,7 +122,9 @@ def commands_table(trace: Trace) -> pa.Table:
 
 def _read_table(path: Path) -> pa.Table:
     if not path.is_file():
-        raise InputError(f"there is no {path}, so that the run cannot be replayed: it was made with --record none")
+        raise InputError(
+            f"there is no {path}, so that the run cannot be simulated again: it was made with --record none"
+        )
     try:
         with path.open("rb") as file, pq.ParquetFile(file) as parquet:
             table = parquet.read()

@@ -1,3 +1,4 @@
+from .decision_time import SAME_COMMANDS as SAME_COMMANDS
 from .decision_time import time_single_world as time_single_world
 from .each_scenario import make_each as make_each
 from .folder import is_complete as is_complete
@@ -8,15 +9,16 @@ from .identity import PlannerId as PlannerId
 from .identity import RunId as RunId
 from .identity import code as code
 from .identity import source_of as source_of
+from .loading import identify as identify
 from .loading import load_run as load_run
 from .loading import load_stored_scenario as load_stored_scenario
 from .recording import units_of as units_of
 from .replay import Playback as Playback
-from .replay import replay_run as replay_run
 from .rollout import Progress as Progress
 from .run import Run as Run
 from .run import fit_batch as fit_batch
 from .run import read_versions as read_versions
+from .score import replay_run as replay_run
 from .shards import WHOLE as WHOLE
 from .shards import Parts as Parts
 from .shards import Shard as Shard

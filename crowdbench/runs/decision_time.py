@@ -25,7 +25,7 @@ from crowdbench.scenario.scenario import Scenario
 HARD_LIMIT = 20
 """Number of time steps after which a single decision in one world is stopped."""
 
-SAME = 1.5e-4
+SAME_COMMANDS = 1.5e-4
 """Largest difference of commands that count as the same, in the units of the vehicle's commands. Networks round
 differently for one world than for many, and boards round commands to 1e-4."""
 
@@ -72,7 +72,7 @@ class _Timed(AheadPlanner):
         self.taken = self.processor()
         if self.recorded is not None:
             executed = self.recorded[obs.step[0] : obs.step[0] + steps]
-            is_same = bool((np.abs(commands[0, : len(executed)] - executed) <= SAME).all())
+            is_same = bool((np.abs(commands[0, : len(executed)] - executed) <= SAME_COMMANDS).all())
             if not is_same:  # an episode may end before all commands of its last decision are executed
                 commands = np.pad(executed, ((0, steps - len(executed)), (0, 0)))[None]
         self.decisions.append((max(seconds, self.taken - before), is_same))

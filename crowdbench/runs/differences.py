@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Int, Shaped
 
-from crowdbench.core.types import Outcome, Trace
+from crowdbench.core.types import Outcome
 from crowdbench.results.episodes import BLOCK, Episodes
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.tables import flatten
@@ -22,12 +21,6 @@ TOLERANCE = 1e-6
 
 In one minute of interacting pedestrians, a rounding difference of 1e-16 grows to 1e-8 or more.
 """
-
-_NOT_COMPARED = ("split", "case", "rules", "logs")
-"""Fields of a trace that are not states, or that a replay does not have."""
-
-_WITHOUT_TIME = ("outcome", "steps", "preferred_speed", "block")
-"""Parts of a trace that have no axis for the time."""
 
 _SHOWN = 3
 """Largest number of cases or values that a message lists."""
@@ -138,21 +131,6 @@ class Differences(list[Difference]):
         self.note_pairs("cases end otherwise than episodes.csv says", ends, len(names))
         self.note("cases are of another block of time in episodes.csv", moved, len(names))
         self.note("cases have other figures in episodes.csv", (figures[row] for row in sorted(figures)), len(names))
-
-    def compare_states(self, recorded: Trace, replayed: Trace) -> list[str]:
-        """Return a text for each episode that differs between the traces: its case, the first array that differs, and
-        the step."""
-        _, *rows = np.intersect1d(recorded.case, replayed.case, return_indices=True)
-        texts: dict[int, str] = {}
-        for name in (field.name for field in dataclasses.fields(Trace) if field.name not in _NOT_COMPARED):
-            # Older recordings have no groups.
-            if len(rows[0]) == 0 or getattr(replayed, name) is None or getattr(recorded, name) is None:
-                continue
-            differs = ~self.agree(getattr(recorded, name)[rows[0]], getattr(replayed, name)[rows[1]])
-            for row in np.flatnonzero(differs.reshape(len(differs), -1).any(axis=1)).tolist():
-                when = "" if name in _WITHOUT_TIME else f" at step {np.argwhere(differs[row])[0, 0]}"
-                texts.setdefault(row, f"{self.name(int(recorded.case[rows[0][row]]))} ({name}{when})")
-        return [texts[row] for row in sorted(texts)]
 
     def agree(self, a: Shaped[np.ndarray, "*shape"], b: Shaped[np.ndarray, "*shape"]) -> Bool[np.ndarray, "*shape"]:
         """Return an array that is True for each element in which two arrays agree. NaN agrees with NaN."""

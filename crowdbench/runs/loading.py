@@ -114,7 +114,7 @@ def load_stored_scenario(
     if scenario.digest != right:
         raise InputError(f"{path}: run.scenario is {right}, but its table scenario has the digest {scenario.digest}")
     changed = copy.deepcopy({**table, **scenario.table})
-    of_layout = [(f"layout.{name}", value) for name, value in changed["layout"].items()]
+    of_layout = [(f"layout.{name}", value) for name, value in changed.get("layout", {}).items()]
     for key, value in run.result["stated"]["overrides"].items():
         # The table has the contents of files, and numbers in the types of the layout's parameters, such as 6.0 for 6.
         if key == "layout.map" or catalog.names_file(value) or (key, value) in of_layout:

@@ -54,7 +54,7 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False) -> di
             episodes,
             run=parts[0].result["run"] | {"cases": str(cases)},
             scenario=parts[0].result["scenario"],
-            recorded=_join_recordings(parts, cases, directory / RECORDING),
+            recorded=_join_recordings(parts, directory / RECORDING),
             stated={**stated[0], "timing": _timing(parts), **joined},
         )
 
@@ -63,6 +63,8 @@ def _check_fitting(parts: Sequence[RunResult]) -> None:
     if not parts:
         raise InputError("there is no run to merge: name the directories of runs")
     for part in parts:
+        if not part.is_simulated:
+            raise InputError(f"{part.directory} holds tracks, and only simulated runs are merged")
         if part.result["run"]["code"] != code():
             raise InputError(f"{part.directory} was not made by this version of crowdbench: make it again")
     for before, after in itertools.pairwise(parts):
@@ -82,12 +84,11 @@ def _shared(part: RunResult) -> dict[str, Any]:
     return {**part.result["run"], "cases": "", "name of the scenario": part.result["scenario"]["name"], **stated}
 
 
-def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> int:
+def _join_recordings(parts: Sequence[RunResult], path: Path) -> int:
     """Join the recordings of the parts until `most_failures` is reached, and return the number of episodes.
 
     Args:
         parts: The parts.
-        cases: The cases of all parts.
         path: The recording to write.
     """
     recorded = [part for part in parts if part.result["recorded"]]
@@ -98,7 +99,7 @@ def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> in
     number = 0
     # Recorded crowds have no key `number`, and are not that large.
     most = most_failures(parts[0].result["scenario"]["pedestrians"].get("number", [0, 0])[1])
-    with Recorder(path, **parts[0].header | {"cases": len(cases)}) as recorder:
+    with Recorder(path, **parts[0].header) as recorder:
         for part in recorded:
             if number < most or part.result["stated"].get("record") == "all":
                 number += recorder.copy(part.directory / RECORDING)

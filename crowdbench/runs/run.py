@@ -102,7 +102,7 @@ class Run:
                         Cases(cases.split, start, min(start + batch, cases.stop)),
                         replanning=self.spec.replanning,
                         keep_logs=with_episodes,
-                        undisturbed=with_episodes or need_undisturbed(self.metrics),
+                        undisturbed=need_undisturbed(self.metrics),
                         progress=progress,
                         watch=self.foresee,
                     )
@@ -125,7 +125,6 @@ class Run:
             "planner": self.label,
             "scenario": self.scenario.name,
             "scenario_digest": self.scenario.digest,
-            "cases": len(self.spec.cases),
             "options": self.spec.options,
             "units": units_of(self.metrics),
             "identity": self.id.digest[:8],

@@ -15,12 +15,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.core.types import Rules, World
-from crowdbench.scenario.layouts.crossings import NOISE, PLUS_CLEARANCE, draw_beside, is_clear, vehicle_way
+from crowdbench.scenario.layouts.crossings import NOISE, PLUS_CLEARANCE, draw_beside, draw_vehicle_trip, is_clear
 from crowdbench.scenario.layouts.placer import Point
 from crowdbench.scenario.placement import Placement
-from crowdbench.scenario.population import Crowd, Traits
+from crowdbench.scenario.population import Population, Traits
 from crowdbench.scenario.post_step_rule import find_arrived, replace_person
-from crowdbench.scenario.starts import Case, LayoutStarts, Start, Vehicle, seed_legacy
+from crowdbench.scenario.schema import VehicleSpec
+from crowdbench.scenario.starts import Case, LayoutStarts, Start, seed_legacy
 from crowdbench.sim.simulator import PostStepRule
 from crowdbench.utils.errors import InputError
 
@@ -31,11 +32,11 @@ MEMORY = "crowdnav_plus"
 """Key of `World.memory` for the number of each case, and the count of numbers drawn from its stream: -1 in cases that
 are not drawn as in CrowdNav++."""
 
-NOTICED = "neighbor_distance"
+NEIGHBOR_DISTANCE = "neighbor_distance"
 """The parameter of a policy that is drawn for each pedestrian."""
 
 
-class _Stream:
+class _CaseStream:
     """The random stream of a test case, and its draws.
 
     Attributes:
@@ -48,7 +49,7 @@ class _Stream:
         drawn: Count of numbers drawn before.
     """
 
-    def __init__(self, case: int, crowd: Crowd, circle_radius: float, drawn: int = 0) -> None:
+    def __init__(self, case: int, crowd: Population, circle_radius: float, drawn: int = 0) -> None:
         legacy = seed_legacy(SEED + case)
         legacy.random_raw(2 * drawn, output=False)  # a number takes two raw values
         self._generator = np.random.Generator(legacy)
@@ -63,7 +64,7 @@ class _Stream:
 
     def draw_person(self) -> list[float]:
         """Draw the distance in metres at which a pedestrian notices others, its speed in m/s and radius in metres."""
-        noticed = self._crowd.parameters[self.policy][NOTICED]
+        noticed = self._crowd.parameters[self.policy][NEIGHBOR_DISTANCE]
         quantities = noticed, self._crowd.preferred_speed, self._crowd.radius
         if any(quantity.low < quantity.high for quantity in quantities):
             return [quantity.low + (quantity.high - quantity.low) * self.draw() for quantity in quantities]
@@ -76,7 +77,7 @@ class _Stream:
             name: {parameter: np.full(len(people), quantity.mean) for parameter, quantity in table.items()}
             for name, table in self._crowd.parameters.items()
         }
-        parameters[self.policy][NOTICED] = distance
+        parameters[self.policy][NEIGHBOR_DISTANCE] = distance
         return Traits(radius, speed, np.zeros(len(people), np.int64), parameters)
 
     def draw_point(
@@ -98,22 +99,26 @@ class _Stream:
 class CrowdNavPlusStarts(LayoutStarts):
     """Starts as in CrowdNav++ for the first test cases, and by the layout of the same name for other cases."""
 
-    def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
+    def start(self, case: Case, crowd: Population, vehicle: VehicleSpec, rules: Rules) -> Start:
         """See `LayoutStarts`."""
         if not self.uses_crowdnav_seed(case):
             return super().start(case, crowd, vehicle, rules)
-        stream = _Stream(case.number, crowd, self.layout.options["circle_radius"])
-        trips, people, radius = [vehicle_way(stream.draw, self.layout.options["half_width"])], [], [vehicle.radius]
+        stream = _CaseStream(case.number, crowd, self.layout.options["circle_radius"])
+        trips = [draw_vehicle_trip(stream.draw, self.layout.options["half_width"])]
+        radii = [vehicle.radius]
+        people = []
         for _ in range(crowd.number[1]):
-            people.append(stream.draw_person())
-            reach = np.repeat(radius, 2) + people[-1][2] + PLUS_CLEARANCE
+            person = stream.draw_person()
+            radius = person[2]
+            reach = np.repeat(radii, 2) + radius + PLUS_CLEARANCE
             start = stream.draw_point(np.array(trips).reshape(-1, 2), reach)
             trips.append((start, (-start[0], -start[1])))
-            radius.append(people[-1][2])
+            radii.append(radius)
+            people.append(person)
         starts, goals = np.array(trips).swapaxes(0, 1)
         traits = stream.traits(people)
-        distances = traits.parameters[stream.policy][NOTICED]
-        distances[:] = distances[-1:]  # see `_CrowdNavPlusRule._renew`
+        distances = traits.parameters[stream.policy][NEIGHBOR_DISTANCE]
+        distances[:] = distances[-1:]  # see `_CrowdNavPlusRule._update`
         return Start(traits, Placement(start=starts, goal=goals), np.full(len(people), -1), stream.drawn)
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
@@ -122,7 +127,7 @@ class CrowdNavPlusStarts(LayoutStarts):
         memory = {"case": np.array(numbers, np.int64), "drawn": np.array(drawn, np.int64)}
         return world.replace(memory={**world.memory, MEMORY: memory})
 
-    def post_step_rule(self, crowd: Crowd) -> PostStepRule | None:
+    def post_step_rule(self, crowd: Population) -> PostStepRule | None:
         """See `LayoutStarts`."""
         others = super().post_step_rule(crowd)
         if others is None or crowd.arrival != "respawn":
@@ -140,47 +145,48 @@ class _CrowdNavPlusRule:
         others: The rule of other cases.
     """
 
-    crowd: Crowd
+    crowd: Population
     circle_radius: float
     others: PostStepRule
 
     def __call__(self, world: World, running: Bool[np.ndarray, "world"]) -> World:
         """See `crowdbench.sim.simulator.PostStepRule`."""
-        is_theirs, change = world.memory[MEMORY]["drawn"] >= 0, self.crowd.goal_change
-        after = self.others(world, running & ~is_theirs)
+        change = self.crowd.goal_change
+        is_crowdnav_plus = world.memory[MEMORY]["drawn"] >= 0
+        after = self.others(world, running & ~is_crowdnav_plus)
         may_turn = change.is_due(world) if change else np.zeros(len(world), bool)
-        due = running & is_theirs & (find_arrived(world, running).any(axis=1) | may_turn)
+        due = running & is_crowdnav_plus & (find_arrived(world, running).any(axis=1) | may_turn)
         if due.any() and after is world:
             after = world.take(np.arange(len(world)))  # a copy, which is changed in place
         for row in np.flatnonzero(due).tolist():
-            self._renew(after, row)
+            self._update(after, row)
         return after
 
-    def _renew(self, world: World, row: int) -> None:
+    def _update(self, world: World, row: int) -> None:
         """Change goals and replace pedestrians of a world after a step, in its arrays."""
         number, drawn = world.memory[MEMORY]["case"], world.memory[MEMORY]["drawn"]
-        stream = _Stream(int(number[row]), self.crowd, self.circle_radius, int(drawn[row]))
+        stream = _CaseStream(int(number[row]), self.crowd, self.circle_radius, int(drawn[row]))
         change = self.crowd.goal_change
         if change is not None and change.is_due(world)[row]:
             for agent in range(1, self.crowd.number[1] + 1):
                 if stream.draw() <= change.chance:
-                    self._turn(stream, world, row, agent)
-        arrived, came = find_arrived(world, np.arange(len(world)) == row)[row], []
-        for agent in (np.flatnonzero(arrived) + 1).tolist():
+                    self._change_goal(stream, world, row, agent)
+        arrived = find_arrived(world, np.arange(len(world)) == row)[row]
+        replaced = (np.flatnonzero(arrived) + 1).tolist()
+        for agent in replaced:
             person = stream.traits([stream.draw_person()])
             # Clear also of the replaced pedestrian.
             others = np.concatenate([world.position[row], world.goal[row]])
             start = stream.draw_point(others, np.tile(world.radius[row], 2) + person.radius + PLUS_CLEARANCE)
             world.origin[row, agent], world.goal[row, agent] = start, (-start[0], -start[1])
             replace_person(world, row, agent - 1, person, 0, np.array(start), self.crowd.number[1])
-            came.append(agent)
-        if came:
+        if replaced:
             # In CrowdNav++, a policy uses the distance that was drawn last before its first decision.
-            distances = world.parameters[stream.policy][NOTICED]
-            distances[row, came] = distances[row, came[-1]]
+            distances = world.parameters[stream.policy][NEIGHBOR_DISTANCE]
+            distances[row, replaced] = distances[row, replaced[-1]]
         drawn[row] = stream.drawn
 
-    def _turn(self, stream: _Stream, world: World, row: int, agent: int) -> None:
+    def _change_goal(self, stream: _CaseStream, world: World, row: int, agent: int) -> None:
         """Draw another goal for an agent of a world, clear of the positions and goals of the others."""
         others = np.arange(self.crowd.number[1] + 1) != agent
         points = np.concatenate([world.position[row, others], world.goal[row, others]])

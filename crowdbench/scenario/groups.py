@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.scenario.placement import PerAgent, Placement, Position, check_finite, check_shape
-from crowdbench.scenario.respawn import Room
+from crowdbench.scenario.respawn import Surroundings
 
 GAP = 0.2
 """Distance in metres between the rims of neighbours in a group at the start."""
@@ -47,7 +47,7 @@ def group_reach(radius: Float[np.ndarray, "member"]) -> float:
     return float(radius.max()) + _spacing(radius) * (len(radius) - 1) / 2
 
 
-def spread(ahead: Position, radius: Float[np.ndarray, "member"], stands: bool) -> Float[np.ndarray, "member 2"]:
+def member_offsets(ahead: Position, radius: Float[np.ndarray, "member"], stands: bool) -> Float[np.ndarray, "member 2"]:
     """Return the offsets of members from the middle of a group: side by side if it walks, in a circle if it stands.
 
     Args:
@@ -96,18 +96,20 @@ def place_groups(
     leaders = [members[0] for members in groups]
     placement = check_finite(check_shape(layout(reach, preferred_speed[leaders]), len(groups)))
     ahead = placement.goal - placement.start
-    offset = np.concatenate([spread(ahead[number], radius[members], False) for number, members in enumerate(groups)])
+    offset = np.concatenate(
+        [member_offsets(ahead[number], radius[members], False) for number, members in enumerate(groups)]
+    )
     start, goal = placement.start[group] + offset, placement.goal[group] + offset
     route = None if placement.route is None else placement.route[group]
     obstacles = np.empty((0, 0, 2)) if placement.obstacles is None else placement.obstacles
     for number, members in enumerate(groups[1:], 1):
         if stands[members[0] - 1]:
             others = group != number
-            room = Room(start[others], goal[others], radius[others], preferred_speed[others], obstacles)
+            surroundings = Surroundings(start[others], goal[others], radius[others], preferred_speed[others], obstacles)
             points = placement.start[number] + stream.random(TRIES)[:, None] * ahead[number]
-            clear = (point for point in points if room.is_clear(point, float(reach[number])))
+            clear = (point for point in points if surroundings.is_clear(point, float(reach[number])))
             middle = next(clear, placement.start[number])
-            start[members] = goal[members] = middle + spread(ahead[number], radius[members], True)
+            start[members] = goal[members] = middle + member_offsets(ahead[number], radius[members], True)
             if route is not None:
                 route[members] = np.nan
     return Placement(start, goal, route, placement.obstacles)

@@ -24,7 +24,7 @@ _TOLERANCE = 1e-9
 Position = Float[np.ndarray, "2"]
 """A point in metres."""
 
-Way = tuple[Position, Position]
+Trip = tuple[Position, Position]
 """The start and the goal of an agent."""
 
 
@@ -134,13 +134,13 @@ def check_obstacles(placement: Placement, radius: PerAgent) -> Placement:
         return placement
     corners = {i: points for i, points in enumerate(map(_points, placement.obstacles)) if len(points)}
     shapes = {i: _shape(i, points) for i, points in corners.items()}
-    _apart(shapes)
-    _outside(placement, radius, shapes)
-    turned = placement.obstacles.copy()
+    _check_apart(shapes)
+    _check_outside(placement, radius, shapes)
+    obstacles = placement.obstacles.copy()
     for i, points in corners.items():
         if len(points) > 2 and not shapely.is_ccw(shapely.LinearRing(points)):
-            turned[i, : len(points)] = points[::-1]
-    return dataclasses.replace(placement, obstacles=turned)
+            obstacles[i, : len(points)] = points[::-1]
+    return dataclasses.replace(placement, obstacles=obstacles)
 
 
 def add_routes(placement: Placement, radius: PerAgent) -> Placement:
@@ -210,7 +210,7 @@ def _shape(i: int, corners: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:
     return shape
 
 
-def _apart(shapes: Mapping[int, shapely.Geometry]) -> None:
+def _check_apart(shapes: Mapping[int, shapely.Geometry]) -> None:
     """Raise InputError if two obstacles cross or overlap. They may touch."""
     number, geometries = list(shapes), list(shapes.values())
     pairs = shapely.STRtree(geometries).query(np.array(geometries, object), predicate="intersects")
@@ -219,7 +219,7 @@ def _apart(shapes: Mapping[int, shapely.Geometry]) -> None:
             raise InputError(f"obstacles[{number[first]}] and obstacles[{number[second]}] cross or overlap")
 
 
-def _outside(placement: Placement, radius: PerAgent, shapes: Mapping[int, shapely.Geometry]) -> None:
+def _check_outside(placement: Placement, radius: PerAgent, shapes: Mapping[int, shapely.Geometry]) -> None:
     """Raise InputError if a start or a goal is in a wall, or nearer to it than the agent's radius."""
     for part, points in (("start", placement.start), ("goal", placement.goal)):
         for i, shape in shapes.items():

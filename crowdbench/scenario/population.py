@@ -30,7 +30,7 @@ ARRIVALS = ("walk_on", "stop", "leave", "new_goal", "respawn", "back_and_forth")
 RECORDED = "recorded"
 """The name of the policy of pedestrians that walk as they were recorded."""
 
-GOES_ON = ("new_goal", "respawn", "back_and_forth")
+CONTINUING_ARRIVALS = ("new_goal", "respawn", "back_and_forth")
 """Behaviours after which a pedestrian walks to another goal."""
 
 
@@ -101,7 +101,7 @@ class Traits(NamedTuple):
     policy: Int[np.ndarray, "pedestrian"]
     parameters: Mapping[str, Mapping[str, Float[np.ndarray, "pedestrian"]]]
 
-    def alike(self, first: Int[np.ndarray, "pedestrian"]) -> Traits:
+    def with_traits_of(self, first: Int[np.ndarray, "pedestrian"]) -> Traits:
         """Return the same pedestrians, each with the speed and the policy of the first one in its group."""
         return self._replace(preferred_speed=self.preferred_speed[first], policy=self.policy[first])
 
@@ -122,7 +122,7 @@ class GoalChange(TomlTable):
         return np.asarray(world.step % round(self.period / world.rules.dt) == 0)
 
 
-class Limits(TomlTable):
+class WalkingLimitsSpec(TomlTable):
     """`[pedestrians] limits`: how fast pedestrians can change their velocity, see `WalkingLimits`.
 
     Attributes:
@@ -138,7 +138,7 @@ class Limits(TomlTable):
 
 
 @dataclass(frozen=True)
-class Crowd:
+class Population:
     """The pedestrians of a scenario.
 
     Attributes:
@@ -160,9 +160,9 @@ class Crowd:
     shares: Mapping[str, float]
     standing: Collection[str]
     parameters: Mapping[str, Mapping[str, Distribution]]
-    groups: Mapping[int, float]
-    arrival: str
-    goal_change: GoalChange | None
+    groups: Mapping[int, float] = dataclasses.field(default_factory=dict)
+    arrival: str = "walk_on"
+    goal_change: GoalChange | None = None
     clear_space: ClearSpace | None = None
 
     @property
@@ -170,7 +170,7 @@ class Crowd:
         """True for policies whose pedestrians stand. The policy of recorded cars is included, but never drawn."""
         return np.array([name in self.standing for name in self.parameters])
 
-    def walking(self) -> Crowd:
+    def walking(self) -> Population:
         """Return the crowd without standing pedestrians, from which replacements for arrived pedestrians are drawn."""
         shares = {name: 0.0 if name in self.standing else share for name, share in self.shares.items()}
         if not any(shares.values()):  # then no pedestrian arrives

@@ -12,10 +12,10 @@ from crowdbench.core.arrays import PedestrianFlags
 from crowdbench.core.geometry import norm, pad_points
 from crowdbench.core.types import World
 from crowdbench.scenario.clear_space import MovingVehicle, velocities_ahead
-from crowdbench.scenario.groups import group_reach, spread
+from crowdbench.scenario.groups import group_reach, member_offsets
 from crowdbench.scenario.placement import LayoutCall, Position
-from crowdbench.scenario.population import Crowd, Traits
-from crowdbench.scenario.respawn import Room, draw_again
+from crowdbench.scenario.population import Population, Traits
+from crowdbench.scenario.respawn import Surroundings, redraw
 from crowdbench.sim.routes import with_route
 
 
@@ -30,7 +30,7 @@ class LayoutPostStepRule:
         layout: The layout, which draws pedestrians and goals again.
     """
 
-    crowd: Crowd
+    crowd: Population
     layout: LayoutCall
 
     def __call__(self, world: World, running: Bool[np.ndarray, "world"]) -> World:
@@ -51,25 +51,35 @@ class LayoutPostStepRule:
         walks = find_walking(world, running) & ~self.crowd.stands[world.policy]
         arrived = walks & find_arrived(world, running & (self.crowd.arrival != "walk_on"))
         ids = np.where(world.group < 0, world.person, world.group)
-        change, turned = self.crowd.goal_change, np.zeros_like(walks)
-        if change is not None and (is_due := running & change.is_due(world)).any():
-            draws = rng.draw_uniforms(world.key, "goal_change", world.step, ids)
-            turned = is_due[:, None] & walks & (draws < change.chance)
-        if not arrived.any() and not turned.any():
+        redirected = self._draw_goal_changes(world, running, ids) & walks
+        if not arrived.any() and not redirected.any():
             return world
         after = world.take(np.arange(len(world)))  # a copy, which is changed in place
         if self.crowd.arrival == "back_and_forth":
             arrived = walks & _add_groups(arrived, ids)
-        if self.crowd.arrival in _AT_ONCE:
-            _AT_ONCE[self.crowd.arrival](after, arrived)
-            turned, walks, arrived = turned & ~arrived, walks & ~arrived, np.zeros_like(arrived)
-        changed = walks & _add_groups(arrived | turned, ids)
+        if self.crowd.arrival in _ARRIVAL_EFFECTS:
+            _ARRIVAL_EFFECTS[self.crowd.arrival](after, arrived)
+            walks = walks & ~arrived
+            redirected = redirected & ~arrived
+            arrived = np.zeros_like(arrived)
+        changed = walks & _add_groups(arrived | redirected, ids)
         for row, pedestrian in np.argwhere(changed).tolist():
             members = np.flatnonzero(walks[row] & (ids[row] == ids[row, pedestrian]))
             if pedestrian == members[0]:
                 is_new = self.crowd.arrival == "respawn" and bool(arrived[row, members].any())
                 after = self._replace(after, row, members, is_new)
         return after
+
+    def _draw_goal_changes(
+        self, world: World, running: Bool[np.ndarray, "world"], ids: Int[np.ndarray, "world pedestrian"]
+    ) -> PedestrianFlags:
+        """Return the pedestrians whose goals change after this step; members of a group have the same id."""
+        change = self.crowd.goal_change
+        is_due = np.zeros(len(world), bool) if change is None else running & change.is_due(world)
+        if change is None or not is_due.any():
+            return np.zeros(ids.shape, bool)
+        draws = rng.draw_uniforms(world.key, "goal_change", world.step, ids)
+        return np.asarray(is_due[:, None] & (draws < change.chance))
 
     def _replace(self, world: World, row: int, members: Int[np.ndarray, "member"], is_new: bool) -> World:
         """Give one pedestrian or a group a new goal, or replace them by new pedestrians, in the arrays of the worlds.
@@ -83,16 +93,19 @@ class LayoutPostStepRule:
         start, goal = world.position[row, agents], world.goal[row, agents]
         if is_new:
             crowd = rng.generator(world.key[row], "crowd again", *of_this)
-            traits = self.crowd.walking().draw(crowd, len(members)).alike(np.zeros_like(members))
+            traits = self.crowd.walking().draw(crowd, len(members)).with_traits_of(np.zeros_like(members))
             radius, speed = traits.radius, float(traits.preferred_speed[0])
-        room, stream = Room.of(world, row, agents), rng.generator(world.key[row], "places again", *of_this)
+        surroundings, stream = (
+            Surroundings.of(world, row, agents),
+            rng.generator(world.key[row], "places again", *of_this),
+        )
         middle = None if is_new else start.mean(axis=0)
-        trip = draw_again(self.layout, stream, room, group_reach(radius), speed, middle)
+        trip = redraw(self.layout, stream, surroundings, group_reach(radius), speed, middle)
         if trip is None:
             return world
-        offset = spread(trip[1] - trip[0], radius, stands=False)
+        offset = member_offsets(trip[1] - trip[0], radius, stands=False)
         start, goal = trip[0] + offset if is_new else start, trip[1] + offset
-        found_routes = [room.find_route(*member) for member in zip(start, goal, radius.tolist(), strict=True)]
+        found_routes = [surroundings.find_route(*member) for member in zip(start, goal, radius.tolist(), strict=True)]
         routes = [route for route in found_routes if route is not None]
         if len(routes) < len(agents):
             return world
@@ -188,5 +201,5 @@ def _turn_back(world: World, arrived: PedestrianFlags) -> None:
         route[: len(points)] = points[::-1]
 
 
-_AT_ONCE = {"stop": _stop, "leave": _leave, "back_and_forth": _turn_back}
+_ARRIVAL_EFFECTS = {"stop": _stop, "leave": _leave, "back_and_forth": _turn_back}
 """Effects of arrival without a random draw."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,34 +14,35 @@ from crowdbench.core.dynamics import reach
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.layouts.placer import CLEARANCE
-from crowdbench.scenario.placement import PerAgent, Placement, Position, Way
-from crowdbench.scenario.population import RECORDED, Crowd, Traits
-from crowdbench.scenario.starts import Case, Start, Vehicle
-from crowdbench.scenario.tracks.eth_ucy import Tracks
-from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, interpolate, people_of, split_windows
-from crowdbench.scenario.tracks.scenes import Scene
+from crowdbench.scenario.placement import PerAgent, Placement, Position, Trip
+from crowdbench.scenario.population import RECORDED, Population, Traits
+from crowdbench.scenario.schema import VehicleSpec
+from crowdbench.scenario.starts import Case, Start
+from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
+from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, interpolate, recorded_pedestrians, split_windows
+from crowdbench.scenario.tracks.scenes import RecordedScene
 from crowdbench.sim.presence import come_and_go
 from crowdbench.sim.simulator import PostStepRule
 from crowdbench.utils.errors import InputError
 
 Tracked = Float[np.ndarray, "time pedestrian 2"]
 
-SLOWEST = 1e-3
+MIN_SPEED = 1e-3
 """Smallest preferred speed in m/s, for recorded pedestrians that stood still."""
 
-_ROOM = 1.0 + 1e-9
+_SPEED_MARGIN = 1.0 + 1e-9
 """Factor on the largest speed of recorded pedestrians, so that rounding does not slow them down."""
 
 CELL = 0.5
 """Side of a cell in metres. A cell is free if a pedestrian has walked in it or in one of its eight neighbours."""
 
-FARTHER = 2.0
+MAX_EXCESS = 2.0
 """Largest excess in metres of the goal's distance over the requested distance."""
 
 CLEAR_TIME = 1.0
 """Initial time in seconds in which no pedestrian comes near the vehicle's start, because the vehicle is still there."""
 
-MOST_BUSY = 0.5
+MAX_BUSY_SHARE = 0.5
 """Largest share of the time in which a pedestrian covers the goal."""
 
 DRAWS = 20_000
@@ -56,15 +56,15 @@ class FreeSpace:
         tracks: The recording of the scene.
     """
 
-    def __init__(self, tracks: Tracks) -> None:
-        points = np.concatenate([_dense(person.position) for person in people_of(tracks)])
+    def __init__(self, tracks: RecordedTracks) -> None:
+        points = np.concatenate([_dense(person.position) for person in recorded_pedestrians(tracks)])
         self.origin = points.min(axis=0) - 2.0 * CELL
-        self.walked = cells = np.unique(((points - self.origin) / CELL).astype(np.int64), axis=0)
-        self.free = np.zeros(cells.max(axis=0) + 3, bool)
-        around = cells[:, None] + [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+        self.walked = np.unique(((points - self.origin) / CELL).astype(np.int64), axis=0)
+        self.free = np.zeros(self.walked.max(axis=0) + 3, bool)
+        around = self.walked[:, None] + [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
         self.free[around[..., 0], around[..., 1]] = True
 
-    def draw(self, stream: np.random.Generator, distance: float, radius: PerAgent, track: Tracked, dt: float) -> Way:
+    def draw(self, stream: np.random.Generator, distance: float, radius: PerAgent, track: Tracked, dt: float) -> Trip:
         """Draw start and goal of the vehicle, with free space on the straight line between them.
 
         Args:
@@ -82,10 +82,10 @@ class FreeSpace:
         far = norm(points[:, 1] - points[:, 0])
         reach = radius[0] + radius[1:]
         soon = track[: int(np.ceil(CLEAR_TIME / dt)) + 1]
-        for start, goal in points[(far >= distance) & (far <= distance + FARTHER)]:
+        for start, goal in points[(far >= distance) & (far <= distance + MAX_EXCESS)]:
             if self._is_free(start, goal) and not (norm(soon - start) < reach + CLEARANCE).any():
                 is_busy = (norm(track - goal) < reach).any(axis=1)
-                if is_busy.mean() <= MOST_BUSY:
+                if is_busy.mean() <= MAX_BUSY_SHARE:
                     return start, goal
         raise InputError(f"the vehicle has no room to start with a goal {distance:g} m away: lower tracks.distance")
 
@@ -114,7 +114,6 @@ class TrackedCrowd:
         windows: The windows by split.
         free_space: The free space of each recording by its name.
         has_cars: True if the scene has cars: the vehicle replaces one of them, and the others drive as recorded.
-        table: Its table in results.
     """
 
     scene: str
@@ -122,10 +121,9 @@ class TrackedCrowd:
     windows: Mapping[str, Sequence[Excerpt]]
     free_space: Mapping[str, FreeSpace]
     has_cars: bool
-    table: Mapping[str, Any]
 
     @classmethod
-    def of(cls, scene: Scene, distance: float, rules: Rules) -> TrackedCrowd:
+    def of(cls, scene: RecordedScene, distance: float, rules: Rules) -> TrackedCrowd:
         """Cut a scene into the windows of a scenario, each as long as an episode that times out.
 
         Args:
@@ -144,8 +142,7 @@ class TrackedCrowd:
             )
         has_cars = any(recording.cars for recording in scene.recordings)
         free = {recording.tracks.name: FreeSpace(recording.tracks) for recording in scene.recordings if not has_cars}
-        table = {"scene": scene.name, "files": dict(scene.files)} | ({} if has_cars else {"distance": distance})
-        return cls(scene.name, distance, split_windows(windows), free, has_cars, table)
+        return cls(scene.name, distance, split_windows(windows), free, has_cars)
 
     @property
     def number(self) -> tuple[int, int]:
@@ -156,7 +153,7 @@ class TrackedCrowd:
     @property
     def top_speed(self) -> float:
         """The largest speed of a pedestrian or car in all windows, in m/s."""
-        return max(SLOWEST, *(_ROOM * float(window.top_speed.max()) for window in self._all))
+        return max(MIN_SPEED, *(_SPEED_MARGIN * float(window.top_speed.max()) for window in self._all))
 
     @property
     def largest_radius(self) -> float:
@@ -200,28 +197,28 @@ class TrackedCrowd:
         """
         return np.array([self.window(split, case).block for case in cases.tolist()], np.int64)
 
-    def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
+    def start(self, case: Case, crowd: Population, vehicle: VehicleSpec, rules: Rules) -> Start:
         """Draw the start of a case, see `LayoutStarts`. Later pedestrians start at their first recorded position."""
         window = self.window(case.split, case.number)
         traits = crowd.draw(rng.generator(case.key, "crowd"), len(window.radius))
-        traits = _take_recorded(window, traits, list(crowd.parameters))
+        traits = _with_recorded_traits(window, traits, list(crowd.parameters))
         radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
         with case.location.named():
             placement = self._place(window, rng.generator(case.key, "places"), radius, rules)
         return Start(traits, placement, np.full(len(window.radius), -1))
 
-    def post_step_rule(self, crowd: Crowd) -> PostStepRule:
+    def post_step_rule(self, crowd: Population) -> PostStepRule:
         """Return the rule by which pedestrians appear and disappear as recorded."""
         return come_and_go
 
     def _place(self, window: Excerpt, stream: np.random.Generator, radius: PerAgent, rules: Rules) -> Placement:
         """Return starts, goals and recorded paths. Raises InputError if there is no room for the vehicle."""
-        if window.driven is None:
+        if window.replaced_car is None:
             start, goal = self.free_space[window.recording].draw(stream, self.distance, radius, window.track, rules.dt)
         else:
             middle = (rules.body[0] + rules.body[-1]) / 2.0  # offset of the body from the position
-            offset = middle * np.array([np.cos(window.driven.heading), np.sin(window.driven.heading)])
-            start, goal = window.driven.start - offset, window.driven.goal - offset
+            offset = middle * np.array([np.cos(window.replaced_car.heading), np.sin(window.replaced_car.heading)])
+            start, goal = window.replaced_car.start - offset, window.replaced_car.goal - offset
         people = np.arange(len(window.radius))
         first = np.isfinite(window.track[..., 0]).argmax(axis=0)
         route = np.concatenate([np.full((1, *window.route.shape[1:]), np.nan), window.route])
@@ -238,9 +235,9 @@ class TrackedCrowd:
         for w, window in enumerate(windows):
             n = len(window.radius)
             track[w, :, :n], recorded[w, :n] = window.track, window.velocity
-            if window.driven is not None:
-                heading[w] = window.driven.heading
-                speed = min(window.driven.speed, world.preferred_speed[w, 0])
+            if window.replaced_car is not None:
+                heading[w] = window.replaced_car.heading
+                speed = min(window.replaced_car.speed, world.preferred_speed[w, 0])
                 velocity[w, 0] = speed * np.array([np.cos(heading[w]), np.sin(heading[w])])
         world = world.replace(track=track, velocity=velocity, heading=heading, present=present)
         world = come_and_go(world, np.ones(len(world), bool))
@@ -248,7 +245,7 @@ class TrackedCrowd:
         return world.replace(velocity=velocity)
 
 
-def _take_recorded(window: Excerpt, traits: Traits, policies: Sequence[str]) -> Traits:
+def _with_recorded_traits(window: Excerpt, traits: Traits, policies: Sequence[str]) -> Traits:
     """Return pedestrians with their recorded speeds; discs of cars get their radius and the policy `recorded`.
 
     Pedestrians with the policy `recorded` get their largest speed, which their track needs, others their mean speed.
@@ -257,5 +254,5 @@ def _take_recorded(window: Excerpt, traits: Traits, policies: Sequence[str]) -> 
     recorded = policies.index(RECORDED) if RECORDED in policies else -1
     is_car = ~np.isnan(window.radius)
     policy = np.where(is_car, recorded, traits.policy)
-    speed = np.maximum(np.where(policy == recorded, _ROOM * window.top_speed, window.mean_speed), SLOWEST)
+    speed = np.maximum(np.where(policy == recorded, _SPEED_MARGIN * window.top_speed, window.mean_speed), MIN_SPEED)
     return traits._replace(radius=np.where(is_car, window.radius, traits.radius), preferred_speed=speed, policy=policy)

@@ -16,19 +16,19 @@ from crowdbench.core.dynamics import reach
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import World
 from crowdbench.scenario.layouts.placer import CLEARANCE, WALL_CLEARANCE
-from crowdbench.scenario.placement import Layout, LayoutCall, Placement, Position, Way, add_routes, check_shape
+from crowdbench.scenario.placement import Layout, LayoutCall, Placement, Position, Trip, add_routes, check_shape
 from crowdbench.sim.visibility_graph import edges_of, nearest_on, solids
 from crowdbench.utils.errors import InputError, plugin_errors
 
 TRIES = 20
 """Largest number of draws for one pedestrian per step. A draw among walls takes milliseconds."""
 
-SHORTEST_WAY = 1.0
+SHORTEST_TRIP = 1.0
 """Smallest distance in metres from a pedestrian to its new goal."""
 
 
 @dataclass(frozen=True)
-class Room:
+class Surroundings:
     """The surroundings of a pedestrian that is drawn again: the other agents, the vehicle first, and the obstacles.
 
     Attributes:
@@ -46,7 +46,7 @@ class Room:
     obstacles: Float[np.ndarray, "polygon corner 2"]
 
     @classmethod
-    def of(cls, world: World, row: int, without: Int[np.ndarray, "agent"]) -> Room:
+    def of(cls, world: World, row: int, without: Int[np.ndarray, "agent"]) -> Surroundings:
         """Return the surroundings in one world of a batch, without some of its agents."""
         others = world.present[row].copy()
         others[without] = False
@@ -88,11 +88,13 @@ class Room:
         return route[0]
 
 
-Respawn = Callable[..., Way | None]
-"""A function `(rng, room, radius, preferred_speed, position, **options) -> (start, goal)` that redraws one pedestrian.
+Respawn = Callable[..., Trip | None]
+"""A function `(rng, surroundings, radius, preferred_speed, position, **options) -> (start, goal)`.
+
+It draws one pedestrian again, or its goal.
 
 - `rng` is the random stream for this pedestrian and step, the only source of random numbers.
-- `room` is a `Room`; start and goal must keep a distance from its agents.
+- `surroundings` is a `Surroundings`; start and goal must keep a distance from its agents.
 - `radius` and `preferred_speed` are the pedestrian's, in metres and in m/s.
 - `position` is the position in metres of a pedestrian that only gets another goal; None for a new pedestrian.
 - The options are the options of the layout.
@@ -118,20 +120,28 @@ class LayoutWithRespawn:
 
 
 def _respawn_by_layout(
-    layout: LayoutCall, rng: np.random.Generator, room: Room, radius: float, speed: float, position: Position | None
-) -> Way | None:
+    layout: LayoutCall,
+    rng: np.random.Generator,
+    surroundings: Surroundings,
+    radius: float,
+    speed: float,
+    position: Position | None,
+) -> Trip | None:
     """Call a layout for the vehicle and one pedestrian until the pedestrian is clear of all agents; see `Respawn`."""
-    both = np.array([room.radius[0], radius]), np.array([room.preferred_speed[0], speed])
+    both = np.array([surroundings.radius[0], radius]), np.array([surroundings.preferred_speed[0], speed])
     for _ in range(TRIES):
         placement = check_shape(layout(rng, *both), 2)
         start, goal = placement.start[1] if position is None else position, placement.goal[1]
-        is_far = position is None or math.dist(start, goal) >= SHORTEST_WAY
-        if is_far and (position is not None or room.is_clear(start, radius)) and room.is_clear(goal, radius):
+        if position is None:
+            start_is_valid = surroundings.is_clear(start, radius)
+        else:
+            start_is_valid = math.dist(start, goal) >= SHORTEST_TRIP
+        if start_is_valid and surroundings.is_clear(goal, radius):
             return start, goal
     return None
 
 
-def draw_again(layout: LayoutCall, *arguments: Any) -> Way | None:
+def redraw(layout: LayoutCall, *arguments: Any) -> Trip | None:
     """Draw one pedestrian again by a layout, and check the result.
 
     Args:

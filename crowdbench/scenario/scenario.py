@@ -14,12 +14,13 @@ from jaxtyping import Float, Int
 from crowdbench.core import rng
 from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import pad_arrays
-from crowdbench.core.types import HISTORY, Rules, World
+from crowdbench.core.types import Rules, World
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.certified import CertificateStatus
 from crowdbench.scenario.placement import LayoutCall
-from crowdbench.scenario.population import Crowd
-from crowdbench.scenario.starts import Case, LayoutStarts, Vehicle
+from crowdbench.scenario.population import Population
+from crowdbench.scenario.schema import ScenarioSpec, VehicleSpec
+from crowdbench.scenario.starts import Case, LayoutStarts
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.sight import look
 from crowdbench.sim.simulator import PostStepRule, init_memories
@@ -37,28 +38,42 @@ class Scenario:
     Attributes:
         name: Name of the scenario.
         source: Name of its file in error messages.
+        spec: Its complete file. Each case has a random stream that depends on seed, split and case number.
         rules: Constants of all cases.
-        seed: Seed of the random streams. Each case has a stream that depends on seed, split and case number.
-        vehicle: The vehicle's radius and speed.
         crowd: The pedestrians.
         starts: Generator of the starts of cases: from a layout, as in CrowdNav++, or from recorded tracks.
         policies: The pedestrian policies by name.
-        table: The complete table of the scenario, as written to results.
-        digest: Twelve hexadecimal digits that change with the cases: see `crowdbench.scenario.scenario_file`.
         certificates: Certificates of its cases; None if there are none.
     """
 
     name: str
     source: str
+    spec: ScenarioSpec
     rules: Rules
-    seed: int
-    vehicle: Vehicle
-    crowd: Crowd
+    crowd: Population
     starts: LayoutStarts | TrackedCrowd
     policies: Mapping[str, PedestrianPolicy]
-    table: Mapping[str, Any]
-    digest: str
     certificates: CertificateStatus | None = None
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """The complete table of the scenario, as written to results."""
+        return self.spec.complete()
+
+    @property
+    def digest(self) -> str:
+        """Twelve hexadecimal digits that change with the cases, see `ScenarioSpec.digest`."""
+        return self.spec.digest
+
+    @property
+    def seed(self) -> int:
+        """Seed of the random streams."""
+        return self.spec.seed
+
+    @property
+    def vehicle(self) -> VehicleSpec:
+        """The vehicle's radius and preferred speed, among others."""
+        return self.spec.vehicle
 
     @functools.cached_property
     def post_step_rule(self) -> PostStepRule | None:
@@ -115,54 +130,39 @@ class Scenario:
             for case, key in zip(cases.tolist(), keys, strict=True)
         ]
         starts = [self.starts.start(case, self.crowd, self.vehicle, self.rules) for case in drawn]
-        traits, placements = [start.traits for start in starts], [start.placement for start in starts]
-        worlds, agents = len(cases), self.max_agents
-        position = pad_arrays([placement.start for placement in placements], 0.0, agents)
-        goal = pad_arrays([placement.goal for placement in placements], 0.0, agents)
-        present = pad_arrays([np.ones(len(people.radius) + 1, bool) for people in traits], False, agents)
-        route = pad_arrays([_NOTHING if each.route is None else each.route for each in placements], np.nan, agents)
-        obstacles = [_NOTHING if placement.obstacles is None else placement.obstacles for placement in placements]
-        ahead = goal[:, 0] - position[:, 0]
-        if not isinstance(self.rules.dynamics, Holonomic) and route.shape[2]:
-            # A vehicle that turns slowly faces its first waypoint.
-            ahead = np.where(np.isnan(route[:, 0, 0]), ahead, route[:, 0, 0] - position[:, 0])
+        placements, traits = [start.placement for start in starts], [start.traits for start in starts]
+        agents = self.max_agents
+        routes = [_NO_POINTS if placement.route is None else placement.route for placement in placements]
+        obstacles = [_NO_POINTS if placement.obstacles is None else placement.obstacles for placement in placements]
 
-        def stack(vehicle: float, pedestrians: Sequence[Float[np.ndarray, "_"]], fill: float) -> np.ndarray:
-            return np.concatenate([np.full((worlds, 1), vehicle), pad_arrays(pedestrians, fill, agents - 1)], axis=1)
+        def stack(vehicle: float, pedestrians: Sequence[Float[np.ndarray, "_"]], padding: float) -> np.ndarray:
+            vehicles = np.full((len(cases), 1), vehicle)
+            return np.concatenate([vehicles, pad_arrays(pedestrians, padding, agents - 1)], axis=1)
 
-        world = World(
+        parameters = {
+            name: {
+                parameter: stack(0.0, [people.parameters[name][parameter] for people in traits], 0.0)
+                for parameter in table
+            }
+            for name, table in self.crowd.parameters.items()
+        }
+        world = World.create(
             case=cases,
             key=keys,
             noise_key=rng.noise_keys(keys),
-            step=np.zeros(worlds, np.int64),
-            position=position,
-            velocity=np.zeros_like(position),
-            heading=np.arctan2(ahead[:, 1], ahead[:, 0]),
-            angular_speed=np.zeros(worlds),
-            origin=position.copy(),
-            goal=goal,
-            route=route,
-            waypoint=np.zeros((worlds, agents), np.int64),
+            position=pad_arrays([placement.start for placement in placements], 0.0, agents),
+            goal=pad_arrays([placement.goal for placement in placements], 0.0, agents),
+            route=pad_arrays(routes, np.nan, agents),
             radius=stack(self.vehicle.radius, [people.radius for people in traits], 1.0),
-            preferred_speed=stack(self.vehicle.speed, [people.preferred_speed for people in traits], 1.0),
-            present=present,
-            person=np.where(present[:, 1:], np.arange(agents - 1), -1),
-            since=np.zeros((worlds, agents - 1), np.int64),
-            track=np.empty((worlds, 0, agents - 1, 2)),
+            preferred_speed=stack(self.vehicle.preferred_speed, [people.preferred_speed for people in traits], 1.0),
+            present=pad_arrays([np.ones(len(people.radius) + 1, bool) for people in traits], False, agents),
             group=pad_arrays([start.group for start in starts], -1, agents - 1),
-            history=np.repeat(position[:, None, 1:], HISTORY, axis=1),
             obstacles=pad_arrays(obstacles, np.nan),
             policy=pad_arrays([people.policy for people in traits], 0, agents - 1),
-            parameters={
-                name: {
-                    parameter: stack(0.0, [people.parameters[name][parameter] for people in traits], 0.0)
-                    for parameter in table
-                }
-                for name, table in self.crowd.parameters.items()
-            },
-            memory={name: {} for name in self.crowd.parameters},
+            parameters=parameters,
             rules=self.rules,
         )
+        world = world.replace(heading=_initial_heading(world))
         return init_memories(look(self.starts.complete(world, drawn, starts)), self.policies)
 
     def blocks(self, cases: Cases) -> Int[np.ndarray, "world"] | None:
@@ -173,5 +173,15 @@ class Scenario:
         return self.tracks.blocks(cases.split, cases.indices)
 
 
-_NOTHING = np.empty((0, 0, 2))
+def _initial_heading(world: World) -> Float[np.ndarray, "world"]:
+    """Return the direction from each vehicle to its goal, in radians; for a vehicle on wheels, to its first waypoint
+    if there is one."""
+    ahead = world.goal[:, 0] - world.position[:, 0]
+    if not isinstance(world.rules.dynamics, Holonomic) and world.route.shape[2]:
+        waypoint = world.route[:, 0, 0]
+        ahead = np.where(np.isnan(waypoint), ahead, waypoint - world.position[:, 0])
+    return np.arctan2(ahead[:, 1], ahead[:, 0])
+
+
+_NO_POINTS = np.empty((0, 0, 2))
 """The routes or the obstacles of a case that has none."""

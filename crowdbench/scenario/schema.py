@@ -7,6 +7,9 @@ The options of a layout are the keyword-only parameters of its function, the opt
 from __future__ import annotations
 
 import dataclasses
+import functools
+import hashlib
+import json
 import math
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
@@ -22,20 +25,21 @@ from crowdbench.scenario.clear_space import ClearSpace
 from crowdbench.scenario.groups import LARGEST
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import Layout
-from crowdbench.scenario.population import ARRIVALS, Distribution, GoalChange, Limits, WholeDistribution
+from crowdbench.scenario.population import ARRIVALS, Distribution, GoalChange, WalkingLimitsSpec, WholeDistribution
 from crowdbench.utils.errors import InputError, is_integer
 from crowdbench.utils.toml import Flag, Name, Text, TomlTable, choice, integer, number, table
 
 Spec = TypeVar("Spec", bound=TomlTable)
+AnyScenarioSpec = TypeVar("AnyScenarioSpec", bound="ScenarioSpec")
 
 SHOWN, SHOWN_IN = 20, 100
 """Planners observe the nearest 20 pedestrians in scenarios with more than 100, and all pedestrians in others."""
 
-LAYOUT_KEYS = ("generator", "generator_file")
-"""Keys of `[layout]` in addition to the layout's options: its name, and in results the digest of its file."""
-
 MIN_SIZE = 1e-3
 """Lower bound of pedestrians' radii in metres and of their preferred speeds in m/s."""
+
+DISTANCE = 8.0
+"""Default distance in metres from the vehicle's start to its goal among recorded pedestrians."""
 
 
 class Size(Distribution):
@@ -79,9 +83,15 @@ _SIZES = [str(size) for size in range(1, LARGEST + 1)]
 
 
 class LayoutSpec(TomlTable, extra="allow"):
-    """`[layout]`, whose further keys are the options of the layout; see `layout_spec`."""
+    """`[layout]`, whose further keys are the options of the layout; see `layout_spec`.
+
+    Attributes:
+        generator: The name of the layout, or a file with it.
+        generator_file: The digest of that file; None for built-in and installed layouts.
+    """
 
     generator: Name = "circle_crossing"
+    generator_file: str | None = Field(default=None, description="the digest of the layout's file")
 
 
 class DynamicsSpec(TomlTable, extra="allow"):
@@ -91,7 +101,8 @@ class DynamicsSpec(TomlTable, extra="allow"):
 
 
 class PoliciesSpec(TomlTable, extra="allow"):
-    """The key of `[pedestrians]` that names the policies, with the share of the pedestrians that follow each."""
+    """The keys of `[pedestrians]` that name the policies, with the share of the pedestrians that follow each, and the
+    digests of the policies' files by name."""
 
     policy: Annotated[
         dict[str, Annotated[float, Field(gt=0, lt=1e9)]], Field(min_length=1), BeforeValidator(_as_shares)
@@ -99,6 +110,7 @@ class PoliciesSpec(TomlTable, extra="allow"):
         default={"orca": 1.0},
         description="the name of a policy, or shares of several such as { orca = 0.7, social_force = 0.3 }",
     )
+    policy_files: dict[str, str] = Field(default={}, description="a table of policies with the digest of each file")
 
 
 class NamesSpec(TomlTable, extra="allow"):
@@ -124,10 +136,19 @@ class VehicleSpec(DynamicsSpec):
 
 
 class PedestriansSpec(PoliciesSpec):
-    """`[pedestrians]`, with an additional table for each policy; see `scenario_spec`.
+    """`[pedestrians]`, with an additional table for each policy; see `scenario_spec`."""
 
-    `number` is the smallest and the largest number of pedestrians.
-    """
+    radius: Size = quantity(0.3, MIN_SIZE)
+    attention: Attention | None = Field(
+        default=None, description="a table [pedestrians.attention] with the keys of { ignores = 0.1, delay = 0.4 }"
+    )
+    limits: WalkingLimitsSpec | None = Field(
+        default=None, description="a table with the keys of { acceleration = 1.5, braking = 3.0, sideways = 2.0 }"
+    )
+
+
+class SimulatedPedestriansSpec(PedestriansSpec):
+    """`[pedestrians]` without recorded tracks. `number` is the smallest and the largest number of pedestrians."""
 
     number: Annotated[
         tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(le=MAX_PEDESTRIANS)]],
@@ -137,14 +158,10 @@ class PedestriansSpec(PoliciesSpec):
         default=(5, 5),
         description=f"a whole number from 0 to {MAX_PEDESTRIANS}, or a pair of them, [least, most]",
     )
-    radius: Size = quantity(0.3, MIN_SIZE)
     preferred_speed: Size = quantity(1.0, MIN_SIZE)
     groups: Annotated[dict[str, Annotated[float, Field(gt=0, lt=1e9)]], AfterValidator(_of_sizes)] | None = Field(
         default=None,
         description=f"the shares of groups by their size, from 1 to {LARGEST}, such as {{ 1 = 0.4, 2 = 0.4, 3 = 0.2 }}",
-    )
-    attention: Attention | None = Field(
-        default=None, description="a table [pedestrians.attention] with the keys of { ignores = 0.1, delay = 0.4 }"
     )
     arrival: str = choice(ARRIVALS, default="walk_on")
     goal_change: GoalChange | None = Field(
@@ -153,47 +170,73 @@ class PedestriansSpec(PoliciesSpec):
     clear_space: ClearSpace | None = Field(
         default=None, description="a table with the keys of { distance = 1.5, time = 1.5 }"
     )
-    limits: Limits | None = Field(
-        default=None, description="a table with the keys of { acceleration = 1.5, braking = 3.0, sideways = 2.0 }"
-    )
 
 
 class TracksSpec(TomlTable):
     """`[tracks]`: recorded pedestrians of a scene, instead of a layout. Lengths are in metres.
 
-    `files` contains the sha256 of the user's files; the digests of ETH/UCY and DUT are built in.
+    `files` contains the sha256 of the user's files; the digests of ETH/UCY and DUT are built in. `distance` is not used
+    if cars are recorded.
     """
 
     scene: Name
-    distance: float = number(8.0, above=0.0, below=1000.0)
+    distance: float = number(DISTANCE, above=0.0, below=1000.0)
     files: dict[str, str] = Field(default={}, description="a table of file names with the sha256 of each")
 
 
 class ScenarioSpec(TomlTable):
-    """The complete file of a scenario. `dt` and `time_limit` are in seconds."""
+    """The file of a scenario: the keys that all scenarios have. `dt` and `time_limit` are in seconds."""
 
     description: Text = ""
     dt: float = number(0.25, above=0.0, below=1.0)
     time_limit: float = number(25.0, above=1.0, below=1e6)
     collision: str = choice(COLLISION_RULES, default="swept")
     seed: int = integer(0, least=0, most=2**63 - 1)
-    crowdnav_cases: int = integer(0, least=0, most=500)
-    layout: LayoutSpec = table("layout")
     vehicle: VehicleSpec = table("vehicle")
     sensor: Sensor = table("sensor")
     pedestrians: PedestriansSpec = table("pedestrians")
-    tracks: TracksSpec | None = Field(default=None, description="a table with the name of a scene")
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """Twelve hexadecimal digits that change with the cases of the scenario.
+
+        They are the start of the sha256 of the complete table as JSON. The description is left out, because it
+        influences no episode. Keys without a value are left out too, so that a new key whose default is None changes
+        no digest.
+        """
+        table = self.model_dump(mode="json", by_alias=True, exclude={"description"}, exclude_none=True)
+        return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def scenario_spec(layout: Layout, dynamics: str, parameters: Mapping[str, Mapping[str, float]]) -> type[ScenarioSpec]:
+class LayoutScenarioSpec(ScenarioSpec):
+    """The file of a scenario whose agents are placed by a layout."""
+
+    crowdnav_cases: int = integer(0, least=0, most=500)
+    layout: LayoutSpec = table("layout")
+    pedestrians: SimulatedPedestriansSpec = table("pedestrians")
+
+
+class TracksScenarioSpec(ScenarioSpec):
+    """The file of a scenario with recorded pedestrians."""
+
+    tracks: TracksSpec
+
+
+def scenario_spec(
+    base: type[AnyScenarioSpec],
+    dynamics: str,
+    parameters: Mapping[str, Mapping[str, float]],
+    layout: Layout | None = None,
+) -> type[AnyScenarioSpec]:
     """Return the pydantic model of a complete file.
 
     A limit of the vehicle that is infinite by default is None in the model.
 
     Args:
-        layout: The layout that the file names.
+        base: `LayoutScenarioSpec` or `TracksScenarioSpec`.
         dynamics: The vehicle's dynamics.
         parameters: By pedestrian policy, the defaults of its parameters.
+        layout: The layout that the file names; None with recorded tracks.
 
     Raises:
         InputError: See `layout_spec`.
@@ -202,18 +245,27 @@ def scenario_spec(layout: Layout, dynamics: str, parameters: Mapping[str, Mappin
         field.name: (float | None, number(None if field.default == math.inf else field.default, above=0.0, below=1e6))
         for field in dataclasses.fields(DYNAMICS[dynamics])
     }
-    policies = {}
-    for name, defaults in parameters.items():
-        kinds = {key: WholeDistribution if isinstance(value, int) else Distribution for key, value in defaults.items()}
-        policy = _extended(TomlTable, {key: (kinds[key], quantity(value)) for key, value in defaults.items()})
-        policies[name] = policy, table(f"pedestrians.{name}")
-    return create_model(
-        "ScenarioSpec",
-        __base__=ScenarioSpec,
-        layout=(layout_spec(layout), table("layout")),
-        vehicle=(_extended(VehicleSpec, limits), table("vehicle")),
-        pedestrians=(_extended(PedestriansSpec, policies), table("pedestrians")),
-    )
+    policies = {
+        name: (_parameters_spec(defaults), table(f"pedestrians.{name}")) for name, defaults in parameters.items()
+    }
+    pedestrians = PedestriansSpec if layout is None else SimulatedPedestriansSpec
+    tables: dict[str, Any] = {
+        "vehicle": _extended(VehicleSpec, limits),
+        "pedestrians": _extended(pedestrians, policies),
+    }
+    if layout is not None:
+        tables["layout"] = layout_spec(layout)
+    fields: dict[str, Any] = {name: (model, table(name)) for name, model in tables.items()}
+    return create_model(base.__name__, __base__=base, **fields)
+
+
+def _parameters_spec(defaults: Mapping[str, float]) -> type[TomlTable]:
+    """Return the table with the parameters of a pedestrian policy, from their defaults."""
+    fields = {}
+    for name, default in defaults.items():
+        kind = WholeDistribution if isinstance(default, int) else Distribution
+        fields[name] = kind, quantity(default)
+    return _extended(TomlTable, fields)
 
 
 def layout_spec(layout: Layout) -> type[LayoutSpec]:
@@ -229,7 +281,7 @@ def layout_spec(layout: Layout) -> type[LayoutSpec]:
     for option in read_options(layout):
         if not option.keyword_only:
             continue
-        if option.name in LAYOUT_KEYS:
+        if option.name in LayoutSpec.model_fields:
             raise InputError(f"no option of a layout can be called {option.name}, as a key of [layout] is")
         options[option.name] = _option(option, layout in LAYOUTS.values())
     return _extended(LayoutSpec, options)
@@ -266,7 +318,7 @@ def _extended(base: type[Spec], fields: Mapping[str, tuple[Any, Any]]) -> type[S
     return create_model(base.__name__, __base__=base, __cls_kwargs__={"extra": "forbid"}, **keys)
 
 
-def further_keys(spec: TomlTable) -> dict[str, Any]:
+def additional_keys(spec: TomlTable) -> dict[str, Any]:
     """Return the values of the keys that `scenario_spec` or `layout_spec` has added to a table."""
     fields = type(spec).model_fields.items()
     return {field.alias: getattr(spec, name) for name, field in fields if field.alias is not None}

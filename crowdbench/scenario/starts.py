@@ -16,8 +16,9 @@ from crowdbench.core.types import Rules, World
 from crowdbench.scenario.clear_space import ClearSpace, MovingVehicle, velocities_ahead
 from crowdbench.scenario.groups import draw_groups, group_numbers, place_groups
 from crowdbench.scenario.placement import LayoutCall, PerAgent, Placement, check_shape, complete_placement
-from crowdbench.scenario.population import Crowd, Traits
+from crowdbench.scenario.population import Population, Traits
 from crowdbench.scenario.post_step_rule import LayoutPostStepRule
+from crowdbench.scenario.schema import VehicleSpec
 from crowdbench.sim import simulator
 from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.toml import Location
@@ -27,13 +28,6 @@ TRIES = 1000
 
 CROWDNAV_TEST_SEED = 1000
 """CrowdNav draws test case c with NumPy's legacy generator, seeded with this number plus c."""
-
-
-class Vehicle(NamedTuple):
-    """The vehicle's radius in metres, and its preferred and largest speed in m/s."""
-
-    radius: float
-    speed: float
 
 
 class Case(NamedTuple):
@@ -84,15 +78,15 @@ class LayoutStarts:
         """Return whether a case has CrowdNav's random stream."""
         return case.split == "test" and case.number < self.crowdnav_cases
 
-    def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
+    def start(self, case: Case, crowd: Population, vehicle: VehicleSpec, rules: Rules) -> Start:
         """Draw the start of a case. Raises InputError if that is impossible."""
         traits = crowd.draw(rng.generator(case.key, "crowd"))
         leader, group = np.arange(len(traits.radius)), np.full(len(traits.radius), -1)
         if crowd.groups:
             leader = draw_groups(rng.generator(case.key, "groups"), crowd.groups, len(leader))
-            traits, group = traits.alike(leader), group_numbers(leader)
+            traits, group = traits.with_traits_of(leader), group_numbers(leader)
         radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
-        speed = np.append(vehicle.speed, traits.preferred_speed)
+        speed = np.append(vehicle.preferred_speed, traits.preferred_speed)
         stands, stream = crowd.stands[traits.policy], rng.generator(case.key, "places")
         if self.uses_crowdnav_seed(case):
             stream = np.random.Generator(seed_legacy(CROWDNAV_TEST_SEED + case.number))
@@ -126,24 +120,26 @@ class LayoutStarts:
         """Return worlds at their start, with additional data of these cases."""
         return world
 
-    def post_step_rule(self, crowd: Crowd) -> simulator.PostStepRule | None:
+    def post_step_rule(self, crowd: Population) -> simulator.PostStepRule | None:
         """Return the rule applied after each step; None if pedestrians only walk."""
         if crowd.arrival == "walk_on" and crowd.goal_change is None:
             return None
         return LayoutPostStepRule(crowd, self.layout)
 
 
-def _is_entered(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:
+def _is_entered(space: ClearSpace, placement: Placement, vehicle: VehicleSpec, rules: Rules, people: Traits) -> bool:
     """Return whether a pedestrian starts in the clear space of the vehicle's middle disc, whose position does not
     depend on the heading."""
     start = placement.start
     return 0.0 in rules.body and space.is_entered(start[:1], start[1:], people.radius, vehicle.radius)
 
 
-def _is_clear(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:
+def _is_clear(space: ClearSpace, placement: Placement, vehicle: VehicleSpec, rules: Rules, people: Traits) -> bool:
     """Return whether no pedestrian starts in the clear space, or on a course on which it soon touches the vehicle."""
     start, goal = placement.start, placement.goal
-    velocity = velocities_ahead(start, goal, placement.route, np.append(vehicle.speed, people.preferred_speed))
+    velocity = velocities_ahead(
+        start, goal, placement.route, np.append(vehicle.preferred_speed, people.preferred_speed)
+    )
     heading = math.atan2(velocity[0, 1], velocity[0, 0])
     moving = MovingVehicle(start[0], heading, velocity[0], vehicle.radius, rules.body)
     return space.holds(moving, start[1:], velocity[1:], people.radius)

@@ -1,12 +1,12 @@
-"""Tools for compiled kernels: blocks of work for threads, fields of tuples, arguments that are numbers or arrays."""
+"""Tools for compiled kernels: blocks of work for threads, arguments that are numbers or arrays."""
 
 from __future__ import annotations
 
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterable
-from typing import Any, no_type_check
+from collections.abc import Callable
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Shaped
@@ -34,30 +34,6 @@ def in_blocks(work: Callable[[int, int], None], items: int, least: int, most: in
     blocks *= math.ceil(items / (blocks * most))
     bounds = [items * k // blocks for k in range(blocks + 1)]
     share(lambda block: work(*block), itertools.pairwise(bounds), workers, None)
-
-
-class FlatKernel:
-    """Kernel of named tuples that Python calls with the fields of the tuples as arguments.
-
-    numba takes about a microsecond to receive a named tuple of arrays. Passed as named tuples, the arguments of a step
-    would take a third of its time in one world.
-
-    Attributes:
-        compiled: The kernel that takes the fields.
-    """
-
-    def __init__(self, kernel: Callable[..., None], *kinds: type) -> None:
-        fields = [[f"{kind.__name__}_{field}" for field in kind._fields] for kind in kinds]  # type: ignore[attr-defined]
-        calls = [f"{kind.__name__}({', '.join(names)})" for kind, names in zip(kinds, fields, strict=True)]
-        scope: dict[str, Any] = {kind.__name__: kind for kind in kinds}
-        scope |= {"__name__": kernel.__module__, "inner": njit(kernel, inline="always")}
-        name = kernel.__name__
-        exec(f"def {name}({', '.join(itertools.chain(*fields))}):\n    inner({', '.join(calls)})", scope)
-        self.compiled = njit(scope[name], nogil=True)
-
-    def __call__(self, *tuples: Iterable[Any]) -> None:
-        """Call the kernel with its named tuples."""
-        self.compiled(*itertools.chain(*tuples))
 
 
 def writable(array: np.ndarray) -> np.ndarray:

@@ -1,13 +1,11 @@
 from .config import EPISODES as EPISODES
-from .config import MOST_SEED as MOST_SEED
 from .config import SCENARIO as SCENARIO
 from .config import Config as Config
 from .config import PPOConfig as PPOConfig
 from .config import ValueConfig as ValueConfig
-from .config import option as option
+from .driving import describe_scenario as describe_scenario
 from .ppo import PPOTraining as PPOTraining
 from .training import Point as Point
 from .training import Training as Training
-from .training import describe_scenario as describe_scenario
 from .value import ROUND as ROUND
 from .value import ValueTraining as ValueTraining

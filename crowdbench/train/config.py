@@ -1,25 +1,22 @@
-"""The options of `crowdbench train`: a dataclass for each method, with a field for each option.
+"""The options of `crowdbench train`: a dataclass for each method, a field for each option, a docstring for its help.
 
-This module does not import torch, so that the command line starts without it. A new method is a dataclass here, a line
-in `METHODS`, and a subclass of `crowdbench.train.training.Training` in a file of its own.
+This module does not import torch: the command line reads the options before it sets the number of threads, which torch
+and numba read when they are imported. A new method is a dataclass here, a line in `METHODS`, and a subclass of
+`crowdbench.train.training.Training` in a file of its own.
 """
 
 from __future__ import annotations
 
-import abc
 import dataclasses
 import json
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, Literal
 
-from crowdbench.utils.errors import InputError, find_named
-
-if TYPE_CHECKING:
-    from crowdbench.train.training import Training
+from crowdbench.utils.errors import InputError, find_named, is_integer, require, require_count, require_positive
 
 SCENARIO = "circle_crossing_mixed"
 """The default scenario."""
@@ -33,27 +30,6 @@ EPISODES = 4000
 UNLIMITED = {"max_acceleration": math.inf, "max_turn": math.pi, "max_velocity_change": math.inf}
 """The limits of `Limits` that exclude nothing."""
 
-Default = TypeVar("Default")
-
-
-def option(
-    default: Default, help: str, least: float | None = None, always: bool = False, pairs: bool = False
-) -> Default:
-    """Declare a field that is an option of `crowdbench train`.
-
-    Args:
-        default: The default value.
-        help: The meaning, in one sentence without a full stop.
-        least: The smallest number allowed, or None.
-        always: True if `Config.command` has it even with its default.
-        pairs: True if it is given as `name=value`, repeatedly, and is a mapping.
-
-    Returns:
-        The field, for the body of a dataclass, with the other arguments as its metadata.
-    """
-    metadata = {"help": help, "least": least, "always": always, "pairs": pairs}
-    return dataclasses.field(default=default, metadata=metadata)
-
 
 def flag(name: str) -> str:
     """Return the option of the command line that sets a field."""
@@ -62,20 +38,23 @@ def flag(name: str) -> str:
 
 def split_names(listed: str | None) -> list[str]:
     """Split names with commas between them."""
-    return [name.strip() for name in listed.split(",")] if listed is not None else []
+    return [] if listed is None else [name.strip() for name in listed.split(",")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config(abc.ABC):
-    """The options of a training. Every method has a subclass, which declares its options with `option`.
+class Config:
+    """The options of a training. Every method has a subclass with its own options.
 
     Attributes:
-        network: The name of the network.
-        scenario: A scenario by name, or the path of its TOML file.
-        overrides: Keys of the scenario that are changed, dotted: `{"pedestrians.number": 5}`.
-        data: The folder with recorded tracks, or None.
-        seed: The seed of weights, batches and training cases.
-        minutes: The length of the training in minutes; None for the length in the field named by `length`.
+        network: Name of the network.
+        scenario: Name of the scenario to train in, or a file: ./mine.toml.
+        overrides: Change a key of the scenario, such as vehicle.visible=true. Repeatable.
+        data: Folder with recorded tracks, which scenarios with a table [tracks] need.
+        seed: Seed of the weights, of minibatches and of training cases.
+        minutes: Train for this many minutes, validations included, instead of a number of episodes or steps.
+
+    Raises:
+        InputError: A number is impossible.
     """
 
     network: str
@@ -88,16 +67,18 @@ class Config(abc.ABC):
     length: ClassVar[str]
     """The field with the length of the training, in the unit of the curve's first column."""
 
-    @abc.abstractmethod
-    def training(self, device: str) -> Training:
-        """Make a new training.
+    training: ClassVar[str]
+    """The subclass of `Training` that runs it, as `module:class`."""
 
-        Args:
-            device: `cpu` or `cuda`.
+    always_written: ClassVar[Sequence[str]] = ()
+    """The fields that `command` has even with their defaults."""
 
-        Raises:
-            InputError: A scenario, file or parameter does not exist or is impossible.
-        """
+    def __post_init__(self) -> None:
+        require_count(self.length, getattr(self, self.length))
+        in_range = is_integer(self.seed) and 0 <= self.seed <= MOST_SEED
+        require("seed", self.seed, in_range, f"a whole number from 0 to {MOST_SEED}")
+        if self.minutes is not None:
+            require_positive("minutes", self.minutes)
 
     @property
     def program(self) -> str:
@@ -105,31 +86,41 @@ class Config(abc.ABC):
         return f"crowdbench train {self.network}"
 
     @property
-    def use(self) -> str:
+    def usage(self) -> str:
         """The words after `crowdbench` that run the trained network; its weights are added as an option."""
         return f"run --planner {self.network}"
 
     @property
-    def source(self) -> list[str]:
-        """The words of `command` for the scenario, and the name of the folder of recorded tracks."""
-        values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in self.overrides.items()}
-        words = ["--scenario", self.scenario, *(f"--set '{key}={value}'" for key, value in values.items())]
-        return words if self.data is None else [*words, "--data", Path(self.data).name]
-
-    @property
     def command(self) -> str:
-        """The command that trains with these options: without defaults, except for options with `always`."""
-        words = [self.program, *self.source]
+        """The command that trains with these options, without those that have their defaults."""
+        words = [self.program, *self._scenario_words()]
+        common = {field.name for field in dataclasses.fields(Config)}
         for field in dataclasses.fields(self):
-            value, metadata = getattr(self, field.name), field.metadata
-            if not metadata or field.name == self.length:
+            value = getattr(self, field.name)
+            if field.name in common or field.name == self.length:
                 continue
-            if metadata["pairs"]:
-                words += [f"{flag(field.name)} {shlex.quote(f'{key}={part}')}" for key, part in (value or {}).items()]
-            elif value != field.default or metadata["always"]:
-                words += [flag(field.name), *([] if value is True else [shlex.quote(str(value))])]
-        length = f"{self.length} {getattr(self, self.length)}" if self.minutes is None else f"minutes {self.minutes:g}"
-        return " ".join([*words, f"--seed {self.seed}", f"--{length}"])
+            if isinstance(value, Mapping):
+                words += [f"{flag(field.name)} {shlex.quote(f'{key}={part}')}" for key, part in value.items()]
+            elif value is True:
+                words.append(flag(field.name))
+            elif value != field.default or field.name in self.always_written:
+                words += [flag(field.name), shlex.quote(str(value))]
+        words.append(f"--seed {self.seed}")
+        if self.minutes is None:
+            words.append(f"--{self.length} {getattr(self, self.length)}")
+        else:
+            words.append(f"--minutes {self.minutes:g}")
+        return " ".join(words)
+
+    def _scenario_words(self) -> list[str]:
+        """Return the words of `command` for the scenario, with the name of the folder of recorded tracks."""
+        words = ["--scenario", self.scenario]
+        for key, value in self.overrides.items():
+            text = value if isinstance(value, str) else json.dumps(value)
+            words.append(f"--set '{key}={text}'")
+        if self.data is not None:
+            words += ["--data", Path(self.data).name]
+        return words
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,84 +128,78 @@ class DrivingConfig(Config):
     """The options of a network that drives.
 
     Attributes:
-        validation: The scenarios on which the checkpoint is chosen, by name or path, with commas between them; None for
-            the training scenario.
-        card: The cases of the figures on the card: `val`, or `test` for test cases too.
+        validation: Scenarios that choose the checkpoint, as in a,b; else the one to train in.
+        card: Measure the network for its card on val, other cases than chose it, or on test too.
     """
 
-    validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
-    card: Literal["val", "test"] = option(
-        "val", "Measure the network for its card on val, other cases than chose it, or on test too"
-    )
+    validation: str | None = None
+    card: Literal["val", "test"] = "val"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValueConfig(DrivingConfig):
-    """The options of `crowdbench.train.value`.
+    """The options of a value network, see `crowdbench.train.value`.
 
     Attributes:
-        predictor: The predictor in the lookahead: a name, or the path of its file.
-        episodes: The episodes that the network drives, without demonstrations.
-        max_acceleration: As in `Limits`; None for no limit.
-        max_turn: As in `Limits`; None for no limit.
-        max_velocity_change: As in `Limits`; None for no limit.
+        predictor: The predictor in the lookahead: a name or ./mine.py.
+        episodes: Train for this many episodes, without the demonstrations.
+        max_acceleration: Limit the commands: largest change of speed, per second [m/s^2].
+        max_turn: Limit the commands: largest change of heading in a step [rad].
+        max_velocity_change: Limit the commands: largest change of velocity in a step [m/s].
     """
 
-    predictor: str = option("oracle", "The predictor in the lookahead: a name or ./mine.py", always=True)
-    episodes: int = option(EPISODES, "Train for this many episodes", least=1)
-    max_acceleration: float | None = option(None, "Limit the commands: largest change of speed, per second [m/s^2]")
-    max_turn: float | None = option(None, "Limit the commands: largest change of heading in a step [rad]")
-    max_velocity_change: float | None = option(None, "Limit the commands: largest change of velocity in a step [m/s]")
+    predictor: str = "oracle"
+    episodes: int = EPISODES
+    max_acceleration: float | None = None
+    max_turn: float | None = None
+    max_velocity_change: float | None = None
 
     length: ClassVar[str] = "episodes"
+    training: ClassVar[str] = "crowdbench.train.value:ValueTraining"
+    always_written: ClassVar[Sequence[str]] = ("predictor",)
 
-    def training(self, device: str) -> Training:
-        """See `Config`."""
-        from crowdbench.train.value import ValueTraining
-
-        return ValueTraining(self, device)
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, limit in self.limits.items():
+            require_positive(name, limit)
 
     @property
     def limits(self) -> dict[str, float]:
         """The limits that are given, by their names in `Limits`."""
-        return {name: limit for name in UNLIMITED if (limit := getattr(self, name)) is not None}
+        limits = {name: getattr(self, name) for name in UNLIMITED}
+        return {name: limit for name, limit in limits.items() if limit is not None}
 
     @property
-    def use(self) -> str:
+    def usage(self) -> str:
         """See `Config`."""
         # The planner `sarl` is privileged, as published.
-        words = "run --planner sarl_cvm" if self.network == "sarl" else super().use
+        words = "run --planner sarl_cvm" if self.network == "sarl" else super().usage
+        if not self.limits:
+            return words
         limits = ", ".join(f"{name}={limit}" for name, limit in (UNLIMITED | self.limits).items())
-        return f"{words} --option 'limits={{{limits}}}'" if self.limits else words
+        return f"{words} --option 'limits={{{limits}}}'"
 
 
 @dataclass(frozen=True, kw_only=True)
 class PPOConfig(DrivingConfig):
-    """The options of `crowdbench.train.ppo`.
+    """The options of a policy, see `crowdbench.train.ppo`.
 
     Attributes:
-        steps: The total number of steps of the vehicles of all worlds.
-        reward: The name of a reward of the environments, or a file.
-        also_train_in: Further scenarios to train in, by name or path, with commas between them.
-        encoder: The file of an encoder that replaces the network's; None for the network's.
-        ppo: Parameters of `crowdbench.train.ppo.Parameters`, by name; the others have their defaults.
+        steps: Train for this many steps, of all worlds together.
+        reward: The reward: crowdnav, progress, safe_progress, crowdnav_plus or ./mine.py.
+        also_train_in: Further scenarios to train in, as in a,b, each with as many worlds as --scenario.
+        encoder: The file of an encoder (feature extractor) of your own, ./mine.py.
+        ppo: A parameter of PPO, as in gamma=0.99; repeatable.
     """
 
-    steps: int = option(5_000_000, "Train for this many steps, of all worlds together", least=1)
-    reward: str = option("progress", "The reward: crowdnav, progress, safe_progress, crowdnav_plus or ./mine.py")
-    also_train_in: str | None = option(
-        None, "Further scenarios to train in, as in a,b, each with as many worlds as --scenario"
-    )
-    encoder: str | None = option(None, "The file of an encoder (feature extractor) of your own, ./mine.py")
-    ppo: Mapping[str, Any] | None = option(None, "A parameter of PPO, as in gamma=0.99; repeatable", pairs=True)
+    steps: int = 5_000_000
+    reward: str = "progress"
+    also_train_in: str | None = None
+    encoder: str | None = None
+    ppo: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     length: ClassVar[str] = "steps"
-
-    def training(self, device: str) -> Training:
-        """See `Config`."""
-        from crowdbench.train.ppo import PPOTraining
-
-        return PPOTraining(self, device)
+    training: ClassVar[str] = "crowdbench.train.ppo:PPOTraining"
 
 
 METHODS: dict[str, type[Config]] = {
@@ -227,19 +212,17 @@ METHODS: dict[str, type[Config]] = {
 """The options by the name of the network, which is also the name of a planner."""
 
 
-def method_options(
-    methods: Mapping[str, type[Config]] = METHODS,
-) -> dict[str, tuple[dataclasses.Field[Any], list[str]]]:
-    """Return the fields declared with `option`, by name, with the networks that have them.
+def networks_by_option(methods: Mapping[str, type[Config]] = METHODS) -> dict[str, list[str]]:
+    """Return the networks that have an option, by the name of its field.
 
-    An option with the same name has the same meaning in all methods: the field is that of the first method.
+    An option with the same name has the same meaning in all methods.
     """
-    options: dict[str, tuple[dataclasses.Field[Any], list[str]]] = {}
+    networks: dict[str, list[str]] = {}
     for network, method in methods.items():
         for field in dataclasses.fields(method):
-            if field.metadata:
-                options.setdefault(field.name, (field, []))[1].append(network)
-    return options
+            if field.name != "network":
+                networks.setdefault(field.name, []).append(network)
+    return networks
 
 
 def make_config(network: str, options: Mapping[str, Any], methods: Mapping[str, type[Config]] = METHODS) -> Config:
@@ -251,15 +234,12 @@ def make_config(network: str, options: Mapping[str, Any], methods: Mapping[str, 
         methods: The options of the methods, by the name of the network.
 
     Raises:
-        InputError: There is no such network, an option is another network's or not finite, or two options conflict.
+        InputError: There is no such network, an option is another network's or impossible, or two options conflict.
     """
     method = find_named("network", network, methods)
-    for name, (_, networks) in method_options(methods).items():
+    for name, networks in networks_by_option(methods).items():
         if name in options and network not in networks:
             raise InputError(f"{flag(name)} is not for {network}, only for {', '.join(networks)}")
-    for name, value in options.items():
-        if isinstance(value, float) and not math.isfinite(value):
-            raise InputError(f"{flag(name)} is {value}, but must be a finite number")
     if "minutes" in options and method.length in options:
         raise InputError(f"--minutes and --{method.length} both set the length of a training: give one")
     return method(network=network, **options)

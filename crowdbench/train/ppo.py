@@ -12,7 +12,7 @@ import dataclasses
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -20,25 +20,24 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from crowdbench.catalog import load_scenario
-from crowdbench.core.types import Observation, Outcome
+from crowdbench.core.types import Outcome
 from crowdbench.envs.rewards import load_reward
-from crowdbench.envs.training_worlds import CASES, TrainingWorlds
+from crowdbench.envs.training_worlds import CASES
 from crowdbench.networks.chunks import in_chunks, one_torch_thread
 from crowdbench.networks.encoders import make_policy
-from crowdbench.networks.policy import ActorCritic, Memory, Policy, Seen
-from crowdbench.planners.filtered import FilteredPlanner, KalmanFilter
+from crowdbench.networks.policy import ActorCritic, Policy, Seen
+from crowdbench.planners.filtered import FilteredPlanner
 from crowdbench.planners.planner import Planner
-from crowdbench.planners.trained_policy import NetworkPlanner, PolicyInterface
+from crowdbench.planners.trained_policy import NetworkPlanner
 from crowdbench.plugins.kind import file_and_function
 from crowdbench.plugins.options import Option
 from crowdbench.plugins.plugin_files import read_files
-from crowdbench.predict import ConstantVelocity
-from crowdbench.sim.sensor import observe
 from crowdbench.train.config import PPOConfig, split_names
-from crowdbench.train.training import DrivingTraining, describe_scenario
+from crowdbench.train.driving import DrivingTraining, describe_scenario
+from crowdbench.train.experience import Experience
+from crowdbench.train.policy_worlds import PolicyWorlds, make_interface
 from crowdbench.utils.errors import InputError, is_number, require, require_count, require_positive
 from crowdbench.utils.resources import keep_freed_memory
-from crowdbench.views.view import View
 
 Numbers = Float[Tensor, "step world"]
 Flags = Bool[Tensor, "step world"]
@@ -46,10 +45,7 @@ Flags = Bool[Tensor, "step world"]
 CHUNK = 64
 """Worlds of a minibatch that a thread differentiates at once: few enough for the cache of a core."""
 
-NEAREST = 8
-"""Largest number of pedestrians in the input of a policy with a memory."""
-
-FEWEST = 256
+FEWEST_CASES = 256
 """Smallest number of training cases of a scenario between two validations, if several scenarios share `CASES`."""
 
 VALIDATIONS = 20
@@ -101,36 +97,7 @@ class Parameters:
             require(name, value, is_number(value) and 0.0 <= value <= 1.0, "a number from 0 to 1")
 
 
-class Experience(NamedTuple):
-    """Steps that the policy learns from: the segment of every world, in order of time.
-
-    Attributes:
-        seen: The observations.
-        memory: The policy's memory before the first of the steps.
-        begins: True for steps that were the first of an episode.
-        action: The actions, in m/s.
-        log_probability: The logarithms of their probability densities at the time of the action.
-        advantage: The advantages, normalized to mean 0 and standard deviation 1.
-        target: The targets of the value.
-    """
-
-    seen: Seen
-    memory: Memory
-    begins: Bool[Tensor, "time world"]
-    action: Float[Tensor, "*step 2"]
-    log_probability: Float[Tensor, "*step"]
-    advantage: Float[Tensor, "*step"]
-    target: Float[Tensor, "*step"]
-
-    def take(self, worlds: Int[Tensor, "world"]) -> Experience:
-        """Return the segments of the given worlds, all steps on one axis, without empty rows of pedestrians."""
-        vehicle, pedestrians, mask, *others = (part[:, worlds].flatten(0, 1) for part in (*self.seen, *self[3:]))
-        width = max(int(mask.sum(dim=1).max()), 1)
-        seen = Seen(vehicle, pedestrians[:, :width], mask[:, :width])
-        return Experience(seen, self.memory[worlds], self.begins[:, worlds], *others)
-
-
-class PPOTraining(DrivingTraining[Policy]):
+class PPOTraining(DrivingTraining):
     """A training of a policy.
 
     A point of its curve has `reward`, the mean return of the training episodes that ended since the last point, 0 if
@@ -142,52 +109,31 @@ class PPOTraining(DrivingTraining[Policy]):
     """
 
     config: PPOConfig
-    parts = ("network", "optimizer", "validated")
+    saved = ("network", "optimizer", "validated")
     curve_metric = "jerk"
     metrics = (*DrivingTraining.metrics, "jerk", "max_velocity_change")
+    current: Policy
 
     def __init__(self, config: PPOConfig, device: str) -> None:
         super().__init__(config, device)
-        self.parameters: Parameters = Option("--ppo", Parameters(), (Parameters,)).argument(dict(config.ppo or {}))
+        self.parameters: Parameters = Option("--ppo", Parameters(), (Parameters,)).argument(dict(config.ppo))
         self.also_train_in = [load_scenario(name) for name in split_names(config.also_train_in)]
         scenarios = [self.scenario, *self.also_train_in]
-        most = max(1, *(scenario.max_agents - 1 for scenario in scenarios))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self.network = ActorCritic(make_policy(config.network, config.encoder)).to(device)
         self.current = self.network.policy
-        self.nearest = min(most, NEAREST) if self.current.remembered else most
-        self.interface = PolicyInterface(self.nearest, ConstantVelocity() if self.current.remembered else None)
+        self.interface = make_interface(scenarios, recurrent=self.current.remembered > 0)
         # The first scenarios have one more world if worlds cannot be shared evenly.
-        self.rows = np.array_split(np.arange(self.parameters.worlds), len(scenarios))
-        reward = load_reward(config.reward)
+        shares = np.array_split(np.arange(self.parameters.worlds), len(scenarios))
+        cases, reward = max(CASES // len(scenarios), FEWEST_CASES), load_reward(config.reward)
         self.worlds = [
-            TrainingWorlds(len(rows), View(scenario), reward, max(CASES // len(scenarios), FEWEST))
-            for rows, scenario in zip(self.rows, scenarios, strict=True)
+            PolicyWorlds(scenario, rows, cases, reward, self.interface)
+            for scenario, rows in zip(scenarios, shares, strict=True)
         ]
-        self.filters = [KalmanFilter() for _ in scenarios]
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=self.parameters.learning_rate, eps=1e-5)
         self.generator = torch.Generator()
         self.returns: list[float] = []
-
-    def planner(self, network: Policy) -> Planner:
-        """See `DrivingTraining`."""
-        planner = NetworkPlanner(network, self.interface, self.config.network)
-        return FilteredPlanner(planner) if network.remembered else planner
-
-    def conditions(self) -> dict[str, Any]:
-        """See `DrivingTraining`."""
-        files: dict[str, dict[str, str]] = {}
-        for name, spec in {"reward": self.config.reward, "encoder": self.config.encoder}.items():
-            file, _ = file_and_function(spec or "")
-            files |= {} if file is None else {f"{name}_files": read_files(file)}
-        return {
-            "nearest": self.nearest,
-            "reward": self.config.reward,
-            "beside": [describe_scenario(scenario) for scenario in self.also_train_in],
-            "ppo": dataclasses.asdict(self.parameters),
-            **files,
-        }
 
     def learn(self) -> Iterator[None]:
         """See `Training`: a validation before the first update, and after every part of the training."""
@@ -198,7 +144,7 @@ class PPOTraining(DrivingTraining[Policy]):
             self.returns.clear()
             yield
 
-    def train_until(self, goal: float) -> None:
+    def train_until(self, progress: float) -> None:
         """Train up to a given progress, with episodes from newly drawn training cases.
 
         All random numbers follow from the seed and the number of validations so far.
@@ -207,91 +153,83 @@ class PPOTraining(DrivingTraining[Policy]):
         with self.timed():
             self.generator.manual_seed(seed)
             for worlds in self.worlds:
-                worlds.seed(seed)
-                worlds.start()
-            for tracker, rows in zip(self.filters, self.rows, strict=True):
-                tracker.reset(rows)
-            self._observe()
+                worlds.restart(seed)
+            self.seen = self._observe()
             self.memory = self.network.policy.initial_memory(self.parameters.worlds)
             self.begins = torch.ones(1, self.parameters.worlds, dtype=torch.bool, device=self.device)
-        while True:  # at least once: drawing the cases may have taken until the goal
+        while True:  # at least once: drawing the cases may have taken until then
             with self.timed():
                 self.update()
-            if self.progress >= min(goal, 1.0):
+            if self.progress >= min(progress, 1.0):
                 return
 
     def update(self) -> None:
         """Simulate steps in all worlds, and update the policy with them."""
         with one_torch_thread():  # whose sums are the same with any number of threads
-            experience = self._drive()
+            experience = self._collect()
             for _ in range(self.parameters.epochs):
                 order = torch.randperm(self.parameters.worlds, generator=self.generator)
                 for minibatch in torch.split(order, self.parameters.segments):
-                    self._descend(experience, minibatch)
+                    self._optimize(experience, minibatch)
         self.amount += self.parameters.steps * self.parameters.worlds
 
     @torch.no_grad()
-    def _drive(self) -> Experience:
+    def _collect(self) -> Experience:
         """Simulate some steps of every world, and return them."""
         steps, memory = [], self.memory
         for _ in range(self.parameters.steps):
             mean, value, self.memory = self.network(self.seen, self.memory, self.begins)
             noise = torch.randn(mean.shape, generator=self.generator).to(self.device)
             action = mean + self.network.log_std.exp() * noise
-            seen = (*self.seen, self.begins[0], action, self.network.log_probability(action, mean))
             if not action.isfinite().all():
                 raise InputError(
                     f"the training has failed after {self.amount} steps: the policy's actions are not finite, as where "
                     f"the reward {self.config.reward} is too large"
                 )
-            reward, ended = self._step(action.double().cpu().numpy())
-            steps.append((*seen, value, reward, ~ended))
+            before = (*self.seen, self.begins[0], action, self.network.log_probability(action, mean), value)
+            reward, ended = self._step(action)
+            steps.append((*before, reward, ~ended))
             self.begins = ended[None]
-        parts = (torch.stack(part) for part in zip(*steps, strict=True))
-        *observed, begins, action, log_probability, value, reward, continues = parts
+        columns = (torch.stack(column) for column in zip(*steps, strict=True))
+        *seen, begins, action, log_probability, value, reward, continues = columns
         last = self.network(self.seen, self.memory, self.begins)[1]
         values = torch.cat([value, last[None]])
         advantage = advantages(reward, values, continues, self.parameters.gamma, self.parameters.gae_lambda)
         normalized = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
-        return Experience(Seen(*observed), memory, begins, action, log_probability, normalized, advantage + value)
+        return Experience(Seen(*seen), memory, begins, action, log_probability, normalized, advantage + value)
 
-    def _observe(self) -> None:
-        """Observe all worlds: set the input of the policy, and the frames of its actions in each scenario."""
-        pairs = zip(self.worlds, self.filters, strict=True)
-        observations = [self._filtered(observe(worlds.worlds), tracker) for worlds, tracker in pairs]
-        features = [self.interface(obs) for obs in observations]
-        self.frames = [(obs, shown.axis) for obs, shown in zip(observations, features, strict=True)]
-        seen = (Seen.of(shown, self.device) for shown in features)
-        self.seen = Seen(*map(torch.cat, zip(*seen, strict=True)))
-
-    def _filtered(self, obs: Observation, tracker: KalmanFilter) -> Observation:
-        """Return a filtered observation for a policy with a memory and a limited sensor; see `FilteredPlanner`."""
-        return tracker.filter(obs) if self.current.remembered and not obs.sensor.sees_all else obs
-
-    def _step(self, action: Float[np.ndarray, "world 2"]) -> tuple[Float[Tensor, "world"], Bool[Tensor, "world"]]:
-        """Act in all worlds, and observe them. Return the rewards, and True for worlds whose episode has ended.
+    def _step(self, action: Float[Tensor, "world 2"]) -> tuple[Float[Tensor, "world"], Bool[Tensor, "world"]]:
+        """Act in all worlds. Return the rewards, and True for worlds whose episode has ended.
 
         If the time limit truncates an episode, the discounted value of the last state is added to the reward, in place
         of the rewards after it (Pardo et al. 2018).
         """
+        actions = action.double().cpu().numpy()
         rewards, ends = [], []
-        for worlds, rows, frame, tracker in zip(self.worlds, self.rows, self.frames, self.filters, strict=True):
-            step, reward, returned, _ = worlds.step(self.interface.velocities(action[rows], *frame))
+        for worlds in self.worlds:
+            step, reward, returned, _ = worlds.step(actions[worlds.rows])
             timed_out = np.flatnonzero(step.outcome == Outcome.TIMEOUT)
             if len(timed_out):
-                last = self._filtered(observe(step.after.take(timed_out), timed_out), tracker)
-                memory, begins = self.memory[rows[timed_out]], self.begins.new_zeros(1, len(timed_out))
-                value = self.network(Seen.of(self.interface(last), self.device), memory, begins)[1]
+                last = Seen.of(worlds.observe_last(step, timed_out), self.device)
+                memory, begins = self.memory[worlds.rows[timed_out]], self.begins.new_zeros(1, len(timed_out))
+                value = self.network(last, memory, begins)[1]
                 reward[timed_out] += self.parameters.gamma * value.double().cpu().numpy()
-            tracker.forget(np.flatnonzero(step.ended))
+            worlds.forget(step.ended)
             self.returns += returned[step.ended].tolist()
             rewards.append(reward)
             ends.append(step.ended)
-        self._observe()
-        reward_and_ended = [torch.from_numpy(np.concatenate(part)).to(self.device) for part in (rewards, ends)]
-        return reward_and_ended[0].float(), reward_and_ended[1]
+        self.seen = self._observe()
+        return self._tensor(rewards).float(), self._tensor(ends)
 
-    def _descend(self, experience: Experience, worlds: Int[Tensor, "world"]) -> None:
+    def _tensor(self, parts: list[np.ndarray]) -> Tensor:
+        return torch.from_numpy(np.concatenate(parts)).to(self.device)
+
+    def _observe(self) -> Seen:
+        """Return the input of the policy in all worlds."""
+        parts = [Seen.of(worlds.observe(), self.device) for worlds in self.worlds]
+        return Seen(*map(torch.cat, zip(*parts, strict=True)))
+
+    def _optimize(self, experience: Experience, worlds: Int[Tensor, "world"]) -> None:
         """Make one step of the optimizer on the segments of the given worlds.
 
         Threads share the worlds. The gradients of chunks are added in their order, so that the bits do not depend on
@@ -318,8 +256,27 @@ class PPOTraining(DrivingTraining[Policy]):
         mean, value, _ = self.network(steps.seen, steps.memory, steps.begins)
         ratio = (self.network.log_probability(steps.action, mean) - steps.log_probability).exp()
         clipped = ratio.clamp(1.0 - self.parameters.clip, 1.0 + self.parameters.clip)
-        gain = torch.minimum(ratio * steps.advantage, clipped * steps.advantage)
-        return self.parameters.value_weight * (value - steps.target) ** 2 - gain
+        objective = torch.minimum(ratio * steps.advantage, clipped * steps.advantage)
+        return self.parameters.value_weight * (value - steps.target) ** 2 - objective
+
+    def planner(self, network: Policy) -> Planner:
+        """See `DrivingTraining`."""
+        planner = NetworkPlanner(network, self.interface, self.config.network)
+        return FilteredPlanner(planner) if network.remembered else planner
+
+    def conditions(self) -> dict[str, Any]:
+        """See `DrivingTraining`."""
+        conditions = {
+            "nearest": self.interface.nearest,
+            "reward": self.config.reward,
+            "beside": [describe_scenario(scenario) for scenario in self.also_train_in],
+            "ppo": dataclasses.asdict(self.parameters),
+        }
+        for name, plugin in {"reward": self.config.reward, "encoder": self.config.encoder}.items():
+            file, _ = file_and_function(plugin or "")
+            if file is not None:
+                conditions[f"{name}_files"] = read_files(file)
+        return conditions
 
 
 def advantages(

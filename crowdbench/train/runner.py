@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import pkgutil
 import platform
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
@@ -52,7 +53,7 @@ class Runner:
         """
         _prepare(device)
         checkpoint.check_free(directory, config.program)
-        return cls(config.training(device), directory)
+        return cls(make_training(config, device), directory)
 
     @classmethod
     def resume(
@@ -82,7 +83,7 @@ class Runner:
             config = find_named("network", facts["config"]["network"], methods)(**facts["config"])
             if threads is None:
                 torch.set_num_threads(facts["threads"])  # sums in another order have other bits
-            training = config.training(device)
+            training = make_training(config, device)
             training.restore(tensors, facts)
         except InputError as error:
             raise InputError(f"{path} cannot be continued: {error}") from None
@@ -151,11 +152,17 @@ class Runner:
             "seconds": training.seconds,
             "curve": curve,
         }
-        checkpoint.save(self.directory / CHECKPOINT, {name: getattr(training, name) for name in training.parts}, facts)
+        checkpoint.save(self.directory / CHECKPOINT, {name: getattr(training, name) for name in training.saved}, facts)
         if curve:
             rows = [curve[0], *(point.values() for point in curve)]
             with write_whole(self.directory / "curve.csv") as partial:
                 partial.write_text("".join(",".join(map(str, row)) + "\n" for row in rows), encoding="utf-8")
+
+
+def make_training(config: Config, device: str) -> Training:
+    """Return a new training with the given options. Raises InputError if one of them is impossible."""
+    make: Callable[[Config, str], Training] = pkgutil.resolve_name(config.training)
+    return make(config, device)
 
 
 def _prepare(device: str) -> None:

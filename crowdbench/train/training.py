@@ -1,41 +1,18 @@
-"""The base classes of the training methods: any training, and one of a network that drives."""
+"""The base class of the training methods: what `crowdbench.train.runner` needs of them."""
 
 from __future__ import annotations
 
 import abc
 import contextlib
-import copy
-import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Generic, TypeVar, cast
+from typing import Any, ClassVar
 
-import numpy as np
 from torch import Tensor, nn
 
-from crowdbench.catalog import load_scenario
-from crowdbench.metrics.registry import METRICS
-from crowdbench.networks import card as cards
-from crowdbench.planners.driver import Driver
-from crowdbench.planners.planner import Planner
-from crowdbench.results.episodes import Episodes
-from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
 from crowdbench.train import checkpoint
-from crowdbench.train.config import split_names
-from crowdbench.utils.defaults import BATCH
-from crowdbench.utils.tables import plain
-
-VALIDATION_CASES = Cases("val", 0, 200)
-"""The cases of a validation, in each of its scenarios."""
-
-CARD_CASES = {"validation": Cases("val", 1000, 1200), "test": Cases("test", 0, 500)}
-"""The cases of the figures on a card, by the name of their split. None of them chooses a checkpoint."""
-
-Network = TypeVar("Network", bound=nn.Module)
 
 Point = dict[str, float]
 """A validation, a point of the training curve: numbers by the name of their column."""
@@ -54,10 +31,13 @@ class Training(abc.ABC):
     Args:
         config: See above.
         device: See above.
+
+    Raises:
+        InputError: A scenario, file or parameter does not exist or is impossible.
     """
 
-    parts: ClassVar[Sequence[str]]
-    """The attributes whose tensors are in a checkpoint."""
+    saved: ClassVar[Sequence[str]]
+    """The attributes whose tensors are in a checkpoint: networks, optimizers and replay buffers."""
 
     card_cases: Mapping[str, Cases] = MappingProxyType({})
     """The cases that `card` runs, by the name of their split."""
@@ -70,9 +50,9 @@ class Training(abc.ABC):
     @property
     def progress(self) -> float:
         """The finished part of the training, from 0 to 1."""
-        config = self.config
-        part = self.amount / getattr(config, config.length)
-        return min(1.0, self.seconds / (60.0 * config.minutes) if config.minutes else part)
+        if self.config.minutes is None:
+            return min(1.0, self.amount / getattr(self.config, self.config.length))
+        return min(1.0, self.seconds / (60.0 * self.config.minutes))
 
     @abc.abstractmethod
     def learn(self) -> Iterator[None]:
@@ -112,133 +92,5 @@ class Training(abc.ABC):
         """Restore the tensors and facts of a checkpoint. Raises RuntimeError if it is of another network."""
         self.amount, self.seconds = facts["amount"], facts["seconds"]
         self.curve = [dict(point) for point in facts["curve"]]
-        for name in self.parts:
+        for name in self.saved:
             checkpoint.restore(name, getattr(self, name), tensors)
-
-
-class DrivingTraining(Training, Generic[Network]):
-    """A training of a network that drives.
-
-    Attributes:
-        scenario: The training scenario, in which the card's figures are measured too.
-        validation: The scenarios of validations.
-        validated: The networks of all validations.
-        current: The current network, which is copied at each validation. A method's constructor sets it.
-
-    Raises:
-        InputError: There is no such scenario, or the folder of recorded tracks does not belong to it.
-    """
-
-    metrics: ClassVar[Sequence[str]] = ("success_rate", "collision_rate", "timeout_rate", "navigation_time")
-    """The metrics on the card."""
-
-    curve_metric: ClassVar[str]
-    """The metric in the curve in addition to success and time."""
-
-    current: Network
-
-    def __init__(self, config: Any, device: str) -> None:
-        super().__init__(config, device)
-        data = None if config.data is None else Path(config.data)
-        self.scenario = load_scenario(config.scenario, config.overrides, data=data)
-        validation = [load_scenario(name, data=data) for name in split_names(config.validation)]
-        self.validation = validation or [self.scenario]
-        if not any(scenario.tracks for scenario in (self.scenario, *validation)):
-            self.scenario.check_data(data)
-        self.validated = nn.ModuleList()
-        self.card_cases = {split: CARD_CASES[split] for split in CARD_CASES if split in ("validation", config.card)}
-
-    @abc.abstractmethod
-    def planner(self, network: Network) -> Planner:
-        """Make the planner of validations and cards."""
-
-    @abc.abstractmethod
-    def conditions(self) -> dict[str, Any]:
-        """Return the conditions of the training on a card that are specific to the method."""
-
-    def validate(self, **quantities: float) -> None:
-        """Run the validation cases. Add the current network to `validated`, and a point to the curve.
-
-        The point has means over the cases of all validation scenarios: `success` from 0 to 1;
-        `navigation_time_or_limit` in seconds, the time limit for failures; and `curve_metric`.
-
-        Args:
-            quantities: Further quantities of the point, which precede these means.
-        """
-        with self.timed():
-            network = copy.deepcopy(self.current)
-            driver = Driver(self.planner(network), self.config.network)
-            traces = [rollout(driver, scenario, VALIDATION_CASES, undisturbed=False) for scenario in self.validation]
-            self.validated.append(network)
-        names = {"success": "success_rate", "navigation_time_or_limit": "navigation_time_or_limit"}
-        for column, name in (names | {self.curve_metric: self.curve_metric}).items():
-            quantities[column] = float(np.nanmean([METRICS[name](trace) for trace in traces]))
-        self.add_point(**quantities)
-
-    def describe(self, point: Point) -> str:
-        """See `Training`."""
-        amount = f"{point[self.config.length]} {self.config.length}"
-        jerk = f", jerk {point['jerk']:.1f}" if "jerk" in point else ""
-        return (
-            f"{amount:>15}, {point['seconds']:4.0f} s: on validation cases {100 * point['success']:.1f} % success in "
-            f"{point['navigation_time_or_limit']:.2f} s (a failure counts as the time limit){jerk}"
-        )
-
-    def best(self) -> tuple[Point, Network]:
-        """See `Training`."""
-        point = choose_point(self.curve, len(VALIDATION_CASES) * len(self.validation))
-        return point, cast(Network, self.validated[self.curve.index(point)])
-
-    def card(self, progress: Callable[[float], None]) -> dict[str, Any]:
-        """See `Training`. The figures belong to the best network in the training scenario."""
-        length, (point, network) = self.config.length, self.best()
-        driver, figures = Driver(self.planner(network), self.config.network), {}
-        metrics = {metric: METRICS[metric] for metric in self.metrics}
-        for split, cases in self.card_cases.items():
-            traces = (rollout(driver, self.scenario, part, progress=progress) for part in cases.batches(BATCH))
-            episodes = Episodes.join([Episodes.of(trace, metrics) for trace in traces])
-            figures[split] = {"cases": str(cases), "metrics": plain(episodes.summary())}
-        validation = {"scenarios": [scenario.name for scenario in self.validation], "cases": str(VALIDATION_CASES)}
-        return {
-            "training": {
-                "scenario": describe_scenario(self.scenario),
-                **self.conditions(),
-                "validation": validation,
-                "seed": self.config.seed,
-                length: self.amount,
-                f"kept_after_{length}": point[length],
-                "minutes": round(self.seconds / 60, 1),
-            },
-            "figures": figures,
-            "data": cards.episodes(self.scenario.table),
-        }
-
-    def restore(self, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
-        """See `Training`."""
-        self.validated.extend(copy.deepcopy(self.current) for _ in facts["curve"])
-        super().restore(tensors, facts)
-
-
-def choose_point(curve: Sequence[Point], cases: int) -> Point:
-    """Choose a point of a training curve: by success first, within noise, and by time second.
-
-    Args:
-        curve: The points, with `success` from 0 to 1 and `navigation_time_or_limit` in seconds.
-        cases: The number of cases of each point.
-
-    Returns:
-        The quickest of the points whose success is at most one standard error below the largest (the rule of Breiman et
-        al., *Classification and Regression Trees*, 1984); the latest of equally quick ones. The standard error is
-        computed with two more successes and two more failures (Agresti and Coull 1998), because otherwise it would be 0
-        if all cases succeed.
-    """
-    best = max(point["success"] for point in curve)
-    rate = (best * cases + 2) / (cases + 4)
-    error = math.sqrt(rate * (1 - rate) / (cases + 4))
-    within_noise = [point for point in reversed(curve) if point["success"] >= best - error]
-    return min(within_noise, key=lambda point: point["navigation_time_or_limit"])
-
-
-def describe_scenario(scenario: Scenario) -> dict[str, Any]:
-    """Return the facts about a scenario on a card: name, digest and all keys."""
-    return {"name": scenario.name, "digest": scenario.digest, **scenario.table}

@@ -35,8 +35,8 @@ from crowdbench.predict.predictors import load_predictor
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.train.config import UNLIMITED, ValueConfig
+from crowdbench.train.driving import DrivingTraining
 from crowdbench.train.replay_memory import ReplayBuffer, Transitions, transitions
-from crowdbench.train.training import DrivingTraining
 
 DEMONSTRATIONS = 2000
 """Number of demonstration episodes, driven by ORCA."""
@@ -81,7 +81,7 @@ CASES_PER_SEED = 1_000_000
 """Number of training cases that belong to each seed."""
 
 
-class ValueTraining(DrivingTraining[ValueNetwork]):
+class ValueTraining(DrivingTraining):
     """A training of a value network. Its current network is a moving average, which is also the target network.
 
     A point of its curve has `exploration`, the present epsilon; `loss`, the mean loss of the latest round, or of
@@ -93,7 +93,7 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
     """
 
     config: ValueConfig
-    parts = ("network", "current", "optimizer", "replay", "validated")
+    saved = ("network", "current", "optimizer", "replay", "validated")
     curve_metric = "discounted_return"
 
     def __init__(self, config: ValueConfig, device: str) -> None:
@@ -107,20 +107,16 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE)
         self.replay = ReplayBuffer(CAPACITY)
 
-    def planner(self, network: ValueNetwork) -> ValuePlanner:
-        """See `DrivingTraining`."""
-        # Always with constant velocity, which is not privileged; the predictor in training may be the oracle.
-        return ValuePlanner(ConstantVelocity(), network, limits=self.limits)
-
-    def conditions(self) -> dict[str, Any]:
-        """See `DrivingTraining`."""
-        return {"predictor": self.config.predictor, "limits": self.config.limits}
-
     def learn(self) -> Iterator[None]:
         """See `Training`: imitation, then rounds of episodes."""
-        while not self.curve or self.progress < 1.0:
+        if not self.curve:
             with self.timed():
-                loss = self.improve() if self.curve else self.imitate()
+                loss = self.imitate()
+            self.validate(exploration=self.exploration, loss=loss)
+            yield
+        while self.progress < 1.0:
+            with self.timed():
+                loss = self.improve()
             if len(self.curve) <= int(self.progress * VALIDATIONS):
                 self.validate(exploration=self.exploration, loss=loss)
                 yield
@@ -134,10 +130,12 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
         generator = np.random.default_rng([self.config.seed, 0])
         for _ in range(IMITATION_EPOCHS):
             order = generator.permutation(len(steps))
-            batches = [steps.take(order[start : start + BATCH]) for start in range(0, len(steps), BATCH)]
-            loss = np.mean([self._update(optimizer, batch, self._tensor(batch.episode_return)) for batch in batches])
+            losses = []
+            for start in range(0, len(steps), BATCH):
+                batch = steps.take(order[start : start + BATCH])
+                losses.append(self._update(optimizer, batch, self._tensor(batch.episode_return)))
         self.current.load_state_dict(self.network.state_dict())
-        return float(loss)
+        return float(np.mean(losses))
 
     def improve(self) -> float:
         """Run a round of episodes, then learn from the replay buffer. Return the mean loss."""
@@ -190,6 +188,15 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
 
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.from_numpy(array).to(self.device)
+
+    def planner(self, network: ValueNetwork) -> ValuePlanner:
+        """See `DrivingTraining`."""
+        # Always with constant velocity, which is not privileged; the predictor in training may be the oracle.
+        return ValuePlanner(ConstantVelocity(), network, limits=self.limits)
+
+    def conditions(self) -> dict[str, Any]:
+        """See `DrivingTraining`."""
+        return {"predictor": self.config.predictor, "limits": self.config.limits}
 
 
 class EpsilonGreedy(Planner):

@@ -112,7 +112,7 @@ class View:
 
         Each axis of a velocity is within the preferred speed. In a corner the speed is larger: the simulator limits it.
         """
-        speed = self.scenario.vehicle.speed
+        speed = self.scenario.vehicle.preferred_speed
         if self.action == "native":
             low, high = self.scenario.rules.dynamics.space(np.array([speed]))
             return Box(low[0], high[0], dtype=np.float64)
@@ -239,4 +239,4 @@ def position_bound(scenario: Scenario) -> float:
 
 
 def _max_speed(scenario: Scenario) -> float:
-    return max(scenario.vehicle.speed, scenario.crowd.preferred_speed.high) * (1 + SPEED_TOLERANCE)
+    return max(scenario.vehicle.preferred_speed, scenario.crowd.preferred_speed.high) * (1 + SPEED_TOLERANCE)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,26 +15,12 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field
 
-from crowdbench.catalog import load_scenario, scenario_path, suite_families
-from crowdbench.core.types.rules import COLLISION_RULES
-from crowdbench.metrics.registry import MAIN, METRICS, Metric
-from crowdbench.metrics.scenario_means import scenario_weights
-from crowdbench.runs.identity import code, digest, source_of
-from crowdbench.runs.spec import LOOK_FIRST, Replanning
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.toml import (
-    Flag,
-    Location,
-    Name,
-    Names,
-    TomlTable,
-    choice,
-    integer,
-    parse_table,
-    read_toml,
-)
+from crowdbench import METRICS, Cases, InputError, Scenario, load_scenario, scenario_path, suite_families
+from crowdbench.core import COLLISION_RULES
+from crowdbench.metrics import MAIN, Metric, scenario_weights
+from crowdbench.runs import LOOK_FIRST, SIMULATOR, Replanning
+from crowdbench.scenario import known_files
+from crowdbench.utils import Flag, Location, Name, Names, TomlTable, choice, integer, parse_table, read_toml
 
 FILE = "board.toml"
 
@@ -91,7 +79,7 @@ class Board:
 
     @functools.cached_property
     def parts(self) -> dict[str, Any]:
-        """Everything that results and ranks depend on: rules, scenarios, metrics, and the simulator's code."""
+        """Everything that results and ranks depend on: rules, metrics, scenarios, and the version of the simulator."""
         if self.spec.recorded:
             scenarios = {name: _recorded_digest(name) for name in self.scenarios}
         else:
@@ -99,14 +87,14 @@ class Board:
         return {
             "rules": self.spec.model_dump(mode="json", exclude=_NO_RULES),
             "scenarios": scenarios,
-            "metrics": {name: source_of(metric) for name, metric in self.metrics.items()},
-            "code": code(),
+            "metrics": MEASURED,
+            "simulator": SIMULATOR,
         }
 
     @property
     def digest(self) -> str:
         """The sha256 of `parts`."""
-        return digest(self.parts)
+        return _digest(self.parts)
 
     @functools.cached_property
     def _public(self) -> Sequence[Scenario]:
@@ -208,14 +196,17 @@ def _recorded_digest(name: str) -> str:
     Raises:
         InputError: The sha256 of the tracks is not known.
     """
-    from crowdbench.scenario.tracks.scenes import known_files
-
     table = read_toml(scenario_path(name), "scenario")
     tracks = table.get("tracks", {})
     files = {**known_files(tracks.get("scene", "")), **tracks.get("files", {})}
     if not files:
         raise InputError(f"the scenario {name} names no recorded tracks whose sha256 is known: add tracks.files to it")
-    return digest({"keys": {key: value for key, value in table.items() if key != "description"}, "tracks": files})
+    return _digest({"keys": {key: value for key, value in table.items() if key != "description"}, "tracks": files})
+
+
+def _digest(table: Mapping[str, Any]) -> str:
+    """Return the sha256 of a table."""
+    return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
 
 
 def find_board(name: str, root: Path = ROOT) -> Board:

@@ -11,20 +11,11 @@ from typing import Any
 
 from filelock import Timeout
 
-from crowdbench.isolation.isolated_planner import IsolatedPlanner, Limits
-from crowdbench.planners.driver import Driver
-from crowdbench.results.episodes import EPISODES, Episodes
-from crowdbench.results.result_file import check_result
-from crowdbench.runs.each_scenario import make_each
-from crowdbench.runs.loading import identify
-from crowdbench.runs.rollout import Progress
-from crowdbench.runs.run import Run
-from crowdbench.runs.shards import make_run
-from crowdbench.runs.spec import RunSpec
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.utils import files
-from crowdbench.utils.errors import InputError
+from crowdbench import Cases, Driver, Episodes, InputError, Scenario
+from crowdbench.isolation import IsolatedPlanner, Limits
+from crowdbench.results import EPISODES, check_result
+from crowdbench.runs import Progress, Run, RunSpec, identify, make_each, make_run
+from crowdbench.utils import hold_lock
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.planner_files import PLANNER, locate_named_files
 from crowdbench_leaderboards.season import SEASON
@@ -129,8 +120,8 @@ def _drive(
         planner.planner,
         scenario.name,
         case_set.cases,
-        options,
-        board.overrides(case_set.seed),
+        options=options,
+        overrides=board.overrides(case_set.seed),
         replanning=board.replanning,
         record="commands",
     )
@@ -166,7 +157,7 @@ def lock_runs(out: Path) -> Iterator[None]:
     """Keep other processes from making the same runs. Raises InUse if another process is making them."""
     out.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with files.hold_lock(out.with_name(f".{out.name}.lock"), 0):
+        with hold_lock(out.with_name(f".{out.name}.lock"), 0):
             yield
     except Timeout:
         raise InUse(f"another process is making the runs of {out}") from None

@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from crowdbench.isolation.limits import usable_cores
-from crowdbench.results.stored_commands import COMMANDS, read_commands
-from crowdbench.runs.decision_time import SAME, time_single_world
-from crowdbench.scenario.cases import Cases
+from crowdbench import Cases
+from crowdbench.isolation import usable_cores
+from crowdbench.results import COMMANDS, read_commands
+from crowdbench.runs import SAME_COMMANDS, time_single_world
 from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner, driven_scenarios
 from crowdbench_leaderboards.verdict import DecisionTime
 
@@ -67,8 +67,8 @@ def time_decisions(planner: EntryPlanner, case_set: CaseSet, runs: Path) -> Deci
     same = float(np.mean(is_same)) if len(is_same) else 0.0
     if same < MIN_SAME:
         raise NotTimed(
-            f"not timed: in one world alone, {100 * same:.1f} % of its decisions are within {SAME:g} m/s of those in "
-            f"the ranked cases, but {100 * MIN_SAME:g} % must be"
+            f"not timed: in one world alone, {100 * same:.1f} % of its decisions are within {SAME_COMMANDS:g} m/s of "
+            f"those in the ranked cases, but {100 * MIN_SAME:g} % must be"
         )
     p99 = 1e3 * float(np.percentile(seconds, 99))
     calibrated = p99 * REFERENCE_MS / kernel_ms

@@ -11,9 +11,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import ThreadsOption, assignments, use_threads
-from crowdbench.utils.errors import InputError, defuse
+from crowdbench import InputError
+from crowdbench.cli import (
+    ThreadsOption,
+    announce_compilation,
+    assignments,
+    exit_on_interrupt,
+    progress,
+    say,
+    use_threads,
+)
+from crowdbench.utils import defuse
 
 if TYPE_CHECKING:
     from crowdbench_leaderboards.entry import Entry
@@ -47,8 +55,8 @@ def submit(
         dry_run: Check planner and card, and estimate the time for the public cases, but make no entry.
     """
     use_threads(threads)
-    from crowdbench.catalog import PLANNERS
-    from crowdbench.plugins.kind import file_and_function, plugin_name, program
+    from crowdbench import PLANNERS
+    from crowdbench.plugins import file_and_function, plugin_name, program
     from crowdbench_leaderboards.board import find_board
     from crowdbench_leaderboards.entry import MAINTAINERS, fold, read_card
     from crowdbench_leaderboards.submission import Submission, rehearse
@@ -157,7 +165,7 @@ def verify(
         cases: Number of cases, if fewer than the board has; not with --season.
     """
     use_threads(threads)
-    from crowdbench.scenario.cases import Cases
+    from crowdbench import Cases
     from crowdbench_leaderboards.board import FILE, find_board, read_board
     from crowdbench_leaderboards.entry import read_entry
     from crowdbench_leaderboards.season import read_season

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.metrics.registry import info_of
-from crowdbench.results.episodes import Episodes
+from crowdbench import Episodes
+from crowdbench.metrics import info_of
 
 ALPHA = 0.001
 """The largest probability that an honest entry is called lower than claimed."""

@@ -18,21 +18,30 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from crowdbench.catalog import PLANNERS
-from crowdbench.plugins.new_planner import CARD
-from crowdbench.results.episodes import EPISODES
-from crowdbench.results.stored_commands import COMMANDS
-from crowdbench.utils import files
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.records import check_record
-from crowdbench.utils.toml import Flag, Location, Name, Names, Text, TomlTable, integer, parse_table, read_toml
+from crowdbench import PLANNERS, InputError
+from crowdbench.plugins import CARD
+from crowdbench.results import COMMANDS, EPISODES
+from crowdbench.utils import (
+    Flag,
+    Location,
+    Name,
+    Names,
+    Text,
+    TomlTable,
+    check_record,
+    integer,
+    parse_table,
+    read_json,
+    read_toml,
+    sha256,
+    write_whole,
+)
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.planner_files import (
     PLANNER,
     check_files,
     check_named_files,
     contents,
-    imported_code,
     package,
     package_files,
 )
@@ -113,8 +122,7 @@ class EntrySpec(Record):
         submitted_by: The submitter.
         planner: Name or file of the planner, as for `crowdbench run --planner`; a file is relative to the entry.
         package: For a planner that is not a file: the distribution with its version, such as `crowdbench==0.1.0`.
-        package_files: For such a planner, the sha256 of its Python files, by path.
-        code: The digest of the code of crowdbench that the planner imports.
+        package_files: For a planner of another distribution than crowdbench, the sha256 of its Python files, by path.
         facts: The facts that the planner states in each scenario, such as the digest of its weights.
         options: The planner's options; files are relative to the entry.
         networks: The options in which other networks of the same method differ. They are trained with other seeds.
@@ -131,7 +139,6 @@ class EntrySpec(Record):
     planner: str
     package: str
     package_files: dict[str, Sha256]
-    code: Sha256
     facts: dict[str, dict[str, str]]
     options: dict[str, JsonValue]
     networks: list[dict[str, JsonValue]]
@@ -175,7 +182,7 @@ class Entry:
         """The sha256 of everything that is frozen when a season closes: planner, options, files and card."""
         spec = self.spec
         frozen = {path: digest for path, digest in spec.files.items() if not path.startswith(f"{PUBLIC}/")}
-        code = [spec.package, spec.package_files, spec.code, frozen]
+        code = [spec.package, spec.package_files, frozen]
         planner = [spec.planner, spec.options, spec.networks, spec.facts, code]
         text = json.dumps([spec.board, self.name, planner], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -191,7 +198,7 @@ def read_entry(directory: Path) -> Entry:
         raise InputError(f"{directory} cannot be an entry: {NAMING}")
     path = directory / ENTRY
     try:
-        table = files.read_json(path)
+        table = read_json(path)
     except OSError as error:
         raise InputError(f"{directory} is no entry: {path} cannot be read ({error.strerror})") from None
     spec = check_record(EntrySpec, table, path, "entry", SCHEMA)
@@ -278,36 +285,29 @@ def check_networks(options: Mapping[str, Any], networks: Sequence[Mapping[str, A
 
 
 def check_unchanged(entry: Entry) -> None:
-    """Raise InputError if the installed planner or its code differs from that of the entry."""
+    """Raise InputError if the installed planner differs from that of the entry.
+
+    The code of a planner that ships may differ: the version of the simulator is raised if its episodes change.
+    """
     spec = entry.spec
+    if spec.package.startswith(SHIPPED):
+        return
     if (installed := package(spec.planner)) != spec.package:
         raise InputError(f"the planner is of {spec.package}, but {installed} is installed")
     if package_files(spec.planner) != spec.package_files:
-        raise InputError(f"the files of the planner {spec.planner} are others than those that were entered")
-    if imported_code(spec.planner, spec.options, entry.directory) != spec.code:
-        raise InputError(f"the planner {spec.planner} imports other code of crowdbench than when it was entered")
+        raise InputError(f"the files of the planner {spec.planner} have changed since submission")
 
 
 def is_pending(entry: Entry, board: Board) -> bool:
-    """Check if an entry was made for another digest of the board, or for other code of its planner.
-
-    The code of a package that is not installed counts as unchanged.
-    """
-    spec = entry.spec
-    if spec.board_digest != board.digest:
-        return True
-    try:
-        current = package_files(spec.planner), imported_code(spec.planner, spec.options, entry.directory)
-    except InputError:
-        return spec.package.startswith(SHIPPED)
-    return current != (spec.package_files, spec.code)
+    """Check if an entry was made for another digest of the board."""
+    return entry.spec.board_digest != board.digest
 
 
 def file_digests(directory: Path) -> dict[str, str]:
     """Return the sha256 of all files of an entry except `entry.json`, by path."""
     check_files(directory)
     paths = [path for path in sorted(directory.rglob("*")) if path.is_file()]
-    return {path.relative_to(directory).as_posix(): files.sha256(path) for path in paths if path != directory / ENTRY}
+    return {path.relative_to(directory).as_posix(): sha256(path) for path in paths if path != directory / ENTRY}
 
 
 def _check_digests(directory: Path, digests: Mapping[str, str]) -> None:
@@ -325,7 +325,7 @@ def _check_digests(directory: Path, digests: Mapping[str, str]) -> None:
 
 def write_entry(directory: Path, spec: EntrySpec) -> None:
     """Write `entry.json` into the folder of an entry, completely or not at all."""
-    with files.write_whole(directory / ENTRY) as partial:
+    with write_whole(directory / ENTRY) as partial:
         write_record(partial, spec)
 
 

@@ -27,8 +27,6 @@ from crowdbench_leaderboards.cli import ROOT, WORK
 from crowdbench_leaderboards.entry import (
     ENTRY,
     MAINTAINERS,
-    Entry,
-    check_unchanged,
     is_pending,
     read_entries,
     read_entry,
@@ -146,16 +144,13 @@ def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
 
 
 def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
-    """List the shipped planners without a current entry on a board.
-
-    An entry is not current if it was made for another digest of the board, or if files of its planner have changed.
-    Once entries are frozen, changed files do not count.
+    """List the shipped planners without an entry for the board's digest.
 
     Raises:
         InputError: `shipped.toml` is missing or wrong, or an entry is damaged.
     """
     jobs, cases = [], len(board.public_cases) * len(board.scenarios)
-    current = {entry.name for entry in read_entries(board, root) if _is_current(entry, board, root)}
+    current = {entry.name for entry in read_entries(board, root) if not is_pending(entry, board)}
     for spec in parse_table(ShippedFile, read_toml(root / SHIPPED, "list"), Location(SHIPPED)).shipped:
         is_elsewhere = board.name in spec.not_on or (spec.only_on and board.name not in spec.only_on)
         if is_elsewhere or spec.name in current:
@@ -168,22 +163,10 @@ def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
     return jobs
 
 
-def _is_current(entry: Entry, board: Board, root: Path) -> bool:
-    if entry.spec.board_digest != board.digest:
-        return False
-    if board.name in read_season(root).frozen:
-        return True
-    try:
-        check_unchanged(entry)
-    except InputError:
-        return False
-    return True
-
-
 def _submit(submission: Submission, root: Path, work: Path, progress: Progress) -> None:
-    """Submit a shipped planner, and replace its entry if that is not current."""
+    """Submit a shipped planner, and replace its entry if that is pending."""
     folder = submission.directory(root)
-    if (folder / ENTRY).is_file() and not _is_current(read_entry(folder), submission.board, root):
+    if (folder / ENTRY).is_file() and is_pending(read_entry(folder), submission.board):
         shutil.rmtree(folder)
     submit(submission, root, work, progress)
 

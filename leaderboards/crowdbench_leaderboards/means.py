@@ -8,14 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from crowdbench.metrics.networks import range_over_networks
-from crowdbench.metrics.registry import UNDISTURBED, info_of
-from crowdbench.metrics.scenario_means import mean_over_scenarios
-from crowdbench.metrics.summary import Estimate
-from crowdbench.results.stored_commands import COMMANDS, read_commands
-from crowdbench.scenario.cases import Cases
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import plain
+from crowdbench import Cases, InputError
+from crowdbench.metrics import UNDISTURBED, Estimate, info_of, mean_over_scenarios, range_over_networks
+from crowdbench.results import COMMANDS, read_commands
+from crowdbench.utils import plain
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.board_runs import EntryPlanner, read_episodes
 from crowdbench_leaderboards.entry import Entry

@@ -14,11 +14,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from crowdbench import catalog
-from crowdbench.plugins.kind import file_and_function
-from crowdbench.plugins.plugin_files import read_files
-from crowdbench.runs.identity import SIMULATOR, digest
-from crowdbench.utils.errors import InputError
+from crowdbench import PLANNERS, InputError
+from crowdbench.plugins import file_and_function, read_files
 
 PLANNER = "planner"
 """The folder of the planner's files in an entry."""
@@ -180,14 +177,14 @@ def package(planner: str) -> str:
     """Return the distribution with its version that a planner comes from; empty if its files are in the entry."""
     if planner.startswith(f"{PLANNER}/"):
         return ""
-    source = catalog.PLANNERS.sources().get(planner)
+    source = PLANNERS.sources().get(planner)
     if isinstance(source, importlib.metadata.EntryPoint) and source.dist is not None:
         return f"{source.dist.name}=={source.dist.version}"
     return f"crowdbench=={importlib.metadata.version('crowdbench')}"
 
 
 def package_files(planner: str) -> dict[str, str]:
-    """Return the sha256 of the Python files of a package's planner, by path; none if its files are in the entry.
+    """Return the sha256 of the Python files of a planner of another distribution than crowdbench, by path.
 
     The planner is not loaded, because an entry may name any planner.
 
@@ -196,17 +193,8 @@ def package_files(planner: str) -> dict[str, str]:
     """
     if planner.startswith(f"{PLANNER}/"):
         return {}
-    if planner not in catalog.PLANNERS.sources():
+    if planner not in PLANNERS.sources():
         raise InputError(f"no planner that is built in or installed is called {planner!r}")
-    return catalog.PLANNERS.files(planner)
-
-
-def imported_code(planner: str, options: Mapping[str, Any], folder: Path) -> str:
-    """Return the digest of the version of the simulator, the same for all planners.
-
-    Args:
-        planner: The planner's name, or its file in the folder.
-        options: Its options, which may name files in the folder.
-        folder: Folder of the entry.
-    """
-    return digest({"simulator": SIMULATOR})
+    if planner in PLANNERS.built_in():
+        return {}
+    return PLANNERS.files(planner)

@@ -16,9 +16,18 @@ from typing import Annotated
 
 from pydantic import BaseModel, Field, StrictStr
 
-from crowdbench.utils import files
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.toml import Flag, Location, Name, TomlTable, integer, parse_table, read_toml
+from crowdbench import InputError
+from crowdbench.utils import (
+    Flag,
+    Location,
+    Name,
+    TomlTable,
+    integer,
+    parse_table,
+    read_json,
+    read_toml,
+    write_whole,
+)
 
 SEASON = "season.toml"
 FROZEN = "frozen.json"
@@ -92,7 +101,7 @@ def read_season(root: Path) -> Season:
     spec = parse_table(SeasonSpec, read_toml(root / SEASON, "season"), Location(SEASON))
     path = root / FROZEN
     try:
-        frozen = _FrozenFile.model_validate(files.read_json(path))
+        frozen = _FrozenFile.model_validate(read_json(path))
     except FileNotFoundError:
         return Season(spec, {}, root)
     except OSError as error:
@@ -132,6 +141,6 @@ def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
         raise InputError(f"the board {board} has no entries to freeze")
     frozen = {**season.frozen, board: dict(entries)}
     table = {"season": spec.name, "entries": frozen}
-    with files.write_whole(root / FROZEN) as partial:
+    with write_whole(root / FROZEN) as partial:
         partial.write_text(json.dumps(table, indent=2, sort_keys=True) + "\n", encoding="utf-8")
     return Season(spec, frozen, root)

@@ -12,7 +12,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from crowdbench.utils.errors import InputError
+from crowdbench import InputError
 
 MAINTAINERS_FILE = "maintainers"
 SIGNATURE = ".sig"

@@ -10,15 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crowdbench.plugins.new_planner import CARD, TEMPLATE
-from crowdbench.results.episodes import EPISODES
-from crowdbench.results.result_file import read_result
-from crowdbench.results.stored_commands import COMMANDS
-from crowdbench.runs.rollout import Progress
-from crowdbench.runs.run import read_versions
-from crowdbench.scenario.cases import Cases
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.files import new_directory
+from crowdbench import Cases, InputError
+from crowdbench.plugins import CARD, TEMPLATE
+from crowdbench.results import COMMANDS, EPISODES, read_result
+from crowdbench.runs import Progress, read_versions
+from crowdbench.utils import new_directory
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner, InUse, drive, driven_scenarios, lock_runs
 from crowdbench_leaderboards.calibrated_time import NotTimed, time_decisions
@@ -42,7 +38,6 @@ from crowdbench_leaderboards.planner_files import (
     PLANNER,
     check_files,
     copy_named_files,
-    imported_code,
     package,
     package_files,
 )
@@ -175,7 +170,6 @@ def _make_spec(submission: Submission, planner: EntryPlanner, networks: list[dic
         planner=planner.planner,
         package=package(planner.planner),
         package_files=package_files(planner.planner),
-        code=imported_code(planner.planner, planner.options, folder),
         facts={name: result["run"]["planner"]["facts"] for name, result in results.items()},
         options=dict(planner.options),
         networks=networks,

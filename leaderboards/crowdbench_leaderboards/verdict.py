@@ -16,10 +16,10 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, ValidationError
 
-from crowdbench.metrics.summary import Estimate
-from crowdbench.results.episodes import EPISODES, read_estimate
-from crowdbench.utils import files
-from crowdbench.utils.errors import InputError
+from crowdbench import InputError
+from crowdbench.metrics import Estimate
+from crowdbench.results import EPISODES, read_estimate
+from crowdbench.utils import new_directory, read_regular
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.board_runs import read_episodes
 from crowdbench_leaderboards.entry import Entry, Record, Sha256, file_digests, write_record
@@ -161,7 +161,7 @@ def write_verification(folder: Path, verification: Verification, board: Board, r
         NotWritten: The folder cannot be written.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with files.new_directory(folder, overwrite=True, mark=VERIFICATION) as partial:
+    with new_directory(folder, overwrite=True, mark=VERIFICATION) as partial:
         for name, episodes in read_episodes(board, runs).items() if verification.figures else ():
             (partial / name).mkdir()
             columns = {"sct": episodes.columns["sct"].round(DIGITS)}
@@ -185,7 +185,7 @@ def read_verification(entry: Entry, board: Board, season: Season) -> Verificatio
     if not path.is_file():
         raise Unverified("nobody has verified it in this season")
     try:
-        verification = Verification.model_validate_json(files.read_regular(path))
+        verification = Verification.model_validate_json(read_regular(path))
         runs = {name: digest for name, digest in file_digests(folder).items() if not name.startswith(VERIFICATION)}
         seed = season.seed(board.name)
     except (ValidationError, OSError):

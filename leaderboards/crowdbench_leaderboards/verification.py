@@ -15,19 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from crowdbench.isolation import sandbox
-from crowdbench.isolation.limits import describe
-from crowdbench.results.episodes import EPISODES, Episodes
-from crowdbench.results.result_file import read_result
-from crowdbench.results.run_result import RunResult
-from crowdbench.results.stored_commands import COMMANDS, check_size
-from crowdbench.runs.replay import replay_run
-from crowdbench.runs.rollout import Progress
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.utils.errors import InputError, MachineFault
-from crowdbench.utils.resources import limit_memory
-from crowdbench.utils.tables import plain
+from crowdbench import Cases, Episodes, InputError, Scenario
+from crowdbench.isolation import PROCESS, describe_limits, level
+from crowdbench.results import COMMANDS, EPISODES, RunResult, check_size, read_result
+from crowdbench.runs import SIMULATOR, Progress, code, replay_run
+from crowdbench.utils import MachineFault, limit_memory, plain
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.board_runs import (
     CaseSet,
@@ -127,12 +119,12 @@ def _check_board(entry: Entry, board: Board) -> None:
     check_board_name(entry, board)
     if entry.spec.board_digest != board.digest:
         raise InputError(
-            f"{entry.directory} was made for other rules, scenarios or code of the board {board.name} "
+            f"{entry.directory} was made for another simulator, other rules or scenarios of the board {board.name} "
             f"({entry.spec.board_digest[:12]}) than these ({board.digest[:12]}): submit it again"
         )
     spec = entry.spec
     check_names(entry.name, spec.planner, entry.card, spec.submitted_by, entry.directory.parent.parent)
-    if sandbox.level() == sandbox.PROCESS:
+    if level() == PROCESS:
         raise InputError("an entry is verified in a sandbox, for which bubblewrap is needed: install it")
 
 
@@ -188,7 +180,7 @@ def _verify(
         entry_digest=entry.digest,
         season=season,
         seed=case_set.seed,
-        level=sandbox.level(),
+        level=level(),
         **measured,
     )
 
@@ -236,7 +228,7 @@ def read_public_run(entry: Entry, board: Board, scenario: Scenario) -> RunResult
     if episodes.columns.keys() != board.metrics.keys():
         raise InputError(f"{folder / EPISODES} must have the metrics {', '.join(board.metrics)}")
     result = {
-        "run": {"scenario": scenario.digest, "cases": str(board.public_cases), "code": board.parts["code"]},
+        "run": {"scenario": scenario.digest, "cases": str(board.public_cases), "code": code(), "simulator": SIMULATOR},
         "stated": {"versions": entry.spec.environment},
         "outcomes": episodes.counts(),
         "recorded": 0,
@@ -280,6 +272,6 @@ def _run_again(entry: Entry, case_set: CaseSet, runs: Path, progress: Progress |
     public, held_out = read_episodes(board, entry.public), read_episodes(board, runs)
     if differences := lower_than_claimed(public, {name: held_out[name] for name in public}):
         return {"verdict": Verdict.LOWER, "reason": "; ".join(differences), **measured}
-    how = f"in a sandbox without network, which shows it its own files alone, limited in {describe()}"
+    how = f"in a sandbox without network, which shows it its own files alone, limited in {describe_limits()}"
     reason = f"the recorded commands lead to the reported figures; ran {how}"
     return {"verdict": Verdict.RERUN, "reason": reason, **measured}

@@ -1,15 +1,14 @@
-"""Measure error rate and power of ranks, for equal entries and a better one: python tests/rank_simulation.py [NUMBER].
+"""Measure error rate and power of ranks, for equal entries and a better one.
+
+python leaderboards/tests/rank_simulation.py [NUMBER]
 
 The success of an entry is 0 or 1 in each case. With some probability an entry takes an outcome of the case that all
 entries share. Thus outcomes of two entries have a given correlation, and each entry has the requested success rate.
 """
 
 import sys
-from pathlib import Path
 
 import numpy as np
-
-sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "leaderboards" / "site")]
 
 from crowdbench_leaderboards.pages.ranking import compare_all, ranks, tiers
 

@@ -44,7 +44,7 @@ def test_a_planner_finds_no_season_no_board_and_no_entry(root, tmp_path, monkeyp
 def think(obs, commands):
     found = [os.path.join(place, name) for place, _, files in os.walk('/') for name in files
              if name in {names!r} and not place.startswith(('/proc', '/sys'))]
-    for path in {[str(root / "season.toml"), str(Path(__file__).parents[3] / "leaderboards" / "season.toml")]!r}:
+    for path in {[str(root / "season.toml"), str(Path(__file__).parents[1] / "season.toml")]!r}:
         try:
             found.append(open(path).read())
         except FileNotFoundError:
@@ -79,11 +79,12 @@ def test_a_board_in_a_folder_of_python_is_hidden_from_its_entries(tmp_path, monk
 def test_the_wheel_has_the_rules_of_boards_and_no_season_or_entry():
     from hatchling.builders.wheel import WheelBuilder
 
-    root = Path(__file__).parents[3]
+    root = Path(__file__).parents[1]
     files = [file.distribution_path for file in WheelBuilder(str(root)).recurse_included_files()]
-    of_boards = {path for path in files if "leaderboards" in path}
-    assert {Path(path).name for path in of_boards} == {"board.toml"}
-    assert "crowdbench/leaderboards/five/board.toml" in of_boards
+    of_boards = {path for path in files if "/rules/" in path}
+    assert {Path(path).suffix for path in files} == {".py", ".html", ".md", ".toml"}
+    assert {Path(path).name for path in files if path.endswith("toml")} == {"board.toml"}
+    assert "crowdbench_leaderboards/rules/five/board.toml" in of_boards
 
 
 # A2: slow on public cases only

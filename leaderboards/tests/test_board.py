@@ -1,11 +1,12 @@
 import shutil
+import tomllib
 
 import numpy as np
 import pytest
 
-from crowdbench import catalog
+from crowdbench import catalog, suite_families
 from crowdbench.utils.errors import InputError
-from crowdbench_leaderboards.board import ROOT, read_board, read_boards
+from crowdbench_leaderboards.board import ROOT, find_board, read_board, read_boards
 
 BOARD = """
 title = "Five"
@@ -97,9 +98,9 @@ def test_a_changed_scenario_is_another_board_and_another_text_is_not(tmp_path, m
     assert read_board(folder).digest != digest
 
 
-def test_other_code_of_the_simulator_is_another_board(tmp_path, monkeypatch):
+def test_another_version_of_the_simulator_is_another_board(tmp_path, monkeypatch):
     digest = read_board(write(tmp_path)).digest
-    monkeypatch.setattr("crowdbench_leaderboards.board.code", lambda: "0" * 64)
+    monkeypatch.setattr("crowdbench_leaderboards.board.SIMULATOR", 10**6)
     assert read_board(write(tmp_path)).digest != digest
 
 
@@ -109,9 +110,9 @@ def test_a_board_of_recorded_people_has_a_digest_without_their_tracks(tmp_path, 
     digest = read_board(folder).digest
     scenarios_with(tmp_path, monkeypatch, "zara1_reactive", lambda text: text.replace("radius = 0.3", "radius = 0.31"))
     assert (other := read_board(folder).digest) != digest
-    monkeypatch.setattr("crowdbench.scenario.tracks.scenes.known_files", lambda scene: {"a.txt": "0" * 64})
+    monkeypatch.setattr("crowdbench_leaderboards.board.known_files", lambda scene: {"a.txt": "0" * 64})
     assert read_board(folder).digest not in (digest, other)
-    monkeypatch.setattr("crowdbench.scenario.tracks.scenes.known_files", lambda scene: {})
+    monkeypatch.setattr("crowdbench_leaderboards.board.known_files", lambda scene: {})
     with pytest.raises(InputError, match="zara1_reactive names no recorded tracks whose sha256 is known"):
         read_board(folder).digest  # noqa: B018
 
@@ -139,5 +140,11 @@ def test_what_is_wrong_in_a_board_gets_one_sentence(old, new, sentence, tmp_path
         read_board(write(tmp_path, BOARD.replace(old, new)))
 
 
-def test_the_boards_that_ship_take_less_than_8_megabytes():
-    assert sum(path.stat().st_size for path in ROOT.rglob("*") if path.is_file()) < 8e6
+def test_the_board_of_the_suite_has_its_scenarios():
+    assert find_board("suite").spec.families == suite_families()
+
+
+def test_every_board_that_ships_is_in_the_wheel():
+    rules = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    boards = [path.parent.name for path in sorted(ROOT.glob("*/board.toml"))]
+    assert list(rules["force-include"]) == [f"{name}/board.toml" for name in boards]

@@ -75,7 +75,7 @@ def test_nobody_else_submits_as_the_maintainers(folder, tmp_path):
 
 def test_the_digest_of_a_board_is_not_for_entries_to_say(folder, tmp_path):
     forge(folder, board_digest="0" * 64)
-    with pytest.raises(InputError, match="was made for other rules, scenarios or code of the board small"):
+    with pytest.raises(InputError, match="was made for another simulator, other rules or scenarios of the board small"):
         verify(read_entry(folder), read_board(folder.parents[1]), work=tmp_path / "work")
 
 

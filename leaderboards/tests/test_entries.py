@@ -13,8 +13,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, NotWritten
 from crowdbench.utils.files import sha256
 from crowdbench_leaderboards.board import find_board, read_board, read_boards
-from crowdbench_leaderboards.entry import read_entries, read_entry
-from crowdbench_leaderboards.fill import to_verify
+from crowdbench_leaderboards.entry import check_unchanged, read_entries, read_entry
 from crowdbench_leaderboards.pages.readme import section, write_readme
 from crowdbench_leaderboards.pages.standings import standings
 from crowdbench_leaderboards.planner_files import copy_named_files
@@ -147,21 +146,20 @@ def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path, cha
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "reason"),
+    ("changes", "reason"),
     [
-        ("package", "crowdbench==0.0.1", r"the planner is of crowdbench==0\.0\.1, but crowdbench==\S+ is installed"),
+        ({"package": "mine==0.1"}, r"the planner is of mine==0\.1, but mine==0\.2 is installed"),
         (
-            "package_files",
-            {"orca.py": "0" * 64},
-            "the files of the planner orca are others than those that were entered",
+            {"package": "mine==0.2", "package_files": {"orca.py": "0" * 64}},
+            "the files of the planner orca have changed .*",
         ),
     ],
 )
-def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path, monkeypatch, key, value, reason):
-    not_timed(monkeypatch)
+def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path, monkeypatch, changes, reason):
+    monkeypatch.setattr("crowdbench_leaderboards.entry.package", lambda planner: "mine==0.2")
     folder = root / "small" / "entries" / "orca"
     table = json.loads((folder / "entry.json").read_text())
-    (folder / "entry.json").write_text(json.dumps(table | {key: value}))
+    (folder / "entry.json").write_text(json.dumps(table | changes))
     found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
     assert found.verdict == Verdict.REFUSED
     assert re.fullmatch(reason, found.reason)
@@ -295,16 +293,19 @@ def change_collision(root, monkeypatch):
     write_board(root, text=BOARD.replace("version = 1", 'version = 1\ncollision = "crowdnav"'))
 
 
-def change_code(root, monkeypatch):
-    monkeypatch.setattr("crowdbench_leaderboards.board.code", lambda: "0" * 64)
+def change_simulator(root, monkeypatch):
+    monkeypatch.setattr("crowdbench_leaderboards.board.SIMULATOR", 10**6)
 
 
-@pytest.mark.parametrize("change", [change_scenario, change_cases, change_public_cases, change_collision, change_code])
+@pytest.mark.parametrize(
+    "change", [change_scenario, change_cases, change_public_cases, change_collision, change_simulator]
+)
 def test_an_entry_of_another_board_is_pending_and_neither_verified_nor_ranked(root, tmp_path, monkeypatch, change):
     change(root, monkeypatch)
     board = read_board(root / "small")
     with pytest.raises(
-        InputError, match=r"made for other rules, scenarios or code of the board small \(\w{12}\) than these \(\w{12}\)"
+        InputError,
+        match=r"another simulator, other rules or scenarios of the board small \(\w{12}\) than these \(\w{12}\)",
     ):
         verify(entry_of(root), board, work=tmp_path)
     found = standings(board, read_entries(board, root), read_season(root))
@@ -314,12 +315,12 @@ def test_an_entry_of_another_board_is_pending_and_neither_verified_nor_ranked(ro
     assert "| careful, Ada | - |" in section(found)
 
 
-def test_an_entry_whose_planner_has_other_code_now_is_pending(root, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.entry.package_files", lambda *_: {"other.py": "0" * 64})
+def test_an_entry_stays_valid_if_code_changes_but_no_episode(root, monkeypatch):
+    monkeypatch.setattr("crowdbench_leaderboards.entry.package_files", lambda *_: {"other.py": "0" * 64})
+    monkeypatch.setattr("crowdbench_leaderboards.entry.package", lambda planner: "crowdbench==9.9")
     board = read_board(root / "small")
-    found = standings(board, read_entries(board, root), read_season(root))
-    assert [one.reason for one in found.others] == ["pending", "pending"]
-    assert to_verify(board, root, root, root / "key") == []
+    assert len(standings(board, read_entries(board, root), read_season(root)).ranked) == 2
+    check_unchanged(read_entry(root / "small" / "entries" / "orca"))
 
 
 def test_a_verification_of_another_board_does_not_count_for_an_entry_that_was_submitted_again(root, monkeypatch):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "leaderboards" / "pull_request.py"
+SCRIPT = Path(__file__).parents[1] / "crowdbench_leaderboards" / "pull_request.py"
 WORKFLOW = Path(__file__).parents[2] / ".github" / "workflows" / "entries.yml"
 
 

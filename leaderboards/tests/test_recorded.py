@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from boards_site import build_site
 from small_boards import BOARD, SEASON, card, make_key, write_board
-from typer.testing import CliRunner
 
-from crowdbench.cli.app import app
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
-from crowdbench_leaderboards.board import read_board
+from crowdbench_leaderboards.board import find_board, read_board
 from crowdbench_leaderboards.entry import read_entries
 from crowdbench_leaderboards.fill import freeze_entries
 from crowdbench_leaderboards.pages.readme import section
@@ -67,9 +65,9 @@ def test_what_ranks_does_not_change_the_digest(tmp_path):
     assert board.digest == shown.digest
 
 
-def test_a_run_of_a_board_refuses_tracks_that_it_does_not_need(tmp_path):
-    done = CliRunner().invoke(app, ["run", "--board", "five", "--planner", "orca", "--data", str(tmp_path)])
-    assert "--data does not go with the board five" in str(done.exception)
+def test_a_board_refuses_tracks_that_it_does_not_need(tmp_path):
+    with pytest.raises(InputError, match="--data does not go with the board five"):
+        find_board("five").with_data(tmp_path)
 
 
 @pytest.fixture(scope="module")

@@ -21,6 +21,7 @@ from crowdbench.utils.tables import plain
 from crowdbench_leaderboards.board import read_board, read_boards
 from crowdbench_leaderboards.board_runs import read_episodes
 from crowdbench_leaderboards.entry import file_digests, read_entry, write_entry
+from crowdbench_leaderboards.pages import texts
 from crowdbench_leaderboards.season import freeze
 from crowdbench_leaderboards.submission import Submission, submit
 from crowdbench_leaderboards.verdict import (
@@ -36,7 +37,6 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 BOARDS = ROOT / "leaderboards"
-texts = load_module(BOARDS / "pages" / "texts.py")
 HOSTILE = '"><script>alert(1)</script><img src=http://evil.example/x onerror=alert(2)>{{ 7 * 7 }} $x_{1}$ \u202e'
 STRANGE = {
     "title": HOSTILE,

@@ -229,11 +229,10 @@ def test_fill_refuses_tracks_that_no_board_needs(root, tmp_path):
     assert "--data goes with boards of recorded people" in str(done.exception)
 
 
-def test_fill_enters_a_planner_again_whose_files_are_others_until_its_entry_is_frozen(root, tmp_path):
+def test_fill_enters_a_planner_again_if_its_entry_is_pending(root, tmp_path):
     (root / "shipped.toml").write_text('[[shipped]]\nname = "orca"\nplanner = "orca"\n')
     board, work = read_board(root / "small"), tmp_path / "work"
-    file = root / "small" / "entries" / "orca" / "entry.json"
-    file.write_text(json.dumps(json.loads(file.read_text()) | {"package_files": {"orca.py": "0" * 64}}))
     assert to_submit(board, root, work) == []
-    (root / "frozen.json").unlink()
+    file = root / "small" / "entries" / "orca" / "entry.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"board_digest": "0" * 64}))
     assert [each.title for each in to_submit(board, root, work)] == ["orca on small"]

@@ -93,7 +93,7 @@ class Dial:
         """
         if planner in RUNGS and options:
             raise InputError(f"{planner} is a rung of the ladder, which takes no options: give none")
-        base = RunSpec(planner, self.file, cases, options, record="none")
+        base = RunSpec(planner, self.file, cases, options=options, record="none")
         specs = [dataclasses.replace(base, overrides={self.key: self.levels[level]}) for level in levels]
         return [load_rung(planner, spec) if planner in RUNGS else load_run(spec) for spec in specs]
 

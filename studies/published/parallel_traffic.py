@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from crowdbench.scenario import TRIES, LayoutWithRespawn, PerAgent, Placement, Placer, Position, Room, Way
+from crowdbench.scenario import TRIES, LayoutWithRespawn, PerAgent, Placement, Placer, Position, Surroundings, Trip
 
 HALF, SIDE = 7.0, 1.5
 """Half of the length and of the width of the area in which pedestrians start, in metres."""
@@ -29,10 +29,17 @@ def traffic(rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgen
 
 
 def come_in(
-    rng: np.random.Generator, room: Room, radius: float, preferred_speed: float, position: Position | None
-) -> Way:
+    rng: np.random.Generator,
+    surroundings: Surroundings,
+    radius: float,
+    preferred_speed: float,
+    position: Position | None,
+) -> Trip:
     """Return start and goal of a pedestrian that respawns at the right end of the area, behind all others."""
-    x, y = max(HALF, float((room.position[:, 0] + room.radius).max()) + radius), rng.uniform(-SIDE, SIDE)
+    x, y = (
+        max(HALF, float((surroundings.position[:, 0] + surroundings.radius).max()) + radius),
+        rng.uniform(-SIDE, SIDE),
+    )
     return np.array([x, y]), np.array([GOAL, y])
 
 

@@ -90,7 +90,10 @@ class PublishedTable:
         return cls(
             spec,
             {
-                name: [load_run(RunSpec(planner, each, spec.cases, options, record="none")) for each in spec.scenarios]
+                name: [
+                    load_run(RunSpec(planner, each, spec.cases, options=options, record="none"))
+                    for each in spec.scenarios
+                ]
                 for name, (planner, options) in planners.items()
             },
         )

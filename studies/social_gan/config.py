@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from crowdbench.train import Config, option
-
-if TYPE_CHECKING:
-    from studies.social_gan.training import SocialGANTraining
+from crowdbench import InputError
+from crowdbench.train import SCENARIO, Config
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,31 +15,40 @@ class SocialGANConfig(Config):
     """The options of `studies.social_gan.training`: on recorded tracks in `data`, or else in a scenario.
 
     Attributes:
-        dt: The time step to which recordings are resampled, in seconds; None to keep the recorded one.
-        held_out: The scene of the recordings left out of the training; None to train on all.
-        pooling: True if the generator has the social pooling module.
-        epochs: The number of passes over the training windows.
+        data: Folder with recorded tracks to train on, instead of a scenario's pedestrians.
+        minutes: Train for this many minutes, validations included, instead of --epochs.
+        dt: With --data, resample the tracks to this many seconds per step.
+        held_out: With --data, the scene to leave out, to be tested on.
+        pooling: Use the social pooling module.
+        epochs: Train for this many epochs.
+
+    Raises:
+        InputError: Options contradict each other, or a number is impossible.
     """
 
-    dt: float | None = option(None, "With --data, resample the tracks to this many seconds per step", least=0.01)
-    held_out: str | None = option(None, "With --data, the scene to leave out, to be tested on")
-    pooling: bool = option(False, "Use the social pooling module")
-    epochs: int = option(50, "Train for this many epochs", least=1)
+    dt: float | None = None
+    held_out: str | None = None
+    pooling: bool = False
+    epochs: int = 50
 
     length: ClassVar[str] = "epochs"
+    training: ClassVar[str] = "studies.social_gan.training:SocialGANTraining"
     program = "python studies/social_gan/train.py"
-    use = "check sgan --kind predictors"
+    usage = "check sgan --kind predictors"
 
-    def training(self, device: str) -> SocialGANTraining:
-        """See `Config`."""
-        from studies.social_gan.training import SocialGANTraining
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.data is not None and (self.scenario != SCENARIO or self.overrides):
+            raise InputError(
+                "sgan learns from the tracks in --data themselves: leave out --scenario and --set, or else --data"
+            )
+        if self.data is None and not (self.held_out is None and self.dt is None):
+            raise InputError("--held-out and --dt are for recorded tracks: give them with --data")
+        if self.dt is not None and not self.dt >= 0.01:
+            raise InputError(f"dt is {self.dt}, but must be a number, 0.01 or more")
 
-        return SocialGANTraining(self, device)
-
-    @property
-    def source(self) -> list[str]:
-        """See `Config`."""
-        return super().source if self.data is None else ["--data", Path(self.data).name]
+    def _scenario_words(self) -> list[str]:
+        return super()._scenario_words() if self.data is None else ["--data", Path(self.data).name]
 
 
 METHODS: dict[str, type[Config]] = {"sgan": SocialGANConfig}

@@ -21,7 +21,7 @@ from crowdbench import Cases, InputError, Observation, Prediction, Predictor, Sc
 from crowdbench.core import HISTORY, PERFECT, norm
 from crowdbench.metrics import Estimate, bootstrap_distribution, interval, weighted_mean
 from crowdbench.predict import validate_prediction
-from crowdbench.scenario import GOES_ON, Tracks
+from crowdbench.scenario import CONTINUING_ARRIVALS, RecordedTracks
 from crowdbench.sim import crowd_decisions, limit_velocities, observe, step_pedestrians
 from crowdbench.utils import BATCH, HORIZON, MOST_AHEAD, is_integer, plugin_errors, require
 from studies.social_gan.recordings import scenes
@@ -125,7 +125,7 @@ def on_scenario(
 def on_tracks(
     name: str,
     predictor: Predictor,
-    recordings: Sequence[Tracks],
+    recordings: Sequence[RecordedTracks],
     ahead: int = HORIZON,
     progress: Callable[[int], object] = lambda _: None,
 ) -> dict[str, Errors]:
@@ -197,7 +197,7 @@ def _walks(
     """Yield the prediction of each step, the pedestrians that have not arrived then, and their true positions."""
     world = scenario.worlds(cases)
     world = world.replace(rules=dataclasses.replace(world.rules, visible=False, sensor=PERFECT), sight={})
-    arrived, goes_on = np.zeros_like(world.present[:, 1:]), scenario.crowd.arrival in GOES_ON
+    arrived, goes_on = np.zeros_like(world.present[:, 1:]), scenario.crowd.arrival in CONTINUING_ARRIVALS
     predicted: deque[tuple[Prediction, Counted, Int[np.ndarray, "world pedestrian"]]] = deque()
     positions: deque[Float[np.ndarray, "world pedestrian 2"]] = deque(maxlen=ahead)
     for _ in range(scenario.rules.max_steps):
@@ -218,7 +218,7 @@ def _walks(
             yield prediction, counted & stayed, np.stack(positions, axis=1)
 
 
-def _of_recording(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _Clusters:
+def _of_recording(name: str, predictor: Predictor, tracks: RecordedTracks, ahead: int) -> _Clusters:
     samples = windows(tracks, HISTORY + ahead)
     if not len(samples):
         raise InputError(

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float32
 from crowdbench import Cases, Driver, InputError, Scenario, load_scenario, rollout
 from crowdbench.core import HISTORY, norm
 from crowdbench.planners import ORCAPlanner
-from crowdbench.scenario import Tracks
+from crowdbench.scenario import RecordedTracks
 from studies.social_gan.config import SocialGANConfig
 from studies.social_gan.recordings import read_folder
 from studies.social_gan.windows import resample, training_split, windows
@@ -67,7 +67,7 @@ def load_samples(config: SocialGANConfig) -> tuple[Samples, Samples]:
     return training, validation
 
 
-def from_tracks(recordings: Sequence[Tracks], dt: float | None) -> Samples:
+def from_tracks(recordings: Sequence[RecordedTracks], dt: float | None) -> Samples:
     """Cut recordings into windows.
 
     Args:

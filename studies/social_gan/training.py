@@ -78,7 +78,7 @@ class SocialGANTraining(Training):
     """
 
     config: SocialGANConfig
-    parts = ("generator", "discriminator", "average", "validated", "generator_optimizer", "discriminator_optimizer")
+    saved = ("generator", "discriminator", "average", "validated", "generator_optimizer", "discriminator_optimizer")
 
     def __init__(self, config: SocialGANConfig, device: str) -> None:
         super().__init__(config, device)

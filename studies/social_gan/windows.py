@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench import InputError, Observation
 from crowdbench.core import Pedestrians, Vehicle, case_keys, noise_keys
-from crowdbench.scenario import FRAME_STEP, Tracks
+from crowdbench.scenario import FRAME_STEP, RecordedTracks
 from studies.social_gan.recordings import scenes
 
 FEWEST = 2
@@ -93,7 +93,7 @@ class Windows:
         )
 
 
-def windows(tracks: Tracks, length: int) -> Windows:
+def windows(tracks: RecordedTracks, length: int) -> Windows:
     """Return all windows of a recording, one for every annotated frame that it can start at.
 
     A window has the pedestrians that are annotated in all its frames. It is left out if there are fewer than `FEWEST`.
@@ -118,7 +118,7 @@ def windows(tracks: Tracks, length: int) -> Windows:
     return _padded(tracks, first[count[window] >= FEWEST], length)
 
 
-def _padded(tracks: Tracks, first: Int[np.ndarray, "stretch"], length: int) -> Windows:
+def _padded(tracks: RecordedTracks, first: Int[np.ndarray, "stretch"], length: int) -> Windows:
     """Return windows, padded to the largest number of pedestrians.
 
     `first` has the row of each pedestrian's first frame in a window; rows of the same window follow each other.
@@ -137,7 +137,9 @@ def _padded(tracks: Tracks, first: Int[np.ndarray, "stretch"], length: int) -> W
     return Windows(frame, pedestrian, present, position, tracks.dt)
 
 
-def training_split(recordings: Sequence[Tracks], held_out: str | None) -> tuple[list[Tracks], list[Tracks]]:
+def training_split(
+    recordings: Sequence[RecordedTracks], held_out: str | None
+) -> tuple[list[RecordedTracks], list[RecordedTracks]]:
     """Split recordings in time: the first frames of each are for training, the last ones for validation.
 
     Args:
@@ -161,7 +163,7 @@ def training_split(recordings: Sequence[Tracks], held_out: str | None) -> tuple[
     return list(first), list(last)
 
 
-def resample(tracks: Tracks, dt: float) -> Tracks:
+def resample(tracks: RecordedTracks, dt: float) -> RecordedTracks:
     """Resample a recording by linear interpolation of each pedestrian's positions.
 
     Positions are interpolated only between consecutive annotated frames, so that a gap in a track stays a gap.
@@ -185,10 +187,10 @@ def resample(tracks: Tracks, dt: float) -> Tracks:
     part = np.where(continued[row], (step - time[row]) * dt / tracks.dt, 0.0)
     moved = np.roll(tracks.position, -1, axis=0) - tracks.position
     position = tracks.position[row] + part[:, None] * moved[row]
-    return Tracks(tracks.name, step * FRAME_STEP, tracks.pedestrian[row], position, dt)
+    return RecordedTracks(tracks.name, step * FRAME_STEP, tracks.pedestrian[row], position, dt)
 
 
-def _cut(tracks: Tracks) -> tuple[Tracks, Tracks]:
+def _cut(tracks: RecordedTracks) -> tuple[RecordedTracks, RecordedTracks]:
     """Return the first and the last frames of a recording."""
     frames = np.unique(tracks.frame)
     early = tracks.frame < frames[int(TRAINING_SHARE * len(frames))]

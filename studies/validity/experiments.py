@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench import PEDESTRIANS, Cases, Scenario
-from crowdbench.scenario import Placement, parse
+from crowdbench.scenario import Placement, parse_scenario
 from studies.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, walk
 from studies.validity.door import NUMBER, Passages, hall, leave
 
@@ -139,7 +139,7 @@ def crowd(policy: str, people: People, number: int, layout: Callable[..., Placem
     """
     size = {"radius": people.radius}  # the vehicle must fit in the same space
     pedestrians = {"number": number, "policy": policy, "preferred_speed": people.preferred_speed, **size}
-    return parse(
+    return parse_scenario(
         {"vehicle": size, "pedestrians": pedestrians},
         "validity",
         "validity",

@@ -17,7 +17,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 from crowdbench import SCENARIOS, Cases, Scenario, load_scenario
 from crowdbench.cli import help_from_docstring, main
 from crowdbench.core import norm
-from crowdbench.scenario import ETH_UCY_DT, FRAME_STEP, Tracks, read_tracks
+from crowdbench.scenario import ETH_UCY_DT, FRAME_STEP, RecordedTracks, read_tracks
 from crowdbench.sim import crowd_decisions, init_memories, step_pedestrians
 from crowdbench.utils import markdown, printed_by
 
@@ -94,7 +94,7 @@ def simulate(scenario: Scenario, cases: Cases) -> tuple[Walks, list[float]]:
     return walks, [float(arrived), float(far[first].mean()), float(near[first].mean())]
 
 
-def recorded(tracks: Tracks) -> Walks:
+def recorded(tracks: RecordedTracks) -> Walks:
     """Return recorded pedestrians as walks."""
     rows = tracks.frame / FRAME_STEP * ETH_UCY_DT, tracks.frame, tracks.position
     return Walks(tracks.pedestrian, *rows, np.full(len(tracks.frame), RECORDED_RADIUS))

@@ -137,7 +137,6 @@ def test_pipes_devices_and_folders_are_not_read(crowdbench, tmp_path, name, comm
             ["view"],
             ["table"],
             ["score"],
-            ["score", "--replay"],
             ["plot", "success"],
             ["export", "--out", "x"],
         ),

@@ -149,7 +149,7 @@ def test_a_file_that_lies_here_may_be_meant(call, tmp_path, file, arguments):
 
 def test_a_replay_refuses_tracks_that_its_scenario_does_not_need(call, tmp_path):
     call("run", "--planner", "straight", "--cases", "1", "--out", str(tmp_path / "run"))
-    done = CliRunner().invoke(app, ["score", str(tmp_path / "run"), "--replay", "--data", "."])
+    done = CliRunner().invoke(app, ["score", str(tmp_path / "run"), "--data", "."])
     assert "--data does not go with circle_crossing_5" in str(done.exception)
 
 

@@ -168,7 +168,6 @@ def ask_about_runs(folder):
     answer("table", run, "--all-metrics")
     answer("compare", run, run)
     answer("score", run)
-    answer("score", run, "--replay")
     answer("merge", run, other, "--out", folder / "out", "--overwrite")
     answer("export", run, "--out", folder / "tracks", "--overwrite")
     answer("plot", "success", run, "--out", folder / "x.svg")

@@ -15,8 +15,7 @@ import crowdbench
 from crowdbench.core.types import Outcome
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.record import viewer
-from crowdbench.record.contents import read
-from crowdbench.record.recorded_cases import recorded_cases
+from crowdbench.record.recorded_cases import recorded_outcomes
 from crowdbench.results.episodes import Episodes
 
 ROOT = Path(__file__).parents[2]
@@ -155,19 +154,19 @@ def driven(done):
 def test_the_worst_case_is_drawn(done, driven):
     shown = done("render", "run", "--worst", "jerk", "--out", "worst.png")
     worst = int(np.nanargmax(driven.columns["jerk"]))
-    assert worst not in recorded_cases(Path("run/run.rrd"))
+    assert worst not in recorded_outcomes(Path("run/run.rrd"))
     assert shown == f"case val/{worst}\n"
     assert Path("worst.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_first_failure_is_played_on_this_machine_alone(done, driven, monkeypatch):
     played = []
-    monkeypatch.setattr(viewer, "show", lambda file, *, web: played.append(read(file).trace))
+    monkeypatch.setattr(viewer, "show", lambda file, *, web: played.append(recorded_outcomes(file)))
     outcomes = done("view", "run").splitlines()
-    (trace,) = played
-    assert trace.case[0] == driven.case[driven.outcome == Outcome.COLLISION][0]
+    ((case,),) = played
+    assert case == driven.case[driven.outcome == Outcome.COLLISION][0]
     assert [line.split(" (")[0].split(" ")[1] for line in outcomes[:-1]] == ["collisions", "timeout", "successes"]
-    assert outcomes[-1] == f"case val/{trace.case[0]}"
+    assert outcomes[-1] == f"case val/{case}"
     command = viewer._command(Path("run.rrd"), [])
     assert command[command.index("--bind") + 1] == "127.0.0.1"
 

@@ -15,7 +15,7 @@ from helpers import make, run_of
 
 from crowdbench.catalog import load_scenario
 from crowdbench.planners.planner import Planner
-from crowdbench.record.contents import read
+from crowdbench.record.recorded_cases import recorded_outcomes
 from crowdbench.runs import shards
 from crowdbench.runs.merge import merge
 from crowdbench.runs.shards import Shard, make_run
@@ -202,7 +202,7 @@ def test_recordings_are_merged_too(tmp_path):
 def test_of_very_many_failures_only_the_first_parts_are_recorded(tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.runs.recording.MOST_FAILURES", 6)
     go(tmp_path / "a", record="failures", batch=4, planner=Stops(99))
-    assert read(tmp_path / "a" / "run.rrd").trace.case.tolist() == list(range(8))
+    assert [*recorded_outcomes(tmp_path / "a" / "run.rrd")] == list(range(8))
     assert json.loads((tmp_path / "a" / "result.json").read_text())["recorded"] == 8
 
 

@@ -9,6 +9,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from helpers import stored_trace
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -21,7 +22,6 @@ from crowdbench.figures.episode_figure import FILMS, HOLD, RATE, Episode
 from crowdbench.figures.time_marks import mark_times
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
-from crowdbench.record.contents import read
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
@@ -56,7 +56,7 @@ def test_a_case_is_drawn_with_the_times_along_its_way(driven, tmp_path):
 
 
 def test_a_vehicle_that_waits_is_marked_once(driven):
-    trace = read(driven / "run.rrd").trace
+    trace = stored_trace(driven)
     bounds = np.array([[-6.0, -6.0], [6.0, 6.0]])
 
     def texts(position):
@@ -103,7 +103,7 @@ def test_a_pedestrian_has_no_contact_that_takes_the_place_of_somebody_across_the
 
 
 def test_a_picture_shows_what_is_around_the_vehicle(driven, tmp_path):
-    episode = Episode(read(driven / "run.rrd").trace, 1, zoom=4.0)
+    episode = Episode(stored_trace(driven), 1, zoom=4.0)
     way = episode.trace.position[1, : episode.end + 1, 0]
     np.testing.assert_allclose(episode.bounds(way[3]), [way[3] - 2.0, way[3] + 2.0])
     np.testing.assert_allclose(episode.bounds(), [way.min(axis=0) - 2.0, way.max(axis=0) + 2.0])
@@ -149,7 +149,7 @@ def test_a_strip_shows_moments_up_to_the_end(driven, tmp_path):
 def test_a_film_has_20_pictures_a_second_and_ends_with_the_contact(suffix, driven, tmp_path):
     film = tmp_path / f"a.{suffix}"
     assert CliRunner().invoke(app, ["render", str(driven), "--case", "1", "--out", str(film)]).exit_code == 0
-    trace = read(driven / "run.rrd").trace
+    trace = stored_trace(driven)
     with Image.open(film) as shown:
         shown.seek(shown.n_frames - 1)
         shown.load()
@@ -165,7 +165,7 @@ def test_a_film_has_20_pictures_a_second_and_ends_with_the_contact(suffix, drive
 def test_a_film_for_talks_has_all_pictures_in_their_colours(driven, tmp_path):
     film = tmp_path / "a.mp4"
     assert CliRunner().invoke(app, ["render", str(driven), "--case", "1", "--out", str(film)]).exit_code == 0
-    episode = Episode(read(driven / "run.rrd").trace, 1)
+    episode = Episode(stored_trace(driven), 1)
     last = rasterize(*episode.picture(float(episode.end)), FILMS[".mp4"])
     width, height = (2 * math.ceil((side + FILMS[".mp4"] // 18) / 2) for side in last.size)
     decode = ["ffmpeg", "-loglevel", "error", "-i", str(film), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
@@ -188,7 +188,7 @@ def test_what_ffmpeg_says_of_a_failure_is_told(driven, tmp_path, monkeypatch):
 
 
 def test_between_two_states_agents_are_between_and_newcomers_are_where_they_come(driven):
-    trace = read(driven / "run.rrd").trace
+    trace = stored_trace(driven)
     before, between, after = (Moment.of_trace(trace, 1, *at) for at in ((3,), (3, 0.25), (4,)))
     expected = 0.75 * before.position[-1] + 0.25 * after.position[-1]
     np.testing.assert_allclose(between.position[-1], expected)
@@ -201,7 +201,7 @@ def test_between_two_states_agents_are_between_and_newcomers_are_where_they_come
 
 
 def test_a_pedestrian_that_is_not_seen_has_a_dashed_outline_and_a_contact_a_star(driven):
-    trace = read(driven / "run.rrd").trace
+    trace = stored_trace(driven)
     moment = Moment.of_trace(trace, 1, int(trace.steps[1]))
     unseen = dataclasses.replace(moment, seen=np.arange(5) != 2)
     for each, dashes in ((moment, 0), (unseen, len(DASHES))):
@@ -223,7 +223,7 @@ def test_several_runs_are_drawn_side_by_side(driven, tmp_path):
     said = words(figure)
     assert [word for word in said if word in ("orca", "straight")] == ["straight", "orca"]
     for run in (driven, other):
-        trace = read(run / "run.rrd").trace
+        trace = stored_trace(run)
         mark = "\N{CHECK MARK}" if trace.outcome[1] == Outcome.SUCCESS else "\N{BALLOT X}"
         assert [word for word in said if word[0] == mark and word.endswith(f" {trace.steps[1] * trace.rules.dt:g} s")]
     assert said.count("1 m") == 2

@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 from crowdbench.cli.app import app
 from crowdbench.core.types import Outcome
 from crowdbench.export.replay_page import COARSE, PAGE, QUANTUM, pack
-from crowdbench.record.decisions import read_paths
-from crowdbench.record.recorded_cases import read_case
+from crowdbench.record.recorded_cases import read_recorded
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.loading import load_run
 from crowdbench.runs.shards import make_run
@@ -131,7 +130,7 @@ def test_the_page_has_the_positions_of_the_recording_to_the_quantum(runs, visit,
 
 def test_predicted_and_considered_paths_are_those_of_the_recording(runs, visit):
     run = runs[0][1]
-    recorded = read_paths(read_case(run.directory / "run.rrd", 1).chunks, run.recording.trace.rules.dt)
+    recorded = read_recorded(run.directory / "run.rrd", 1).paths(run.rules.dt)
     planned = visit("#suite/doorway_10/val/1/mppi@2").evaluate(EPISODES)["mppi"]["planned"]
     assert len(planned) == run.episodes.steps[1] + 1
     compared = 0

@@ -24,7 +24,7 @@ from crowdbench.train.training import Training
 class Counting(Training):
     """A training whose network counts to 3."""
 
-    parts = ("network",)
+    saved = ("network",)
 
     def __init__(self, config, device):
         super().__init__(config, device)
@@ -64,11 +64,11 @@ class Counting(Training):
 class CountConfig(Config):
     """The options of it."""
 
-    length: ClassVar[str] = "seed"
-    use = "run"
+    rounds: int = 3
 
-    def training(self, device):
-        return Counting(self, device)
+    length: ClassVar[str] = "rounds"
+    training: ClassVar[str] = f"{__name__}:Counting"
+    usage = "run"
 
 
 CONFIG = CountConfig(network="counting")

@@ -8,9 +8,8 @@ from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
 from crowdbench.cli.app import app
-from crowdbench.metrics.registry import METRICS
 from crowdbench.record import viewer
-from crowdbench.record.recorded_cases import read_case, recorded_cases
+from crowdbench.record.recorded_cases import read_recorded, recorded_outcomes
 from crowdbench.results.episodes import EPISODES, Episodes
 from crowdbench.utils.errors import InputError
 
@@ -50,16 +49,16 @@ def test_the_first_failure_is_shown_and_the_cases_of_each_outcome_are_listed(run
 
 
 def test_a_case_that_is_not_recorded_is_simulated_again(run, monkeypatch, tmp_path):
-    recorded, episodes = recorded_cases(run / "run.rrd"), Episodes.read(run / EPISODES)
+    recorded, episodes = recorded_outcomes(run / "run.rrd"), Episodes.read(run / EPISODES)
     (case, *_) = [case for case in range(20) if case not in recorded]
     found = []
-    monkeypatch.setattr(viewer, "view", lambda path, number, *, web: found.append(read_case(path, number)))
+    monkeypatch.setattr(viewer, "view", lambda path, number, *, web: found.append(read_recorded(path, number)))
     assert CliRunner().invoke(app, ["view", str(run), "--case", str(case)]).exit_code == 0
-    trace = found[0].trace
-    assert (trace.case[0], trace.steps[0]) == (case, episodes.steps[case])
-    assert METRICS["path_length"](trace)[0] == episodes.columns["path_length"][case]
+    (properties,) = (episode.properties for episode in found)
+    assert properties["case"] == [case]
+    assert properties["metrics"][0]["path_length"] == episodes.columns["path_length"][case]
     shutil.copytree(run, tmp_path / "run")
-    monkeypatch.setattr("crowdbench.cli.cases.load_scenario", lambda *_: load_scenario("square_crossing_5"))
+    monkeypatch.setattr("crowdbench.cli.cases.make_loader", lambda *_: lambda run: load_scenario("square_crossing_5"))
     with pytest.raises(InputError, match=f"case {case} of .* ends in another way when it is simulated again"):
         raise CliRunner().invoke(app, ["view", str(tmp_path / "run"), "--case", str(case)]).exception
 

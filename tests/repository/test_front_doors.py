@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from crowdbench.catalog import PEDESTRIANS, PLANNERS
+
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "crowdbench"
 OUTSIDE = ("agents", "adapters", "studies", "benchmarks", "examples")
@@ -51,3 +53,10 @@ def test_public_names_exist_and_none_is_a_module(stub):
     door = importlib.import_module(door_of(stub))
     assert door.__all__ == sorted(set(names))
     assert all(hasattr(door, name) for name in door.__all__)
+
+
+@pytest.mark.parametrize("kind", [PLANNERS, PEDESTRIANS], ids=["planners", "pedestrians"])
+def test_what_agents_holds_is_importable_as_a_package_too(kind):
+    for path in kind.built_in().values():
+        module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        assert callable(getattr(importlib.import_module(module), kind.function))

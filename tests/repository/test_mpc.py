@@ -8,18 +8,16 @@ import numpy as np
 import pytest
 from lookahead_scenes import DT, Says, lone_vehicle
 
-from crowdbench.catalog import PLANNERS, load_planner
+from agents.planners.mpc import mpc
+from crowdbench.catalog import load_planner
 from crowdbench.core.dynamics import Bicycle, Holonomic, Unicycle
 from crowdbench.core.geometry import norm
-from crowdbench.plugins.kind import load_module
 from crowdbench.predict.linear import ConstantVelocity
 from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.utils.errors import InputError
 
 pytest.importorskip("casadi", reason="CasADi is not installed: pip install 'crowdbench[mpc]'")
 pytestmark = pytest.mark.slow
-
-mpc = load_module(PLANNERS.folder / "mpc" / "mpc.py")
 
 
 def drive(planner, obs, steps=30):

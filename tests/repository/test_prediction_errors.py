@@ -11,7 +11,7 @@ from crowdbench.cli.app import app, build_script
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle, Prediction, Predictor
 from crowdbench.predict.predictors import PREDICTORS
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.tracks.eth_ucy import Tracks
+from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
 from crowdbench.sim.simulator import crowd_velocities, step_pedestrians
 from crowdbench.utils.defaults import HORIZON
 from crowdbench.utils.errors import InputError
@@ -40,7 +40,7 @@ def recording(frames, name="mine", step=0.0):
     """Pedestrians who are there for so many frames, moving so many metres in each."""
     rows = [(10 * t, p, step * t, p) for p, own in enumerate(frames) for t in range(own)]
     frame, pedestrian, x, y = np.array(rows).T
-    return Tracks(name, frame.astype(int), pedestrian.astype(int), np.stack([x, y], axis=1))
+    return RecordedTracks(name, frame.astype(int), pedestrian.astype(int), np.stack([x, y], axis=1))
 
 
 def means(estimates):

@@ -12,8 +12,8 @@ from crowdbench import load_planner, load_scenario
 from crowdbench.core.types import Outcome
 from crowdbench.metrics.user_metrics import load_metrics
 from crowdbench.planners.driver import Driver
-from crowdbench.record.contents import read
 from crowdbench.results.episodes import Episodes
+from crowdbench.results.stored_tracks import read_tracks
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
@@ -313,7 +313,7 @@ def test_drives_are_exported_as_bags_that_are_the_same_drives(drives, tmp_path, 
     call("export", str(drives / "run"), "--out", str(tmp_path / "out"), "--format", "rosbag2")
     vehicle = '[vehicle]\nodometry = "/odom"\ngoal_topic = "/goal"\n'
     found, _ = trace_of(drive_file(tmp_path, ["out/tracks/test-0", "out/tracks/test-1"], vehicle))
-    trace = read(drives / "run" / "run.rrd").trace
+    trace = read_tracks(drives / "run" / "tracks.parquet")
     assert found.outcome.tolist() == trace.outcome.tolist() == [Outcome.SUCCESS, Outcome.TIMEOUT]
     np.testing.assert_allclose(found.position, trace.position, atol=1e-6)
 
@@ -322,7 +322,7 @@ def test_drives_are_exported_as_tracks_and_steps(drives, tmp_path, call):
     run = str(drives / "run")
     call("export", run, "--out", str(tmp_path / "txt"))
     call("export", run, "--out", str(tmp_path / "socnav"), "--format", "socnav")
-    trace = read(drives / "run" / "run.rrd").trace
+    trace = read_tracks(drives / "run" / "tracks.parquet")
     rows = np.loadtxt(tmp_path / "txt" / "tracks" / "test-1.txt")
     np.testing.assert_allclose(rows[rows[:, 1] == 0, 2:], trace.position[1, : trace.steps[1] + 1, 0], atol=1e-6)
     written = json.loads((tmp_path / "socnav" / "tracks" / "test-0.json").read_text())

@@ -1,6 +1,5 @@
 """Certificates: what is solvable is solved, what is walled in is not, and runs print how many cases have one."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from crowdbench.runs.replay import Playback
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.certified import FOLDER, Certified
-from crowdbench.scenario.starts import Vehicle
 from crowdbench.utils.errors import InputError
 from studies.certificates import run
 from studies.certificates.certificate import SEARCH, certificates, make
@@ -177,14 +175,15 @@ def test_a_search_finds_no_slower_way_on_a_free_plane():
     crowd = Known([each.row(0) for each in known_steps(scenario, world)])
     found = search(Task.of(world, 0), crowd, 0.1, Effort(0.2, 500))
     distance = 8.0 - scenario.vehicle.radius
-    assert len(found.commands) == np.ceil(distance / (scenario.vehicle.speed * scenario.rules.dt))
+    assert len(found.commands) == np.ceil(distance / (scenario.vehicle.preferred_speed * scenario.rules.dt))
 
 
 def test_the_margin_is_that_of_walls_too(made, monkeypatch):
     margins = []
     monkeypatch.setattr("studies.certificates.search.expand", lambda *given: margins.append(given[2]) or expand(*given))
     # There are 0.07 m between the vehicle and the walls.
-    (found,) = found_in(dataclasses.replace(made("wait", 1), vehicle=Vehicle(0.38, 1.0)))
+    made("wait", 1)
+    (found,) = found_in(load_scenario("mine.toml", {"vehicle.radius": 0.38}))
     assert found.margin == 0.0
     assert set(margins) == {0.0}  # nothing is searched where the walls are too near
     assert 0.0 <= found.gap < 0.1
@@ -198,7 +197,7 @@ def test_certify_and_run_of_a_scenario_of_ones_own(made):
     named = ", ".join(f"test/{case}" for case in without_one)
     assert f"no certificate exists on the grid of the search: {named}" in result.output
     assert "Traceback" not in result.output
-    replay = CliRunner().invoke(app, ["score", "certified/test", "--replay", "--layout", "mine.py:ring"])
+    replay = CliRunner().invoke(app, ["score", "certified/test", "--layout", "mine.py:ring"])
     assert "All agree" in replay.output, replay.output
     # It lies in the folder that the last line names.
     assert Certified.read(Path("certified/mine.toml")).test.uncertified == without_one
@@ -206,7 +205,7 @@ def test_certify_and_run_of_a_scenario_of_ones_own(made):
     run = ["run", "--planner", "orca_margin", "--scenario", "mine.toml", "--record", "commands", "--cases"]
     driven = CliRunner().invoke(app, [*run, "4", "--out", "some"])
     assert f"crowdbench: {there} of 4 examined test cases ({there / 4:.1%}) of mine have a certificate" in driven.stderr
-    again = CliRunner().invoke(app, ["score", "some", "--replay", "--layout", "mine.py:ring"])
+    again = CliRunner().invoke(app, ["score", "some", "--layout", "mine.py:ring"])
     assert "All agree" in again.output, again.output
     beyond = CliRunner().invoke(app, [*run, "5", "--out", "more"])
     assert "`python studies/certificates/run.py mine.toml --cases test:5` makes them" in beyond.stderr

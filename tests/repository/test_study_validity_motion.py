@@ -5,7 +5,7 @@ import pytest
 
 from crowdbench.catalog import SCENARIOS, load_scenario
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.tracks.eth_ucy import Tracks
+from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
 from studies.validity.motion import ETH_UCY_DT, HEADER, Walks, measure, motion, recorded, simulate
 
 SUITE = sorted(path.stem for folder in ("suite", "generalisation") for path in (SCENARIOS / folder).glob("*.toml"))
@@ -52,7 +52,7 @@ def test_speeds_are_told_by_how_many_are_near():
 
 def test_recorded_people_are_read_as_walks():
     frame = np.array([0, 10, 20, 10, 20])
-    tracks = Tracks("mine", frame, np.array([1, 1, 1, 2, 2]), np.arange(10.0).reshape(5, 2))
+    tracks = RecordedTracks("mine", frame, np.array([1, 1, 1, 2, 2]), np.arange(10.0).reshape(5, 2))
     found = recorded(tracks)
     assert found.time.tolist() == pytest.approx([0.0, 0.4, 0.8, 0.4, 0.8])
     assert measure(found)[7] == pytest.approx(2.0 * np.sqrt(2.0) / ETH_UCY_DT)

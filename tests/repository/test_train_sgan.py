@@ -16,7 +16,7 @@ from crowdbench.core.types import HISTORY
 from crowdbench.networks.weights import digest, read_card
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP
-from crowdbench.train.config import make_config
+from crowdbench.train.config import SCENARIO, make_config
 from crowdbench.train.runner import Runner
 from studies.social_gan import samples, train
 from studies.social_gan import training as social_gan
@@ -34,6 +34,7 @@ def small(monkeypatch):
 
 
 CONFIG = SocialGANConfig(network="sgan", scenario="circle_crossing_5", seed=3, epochs=4)
+TRACKS = dataclasses.replace(CONFIG, scenario=SCENARIO)
 
 
 @pytest.fixture
@@ -62,7 +63,7 @@ def test_a_resumed_training_ends_in_the_same_weights(tmp_path):
 def test_training_lessens_the_error_and_what_is_kept_is_the_best(pooling, monkeypatch):
     monkeypatch.setattr(social_gan, "VALIDATIONS", 20)
     config = dataclasses.replace(CONFIG, pooling=pooling, epochs=20)
-    training = config.training("cpu")
+    training = trainings.start(config)
     list(training.learn())
     assert training.curve[-1]["loss"] < 0.8 * training.curve[0]["loss"]
     assert training.best()[0]["ade"] == min(point["ade"] for point in training.curve)
@@ -70,7 +71,7 @@ def test_training_lessens_the_error_and_what_is_kept_is_the_best(pooling, monkey
 
 @pytest.mark.slow
 def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(recordings, tmp_path):
-    config = dataclasses.replace(CONFIG, data=str(recordings), held_out="hotel", dt=0.25)
+    config = dataclasses.replace(TRACKS, data=str(recordings), held_out="hotel", dt=0.25)
     running = trainings.train(config, tmp_path / "run")
     path = running.finish(trainings.ignore)
     card = read_card(path)
@@ -87,8 +88,8 @@ def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(reco
 
 
 def test_the_held_out_scene_is_in_no_sample(recordings):
-    both = dataclasses.replace(CONFIG, data=str(recordings)).training("cpu")
-    one = dataclasses.replace(CONFIG, data=str(recordings), held_out="eth").training("cpu")
+    both = trainings.start(dataclasses.replace(TRACKS, data=str(recordings)))
+    one = trainings.start(dataclasses.replace(TRACKS, data=str(recordings), held_out="eth"))
     assert len(both.training) == 2 * len(one.training) > 0
     assert len(both.validation) == 2 * len(one.validation) > 0
 
@@ -96,7 +97,7 @@ def test_the_held_out_scene_is_in_no_sample(recordings):
 def test_recordings_that_are_too_short_are_refused(tmp_path):
     (tmp_path / "short.txt").write_text("\n".join(f"{10 * t} {p} 0 0" for t in range(10) for p in range(2)))
     with pytest.raises(InputError, match="no window of 16 consecutive steps"):
-        dataclasses.replace(CONFIG, data=str(tmp_path)).training("cpu")
+        trainings.start(dataclasses.replace(TRACKS, data=str(tmp_path)))
 
 
 def test_simulated_windows_are_stretches_of_walks_with_the_start_drawn_out():
@@ -171,7 +172,7 @@ def run(*arguments):
     ("options", "message"),
     [
         ({"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both set the length of a training"),
-        ({"data": "eth_ucy", "dt": float("nan")}, "--dt is nan, but must be a finite number"),
+        ({"data": "eth_ucy", "dt": float("nan")}, "dt is nan, but must be a number, 0.01 or more"),
     ],
 )
 def test_options_that_contradict_each_other_are_refused(options, message):

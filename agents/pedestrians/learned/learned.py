@@ -8,9 +8,9 @@ from typing import no_type_check
 
 import numpy as np
 
-from crowdbench import PedestrianPolicy
+from crowdbench import PedestrianPolicy, World
 from crowdbench.networks import direction, in_disc, to_world
-from crowdbench.sim import goals_on_way, observe
+from crowdbench.sim import Parameters, Velocities, goals_on_way, observe
 from crowdbench.utils import njit
 from crowdbench.views import ego_views, encode
 
@@ -27,11 +27,11 @@ LEAST = 1e-9
 class Learned(PedestrianPolicy):
     """Policy that takes the mean action of the network, up to the preferred speed, and stops at the goal."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         with np.load(WEIGHTS) as weights:
             self.weights = [weights[name].astype(np.float64) for name in sorted(weights)]
 
-    def velocities(self, world, parameters):
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`."""
         observed = encode(observe(ego_views(world)), "goal_frame", NEAREST)
         speed = world.preferred_speed[:, 1:].reshape(-1)

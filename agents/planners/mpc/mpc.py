@@ -11,7 +11,6 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float
-from mpc_program import PEOPLE, TERMS, WALLS, Terms, build_program, import_casadi
 
 from crowdbench import Observation, Outcome, Planner, Prediction, Predictor, load_predictor
 from crowdbench.core import norm
@@ -28,6 +27,8 @@ from crowdbench.planners import (
 )
 from crowdbench.predict import predict
 from crowdbench.utils import require_count
+
+from .mpc_program import PEOPLE, TERMS, WALLS, Terms, build_program, import_casadi
 
 LOST = 10.0
 """Seconds that a guess is worse for each step by which it ends earlier in a collision."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from geodesics import Geodesics, find_geodesics
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit, logit, ndtr
 
 from crowdbench import InputError, Observation
+
+from .geodesics import Geodesics, find_geodesics
 
 Velocities = Float[np.ndarray, "world pedestrian 2"]
 

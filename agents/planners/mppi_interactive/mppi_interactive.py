@@ -25,10 +25,11 @@ import itertools
 from collections.abc import Mapping
 
 import numpy as np
-from goal_belief import INFERENCE, GoalBelief, Inference
 from jaxtyping import Float, Int
 
 from crowdbench import ORCA, InputError, MPPIPlanner, Observation, Prediction, Predictor, roll_out
+
+from .goal_belief import INFERENCE, GoalBelief, Inference
 
 Positions = Float[np.ndarray, "world mode pedestrian 2"]
 

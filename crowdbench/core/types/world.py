@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
-from crowdbench.core.types.rules import Rules
+from crowdbench.core.types.rules import HISTORY, Rules
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,56 @@ class World:
 
     def __len__(self) -> int:
         return len(self.case)
+
+    @classmethod
+    def create(
+        cls,
+        *,
+        position: Float[np.ndarray, "world agent 2"],
+        radius: Float[np.ndarray, "world agent"],
+        rules: Rules,
+        parameters: Mapping[str, Mapping[str, Float[np.ndarray, "world agent"]]],
+        **others: Any,
+    ) -> World:
+        """Return worlds before their first step, with defaults for fields that are not given.
+
+        By default agents stand at their goals and all are present, with a preferred speed of 1 m/s. There are no
+        routes, obstacles, groups or tracks, and all pedestrians follow the first policy.
+
+        Args:
+            position: Centres in metres.
+            radius: Radii in metres.
+            rules: The rules of the scenario.
+            parameters: By policy and name, the parameters of the policies.
+            **others: Other fields. TypeError is raised if there is no such field.
+        """
+        worlds, agents = radius.shape
+        people = worlds, agents - 1
+        present = others.get("present", np.ones((worlds, agents), bool))
+        fields: dict[str, Any] = {
+            "case": np.arange(worlds),
+            "key": np.zeros(worlds, np.uint64),
+            "noise_key": np.zeros(worlds, np.uint64),
+            "step": np.zeros(worlds, np.int64),
+            "velocity": np.zeros_like(position),
+            "heading": np.zeros(worlds),
+            "angular_speed": np.zeros(worlds),
+            "origin": position.copy(),
+            "goal": position.copy(),
+            "route": np.empty((worlds, agents, 0, 2)),
+            "waypoint": np.zeros((worlds, agents), np.int64),
+            "preferred_speed": np.ones((worlds, agents)),
+            "present": present,
+            "person": np.where(present[:, 1:], np.arange(agents - 1), -1),
+            "since": np.zeros(people, np.int64),
+            "track": np.empty((worlds, 0, agents - 1, 2)),
+            "group": np.full(people, -1),
+            "history": np.repeat(position[:, None, 1:], HISTORY, axis=1),
+            "obstacles": np.empty((worlds, 0, 0, 2)),
+            "policy": np.zeros(people, np.int64),
+            "memory": {name: {} for name in parameters},
+        }
+        return cls(position=position, radius=radius, rules=rules, parameters=parameters, **(fields | others))
 
     def replace(self, **changes: object) -> World:
         """Return a copy in which the named fields have other values.

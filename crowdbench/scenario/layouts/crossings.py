@@ -26,7 +26,7 @@ PLUS_CLEARANCE = 0.25
 NOISE = 2.0
 """In CrowdNav++, largest offset in metres of pedestrians' starts from the circle, towards positive x and y."""
 
-LEAST_WAY = 8.0
+MIN_TRIP = 8.0
 """In CrowdNav++, smallest distance in metres from the vehicle's start to its goal."""
 
 Draw = Callable[[], float]
@@ -56,7 +56,7 @@ def circle_crossing(
         See `Layout`, also for the parameters that all layouts have.
     """
 
-    def nudge(x: float, y: float) -> tuple[float, float]:
+    def perturb(x: float, y: float) -> tuple[float, float]:
         if perturbation == 0.0:
             return x, y
         while True:
@@ -65,7 +65,7 @@ def circle_crossing(
                 return x + dx, y + dy
 
     placer = Placer(radius)
-    placer.add(nudge(0.0, -circle_radius), nudge(0.0, circle_radius))
+    placer.add(perturb(0.0, -circle_radius), perturb(0.0, circle_radius))
     speeds = preferred_speed.tolist()
 
     def place_next() -> bool:
@@ -74,7 +74,7 @@ def circle_crossing(
             angle = rng.random() * np.pi * 2
             x = circle_radius * math.cos(angle) + (rng.random() - 0.5) * speed
             y = circle_radius * math.sin(angle) + (rng.random() - 0.5) * speed
-            goal = nudge(-x, -y)
+            goal = perturb(-x, -y)
             if not (placer.start.is_clear(x, y) and placer.goal.is_clear(x, y)):
                 continue
             if goal_angle > 0.0:  # goals opposite to clear starts are clear too
@@ -152,9 +152,9 @@ def crowdnav_plus(
     Returns:
         See `Layout`, also for the parameters that all layouts have.
     """
-    if 2.0 * math.sqrt(2.0) * half_width <= LEAST_WAY:
-        raise InputError(f"a square of {2.0 * half_width:g} m has no way of {LEAST_WAY:g} m: raise layout.half_width")
-    first = vehicle_way(rng.random, half_width)
+    if 2.0 * math.sqrt(2.0) * half_width <= MIN_TRIP:
+        raise InputError(f"a square of {2.0 * half_width:g} m has no way of {MIN_TRIP:g} m: raise layout.half_width")
+    first = draw_vehicle_trip(rng.random, half_width)
     for _ in range(ATTEMPTS):
         trips = [first]
         for agent in range(1, len(radius)):
@@ -171,11 +171,11 @@ def crowdnav_plus(
     raise InputError(no_room(len(trips), len(radius), area, "layout.circle_radius"))
 
 
-def vehicle_way(draw: Draw, half_width: float) -> tuple[Point, Point]:
+def draw_vehicle_trip(draw: Draw, half_width: float) -> tuple[Point, Point]:
     """Draw the vehicle's start and goal in the square from -half_width to half_width, in metres."""
     while True:
         x, y, goal_x, goal_y = (-half_width + 2.0 * half_width * draw() for _ in range(4))
-        if math.hypot(x - goal_x, y - goal_y) >= LEAST_WAY:
+        if math.hypot(x - goal_x, y - goal_y) >= MIN_TRIP:
             return (x, y), (goal_x, goal_y)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -39,22 +38,22 @@ def floor_plan(
         InputError: Obstacles or regions are invalid, or there is no room for the vehicle or a pedestrian.
     """
     areas = {name: _area(f"layout.regions.{name}", corners) for name, corners in regions.items()}
-    own = _way("layout.vehicle", vehicle, areas)
+    vehicle_trip = _trip("layout.vehicle", vehicle, areas)
     if not isinstance(ways, list) or not ways:
         raise InputError('layout.ways must be a list of pairs of regions, such as [["door", "desk"]]')
-    others = [_way(f"layout.ways[{number}]", way, areas) for number, way in enumerate(ways, 1)]
+    trips = [_trip(f"layout.ways[{number}]", way, areas) for number, way in enumerate(ways, 1)]
     placer = Placer(radius, [_points(f"layout.obstacles[{number}]", each) for number, each in enumerate(obstacles, 1)])
-    if not placer.draw(rng, *own):
+    if not placer.draw(rng, *vehicle_trip):
         raise InputError(f"the vehicle finds no room between {' and '.join(vehicle)}, in {TRIES} draws")
 
     def place_next() -> bool:
-        start, goal = others[int(rng.integers(len(others)))]
+        start, goal = trips[int(rng.integers(len(trips)))]
         return placer.draw(rng, goal, start) if rng.random() < 0.5 else placer.draw(rng, start, goal)
 
     return placer.fill(place_next, "the regions of layout.ways", "the size of its regions")
 
 
-def _way(key: str, names: object, areas: Mapping[str, Area]) -> tuple[Area, Area]:
+def _trip(key: str, names: object, areas: Mapping[str, Area]) -> tuple[Area, Area]:
     """Return two regions by their names."""
     if not isinstance(names, list) or len(names) != 2 or not all(name in areas for name in names):
         known = ", ".join(areas) or "none: layout.regions is empty"
@@ -64,18 +63,18 @@ def _way(key: str, names: object, areas: Mapping[str, Area]) -> tuple[Area, Area
 
 def _area(key: str, corners: object) -> Area:
     """Check a rectangle, and return it."""
-    low, high = (*_points(key, corners, least=2), (0.0, 0.0))[:2]
+    low, high = _points(key, corners)[:2]
     if not (low[0] < high[0] and low[1] < high[1]):
         raise InputError(f"{key} is {corners!r}, but must be the smallest and the largest corner: [[x, y], [x, y]]")
     return low, high
 
 
-def _points(key: str, corners: object, least: int = 2) -> list[Point]:
+def _points(key: str, corners: object) -> list[Point]:
     """Check a list of points, and return it."""
-    if isinstance(corners, list) and len(corners) >= least and all(map(_is_point, corners)):
-        return [(float(x), float(y)) for x, y in corners]
-    raise InputError(f"{key} is {corners!r}, but must be a list of {least} or more points [x, y] in metres")
+    if not isinstance(corners, list) or len(corners) < 2 or not all(_is_point(corner) for corner in corners):
+        raise InputError(f"{key} is {corners!r}, but must be a list of 2 or more points [x, y] in metres")
+    return [(float(x), float(y)) for x, y in corners]
 
 
 def _is_point(point: object) -> bool:
-    return isinstance(point, list) and len(point) == 2 and all(map(is_number, itertools.chain(point)))
+    return isinstance(point, list) and len(point) == 2 and all(is_number(coordinate) for coordinate in point)

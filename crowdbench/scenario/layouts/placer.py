@@ -161,16 +161,16 @@ class Placer:
         Raises:
             InputError: There is no room for an agent.
         """
-        before, everybody = len(self.start), len(self.radius)
+        before, agents = len(self.start), len(self.radius)
         for _ in range(ATTEMPTS):
-            while len(self.start) < everybody and place_next():
+            while len(self.start) < agents and place_next():
                 pass
-            if len(self.start) == everybody:
+            if len(self.start) == agents:
                 return Placement(start=np.array(self.start.all), goal=np.array(self.goal.all), obstacles=self.obstacles)
-            missed = len(self.start)
+            unplaced = len(self.start)
             while len(self.start) > before:
                 self.pop()
-        raise InputError(no_room(missed, everybody, area, key))
+        raise InputError(no_room(unplaced, agents, area, key))
 
     def _draw_point(self, rng: Generator, area: Area, others: Points) -> Point | None:
         distance, ((left, low), (right, high)) = self.radius[len(self.start)] + WALL_CLEARANCE, area

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.csv
 from jaxtyping import Float
 
-from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, Tracks
+from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, RecordedTracks
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, describe_error
 
@@ -34,7 +34,7 @@ class Car:
     """A recorded car.
 
     Attributes:
-        time: Times of its positions in seconds, on the time axis of `Tracks`.
+        time: Times of its positions in seconds, on the time axis of `RecordedTracks`.
         position: Positions of its middle in metres.
         heading: Its headings in radians, without jumps of a whole turn.
         length: Its length in metres.
@@ -48,14 +48,14 @@ class Car:
     width: float
 
 
-def read_clip(folder: Path, clip: str) -> tuple[Tracks, list[Car]]:
+def read_clip(folder: Path, clip: str) -> tuple[RecordedTracks, list[Car]]:
     """Return the pedestrians and the cars of a clip. Raises InputError if a file cannot be read or has another
     format."""
     ratio = _ratio(folder / f"{clip}{RATIO}")
     people = _columns(folder / f"{clip}{PEDESTRIANS}", ("id", "frame", "x_est", "y_est"))
     frame, number = people["frame"].astype(np.int64), people["id"].astype(np.int64)
     position = _metres(people, "x_est", "y_est", ratio)
-    tracks = Tracks(clip, frame * FRAME_STEP, number, position, 1.0 / FRAMES_PER_SECOND)
+    tracks = RecordedTracks(clip, frame * FRAME_STEP, number, position, 1.0 / FRAMES_PER_SECOND)
     corners = [f"{axis}_{corner}" for corner in _CORNERS for axis in "xy"]
     cars = _columns(folder / f"{clip}{CARS}", ("id", "frame", "x_est", "y_est", *corners))
     return tracks, [_car(cars, cars["id"] == number, ratio) for number in np.unique(cars["id"])]

@@ -49,7 +49,7 @@ _LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Tracks:
+class RecordedTracks:
     """The annotations of one recording, a row each, ordered by pedestrian and then by frame.
 
     Attributes:
@@ -67,7 +67,7 @@ class Tracks:
     dt: float = ETH_UCY_DT
 
 
-def read_tracks(path: Path) -> Tracks:
+def read_tracks(path: Path) -> RecordedTracks:
     """Read a recording, and give each pedestrian a unique number.
 
     Raises:
@@ -90,7 +90,7 @@ def read_tracks(path: Path) -> Tracks:
             f"frames must be multiples of {FRAME_STEP} apart"
         )
     order = np.lexsort((frame, pedestrian))
-    tracks = Tracks(path.stem, frame[order], pedestrian[order], table[order, 2:])
+    tracks = RecordedTracks(path.stem, frame[order], pedestrian[order], table[order, 2:])
     is_again = (np.diff(tracks.frame) == 0) & (np.diff(tracks.pedestrian) == 0)
     for row, again in zip(order[:-1][is_again], order[1:][is_again], strict=True):
         raise InputError(
@@ -100,7 +100,7 @@ def read_tracks(path: Path) -> Tracks:
     return split_reused_numbers(tracks)
 
 
-def split_reused_numbers(tracks: Tracks) -> Tracks:
+def split_reused_numbers(tracks: RecordedTracks) -> RecordedTracks:
     """Give a new number to each pedestrian that has the number of an earlier one.
 
     Two annotations with one number belong to two pedestrians if more than `LONGEST_ABSENCE` lies between them, or if

@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float
 
 from crowdbench.core.geometry import pad_points
 from crowdbench.scenario.tracks.dut import Car
-from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, Tracks
-from crowdbench.scenario.tracks.scenes import Recording, Scene
+from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, RecordedTracks
+from crowdbench.scenario.tracks.scenes import RecordedScene, SceneRecording
 
 TRAIN_SHARE, VAL_SHARE = 0.4, 0.1
 """Shares of a scene's blocks for training (the first blocks) and for validation (the next blocks)."""
@@ -21,7 +21,7 @@ TRAIN_SHARE, VAL_SHARE = 0.4, 0.1
 PACE = 0.75
 """The vehicle's goal is the recorded car's position after this share of the window."""
 
-LEAST_WAY = 5.0
+MIN_TRIP = 5.0
 """Smallest distance in metres from a recorded car's start to its goal: slower cars wait or are parked."""
 
 DISCS = 3
@@ -100,7 +100,7 @@ class Excerpt:
         route: Waypoints of each agent on the way to its goal, in metres, NaN after the last one.
         mean_speed: Mean speed of each agent on this path in m/s.
         top_speed: Largest speed of each agent in m/s.
-        driven: The car that the vehicle replaces; None without cars.
+        replaced_car: The car that the vehicle replaces; None without cars.
     """
 
     recording: str
@@ -113,10 +113,10 @@ class Excerpt:
     route: Float[np.ndarray, "agent waypoint 2"]
     mean_speed: Float[np.ndarray, "agent"]
     top_speed: Float[np.ndarray, "agent"]
-    driven: CarMotion | None
+    replaced_car: CarMotion | None
 
 
-def cut_windows(scene: Scene, steps: int, dt: float) -> list[Excerpt]:
+def cut_windows(scene: RecordedScene, steps: int, dt: float) -> list[Excerpt]:
     """Return the windows of a scene that contain pedestrians, in order.
 
     Without cars, windows follow each other without a gap. With cars, a window starts when a car appears, and
@@ -132,17 +132,17 @@ def cut_windows(scene: Scene, steps: int, dt: float) -> list[Excerpt]:
     """
     excerpts: list[Excerpt] = []
     for recording in scene.recordings:
-        everybody = list(people_of(recording.tracks))
+        pedestrians = list(recorded_pedestrians(recording.tracks))
         of_recording: list[Excerpt] = []
         first_block = excerpts[-1].block + 1 if excerpts else 0
-        for first, car, driven in _windows(recording, steps, dt):
+        for first, car, replaced_car in _windows(recording, steps, dt):
             times = first + dt * np.arange(-1, steps + 1)
-            people = [disc for disc in everybody if disc.is_there(times[1:]).any()]
+            people = [disc for disc in pedestrians if disc.is_there(times[1:]).any()]
             others = [disc for other in recording.cars if other is not car for disc in car_discs(other)]
             others = [disc for disc in others if disc.is_there(times[1:]).any()]
             if people:
                 block = first_block + (len(of_recording) if car is None else 0)
-                of_recording.append(cut_excerpt(recording.tracks.name, block, times, [*people, *others], driven))
+                of_recording.append(cut_excerpt(recording.tracks.name, block, times, [*people, *others], replaced_car))
         excerpts += of_recording
     return excerpts
 
@@ -165,16 +165,16 @@ def split_windows(excerpts: Sequence[Excerpt]) -> Mapping[str, list[Excerpt]]:
     }
 
 
-def times_of(tracks: Tracks) -> Float[np.ndarray, "row"]:
+def annotation_times(tracks: RecordedTracks) -> Float[np.ndarray, "row"]:
     """Return the time of each annotation in seconds."""
     return tracks.frame / FRAME_STEP * tracks.dt
 
 
-def people_of(tracks: Tracks) -> Iterator[MovingDisc]:
+def recorded_pedestrians(tracks: RecordedTracks) -> Iterator[MovingDisc]:
     """Yield the pedestrians of a recording."""
     bounds = np.flatnonzero(np.diff(tracks.pedestrian)) + 1
     for rows in np.split(np.arange(len(tracks.frame)), bounds):
-        yield MovingDisc(times_of(tracks)[rows], tracks.position[rows])
+        yield MovingDisc(annotation_times(tracks)[rows], tracks.position[rows])
 
 
 def car_discs(car: Car) -> Iterator[MovingDisc]:
@@ -185,10 +185,10 @@ def car_discs(car: Car) -> Iterator[MovingDisc]:
         yield MovingDisc(car.time, car.position + ahead * direction, car.width / 2.0)
 
 
-def _windows(recording: Recording, steps: int, dt: float) -> list[tuple[float, Car | None, CarMotion | None]]:
+def _windows(recording: SceneRecording, steps: int, dt: float) -> list[tuple[float, Car | None, CarMotion | None]]:
     """Return the start time in seconds of each window, in order of time, and the car that the vehicle replaces in it,
     if any."""
-    time, length = times_of(recording.tracks), steps * dt
+    time, length = annotation_times(recording.tracks), steps * dt
     start, end = float(time.min()), float(time.max())
     if not recording.cars:
         number = math.floor((end - start) / length + _ROUNDING)
@@ -200,9 +200,9 @@ def _windows(recording: Recording, steps: int, dt: float) -> list[tuple[float, C
             first = float(car.time[0]) + index * length
             if first >= car.time[-1] or first + length > end + _ROUNDING:
                 break
-            driven = _follow_car(car, first, first + PACE * steps * dt)
-            if math.dist(driven.start, driven.goal) >= LEAST_WAY:
-                windows.append((first, car, driven))
+            replaced_car = _follow_car(car, first, first + PACE * steps * dt)
+            if math.dist(replaced_car.start, replaced_car.goal) >= MIN_TRIP:
+                windows.append((first, car, replaced_car))
     return sorted(windows, key=lambda window: window[0])
 
 
@@ -218,7 +218,11 @@ def _follow_car(car: Car, first: float, end: float) -> CarMotion:
 
 
 def cut_excerpt(
-    name: str, block: int, times: Float[np.ndarray, "states"], everybody: Sequence[MovingDisc], driven: CarMotion | None
+    name: str,
+    block: int,
+    times: Float[np.ndarray, "states"],
+    discs: Sequence[MovingDisc],
+    replaced_car: CarMotion | None,
 ) -> Excerpt:
     """Cut a window.
 
@@ -226,12 +230,12 @@ def cut_excerpt(
         name: The name of the recording.
         block: The number of its block in the scene.
         times: The times of its steps in seconds, preceded by the time of the step before the first one.
-        everybody: The pedestrians and discs of cars that are present at one of its steps or more.
-        driven: The car that the vehicle replaces, if any.
+        discs: The pedestrians and discs of cars that are present at one of its steps or more.
+        replaced_car: The car that the vehicle replaces, if any.
     """
     dt = times[1] - times[0]
-    track = np.stack([disc.at(times) for disc in everybody], axis=1)
-    paths = [_path(disc, at[1:], times[1:]) for disc, at in zip(everybody, track.swapaxes(0, 1), strict=True)]
+    track = np.stack([disc.at(times) for disc in discs], axis=1)
+    paths = [_path(disc, at[1:], times[1:]) for disc, at in zip(discs, track.swapaxes(0, 1), strict=True)]
     moves = np.diff(track[1:], axis=0)
     # Difference to the step before, or to the step after for agents that appear at the first step.
     before, after = track[1] - track[0], track[2] - track[1]
@@ -243,12 +247,12 @@ def cut_excerpt(
         block=block,
         track=track[1:],
         velocity=velocity,
-        radius=np.array([disc.radius for disc in everybody]),
-        goal=np.stack([disc.position[-1] for disc in everybody]),
+        radius=np.array([disc.radius for disc in discs]),
+        goal=np.stack([disc.position[-1] for disc in discs]),
         route=pad_points([waypoints for waypoints, _ in paths]),
         mean_speed=np.array([speed for _, speed in paths]),
         top_speed=np.maximum(top, np.hypot(*velocity.T)),
-        driven=driven,
+        replaced_car=replaced_car,
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from crowdbench.scenario.tracks.dut import CARS, PEDESTRIANS, RATIO, Car, read_clip
-from crowdbench.scenario.tracks.eth_ucy import SCENES, Tracks, read_tracks
+from crowdbench.scenario.tracks.eth_ucy import SCENES, RecordedTracks, read_tracks
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 
@@ -16,15 +16,15 @@ DUT_SCENES = {"dut": "", "intersection": "intersection", "roundabout": "roundabo
 
 
 @dataclass(frozen=True)
-class Recording:
+class SceneRecording:
     """One recording of a location: the tracks of its pedestrians, and its cars."""
 
-    tracks: Tracks
+    tracks: RecordedTracks
     cars: Sequence[Car] = ()
 
 
 @dataclass(frozen=True)
-class Scene:
+class RecordedScene:
     """The recordings of one location.
 
     Attributes:
@@ -34,11 +34,11 @@ class Scene:
     """
 
     name: str
-    recordings: tuple[Recording, ...]
+    recordings: tuple[SceneRecording, ...]
     files: Mapping[str, str]
 
 
-def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Scene:
+def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> RecordedScene:
     """Read the recordings of a scene, and check the digests of their files.
 
     Args:
@@ -68,10 +68,10 @@ def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Sce
             )
     if name in DUT_SCENES:
         clips = [file.removesuffix(CARS) for file in known if file.endswith(CARS)]
-        recordings = tuple(Recording(*read_clip(folder, clip)) for clip in clips)
+        recordings = tuple(SceneRecording(*read_clip(folder, clip)) for clip in clips)
     else:
-        recordings = tuple(Recording(read_tracks(folder / file)) for file in digests)
-    return Scene(name, recordings, digests)
+        recordings = tuple(SceneRecording(read_tracks(folder / file)) for file in digests)
+    return RecordedScene(name, recordings, digests)
 
 
 def known_files(scene: str) -> dict[str, str]:

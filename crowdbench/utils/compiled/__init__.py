@@ -1,9 +1,9 @@
 """Compiled functions (kernels), kept on disk so that only the first run on a machine compiles them.
 
 The cache of numba does not detect changes of a called function in another file. It mixes up simultaneous writes of two
-processes, and fails if no directory can be written. This cache has a file for each kernel and signature. The file's
-name contains a digest of everything that determines the machine code (`digest.py`), and the file contains its checksum
-(`store.py`). So stale or damaged code is not used, and all installations on a machine share equal kernels.
+processes, and fails if no directory can be written. This cache has a file for each kernel and signature. Its name
+contains a digest of everything that determines the machine code (`kernel_key.py`), and it begins with its checksum
+(`kernel_files.py`). So stale or damaged code is not used, and all installations on a machine share equal kernels.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
-from crowdbench.utils.compiled.digest import code_digest
 from crowdbench.utils.compiled.kernel_files import read, write
+from crowdbench.utils.compiled.kernel_key import kernel_key
 
 __all__ = ["njit", "number_of_threads", "on_first_compilation"]
 
@@ -119,7 +119,7 @@ class _Cache(NullCache):  # type: ignore[misc]
             write(self._file_name(signature, compiled.codegen), dumps((signature, compiled._reduce())))
 
     def _file_name(self, signature: Any, codegen: Any) -> str:
-        parts = code_digest(self._kernel), repr(signature), *named_tuples(signature), *codegen.magic_tuple()
+        parts = kernel_key(self._kernel), repr(signature), *named_tuples(signature), *codegen.magic_tuple()
         return f"{self._kernel.py_func.__name__}-{hashlib.sha256(repr(parts).encode()).hexdigest()[:32]}"
 
 

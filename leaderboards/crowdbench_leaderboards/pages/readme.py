@@ -36,7 +36,7 @@ seeds, with an interval for other networks and other cases. "imposed delay" is t
 travel time of all pedestrians of a case, where they see the vehicle. "decision" is the 99th percentile of the time
 for a decision in one world, on one core of the reference machine. An asterisk marks the Pareto set: no ranked
 entry succeeds more often and is quicker. Entries that are "reported only" have no rank: their figures are reported by
-their authors, on the public cases. A "pending" entry was made for other rules, scenarios or code.
+their authors, on the public cases. A "pending" entry was made for other rules, scenarios or another simulator.
 
 Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
 the digests of all entries and from round {season.round} of drand.

@@ -37,7 +37,7 @@ SOCIAL = ("intimate_zone", "imposed_delay", "imposed_delay_positive")
 SHOWN = ("collision_rate", "at_fault_rate", "sct", "navigation_time", *SOCIAL, "jerk")
 """The metrics that the table of a board shows beside success."""
 
-PENDING = "Its board or planner has changed since: it must be submitted again."
+PENDING = "Its board has changed since: it must be submitted again."
 REPORTED_ONLY = "Figures are reported by its authors, on public cases: {}."
 
 

@@ -1,4 +1,3 @@
-import dataclasses
 import inspect
 import warnings
 
@@ -302,5 +301,5 @@ def test_bounds_follow_the_fastest_pedestrian():
     scenario = load_scenario("circle_crossing_5_gaussian")
     assert pedestrian_action_space(scenario).high.tolist() == [1.5, 1.5]
     assert View(scenario).action_space.high.tolist() == [1.0, 1.0]
-    fast = dataclasses.replace(scenario, vehicle=scenario.vehicle._replace(speed=3.0))
+    fast = load_scenario("circle_crossing_5_gaussian", {"vehicle.preferred_speed": 3.0})
     assert position_bound(fast) > position_bound(scenario)

@@ -207,7 +207,7 @@ def test_control_groups_are_removed(tmp_path):
     reason="no group of cgroup v2 with the controllers memory and pids is delegated here",
 )
 def test_a_delegated_group_limits_memory_and_processes(tmp_path):
-    assert limits.describe() == "memory and processes by cgroup v2, and time by cgroup v2"
+    assert limits.describe_limits() == "memory and processes by cgroup v2, and time by cgroup v2"
     with made(tmp_path, "return Probe()", Limits(memory=1e9)) as planner:
         usage = planner.process.usage
         assert (int(usage._read("memory.max")) // 4096, int(usage._read("pids.max"))) == (10**9 // 4096, 512)

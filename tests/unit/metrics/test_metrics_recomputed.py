@@ -10,7 +10,7 @@ from helpers import drive, make
 from scipy.spatial.distance import cdist
 
 from crowdbench.catalog import load_scenario
-from crowdbench.export.export import export
+from crowdbench.export.tracks import export_tracks
 from crowdbench.metrics.registry import METRICS
 from crowdbench.results.episodes import Episodes
 from crowdbench.results.run_result import RunResult
@@ -30,7 +30,7 @@ def tracks(folder, planner="orca", cases="val:15", **visible):
     scenario = load_scenario("circle_crossing_5", visible)
     make(folder / "run", planner, scenario, cases)
     (folder / "export").mkdir()
-    export(RunResult.read(folder / "run"), lambda _: scenario, folder / "export")
+    export_tracks(RunResult.read(folder / "run"), lambda _: scenario, folder / "export")
     episodes = Episodes.read(folder / "run" / "episodes.csv")
     steps = pq.read_table(folder / "export" / "steps.parquet").to_pydict()
     found, rewards = [], []
@@ -309,7 +309,7 @@ def test_distances_from_walls_are_those_of_the_tracks_and_walls(tmp_path):
     scenario = load_scenario("doorway_10")
     make(tmp_path / "run", "straight", scenario, "val:12")
     (tmp_path / "export").mkdir()
-    export(RunResult.read(tmp_path / "run"), lambda _: scenario, tmp_path / "export", format="socnav")
+    export_tracks(RunResult.read(tmp_path / "run"), lambda _: scenario, tmp_path / "export", format="socnav")
     episodes = Episodes.read(tmp_path / "run" / "episodes.csv")
     for row, case in enumerate(episodes.case.tolist()):
         content = json.loads((tmp_path / "export" / "tracks" / f"val-{case}.json").read_text())

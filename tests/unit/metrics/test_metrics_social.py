@@ -4,12 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import Still, drive, same, trace
+from helpers import Still, drive, trace
 
 from crowdbench.core.types import Outcome
 from crowdbench.metrics.registry import METRICS
-from crowdbench.record.contents import read
-from crowdbench.record.write import Recorder
 
 FAR = [50.0, 50.0]
 
@@ -114,14 +112,11 @@ def test_the_middle_of_a_group_is_within_it():
     assert value("group_intrusion", grouped(two, -1, -1, -1, 9, 9)) == 1.0
 
 
-def test_groups_are_in_traces_and_recordings_where_there_are_some(tmp_path):
+def test_groups_are_in_traces_where_there_are_some():
     episode = drive("orca", "val:3", "groups_12", time_limit=6.0)
     assert episode.group is not None
     assert (episode.group >= 0).any()
     assert episode.group.shape == episode.person.shape
-    with Recorder(tmp_path / "run.rrd", planner="orca", scenario="groups_12", scenario_digest="", cases=3) as recorder:
-        recorder.add(episode, np.arange(3), {})
-    assert same(read(tmp_path / "run.rrd").trace, episode)
     assert drive("orca", "val:2").group is None
 
 

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from lookahead_scenes import DT, crowded, lone_vehicle
 
-from crowdbench.catalog import PLANNERS, load_planner, load_scenario
+from agents.planners import brne
+from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.planners.driver import Driver
-from crowdbench.plugins.kind import load_module
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
-
-brne = load_module(PLANNERS.folder / "brne.py")
 
 TIME = DT * np.arange(1, 7)
 

@@ -7,17 +7,15 @@ import pytest
 from lookahead_scenes import DT, Forks, Says, crowded, lone_vehicle
 from scipy.stats import ncx2
 
-from crowdbench.catalog import PLANNERS, load_planner, load_scenario
+from agents.planners import dra_mppi as dra
+from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.dynamics import Bicycle, Holonomic, Unicycle
 from crowdbench.core.geometry import norm
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.trials import propagate_vehicle
-from crowdbench.plugins.kind import load_module
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
-
-dra = load_module(PLANNERS.folder / "dra_mppi.py")
 
 
 def exact(centre, radius, mean, sigma):

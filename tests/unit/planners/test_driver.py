@@ -278,7 +278,7 @@ def test_a_log_has_a_plain_name():
 
 @pytest.mark.parametrize(("number", "said"), [(10, ""), (12, "was trained with 10 pedestrians at most, but")])
 def test_a_run_says_where_there_are_more_pedestrians_than_in_training(number, said, capsys):
-    spec = RunSpec("ppo", "circle_crossing_5", Cases.parse("1"), {}, {"pedestrians.number": number})
+    spec = RunSpec("ppo", "circle_crossing_5", Cases.parse("1"), overrides={"pedestrians.number": number})
     warn_if_trained_otherwise(load_run(spec))
     told = capsys.readouterr().err
     assert told.endswith(f"circle_crossing_5 has {number}: its figures may be worse for that\n") if said else not told
@@ -296,7 +296,9 @@ def test_a_run_says_where_there_are_more_pedestrians_than_in_training(number, sa
 )
 @pytest.mark.parametrize("options", [{}, {"filter": "kalman"}])
 def test_a_run_says_where_steps_are_longer_or_shorter_than_in_training(planner, dt, said, options, capsys):
-    warn_if_trained_otherwise(load_run(RunSpec(planner, "circle_crossing_5", Cases.parse("1"), options, {"dt": dt})))
+    warn_if_trained_otherwise(
+        load_run(RunSpec(planner, "circle_crossing_5", Cases.parse("1"), options=options, overrides={"dt": dt}))
+    )
     told = capsys.readouterr().err
     assert told.startswith(said)
     assert bool(told) == bool(said)

@@ -1,20 +1,15 @@
 """The hybrid planner: a policy drives unless the search finds something much better."""
 
-from pathlib import Path
-
 import numpy as np
 
+from agents.planners.hybrid import HybridPlanner
 from crowdbench import load_scenario
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.mppi import Search
 from crowdbench.planners.planner import Planner
-from crowdbench.plugins.kind import load_module
 from crowdbench.predict import ConstantVelocity
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-
-HybridPlanner = load_module(Path(__file__).parents[3] / "agents/planners/hybrid.py").HybridPlanner
-
 
 CASES = Cases("val", 0, 3)
 

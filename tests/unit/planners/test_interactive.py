@@ -5,16 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
+from agents.planners.mppi_interactive import geodesics, goal_belief
+from agents.planners.mppi_interactive import mppi_interactive as interactive
 from crowdbench import ORCA, Cases, Driver, load_planner, load_scenario, roll_out, rollout
 from crowdbench.catalog import PLANNERS
-from crowdbench.plugins.kind import load_module
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.visibility_graph import find_routes
 from crowdbench.utils.errors import InputError
 
 FOLDER = PLANNERS.folder / "mppi_interactive"
-interactive = load_module(FOLDER / "mppi_interactive.py")
-goal_belief, geodesics = load_module(FOLDER / "goal_belief.py"), load_module(FOLDER / "geodesics.py")
 
 DOOR = load_scenario("doorway_10")
 STEPS = 18

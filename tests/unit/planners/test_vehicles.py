@@ -21,8 +21,7 @@ from crowdbench.planners.reactive import along_walls
 from crowdbench.planners.scene import scene_of
 from crowdbench.planners.trials import propagate_vehicle, try_commands, try_sequences
 from crowdbench.predict import Prediction
-from crowdbench.record.contents import read
-from crowdbench.record.write import Recorder
+from crowdbench.results.stored_tracks import read_tracks, write_tracks
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.pedestrians import ORCA
@@ -270,12 +269,10 @@ def test_a_pedestrian_is_checked_against_the_whole_body_of_a_vehicle_that_it_see
     assert gaps[:2] == pytest.approx([0.2, 0.2])
 
 
-def test_a_recorded_vehicle_has_its_dynamics_its_body_and_its_tolerance(tmp_path):
+def test_stored_tracks_of_a_vehicle_have_its_dynamics_its_body_and_its_tolerance(tmp_path):
     trace = drive("orca", "2", vehicle__goal_tolerance=1.0, **CAR)
-    path = tmp_path / "run.rrd"
-    with Recorder(path, planner="orca", scenario="mine", scenario_digest="0", cases=2) as recorder:
-        recorder.add(trace, np.arange(2), {})
-    found = read(path).trace
+    write_tracks(trace, tmp_path / "tracks.parquet")
+    found = read_tracks(tmp_path / "tracks.parquet")
     assert found.rules == trace.rules
     assert same(found, trace)
 

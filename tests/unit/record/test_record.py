@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rerun as rr
-from helpers import drive, same, trace
+from helpers import drive, trace
 from rerun.chunk import RrdReader
 
 from crowdbench.catalog import load_scenario
@@ -14,17 +14,17 @@ from crowdbench.core.types import Outcome
 from crowdbench.metrics.fault import find_contacts
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
-from crowdbench.record import contents, rrd, viewer
+from crowdbench.record import rrd, viewer
 from crowdbench.record.blueprint import draw_logs
-from crowdbench.record.contents import Recording, read
 from crowdbench.record.decisions import draw_decisions
 from crowdbench.record.marks import draw_approach, time_to_closest
+from crowdbench.record.recorded_cases import read_recorded, recorded_outcomes
 from crowdbench.record.write import Recorder
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, Interrupted
 
-RUN = {"planner": "orca", "scenario": "circle_crossing_5", "scenario_digest": "abc", "cases": 12}
+RUN = {"planner": "orca", "scenario": "circle_crossing_5", "scenario_digest": "abc"}
 
 
 def write(path, *traces, rows=None):
@@ -50,40 +50,28 @@ def recorded(driven, tmp_path_factory):
     return write(tmp_path_factory.mktemp("run") / "run.rrd", driven)
 
 
-def test_a_recording_gives_the_trace_back_bit_for_bit(driven, recorded):
-    recording = read(recorded)
-    assert recording == Recording(recording.trace, **RUN)
-    assert same(recording.trace, driven)
-    assert (recording.trace.split, recording.trace.rules) == (driven.split, driven.rules)
-    assert recording.trace.gap.dtype == np.float64
+def test_episodes_of_several_batches_and_crowds_are_listed_by_case(driven, tmp_path):
+    other = line(3, 0, gap=[np.inf] * 3)
+    nothing_moves = trace(np.zeros((3, 1, 2)), Outcome.TIMEOUT, gap=[np.inf] * 2)
+    others = [dataclasses.replace(each, case=np.array([20 + n])) for n, each in enumerate((other, nothing_moves))]
+    path = tmp_path / "run.rrd"
+    with Recorder(path, **RUN) as recorder:
+        recorder.add(driven, np.array([7, 2]), {})
+        for each in others:
+            recorder.add(each, np.array([0]), {})
+    outcomes = {case: Outcome(int(driven.outcome[case])).label for case in (2, 7)}
+    assert recorded_outcomes(path) == {**outcomes, 20: "success", 21: "timeout"}
 
 
-def test_undisturbed_walks_and_absent_pedestrians_are_kept(tmp_path):
-    crowd = drive("orca", "6", "circle_crossing_5_visible", pedestrians__number=[1, 4])
-    assert not crowd.present.all()
-    assert same(read(write(tmp_path / "run.rrd", crowd)).trace, crowd)
-
-
-def test_some_episodes_of_several_batches_come_back_by_case(driven, tmp_path):
-    late = dataclasses.replace(driven, case=driven.case + 12)
-    got = read(write(tmp_path / "run.rrd", late, driven, rows=np.array([7, 2]))).trace
-    assert got.case.tolist() == [2, 7, 14, 19]
-    np.testing.assert_array_equal(got.position[:2], driven.position[[2, 7]])
-
-
-def test_batches_may_differ_in_length_and_in_their_crowds(tmp_path):
-    small, large = line(3, 1), dataclasses.replace(line(9, 4), case=np.array([1]))
-    got = read(write(tmp_path / "run.rrd", small, large)).trace
-    assert got.steps.tolist() == [3, 9]
-    assert got.present[:, 0].sum(axis=1).tolist() == [2, 5]
-    np.testing.assert_array_equal(got.position[0, :, :2], small.position[0])
-    np.testing.assert_array_equal(got.position[1], large.position[0])
-    assert np.isnan(got.position[0, :, 2:]).all()
-
-
-def test_an_episode_without_pedestrians_is_recorded(tmp_path):
-    alone = line(3, 0, gap=[np.inf] * 3)
-    assert same(read(write(tmp_path / "run.rrd", alone)).trace, alone)
+def test_a_copy_of_a_recording_has_the_same_episodes_and_layout(driven, tmp_path):
+    one, parts = write(tmp_path / "one.rrd", driven), []
+    for name, rows in (("a.rrd", np.arange(5)), ("b.rrd", np.arange(5, 12))):
+        parts.append(write(tmp_path / name, driven, rows=rows))
+    joined = tmp_path / "joined.rrd"
+    with Recorder(joined, **RUN) as recorder:
+        assert [recorder.copy(part) for part in parts] == [5, 7]
+    assert recorded_outcomes(joined) == recorded_outcomes(one)
+    assert read_recorded(joined, 7).properties == read_recorded(one, 7).properties
 
 
 def test_all_that_a_planner_logs_can_be_recorded(tmp_path):
@@ -98,7 +86,7 @@ def test_all_that_a_planner_logs_can_be_recorded(tmp_path):
 
     driver, scenario = Driver(Talker(), "talker", 60.0), load_scenario("circle_crossing_5", {})
     talked = rollout(driver, scenario, Cases.parse("2"), keep_logs=True)
-    assert len(read(write(tmp_path / "run.rrd", talked)).trace) == 2
+    assert len(recorded_outcomes(write(tmp_path / "run.rrd", talked))) == 2
 
 
 def test_what_is_logged_now_and_then_is_drawn_without_the_gaps(driven):
@@ -183,7 +171,7 @@ def test_a_truncated_recording_is_refused_in_a_sentence(recorded, tmp_path, keep
     cut = tmp_path / "cut.rrd"
     cut.write_bytes(whole[: int(len(whole) * keep) if isinstance(keep, float) else keep])
     with pytest.raises(InputError, match=r"cut\.rrd is cut short, damaged or no Rerun file"):
-        read(cut)
+        read_recorded(cut, 1)
 
 
 def test_other_files_are_refused_in_a_sentence(tmp_path):
@@ -199,17 +187,7 @@ def test_other_files_are_refused_in_a_sentence(tmp_path):
         (tmp_path / "x", "there is no"),
     ):
         with pytest.raises(InputError, match=sentence):
-            read(path)
-
-
-def test_the_recordings_of_two_runs_do_not_mix(driven, tmp_path):
-    one = write(tmp_path / "one.rrd", driven, rows=np.array([0]))
-    with Recorder(tmp_path / "two.rrd", **RUN | {"planner": "other"}) as recorder:
-        recorder.add(driven, np.array([1]), {})
-    both = [sys.executable, "-m", "rerun_cli", "rrd", "merge", "-o", "both.rrd", one, "two.rrd"]
-    subprocess.run(both, cwd=tmp_path, check=True, capture_output=True)
-    with pytest.raises(InputError, match="mixes several runs"):
-        read(tmp_path / "both.rrd")
+            recorded_outcomes(path)
 
 
 def test_one_case_is_shown_alone(recorded, tmp_path, monkeypatch):
@@ -218,7 +196,7 @@ def test_one_case_is_shown_alone(recorded, tmp_path, monkeypatch):
     def started(command, **_):
         if "rrd" in command:
             return run(command, **_)
-        shown.append(read(Path(command[-1])).trace.case.tolist())
+        shown.append([*recorded_outcomes(Path(command[-1]))])
         return subprocess.CompletedProcess(command, 0)
 
     run = subprocess.run
@@ -227,12 +205,6 @@ def test_one_case_is_shown_alone(recorded, tmp_path, monkeypatch):
     viewer.view(recorded, 7)
     viewer.view(recorded)
     assert shown == [[7], list(range(12))]
-
-
-def test_a_case_that_is_not_recorded_is_named_beside_those_that_are(driven, tmp_path):
-    path = write(tmp_path / "run.rrd", driven, rows=np.array([0, 1, 2, 5]))
-    with pytest.raises(InputError, match=r"case test/3 is not recorded in .*: recorded near it are 0-2, 5 "):
-        viewer.view(path, 3)
 
 
 def test_a_viewer_that_does_not_start_is_told_in_a_sentence(recorded, monkeypatch):
@@ -272,7 +244,7 @@ def test_a_table_of_many_recordings_shows_what_each_is_of(driven, tmp_path):
     with rr.server.Server(host="127.0.0.1", datasets={"runs": [one, other]}) as server:
         dataset = server.client().get_dataset("runs")
         table = dataset.segment_table().to_pandas()
-        states = dataset.filter_contents(["/exact/pedestrian_2"]).reader(index="time").to_pandas()
+        states = dataset.filter_contents(["/world/agents"]).reader(index="time").to_pandas()
     assert len(table) == len(set(table["rerun_segment_id"])) == 6
     about = {name.removeprefix("property:crowdbench:"): table[name].str[0] for name in table if "crowdbench" in name}
     assert set(about["planner"]) == {"orca"}
@@ -280,18 +252,8 @@ def test_a_table_of_many_recordings_shows_what_each_is_of(driven, tmp_path):
     assert sorted(about["case"]) == [0, 0, 1, 1, 2, 2]
     assert sorted(metrics["jerk"] for metrics in about["metrics"]) == [0.0, 0.0, 0.5, 0.5, 1.0, 1.0]
     first = states[states["rerun_segment_id"] == min(states["rerun_segment_id"])].sort_values("time")
-    walked = np.stack(first["/exact/pedestrian_2:position"].tolist())
-    np.testing.assert_array_equal(walked, driven.position[0, : driven.steps[0] + 1, 3])
-
-
-def test_a_merged_file_is_read_or_refused(driven, recorded, tmp_path):
-    merged = tmp_path / "merged.rrd"
-    subprocess.run(["rerun", "rrd", "merge", recorded, recorded, "-o", merged], check=True, capture_output=True)
-    assert same(read(merged).trace, driven)
-    again = write(tmp_path / "again.rrd", driven)
-    subprocess.run(["rerun", "rrd", "merge", recorded, again, "-o", merged], check=True, capture_output=True)
-    with pytest.raises(InputError, match="twice"):
-        read(merged)
+    walked = np.stack([np.stack(agents) for agents in first["/world/agents:Points2D:positions"]])
+    np.testing.assert_allclose(walked, driven.position[0, : driven.steps[0] + 1], rtol=1e-6)
 
 
 def test_decisions_are_kept_of_all_that_is_recorded(driven, tmp_path):
@@ -302,19 +264,5 @@ def test_decisions_are_kept_of_all_that_is_recorded(driven, tmp_path):
         recorder.add(said, np.array([success, failure]), {})
     reader = RrdReader(tmp_path / "run.rrd")
     for entry in reader.recordings():
-        paths = {chunk.entity_path for chunk in rrd.chunks_of(reader, entry, "/**")}
+        paths = {chunk.entity_path for chunk in rrd.chunks_of(reader, entry)}
         assert {"/plots/planner/value", "/world/planner/commands"} <= paths
-
-
-@pytest.mark.parametrize("read_it", [read, lambda path: viewer.view(path, 3)])
-def test_a_recording_of_another_format_is_refused(recorded, monkeypatch, read_it):
-    monkeypatch.setattr(contents, "FORMAT", 2)
-    with pytest.raises(InputError, match=r"is a recording of format 1, but this version of crowdbench reads format 2"):
-        read_it(recorded)
-
-
-def test_an_episode_in_which_nothing_moves_is_read_back(tmp_path):
-    still = trace(np.zeros((3, 1, 2)), Outcome.TIMEOUT, gap=[np.inf] * 2)
-    got = read(write(tmp_path / "run.rrd", still)).trace
-    assert np.array_equal(got.position, still.position, equal_nan=True)
-    assert got.steps.tolist() == [2]

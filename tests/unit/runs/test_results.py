@@ -15,7 +15,7 @@ from crowdbench.core.types import Outcome
 from crowdbench.metrics.registry import METRICS
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import ORCAPlanner
-from crowdbench.record.contents import read
+from crowdbench.record.recorded_cases import recorded_outcomes
 from crowdbench.results.compare import compare, comparison_grid
 from crowdbench.results.episodes import Episodes, planner_label, read_estimate
 from crowdbench.results.paired import mcnemar
@@ -165,7 +165,7 @@ def test_a_place_that_cannot_be_is_told(tmp_path):
     ],
 )
 def test_directories_are_told_apart_by_what_was_run(cases, changes, expected):
-    assert directory_name("orca", "square", RunSpec("orca", "square", Cases.parse(cases), changes)) == expected
+    assert directory_name("orca", "square", RunSpec("orca", "square", Cases.parse(cases), options=changes)) == expected
 
 
 class Breaks(Planner):
@@ -228,7 +228,7 @@ def test_an_interrupt_waits_until_a_batch_is_written(tmp_path, monkeypatch):
         go(tmp_path / "a", batch=10, record="all")
     [part] = tmp_path.glob("a.parts-*/test-0-10")
     assert read_result(part)["recorded"] == 10
-    assert len(read(part / "run.rrd").trace) == 10
+    assert len(recorded_outcomes(part / "run.rrd")) == 10
     # What is asked for after the last batch comes too late: everything is there.
     assert go(tmp_path / "b", cases="10")["run"]["cases"] == "test:0:10"
 
@@ -360,7 +360,7 @@ def test_a_planner_that_logs_much_runs_in_smaller_batches(tmp_path, monkeypatch)
     go(tmp_path / "b", Verbose(), record="failures")
     assert batches == [30, 7, 7, 7, 7, 2]
     assert (tmp_path / "a" / "episodes.csv").read_bytes() == (tmp_path / "b" / "episodes.csv").read_bytes()
-    assert read(tmp_path / "b" / "run.rrd").trace.case.tolist() == read(tmp_path / "a" / "run.rrd").trace.case.tolist()
+    assert recorded_outcomes(tmp_path / "b" / "run.rrd") == recorded_outcomes(tmp_path / "a" / "run.rrd")
     monkeypatch.setattr(rollout, "LOG_MEMORY", 1)
     batches.clear()
     go(tmp_path / "c", Verbose(), cases="3", record="failures")

@@ -83,7 +83,9 @@ def test_options_have_the_types_of_their_defaults(door):
     ):
         with pytest.raises(InputError, match=rf"^mine.toml: layout.{option} is .*, but must be {right}$"):
             scenario(**{option: value})
-    with pytest.raises(InputError, match=r"unknown key layout.wide .*the keys here are generator, width, walls"):
+    with pytest.raises(
+        InputError, match=r"unknown key layout.wide .*the keys here are generator, generator_file, width, walls"
+    ):
         scenario(wide=1.0)
 
 
@@ -108,7 +110,9 @@ def test_a_recorded_scenario_has_the_layout_only_if_the_user_gives_its_file(door
     with pytest.raises(InputError, match="no layout of the run is a file called other"):
         load_recorded_scenario(table, "result.json", layout="other.py")
     (door / "door.py").write_text(DOOR + "# changed\n")
-    with pytest.raises(InputError, match="give the file as it was"):
+    with pytest.raises(
+        InputError, match=r"layout.generator_file is \w+, but must be the digest of the file that is given"
+    ):
         load_recorded_scenario(table, "result.json", layout="door.py")
 
 

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 import recordings
+import trainings
 from helpers import Still, same
 
 from crowdbench.catalog import load_planner, load_scenario, simulated_scenarios
@@ -25,9 +26,9 @@ from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.recorded import TrackedCrowd
 from crowdbench.scenario.tracks.dut import Car, read_clip
-from crowdbench.scenario.tracks.eth_ucy import Tracks
-from crowdbench.scenario.tracks.excerpts import LEAST_WAY, cut_windows, split_windows
-from crowdbench.scenario.tracks.scenes import Recording, Scene, load_scene
+from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
+from crowdbench.scenario.tracks.excerpts import MIN_TRIP, cut_windows, split_windows
+from crowdbench.scenario.tracks.scenes import RecordedScene, SceneRecording, load_scene
 from crowdbench.sim.presence import come_and_go, track_at
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step_pedestrians
@@ -197,10 +198,10 @@ def test_nothing_is_recorded_after_the_last_step(place):
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"layout__generator": "room"}, "layout is given, but must be left out where there is a table"),
-        ({"pedestrians__number": 3}, "pedestrians.number is given, but must be left out"),
-        ({"pedestrians__preferred_speed": 1.0}, "pedestrians.preferred_speed is given, but must be left out"),
-        ({"crowdnav_cases": 500}, "crowdnav_cases is given, but must be left out"),
+        ({"layout__generator": "room"}, "unknown key layout; the keys here are .* pedestrians, tracks"),
+        ({"pedestrians__number": 3}, "unknown key pedestrians.number; the keys here are policy"),
+        ({"pedestrians__preferred_speed": 1.0}, "unknown key pedestrians.preferred_speed; the keys here are policy"),
+        ({"crowdnav_cases": 500}, "unknown key crowdnav_cases; the keys here are"),
         ({"tracks__scene": "yours"}, "in tracks, .* has no file yours.txt, which the scene yours needs"),
         ({"tracks__scene": "eth"}, "in tracks, .* has no file biwi_eth.txt, which the scene eth needs"),
         ({"tracks__distance": 90.0}, "in case test/0, the vehicle has no room .* lower tracks.distance"),
@@ -239,18 +240,18 @@ def test_a_run_says_its_blocks_and_can_be_replayed_with_the_same_files_alone(tmp
     assert result["blocks"] == 6
     assert list(result["scenario"]["tracks"]["files"]) == ["mine.txt"]
     assert Episodes.read(tmp_path / "one" / "episodes.csv").block.tolist() == 2 * [6, 7, 8, 9, 10, 11]
-    assert run(monkeypatch, "score", "one", "--replay", "--data", tmp_path) == 0
+    assert run(monkeypatch, "score", "one", "--data", tmp_path) == 0
     assert "the states of 12 episodes with run.rrd" in capsys.readouterr().out
     rows = (tmp_path / "one" / "episodes.csv").read_text()
     (tmp_path / "one" / "episodes.csv").write_text(rows.replace(",6,", ",7,", 1))
-    assert run(monkeypatch, "score", "one", "--replay", "--data", tmp_path) == 1
+    assert run(monkeypatch, "score", "one", "--data", tmp_path) == 1
     assert "1 of 12 cases are of another block of time in episodes.csv: test/0 (block)" in capsys.readouterr().out
     (tmp_path / "one" / "episodes.csv").write_text(rows)
-    assert run(monkeypatch, "score", "one", "--replay") != 0
+    assert run(monkeypatch, "score", "one") != 0
     assert "--data DIR" in capsys.readouterr().err
     text = (tmp_path / "mine.txt").read_text()
     (tmp_path / "mine.txt").write_text(text.replace("0.500000", "0.500001", 1))
-    assert run(monkeypatch, "score", "one", "--replay", "--data", tmp_path) != 0
+    assert run(monkeypatch, "score", "one", "--data", tmp_path) != 0
     assert "mine.txt is damaged or another version" in capsys.readouterr().err
 
 
@@ -281,11 +282,11 @@ def test_recorded_people_are_no_agents_and_observations_are_within_their_space(t
 def crossing():
     """A clip in which a car drives 20 m in 10 s past somebody who stands, and another car is parked."""
     frame = np.arange(240)
-    tracks = Tracks("clip", 10 * frame, np.zeros(240, int), np.tile([10.0, 5.0], (240, 1)), 1.0 / 24.0)
+    tracks = RecordedTracks("clip", 10 * frame, np.zeros(240, int), np.tile([10.0, 5.0], (240, 1)), 1.0 / 24.0)
     time = frame / 24.0
     car = Car(time, np.stack([2.0 * time, np.zeros(240)], axis=1), np.zeros(240), 4.0, 1.6)
     parked = Car(time, np.tile([10.0, -4.0], (240, 1)), np.full(240, np.pi / 2), 4.0, 1.6)
-    return Scene("clip", (Recording(tracks, (car, parked)),), {})
+    return RecordedScene("clip", (SceneRecording(tracks, (car, parked)),), {})
 
 
 def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
@@ -294,10 +295,10 @@ def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
     crowd = TrackedCrowd.of(crossing, 8.0, rules)
     assert {split: len(windows) for split, windows in crowd.windows.items()} == {"train": 0, "val": 0, "test": 2}
     window = crowd.window("test", 1)
-    assert np.allclose(window.driven.start, [8.0, 0.0])
-    assert np.allclose(window.driven.goal, [8.0 + 2.0 * 0.75 * 4.0, 0.0])
-    assert window.driven.speed == pytest.approx(2.0)
-    assert math.dist(window.driven.goal, window.driven.start) >= LEAST_WAY
+    assert np.allclose(window.replaced_car.start, [8.0, 0.0])
+    assert np.allclose(window.replaced_car.goal, [8.0 + 2.0 * 0.75 * 4.0, 0.0])
+    assert window.replaced_car.speed == pytest.approx(2.0)
+    assert math.dist(window.replaced_car.goal, window.driven.start) >= MIN_TRIP
     # Somebody who stands, and three discs that lie along the parked car.
     assert np.allclose(window.track[0], [[10.0, 5.0], [10.0, -5.2], [10.0, -4.0], [10.0, -2.8]])
     assert np.allclose(window.radius[1:], 0.8)
@@ -309,7 +310,7 @@ def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
 def test_networks_learn_among_recorded_people(config_of, network, tmp_path):
     file = recordings.write(tmp_path)
     config = config_of(network=network, scenario=str(file), validation=str(file), data=str(tmp_path))
-    training = config.training("cpu")
+    training = trainings.start(config)
     place = training.scenario
     assert place.tracks.scene == training.validation[0].tracks.scene == "mine"
     assert f"--scenario {file} --data {tmp_path.name}" in config.command
@@ -317,9 +318,9 @@ def test_networks_learn_among_recorded_people(config_of, network, tmp_path):
     assert card.crowd(table) == "mine, people of mine"
     assert card.episodes(table) == "simulated episodes with the recorded tracks of mine"
     with pytest.raises(InputError, match="--data does not go with circle_crossing_5, which has no table"):
-        dataclasses.replace(config, scenario="circle_crossing_5", validation=None).training("cpu")
+        trainings.start(dataclasses.replace(config, scenario="circle_crossing_5", validation=None))
     with pytest.raises(InputError, match="give the folder that holds them, --data DIR"):
-        dataclasses.replace(config, data=None, validation=None).training("cpu")
+        trainings.start(dataclasses.replace(config, data=None, validation=None))
 
 
 def test_predictors_are_measured_on_those_who_come_later_too_by_networks_that_have_not_seen_the_scene(place):
@@ -389,7 +390,7 @@ def test_every_scene_of_eth_ucy_and_dut_can_be_driven_in(shared):
         "test": 21,
     }
     world = place.draw("test", np.arange(21))
-    assert (norm(world.goal[:, 0] - world.position[:, 0]) >= LEAST_WAY - 1e-9).all()
+    assert (norm(world.goal[:, 0] - world.position[:, 0]) >= MIN_TRIP - 1e-9).all()
     reactive = load_scenario("dut_reactive", data=shared / "data" / "dut").draw("test", np.arange(21))
     assert list(reactive.parameters) == ["orca", "recorded"]
     assert set(reactive.policy[reactive.present[:, 1:]]) == {0, 1}, "some are people, some are cars"

@@ -3,7 +3,7 @@ import os
 import numpy as np
 import pytest
 
-from crowdbench.scenario.tracks.eth_ucy import ETH_UCY_DT, FRAME_STEP, Tracks, read_tracks
+from crowdbench.scenario.tracks.eth_ucy import ETH_UCY_DT, FRAME_STEP, RecordedTracks, read_tracks
 from crowdbench.utils.errors import InputError
 from studies.social_gan.recordings import read_folder, scenes
 from studies.social_gan.windows import windows
@@ -158,14 +158,16 @@ def test_a_window_shows_a_predictor_what_was_seen(tmp_path):
 
 def test_scenes_are_those_that_are_complete_and_other_files_by_themselves():
     none = np.zeros(0, np.int64)
-    files = {name: Tracks(name, none, none, np.zeros((0, 2))) for name in ("students001", "biwi_eth", "mine")}
+    files = {name: RecordedTracks(name, none, none, np.zeros((0, 2))) for name in ("students001", "biwi_eth", "mine")}
     found = scenes(files.values())
     assert {scene: [tracks.name for tracks in parts] for scene, parts in found.items()} == {
         "eth": ["biwi_eth"],
         "students001": ["students001"],
         "mine": ["mine"],
     }
-    others = [Tracks(name, none, none, np.zeros((0, 2))) for name in ("students003", "uni_examples", "crowds_zara03")]
+    others = [
+        RecordedTracks(name, none, none, np.zeros((0, 2))) for name in ("students003", "uni_examples", "crowds_zara03")
+    ]
     found = scenes([*files.values(), *others])
     assert list(found) == ["eth", "univ", "mine"]
     assert [tracks.name for tracks in found["univ"]] == ["students001", "students003"]

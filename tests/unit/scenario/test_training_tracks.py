@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from crowdbench.scenario.tracks.eth_ucy import ETH_UCY_DT, FRAME_STEP, Tracks
+from crowdbench.scenario.tracks.eth_ucy import ETH_UCY_DT, FRAME_STEP, RecordedTracks
 from crowdbench.utils.errors import InputError
 from studies.social_gan.recordings import read_folder
 from studies.social_gan.windows import resample, training_split, windows
@@ -22,7 +22,7 @@ def recording(pedestrians=20, length=40, share=0.9, name="some"):
     """Pedestrians who come and go at random."""
     generator = np.random.default_rng(1)
     pedestrian, time = np.nonzero(generator.random((pedestrians, length)) < share)
-    return Tracks(name, 20 + FRAME_STEP * time, pedestrian, generator.normal(size=(len(time), 2)))
+    return RecordedTracks(name, 20 + FRAME_STEP * time, pedestrian, generator.normal(size=(len(time), 2)))
 
 
 def rows(tracks):
@@ -83,7 +83,9 @@ def test_resampled_at_its_own_step_a_recording_stays_as_it_is():
 
 def test_windows_of_resampled_tracks_have_their_step():
     time = np.arange(30)
-    pair = Tracks("pair", np.tile(time * 10, 2), np.repeat([1, 2], 30), np.tile(time[:, None] * [0.4, -0.2], (2, 1)))
+    pair = RecordedTracks(
+        "pair", np.tile(time * 10, 2), np.repeat([1, 2], 30), np.tile(time[:, None] * [0.4, -0.2], (2, 1))
+    )
     found = windows(resample(pair, 0.25), 16)
     assert len(found) == int(29 * 0.4 / 0.25) + 1 - 15
     obs = found.observation(8)
@@ -93,4 +95,4 @@ def test_windows_of_resampled_tracks_have_their_step():
 
 def test_nobody_can_be_resample():
     none = np.zeros(0, np.int64)
-    assert rows(resample(Tracks("none", none, none, np.zeros((0, 2))), 0.25)) == []
+    assert rows(resample(RecordedTracks("none", none, none, np.zeros((0, 2))), 0.25)) == []

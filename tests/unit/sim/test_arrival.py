@@ -23,7 +23,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import LayoutCall
 from crowdbench.scenario.population import ARRIVALS
-from crowdbench.scenario.respawn import LayoutWithRespawn, Room
+from crowdbench.scenario.respawn import LayoutWithRespawn, Surroundings
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_decisions, step
 from crowdbench.train.replay_memory import transitions
@@ -254,7 +254,7 @@ def test_runs_with_them_are_recorded_and_replayed(arrival, tmp_path, capsys):
     settings = [f"pedestrians.arrival={arrival}", "pedestrians.goal_change={period=1.0,chance=0.3}"]
     out = str(tmp_path / "run")
     app([*run, *(part for each in settings for part in ("--set", each)), "--out", out], standalone_mode=False)
-    app(["score", out, "--replay"], standalone_mode=False)
+    app(["score", out], standalone_mode=False)
     assert "All agree" in capsys.readouterr().out.replace("\n", " ")
 
 
@@ -314,7 +314,7 @@ def test_an_offence_when_people_are_drawn_again_is_found(name):
 
 def test_room_is_clear_away_from_people_goals_and_walls():
     box = np.array([[[5.0, 5.0], [7.0, 5.0], [7.0, 7.0], [5.0, 7.0]]])
-    room = Room(np.zeros((1, 2)), np.array([[0.0, 3.0]]), np.array([0.3]), np.ones(1), box)
+    room = Surroundings(np.zeros((1, 2)), np.array([[0.0, 3.0]]), np.array([0.3]), np.ones(1), box)
     assert room.is_clear(np.array([0.85, 0.0]), 0.3)
     assert not room.is_clear(np.array([0.75, 0.0]), 0.3)
     assert not room.is_clear(np.array([0.75, 3.0]), 0.3)

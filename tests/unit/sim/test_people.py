@@ -12,7 +12,7 @@ from crowdbench.check.drives import POLICY
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.groups import draw_groups, group_reach, spread
+from crowdbench.scenario.groups import draw_groups, group_reach, member_offsets
 from crowdbench.sim.pedestrians import ORCA, SocialForce
 from crowdbench.sim.pedestrians.group_force import ATTRACTION, GAZE, REPULSION, group_force
 from crowdbench.sim.pedestrians.social_force import social_force_velocities
@@ -234,7 +234,7 @@ def test_a_group_fits_into_its_disc():
     for n in range(1, 6):
         radius = np.full(n, 0.3)
         for stands in (False, True):
-            place = spread(np.array([1.0, 2.0]), radius, stands)
+            place = member_offsets(np.array([1.0, 2.0]), radius, stands)
             assert norm(place).max() + 0.3 <= group_reach(radius) + 1e-9
             assert place.mean(axis=0) == pytest.approx([0.0, 0.0], abs=1e-12)
 

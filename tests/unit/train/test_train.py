@@ -14,8 +14,7 @@ from crowdbench.planners.kce import Limits
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity
 from crowdbench.sim.sensor import observe
-from crowdbench.train import training as driving
-from crowdbench.train import value
+from crowdbench.train import driving, value
 from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.config import ValueConfig
 from crowdbench.train.runner import Runner
@@ -64,7 +63,7 @@ def test_another_seed_is_another_network(tmp_path):
 def test_a_card_looks_at_test_cases_only_where_that_is_asked_for(tmp_path):
     cards = {}
     for card in ("val", "test"):
-        training = dataclasses.replace(CONFIG, card=card).training("cpu")
+        training = trainings.start(dataclasses.replace(CONFIG, card=card))
         training.validate()
         cards[card] = {"network": "cadrl", **training.card(trainings.ignore)}
         measured = {split: figure["metrics"]["success_rate"]["n"] for split, figure in cards[card]["figures"].items()}
@@ -119,7 +118,7 @@ def test_a_training_that_stops_before_its_first_validation_begins_again_where_it
 
 def test_a_network_learns_in_training_mode_after_it_has_driven():
     # On a GPU an LSTM has no gradients otherwise.
-    training, modes = dataclasses.replace(CONFIG, network="lstm_rl").training("cpu"), []
+    training, modes = trainings.start(dataclasses.replace(CONFIG, network="lstm_rl")), []
 
     def note(network, states):
         if torch.is_grad_enabled():
@@ -263,7 +262,7 @@ def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenar
         "--validation circle_crossing_5,square_crossing_5 --predictor oracle --max-turn 2.0 --max-velocity-change 0.6"
         in card["command"]
     )
-    assert config.use == (
+    assert config.usage == (
         "run --planner cadrl --option 'limits={max_acceleration=inf, max_turn=2.0, max_velocity_change=0.6}'"
     )
     text = (tmp_path / "run" / "weights.md").read_text()

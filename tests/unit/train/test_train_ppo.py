@@ -46,14 +46,14 @@ def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_
     """Drawing the first cases alone takes longer than the time until the next validation."""
     config = dataclasses.replace(CONFIG, minutes=100.0)
     training = Runner.start(config, tmp_path / "run", "cpu").training
-    draw, clock = training.worlds[0].seed, training_module.time.perf_counter
+    draw, clock = training.worlds[0].worlds.seed, training_module.time.perf_counter
     late = [0.0]
 
     def slowly(seed):
         late[0] += 5000.0
         draw(seed)
 
-    monkeypatch.setattr(training.worlds[0], "seed", slowly)
+    monkeypatch.setattr(training.worlds[0].worlds, "seed", slowly)
     monkeypatch.setattr(training_module, "time", SimpleNamespace(perf_counter=lambda: clock() + late[0]))
     list(training.learn())
     assert [point["steps"] for point in training.curve] == [0, 128, 256]
@@ -118,18 +118,18 @@ def test_the_advantage_is_the_discounted_sum_of_differences_up_to_the_end_of_the
 
 
 def test_only_the_time_limit_leaves_the_value_of_what_would_have_followed(monkeypatch):
-    training = dataclasses.replace(CONFIG, also_train_in="square_crossing_5").training("cpu")
+    training = trainings.start(dataclasses.replace(CONFIG, also_train_in="square_crossing_5"))
     training.train_until(0.0)
     for worlds, timed_out in zip(training.worlds, ([], [1, 3]), strict=True):
-        now = worlds.worlds
+        now = worlds.worlds.worlds
         outcome = np.full(len(now), Outcome.COLLISION)
         outcome[timed_out] = Outcome.TIMEOUT
         driven = Driven(Step(now, now, outcome, np.ones(len(now))), np.ones(len(now)), np.ones(len(now)), outcome)
-        monkeypatch.setattr(worlds, "step", lambda command, driven=driven: driven)
+        monkeypatch.setattr(worlds.worlds, "step", lambda command, driven=driven: driven)
     memory, on = training.memory, torch.zeros(1, 8, dtype=torch.bool)
     with torch.no_grad():
         value = training.network(training.seen, memory, on)[1].numpy()
-        reward, ended = training._step(np.zeros((8, 2)))
+        reward, ended = training._step(torch.zeros((8, 2)))
     expected = np.ones(8)
     expected[[5, 7]] += training.parameters.gamma * value[[5, 7]]
     np.testing.assert_allclose(reward, expected, rtol=1e-5)
@@ -140,9 +140,9 @@ def test_a_training_in_several_scenarios_shares_its_worlds(tmp_path):
     config = dataclasses.replace(
         CONFIG, also_train_in="doorway_10,square_crossing_5", validation="circle_crossing_5,doorway_10", steps=130
     )
-    training = config.training("cpu")
-    assert list(map(len, training.rows)) == [3, 3, 2]
-    assert training.nearest == 10
+    training = trainings.start(config)
+    assert [len(worlds.rows) for worlds in training.worlds] == [3, 3, 2]
+    assert training.interface.nearest == 10
     list(training.learn())
     assert training.curve[-1]["steps"] == 256
     assert "--also-train-in doorway_10,square_crossing_5" in config.command
@@ -178,7 +178,7 @@ def test_a_finished_training_leaves_a_policy_that_drives(tmp_path):
 
 def test_parameters_of_ppo_are_in_the_command_and_wrong_ones_get_one_sentence():
     assert "--ppo worlds=8 --ppo steps=16 --ppo segments=4 --ppo epochs=2" in CONFIG.command
-    parameters = CONFIG.training("cpu").parameters
+    parameters = trainings.start(CONFIG).parameters
     assert (parameters.worlds, parameters.gamma) == (8, 0.97)
     for given, sentence in [
         (
@@ -191,7 +191,7 @@ def test_parameters_of_ppo_are_in_the_command_and_wrong_ones_get_one_sentence():
         ({"worlds": 8}, "^in --ppo, segments is 32, but must be 8, the number of worlds, at most"),
     ]:
         with pytest.raises(InputError, match=sentence):
-            dataclasses.replace(CONFIG, ppo=given).training("cpu")
+            trainings.start(dataclasses.replace(CONFIG, ppo=given))
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ import pytest
 import crowdbench
 from crowdbench.utils.compiled import kernel_files as store
 from crowdbench.utils.compiled import named_tuples, njit
-from crowdbench.utils.compiled.digest import code_digest
+from crowdbench.utils.compiled.kernel_key import kernel_key
 
 PACKAGE = Path(crowdbench.__file__).parent
 LIMIT = 2.0
@@ -108,18 +108,18 @@ def test_an_edit_acts_at_once_in_functions_of_other_files(tmp_path):
 
 @pytest.mark.parametrize(("name", "value"), [("LIMIT", 2.5), ("LIMIT", 2), ("half", njit(limited))])
 def test_the_digest_follows_constants_and_called_functions(monkeypatch, name, value):
-    before = code_digest(njit(limited))
-    assert code_digest(njit(limited)) == before
+    before = kernel_key(njit(limited))
+    assert kernel_key(njit(limited)) == before
     monkeypatch.setitem(globals(), name, value)
-    assert code_digest(njit(limited)) != before
+    assert kernel_key(njit(limited)) != before
 
 
 def test_the_digest_follows_the_options_of_the_compiler():
-    assert len({code_digest(njit(**options)(limited)) for options in ({}, {"parallel": True}, {"nogil": True})}) == 3
+    assert len({kernel_key(njit(**options)(limited)) for options in ({}, {"parallel": True}, {"nogil": True})}) == 3
 
 
 def test_a_global_whose_changes_would_pass_unnoticed_is_refused(folder):
-    with pytest.raises(TypeError, match=r"kernel test_compiled\.length: .* is neither a constant nor a kernel"):
+    with pytest.raises(TypeError, match=r"os in kernel test_compiled\.length is neither a constant nor a kernel"):
         njit(length)(1.0)
 
 
@@ -138,11 +138,20 @@ def test_the_digest_tells_which_of_two_kernels_is_called_where():
     def kernel(**called):
         scope = {"__name__": __name__, **called}
         exec("def twice(x):\n    return f(x) + g(x) + h(x)\n", scope)
-        return code_digest(njit(scope["twice"]))
+        return kernel_key(njit(scope["twice"]))
 
     one, other = njit(lambda x: x + 1.0), njit(lambda x: x + 2.0)
     calls = [(a, b, c) for a in (one, other) for b in (one, other) for c in (one, other)]
     assert len({kernel(f=a, g=b, h=c) for a, b, c in calls}) == len(calls)
+
+
+def test_the_key_follows_the_constants_of_a_closure():
+    def make(limit, kernel):
+        return njit(lambda x: [kernel(limit) + y for y in (x, LIMIT)])
+
+    one, other = njit(lambda x: x + 1.0), njit(lambda x: x + 2.0)
+    assert kernel_key(make(1.0, one)) == kernel_key(make(1.0, one))
+    assert len({kernel_key(make(limit, kernel)) for limit in (1.0, 1, 2.0) for kernel in (one, other)}) == 6
 
 
 def test_files_that_are_old_or_too_many_go(folder, monkeypatch):

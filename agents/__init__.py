@@ -1,0 +1,1 @@
+"""The planners, the pedestrian policies and the weights that crowdbench ships."""

@@ -1,0 +1,1 @@
+"""The planners that crowdbench ships: a file each, or a folder with the file of the same name."""

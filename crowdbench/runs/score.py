@@ -1,0 +1,168 @@
+"""Compute a run again from its exact store, and compare the result with its files.
+
+States, outcomes and metrics follow from commands or tracks and can be checked. The origin of the commands, their
+computation time and the information used for them cannot be checked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from crowdbench.core.types import Outcome
+from crowdbench.metrics.registry import Metric, need_undisturbed
+from crowdbench.results.episodes import EPISODES, RECORDING, Episodes
+from crowdbench.results.result_file import RESULT
+from crowdbench.results.run_result import RunResult
+from crowdbench.results.stored_commands import COMMANDS, StoredCommands
+from crowdbench.results.stored_tracks import TRACKS
+from crowdbench.runs.differences import Difference, Differences
+from crowdbench.runs.identity import code
+from crowdbench.runs.replay import possible_commands, stored_traces
+from crowdbench.runs.rollout import Progress
+from crowdbench.runs.run import read_versions
+from crowdbench.scenario.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Result of computing a run again.
+
+    Attributes:
+        episodes: The episodes that were computed again.
+        store: The file of the exact store.
+        metrics: Number of metrics that were compared.
+        unchecked: The columns of `episodes.csv` whose metric is not known.
+        versions: Differences between the versions and the machine of the run and of the replay. If empty, everything
+            was compared to the last bit.
+        differences: Differences between the run and its replay.
+    """
+
+    episodes: Episodes
+    store: str
+    metrics: int
+    unchecked: list[str]
+    versions: list[str]
+    differences: list[Difference]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the comparison as JSON values."""
+        return {
+            "agrees": not self.differences,
+            "cases": len(self.episodes),
+            "metrics": self.metrics,
+            "unchecked": self.unchecked,
+            "versions": self.versions,
+            "differences": [vars(difference) for difference in self.differences],
+        }
+
+    def __str__(self) -> str:
+        how = "outcomes exactly and figures to 1e-6" if self.versions else "to the last bit"
+        again = "measured again from their tracks" if self.store == TRACKS else "simulated again from their commands"
+        lines = [
+            f"{len(self.episodes)} cases were {again} and compared, {how}: outcomes, steps and {self.metrics} metrics "
+            "with episodes.csv, their summary with result.json."
+        ]
+        if self.versions:
+            lines.append(f"The last bits may differ, because {', '.join(self.versions)}.")
+        if self.unchecked:
+            unknown = ", ".join(self.unchecked)
+            lines.append(f"Not compared, because their metric is not known: {unknown} (see --metric).")
+        if self.differences:
+            return "\n".join([*lines, f"The run differs from what {self.store} gives:", *map(str, self.differences)])
+        lines.append(
+            "All agree. Stated by the run alone: the planner with its options, `privileged`, names, times and versions."
+        )
+        return "\n".join(lines)
+
+
+def replay_run(
+    run: RunResult, scenario: Scenario | None, metrics: Mapping[str, Metric], progress: Progress | None = None
+) -> Replay:
+    """Compute all cases of a run again, and compare.
+
+    Args:
+        run: The stored run.
+        scenario: The scenario of a simulated run, loaded from its `result.json`; None for stored tracks.
+        metrics: Metrics by name; all are measured, and those that the run contains are compared.
+        progress: Called after each step with its progress, summed over the episodes, in fractions of an episode.
+
+    Raises:
+        InputError: The run has no commands of any of its cases, or a pedestrian policy or a metric breaks its contract.
+    """
+    changed = _changed_versions(run)
+    columns = dict.fromkeys([*run.episodes.columns, *run.result["metrics"]])
+    differences = Differences(run.cases, exact=not changed)
+    differences.note("checks of the files fail", [run.broken] if run.broken else [], 1)
+    if scenario is None:
+        parts = [Episodes.of(run.tracks, metrics)]
+    else:
+        differences.note_values(
+            RESULT, {"run.scenario": run.result["run"]["scenario"]}, {"run.scenario": scenario.digest}
+        )
+        undisturbed = need_undisturbed(metrics)
+        traces = stored_traces(run, lambda _: scenario, undisturbed=undisturbed, progress=progress)
+        parts = [Episodes.of(trace, metrics) for trace in traces]
+    replayed = Episodes.join(parts)
+    if scenario is not None:
+        _compare_commands(differences, run.commands, scenario, replayed)
+    _compare_episodes(differences, run, replayed)
+    _compare_recording(differences, run, replayed)
+    compared = sum(name in metrics for name in columns)
+    unchecked = [name for name in columns if name not in metrics]
+    store = TRACKS if scenario is None else COMMANDS
+    return Replay(replayed, store, compared, unchecked, changed, list(differences))
+
+
+def _compare_commands(
+    differences: Differences, commands: StoredCommands, scenario: Scenario, replayed: Episodes
+) -> None:
+    """Add the differences in `commands.parquet`."""
+    differences.note_rows(COMMANDS, commands.case)
+    refused = map(differences.name, commands.case[~possible_commands(commands, scenario)].tolist())
+    what = "commands that a run refuses, beyond the limits of the vehicle or not finite"
+    differences.note(f"cases in {COMMANDS} have {what}", refused, len(commands.case))
+    case, *rows = np.intersect1d(commands.case, replayed.case, return_indices=True)
+    numbers = commands.steps[rows[0]].tolist(), replayed.steps[rows[1]].tolist()
+    lengths = zip(map(differences.name, case.tolist()), *numbers, strict=True)
+    differences.note_pairs(f"cases have more or fewer commands in {COMMANDS} than steps", lengths, len(case))
+
+
+def _compare_episodes(differences: Differences, run: RunResult, replayed: Episodes) -> None:
+    """Add the differences in `episodes.csv`."""
+    differences.note_rows(EPISODES, run.episodes.case)
+    stated = run.result["metrics"]
+    missing = (name for name in stated if name not in run.episodes.columns)
+    differences.note(f"metrics have no column in {EPISODES}", missing, len(stated))
+    _, *rows = np.intersect1d(run.episodes.case, replayed.case, return_indices=True)
+    differences.note_episodes(run.episodes.take(rows[0]), replayed.take(rows[1]))
+
+
+def _compare_recording(differences: Differences, run: RunResult, replayed: Episodes) -> None:
+    """Add the cases of the recording with another outcome."""
+    if not (run.directory / RECORDING).exists():
+        return
+    from crowdbench.record.recorded_cases import recorded_outcomes
+
+    recorded = recorded_outcomes(run.directory / RECORDING)
+    differences.note_values(RESULT, {"recorded": run.result["recorded"]}, {"recorded": len(recorded)})
+    differences.note_rows(RECORDING, np.array([*recorded]), some_missing=True)
+    ends = dict(zip(replayed.case.tolist(), (Outcome(end).label for end in replayed.outcome.tolist()), strict=True))
+    pairs = [(differences.name(case), outcome, ends[case]) for case, outcome in recorded.items() if case in ends]
+    differences.note_pairs(f"episodes in {RECORDING} end otherwise", pairs, len(recorded))
+
+
+def _changed_versions(run: RunResult) -> list[str]:
+    """Return the versions that influence the last bits of results and differ from the run."""
+    known = run.result["stated"]["versions"]
+    changed = [
+        f"{name} is {here} here and was {known.get(name, 'another')} in the run"
+        for name, here in read_versions().items()
+        if known.get(name) != here
+    ]
+    if run.result["run"]["code"] != code():
+        changed.append("the code of crowdbench is another than in the run")
+    return changed

@@ -1,0 +1,87 @@
+"""The worlds in which a policy is trained, as the policy observes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.core.types import Observation
+from crowdbench.envs.rewards import CheckedReward, Step
+from crowdbench.envs.training_worlds import Driven, TrainingWorlds
+from crowdbench.networks.features import Features
+from crowdbench.planners.filtered import KalmanFilter
+from crowdbench.planners.trained_policy import PolicyInterface
+from crowdbench.predict import ConstantVelocity
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.sensor import observe
+from crowdbench.views.view import View
+
+NEAREST = 8
+"""Largest number of pedestrians in the input of a policy with a memory."""
+
+
+def make_interface(scenarios: Sequence[Scenario], recurrent: bool) -> PolicyInterface:
+    """Return the observation of a policy: all pedestrians of the scenarios, or `NEAREST` at most.
+
+    Args:
+        scenarios: The scenarios of the training.
+        recurrent: True for a policy with a memory.
+    """
+    most = max(1, *(scenario.max_agents - 1 for scenario in scenarios))
+    if recurrent:
+        return PolicyInterface(min(most, NEAREST), ConstantVelocity())
+    return PolicyInterface(most)
+
+
+class PolicyWorlds:
+    """Training worlds of a scenario. A world with an ended episode starts the next one.
+
+    Observations of a limited sensor are filtered for a policy with a memory, as by `FilteredPlanner`.
+
+    Args:
+        scenario: The scenario.
+        rows: The rows of the worlds in the batch of all scenarios.
+        cases: The number of training cases that are drawn at a restart.
+        reward: The reward of a step.
+        interface: The policy's observation and actions.
+    """
+
+    def __init__(
+        self, scenario: Scenario, rows: np.ndarray, cases: int, reward: CheckedReward, interface: PolicyInterface
+    ) -> None:
+        self.rows = rows
+        self.worlds = TrainingWorlds(len(rows), View(scenario), reward, cases)
+        self._interface = interface
+        self._filter = KalmanFilter()
+
+    def restart(self, seed: int) -> None:
+        """Draw training cases with a seed, and start new episodes in all worlds."""
+        self.worlds.seed(seed)
+        self.worlds.start()
+        self._filter.reset(self.rows)
+
+    def observe(self) -> Features:
+        """Return the present input of the policy in each world."""
+        self._observed = self._filtered(observe(self.worlds.worlds))
+        features = self._interface(self._observed)
+        self._axis = features.axis
+        return features
+
+    def step(self, action: Float[np.ndarray, "world 2"]) -> Driven:
+        """Act as the policy does after `observe`."""
+        return self.worlds.step(self._interface.velocities(action, self._observed, self._axis))
+
+    def observe_last(self, step: Step, rows: Int[np.ndarray, "row"]) -> Features:
+        """Return the input of the policy after a step in some of its worlds, before the next episode there."""
+        return self._interface(self._filtered(observe(step.after.take(rows), rows)))
+
+    def forget(self, ended: Bool[np.ndarray, "world"]) -> None:
+        """Forget the measurements of ended episodes."""
+        self._filter.forget(np.flatnonzero(ended))
+
+    def _filtered(self, obs: Observation) -> Observation:
+        if self._interface.predictor is None or obs.sensor.sees_all:
+            return obs
+        return self._filter.filter(obs)
