@@ -61,9 +61,6 @@ class Result:
     def read(cls, directory: Path | str) -> Result:
         """Read the result of `crowdbench run` or `run` from its directory.
 
-        Args:
-            directory: The directory of the run.
-
         Raises:
             InputError: A file is missing, or was changed after the run.
         """
@@ -171,9 +168,6 @@ def run(
         progress: Called after each step with the progress of the step, as a fractional number of episodes, such as
             `tqdm(total=500, unit_scale=True).update`; None to show a line of progress every few seconds.
 
-    Returns:
-        The result.
-
     Raises:
         InputError: An input does not exist, a plug-in breaks its contract, or the run cannot be written.
     """
@@ -183,8 +177,9 @@ def run(
         raise InputError("options are for a planner that is named: give them to the planner that you construct")
     if key is not None and isinstance(planner, str) and not metrics:
         raise InputError("key is for what was made in Python: a planner or metrics; leave it out")
-    if duplicates := [name for name in metrics or {} if name in METRICS or name in RESERVED]:
-        raise InputError(f"a column {duplicates[0]} exists already: give the metric another name")
+    for name in metrics or {}:
+        if name in METRICS or name in RESERVED:
+            raise InputError(f"a column {name} exists already: give the metric another name")
     spec = RunSpec(
         planner if isinstance(planner, str) else type(planner).__name__,
         scenario,
@@ -192,8 +187,8 @@ def run(
         options=options or {},
         overrides=overrides or {},
         pedestrians=pedestrians,
-        record=record if out is not None else "none",
-        data=Path(data).absolute() if data is not None else None,
+        record="none" if out is None else record,
+        data=None if data is None else Path(data).absolute(),
     )
     announce_compilation()
     loaded = load_run(spec, None if isinstance(planner, str) else planner, key=key)

@@ -165,9 +165,6 @@ class Moment:
         """Return a state of the episode in a row of a trace, or a moment between it and the next state.
 
         Args:
-            trace: The trace.
-            row: The row.
-            state: The state.
             share: Fraction of the next step that has passed; positions are interpolated linearly.
         """
         states = np.arange(state + 1 + (share > 0.0))
@@ -177,38 +174,58 @@ class Moment:
             between = (1.0 - share) * position[-2] + share * position[-1]
             position[-1] = np.where(stays, between, position[-2])
             heading[-1] = heading[-2] + share * turn(*heading[-2:])
-        person = trace.person[row, np.minimum(states, state)]
-        here = trace.goal[row, state], trace.radius[row, state], trace.seen[row, state]
-        hits_obstacle = bool(state == trace.steps[row] and trace.outcome[row] == Outcome.WALL_COLLISION)
-        motion = position, trace.velocity[row, states], heading, person
-        return cls(np.minimum(states, state + share), *motion, *here, trace.obstacles[row], trace.rules, hits_obstacle)
+        return cls(
+            step=np.minimum(states, state + share),
+            position=position,
+            velocity=trace.velocity[row, states],
+            heading=heading,
+            person=trace.person[row, np.minimum(states, state)],
+            goal=trace.goal[row, state],
+            radius=trace.radius[row, state],
+            seen=trace.seen[row, state],
+            obstacles=trace.obstacles[row],
+            rules=trace.rules,
+            hits_obstacle=bool(state == trace.steps[row] and trace.outcome[row] == Outcome.WALL_COLLISION),
+        )
 
     @classmethod
     def of_worlds(cls, worlds: Sequence[World]) -> Moment:
         """Return the moment of the last of several worlds: states of one episode, each a batch of one."""
         now = worlds[-1]
         position = np.concatenate([np.where(world.present[..., None], world.position, np.nan) for world in worlds])
-        names = ("step", "velocity", "heading", "person")
-        step, velocity, heading, person = (np.concatenate([getattr(world, name) for world in worlds]) for name in names)
-        seen = now.sight["unseen"][0] == 0 if now.sight else now.present[0, 1:]
-        scene = now.goal[0], now.radius[0], seen, now.obstacles[0], now.rules
-        return cls(step, position, velocity, heading, person, *scene)
+        return cls(
+            step=np.concatenate([world.step for world in worlds]),
+            position=position,
+            velocity=np.concatenate([world.velocity for world in worlds]),
+            heading=np.concatenate([world.heading for world in worlds]),
+            person=np.concatenate([world.person for world in worlds]),
+            goal=now.goal[0],
+            radius=now.radius[0],
+            seen=now.sight["unseen"][0] == 0 if now.sight else now.present[0, 1:],
+            obstacles=now.obstacles[0],
+            rules=now.rules,
+        )
 
     @functools.cached_property
     def hit(self) -> list[int]:
         """The agents that the vehicle has hit in the last step, by the rule of the collision check."""
         if len(self.step) < 2 or self.step[-1] - self.step[-2] != 1:
             return []
-        (before, now), rules = self.position[-2:], self.rules
-        fill_motion(before, now, self.velocity[-2], rules.numbers.collision, rules.dt, motion := np.empty(now.shape))
-        turn_rate = turn(*self.heading[-2:]) / rules.dt
-        arc = rules.numbers.body, self.heading[-2], float(np.hypot(*self.velocity[-1, 0])), turn_rate, rules.dt
-        is_holonomic, hit = isinstance(rules.dynamics, Holonomic), []
+        before, now = self.position[-2:]
+        rules = self.rules
+        motion = np.empty(now.shape)
+        fill_motion(before, now, self.velocity[-2], rules.numbers.collision, rules.dt, motion)
+        speed, turn_rate = float(np.hypot(*self.velocity[-1, 0])), turn(*self.heading[-2:]) / rules.dt
         stays = np.isfinite((before + now)[:, 0]) & same_agents(self.person[-2:])[0]  # the same pedestrians as before
+        hit = []
         for agent in np.flatnonzero(stays).tolist()[1:]:
             pair = [0, agent]
             discs = Discs(before[pair], motion[pair], self.radius[pair], np.ones(2, bool))
-            gap, _ = nearest_in_step(0, discs) if is_holonomic else gaps_on_arc(*arc, discs, np.empty((0, 0, 2)))
+            if isinstance(rules.dynamics, Holonomic):
+                gap, _ = nearest_in_step(0, discs)
+            else:
+                no_walls = np.empty((0, 0, 2))
+                gap, _ = gaps_on_arc(rules.numbers.body, self.heading[-2], speed, turn_rate, rules.dt, discs, no_walls)
             if gap < 0.0:
                 hit.append(agent)
         return hit
@@ -236,8 +253,8 @@ def same_agents(person: Int[np.ndarray, "time pedestrian"]) -> Bool[np.ndarray, 
 
 def paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"]) -> list[Float[np.ndarray, "_ 2"]]:
     """Return the path in metres of each agent with the same index. `same` is False in steps that change the agent."""
-    parts = np.split(position, np.flatnonzero(~same) + 1)
-    return [part[np.isfinite(part[:, 0])] for part in parts if np.isfinite(part[:, 0]).sum() > 1]
+    parts = [part[np.isfinite(part[:, 0])] for part in np.split(position, np.flatnonzero(~same) + 1)]
+    return [part for part in parts if len(part) > 1]
 
 
 def draw_moment(moment: Moment) -> Iterator[Shape]:
@@ -247,20 +264,17 @@ def draw_moment(moment: Moment) -> Iterator[Shape]:
     tolerance = moment.rules.goal_tolerance or float(moment.radius[0])
     yield Polygon(moment.goal[0] + star(0.2, 0.08, 5), LIGHT.vehicle, LIGHT.vehicle, 0.3)
     yield Disc(moment.goal[0], tolerance, None, LIGHT.vehicle, 1.0)
-    colors = [LIGHT.vehicle] + [LIGHT.pedestrian] * len(moment.seen)
-    trails = [LIGHT.vehicle] + [LIGHT.walked] * len(moment.seen)
-    same = same_agents(moment.person)
-    # The vehicle is drawn last, so that nothing hides it.
-    for agent in reversed(range(len(colors))) if len(colors) <= CROWD else ():
-        for path in paths(moment.position[:, agent], same[:, agent]):
-            yield Line(path, trails[agent], 1.6 if agent == 0 else 0.8)
-            yield Disc(path[0], 0.06, trails[agent])
+    if len(moment.radius) <= CROWD:
+        yield from _draw_paths(moment)
     contacts = [0, *moment.hit] if moment.hit or moment.hits_obstacle else []
     arrows: list[Shape] = []
+    # The vehicle is drawn last, so that nothing hides it.
     for agent in np.flatnonzero(np.isfinite(moment.position[-1, :, 0]))[::-1].tolist():
         here, radius = moment.position[-1, agent], float(moment.radius[agent])
-        if agent == 0 or moment.seen[agent - 1]:
-            yield Disc(here, radius, colors[agent], LIGHT.background)
+        if agent == 0:
+            yield Disc(here, radius, LIGHT.vehicle, LIGHT.background)
+        elif moment.seen[agent - 1]:
+            yield Disc(here, radius, LIGHT.pedestrian, LIGHT.background)
         else:
             yield Disc(here, radius, LIGHT.background)
             yield from (Line(here + radius * dash, LIGHT.pedestrian, 1.2) for dash in DASHES)
@@ -276,6 +290,16 @@ def draw_moment(moment: Moment) -> Iterator[Shape]:
         yield Polygon(burst(moment.position[-1, contacts], moment.radius[contacts]), None, LIGHT.contact, 1.6)
 
 
+def _draw_paths(moment: Moment) -> Iterator[Shape]:
+    """Yield the past path of each agent, with a dot at its start; the vehicle's last, so that nothing hides it."""
+    same = same_agents(moment.person)
+    for agent in reversed(range(len(moment.radius))):
+        color, width = (LIGHT.vehicle, 1.6) if agent == 0 else (LIGHT.walked, 0.8)
+        for path in paths(moment.position[:, agent], same[:, agent]):
+            yield Line(path, color, width)
+            yield Disc(path[0], 0.06, color)
+
+
 def star(outer: float, inner: float, points: int) -> Float[np.ndarray, "corner 2"]:
     """Return the corners of a star around the origin, with radii in metres, one point upwards."""
     angles = np.pi / 2.0 + np.arange(2 * points) * np.pi / points
@@ -285,7 +309,8 @@ def star(outer: float, inner: float, points: int) -> Float[np.ndarray, "corner 2
 def burst(position: Float[np.ndarray, "agent 2"], radius: Float[np.ndarray, "agent"]) -> Float[np.ndarray, "corner 2"]:
     """Return the mark of a contact: a star in metres around the agents in it."""
     middle = position.mean(axis=0)
-    reach, small = float((np.hypot(*(position - middle).T) + radius).max()), 2.0 * float(radius.min())
+    reach = float((np.hypot(*(position - middle).T) + radius).max())
+    small = 2.0 * float(radius.min())
     if reach > 1.5 * small:  # a long vehicle: the star is around the other one
         middle, reach = position[radius.argmin()], small
     return middle + star(1.7 * reach, 1.25 * reach, 12)
@@ -317,11 +342,10 @@ def draw_bands(
         bounds: The bounds from `bounds_with_bands`.
         inch: The number of metres per inch from `bounds_with_bands`.
         note: A text, such as the time or the outcome, and its colour.
-        title: The title.
     """
     (left, bottom), (right, top) = bounds
     band = BAND * inch
-    for y in (bottom, *[top - band] * bool(title)):
+    for y in [bottom, top - band] if title else [bottom]:
         corners = np.array([(left, y), (right, y), (right, y + band), (left, y + band)])
         yield Polygon(corners, LIGHT.background, LIGHT.background, 0.0)
     middle, pad = bottom + band / 2.0, 0.06 * inch

@@ -2,7 +2,7 @@
 
 import contextlib
 
-from crowdbench.isolation.isolated_planner import IsolatedPlanner, Limits
+from crowdbench.isolation.isolated_planner import IsolatedPlanner, ResourceLimits
 
 PROBE = """
 import ctypes, json, mmap, os, signal, socket, subprocess, sys, threading, time
@@ -33,7 +33,7 @@ def planner(file="none"):
 
 
 @contextlib.contextmanager
-def made(folder, body, most=Limits(), options=None, **settings):  # noqa: B008 (immutable)
+def made(folder, body, most=ResourceLimits(), options=None, **settings):  # noqa: B008 (immutable)
     """A planner in its sandbox, whose function has a body that returns a `Probe`."""
     path = folder / "probe.py"
     path.write_text(PROBE + "".join(f"    {line}\n" for line in body.strip().splitlines()))
@@ -41,7 +41,7 @@ def made(folder, body, most=Limits(), options=None, **settings):  # noqa: B008 (
         yield planner
 
 
-def probe(folder, body, most=Limits(), **options):  # noqa: B008 (immutable)
+def probe(folder, body, most=ResourceLimits(), **options):  # noqa: B008 (immutable)
     """Return the facts that a planner tells of its sandbox, by name."""
     with made(folder, body, most, options) as planner:
         return planner.facts

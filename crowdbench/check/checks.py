@@ -117,9 +117,6 @@ class AnswerLog:
             names: The name of each world.
             inputs: The plug-in's arguments, by name: dataclasses or mappings with arrays `[world, ...]`.
 
-        Returns:
-            The valid answer.
-
         Raises:
             ContractBroken: The answer is invalid or late, or the plug-in changes its input.
         """

@@ -23,8 +23,7 @@ from crowdbench.metrics.user_metrics import measure
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import OneStepOnly, Planner
 from crowdbench.planners.reactive import ORCAPlanner
-from crowdbench.predict import Predictor
-from crowdbench.predict.predictor import validate_prediction
+from crowdbench.predict.predictor import Predictor, validate_prediction
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
@@ -153,9 +152,6 @@ class _TestVehicle(Planner):
 
     In this way, all outcomes occur.
 
-    Args:
-        cases: The cases.
-
     Attributes:
         observations: Its observations.
     """
@@ -226,7 +222,9 @@ def _start(scenario: Scenario, split: str, case: int) -> np.ndarray:
     """
     world = scenario.draw(split, np.array([case]))
     present = world.present[0]
-    start, goal, route = (array[0, present] for array in (world.position, world.goal, world.route))
+    start = world.position[0, present]
+    goal = world.goal[0, present]
+    route = world.route[0, present]
     radius = world.radius[0, present]
     distance = norm(goal - start)
     with Location(scenario.source, f"case {split}/{case}").named():

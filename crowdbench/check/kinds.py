@@ -54,7 +54,6 @@ def load_subject(
     Args:
         kind: A key of `PROCEDURES`.
         plugin: Its name, `file.py` or `file.py:function`.
-        options: Its options.
         scenario: Name or file of the scenario; None for the default scenario of its kind.
         limit: Seconds that it may take for one answer.
         data: The folder with the recorded tracks that the scenario needs, if any.
@@ -105,8 +104,8 @@ def find_kind(plugin: str) -> str:
     module = load_module(file)
     defined = [name for name in functions if callable(getattr(module, name, None))]
     if not defined:
-        *others, last = (f"{name}()" for name in functions)
-        raise InputError(f"{file} defines no function {', '.join(others)} or {last}")
+        *others, last = functions
+        raise InputError(f"{file} defines no function {'(), '.join(others)}() or {last}()")
     kinds = [functions[name] for name in defined]
     if len(kinds) > 1:
         options = f"--kind {' or --kind '.join(kinds)}"

@@ -93,7 +93,8 @@ def _check_symmetry(world: World) -> CheckResult:
 
 def _find_order(world: World, row: int, agents: Int[np.ndarray, "agent"]) -> int:
     """Return the order of the rotational symmetry; 0 if there is none."""
-    start, goal = (points[row, agents] @ [1.0, 1.0j] for points in (world.position, world.goal))
+    start = world.position[row, agents] @ [1.0, 1.0j]
+    goal = world.goal[row, agents] @ [1.0, 1.0j]
     traits = [start - start.mean(), goal - start.mean(), world.radius[row, agents], world.preferred_speed[row, agents]]
     original = np.stack(traits, axis=1)
     for order in range(min(len(agents), MOST_TURNS), 1, -1):

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 from typer.exceptions import TyperException
 
-from crowdbench.utils.errors import InputError, Interrupted, defuse, describe_error
+from crowdbench.isolation.untrusted_text import one_line
+from crowdbench.utils.errors import InputError, Interrupted, describe_error
 from crowdbench.utils.progress_bars import announce_compilation as announce_compilation
 from crowdbench.utils.progress_bars import progress as progress
 from crowdbench.utils.progress_bars import say as say
@@ -26,9 +27,6 @@ NOTHING_KEPT = "interrupted: nothing was kept"
 
 INTERNAL = 3
 """The exit status after an error of crowdbench itself."""
-
-LONGEST = 1000
-"""Largest number of characters of a printed sentence: a wrong value may be a text of any length."""
 
 
 class Failure(NamedTuple):
@@ -49,34 +47,29 @@ def failure(error: BaseException) -> Failure | None:
     if isinstance(error, Interrupted):
         return Failure(NOTHING_KEPT, INTERRUPTED)
     if isinstance(error, TyperException):
-        return Failure(_one_line(error.format_message()), 2)
+        return Failure(one_line(error.format_message()), 2)
     if isinstance(error, InputError):
-        return Failure(_one_line(with_notes(str(error), error)), 1)
+        return Failure(one_line(with_notes(str(error), error)), 1)
     if isinstance(error, MemoryError):
         advice = "ask for fewer cases at once (--batch), fewer pedestrians or shorter episodes"
         return Failure(f"there is not enough memory: {advice}", 1)
     if isinstance(error, OSError):
         place = "the output" if error.filename is None else error.filename
-        return Failure(_one_line(f"{place} cannot be written or read: {error.strerror or error}"), 1)
+        return Failure(one_line(f"{place} cannot be written or read: {error.strerror or error}"), 1)
     if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop from "):  # of Path.resolve, up to 3.12
-        return Failure(_one_line(f"{error}: name a file or a folder"), 1)
+        return Failure(one_line(f"{error}: name a file or a folder"), 1)
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         name = error.object.encode("utf-8", "backslashreplace").decode()
-        return Failure(_one_line(f"'{name}' is not UTF-8, as this command needs it: rename the file or folder"), 1)
+        return Failure(one_line(f"'{name}' is not UTF-8, as this command needs it: rename the file or folder"), 1)
     if getattr(sys.stdout, "closed", True):
         return Failure("the output cannot be written: a plug-in has closed it", 1)
     request = f"please report it, with the traceback that {DEBUG} shows"
-    return Failure(_one_line(f"an error in crowdbench itself, {describe_error(error)}: {request}"), INTERNAL)
+    return Failure(one_line(f"an error in crowdbench itself, {describe_error(error)}: {request}"), INTERNAL)
 
 
 def with_notes(sentence: str, error: BaseException) -> str:
     """Return the sentence on an error with its notes, which report files that are kept."""
     return ": ".join([sentence, *getattr(error, "__notes__", [])])
-
-
-def _one_line(text: str) -> str:
-    line = defuse("".join(item if item.isprintable() else ascii(item)[1:-1] for item in " ".join(text.split())))
-    return line if len(line) <= LONGEST else f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
 
 
 @contextlib.contextmanager
@@ -92,8 +85,11 @@ def exit_on_interrupt(message: str | Callable[[], str] = "") -> Iterator[None]:
     except KeyboardInterrupt as error:
         if not (message or str(error) or hasattr(error, "__notes__")):
             raise
-        said = message if isinstance(message, str) else message()
-        say(f"crowdbench: {f'interrupted: {said}' if said else with_notes(str(error) or 'interrupted', error)}")
+        kept = message if isinstance(message, str) else message()
+        if kept:
+            say(f"crowdbench: interrupted: {kept}")
+        else:
+            say(f"crowdbench: {with_notes(str(error) or 'interrupted', error)}")
         sys.exit(INTERRUPTED)
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -21,7 +19,7 @@ OF_A_COLUMN = ("success_rate", "collision_rate", "navigation_time", "jerk")
 """The default metrics of a LaTeX table: they fit a column of a paper."""
 
 
-class Kind(StrEnum):
+class FigureKind(StrEnum):
     """Kind of a figure."""
 
     SUCCESS = "success"
@@ -64,22 +62,27 @@ def table(
         raise InputError("--all-metrics shows all metrics in rows: leave out --metric and --columns")
     if columns != METRIC and len(metric or []) > 1:
         raise InputError(f"a table with --columns {columns} shows one metric: give --metric once")
-    runs = RunTable.read(directories, SCENARIO if columns == METRIC else columns, names.split(",") if names else [])
+    column = SCENARIO if columns == METRIC else columns
+    runs = RunTable.read(directories, column, names.split(",") if names else [])
     if all_metrics:
         grid = runs.all_metrics()
     elif columns == METRIC:
         grid = runs.grid(metric or (OF_A_COLUMN if format is Format.LATEX else MAIN))
     else:
         grid = runs.cross((metric or ["success_rate"])[0])
-    records = [{**record, "cases": str(runs.runs[0].cases)} for record in grid.records]
+    cases = str(runs.runs[0].cases)
+    records = [{**record, "cases": cases} for record in grid.records]
     text = format_tables([dataclasses.replace(grid, records=records)], format)
-    for warning in (warning for run in runs.runs for warning in run.warnings):
-        say(f"crowdbench: {warning}")
+    for run in runs.runs:
+        for warning in run.warnings:
+            say(f"crowdbench: {warning}")
     say(STATED)
-    print(floating(text, caption, label) if caption or label else text)
+    if caption or label:
+        text = floating(text, caption, label)
+    print(text)
 
 
-def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Path = Path("figure.pdf")) -> None:
+def plot(kind: FigureKind, directories: list[Path], metric: str | None = None, out: Path = Path("figure.pdf")) -> None:
     """Draw a figure of runs, or of trainings, as wide as a column of a paper.
 
     Args:
@@ -91,16 +94,16 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
     """
     from crowdbench.figures import plots
 
-    if kind is Kind.METRIC and metric is None:
+    if kind is FigureKind.METRIC and metric is None:
         raise InputError("a figure of kind metric needs --metric NAME")
-    if kind is Kind.SUCCESS and metric is not None:
+    if kind is FigureKind.SUCCESS and metric is not None:
         raise InputError(f"a figure of kind {kind} takes no --metric: only metric and training do")
-    draw: dict[Kind, Callable[..., None]] = {
-        Kind.SUCCESS: plots.success_over_time,
-        Kind.METRIC: functools.partial(plots.distribution, metric=str(metric)),
-        Kind.TRAINING: functools.partial(plots.learning_curves, quantity=metric or "success"),
-    }
-    draw[kind](directories, out=out)
+    if kind is FigureKind.SUCCESS:
+        plots.success_over_time(directories, out)
+    elif kind is FigureKind.METRIC:
+        plots.distribution(directories, str(metric), out)
+    else:
+        plots.learning_curves(directories, out, metric or "success")
     say(f"wrote {out}")
 
 

@@ -126,7 +126,10 @@ def _plugin_page(kind: str, name: str) -> tuple[str, str, list[OptionRow]]:
     if kind == "layouts":
         return text, "Options: --set name=value", option_rows(factory, "layout.", keyword_only=True)
     title = "Options: --option name=value, and a table --option 'name={parameter=value}'"
-    return text, title, option_rows(factory) + ([FILTER] if kind == "planners" else [])
+    rows = option_rows(factory)
+    if kind == "planners":
+        rows.append(FILTER)
+    return text, title, rows
 
 
 def option_rows(factory: Callable[..., object], prefix: str = "", keyword_only: bool = False) -> list[OptionRow]:
@@ -183,8 +186,11 @@ def _read_entries(documented: Any) -> dict[str, tuple[str, str]]:
 
 def _row(option: Option, entries: dict[str, tuple[str, str]], prefix: str) -> OptionRow:
     meaning, unit = entries.get(option.name, ("", ""))
-    names = {kind: WORDS.get(kind, getattr(kind, "__name__", str(kind))) for kind in option.types}
-    words = dict.fromkeys("table" if kind in option.parts else name for kind, name in names.items())
+    words = []
+    for kind in option.types:
+        word = "table" if kind in option.parts else WORDS.get(kind, getattr(kind, "__name__", str(kind)))
+        if word not in words:
+            words.append(word)
     return OptionRow(prefix + option.name, _format_default(option), " or ".join(words), unit, meaning)
 
 
@@ -196,4 +202,6 @@ def _format_default(option: Option) -> str:
         return "as below"
     if isinstance(option.default, float):
         return f"{option.default:g}"
-    return json.dumps(False if option.default is None else option.default, ensure_ascii=False, default=str)
+    if option.default is None:
+        return "false"
+    return json.dumps(option.default, ensure_ascii=False, default=str)

@@ -72,7 +72,9 @@ def _with_help(parameter: inspect.Parameter, text: str | None) -> inspect.Parame
     if text is None:
         return parameter
     hint = parameter.annotation
-    kind, *infos = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    kind, infos = hint, []
+    if get_origin(hint) is Annotated:
+        kind, *infos = get_args(hint)
     if not infos and (kind is bool or parameter.name in FLAGS):  # Typer would add the opposite of a bool
         infos = [typer.Option(FLAGS.get(parameter.name, f"--{parameter.name.replace('_', '-')}"))]
     if not infos:

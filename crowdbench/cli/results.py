@@ -72,8 +72,8 @@ def score(
     from crowdbench.results.table import metric_grid
     from crowdbench.runs.score import replay_run
 
-    announce_compilation()
     stored, metrics = RunResult.read_unchecked(run), load_metrics(metric or [])
+    announce_compilation()
     scenario = make_loader(pedestrians, layout, data)(stored) if stored.is_simulated else None
     for warning in stored.warnings:
         say(f"crowdbench: {warning}")

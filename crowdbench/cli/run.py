@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 RECORD_HELP = (
     f"Extent of the recording: episodes for the viewer (failures: {MOST_FAILURES} at most, fewer in large crowds, and "
-    f"the first {FIRST_RECORDED} cases; or all), only the commands, with which `crowdbench score --replay` simulates "
+    f"the first {FIRST_RECORDED} cases; or all), only the commands, with which `crowdbench score` simulates "
     "the cases again, or none."
 )
 
 NON_REACTIVE_NOTE = (
     "Recorded pedestrians do not react: they never wait for the vehicle, and walk into it where they would have "
-    "avoided it. So there are more collisions than among real people, and pushing through is not penalised."
+    "avoided it. So there are more collisions than among real pedestrians, and pushing through is not penalised."
 )
 """Meaning of a score if pedestrians do not react."""
 
@@ -131,7 +131,8 @@ def warn_if_trained_otherwise(run: Run) -> None:
     trained, most = planner.trained_pedestrians, run.scenario.max_agents - 1
     differences = []
     if trained is not None and most > trained:
-        differences.append(f"{trained} pedestrian{'s'[: trained != 1]} at most, but {name} has {most}")
+        noun = "pedestrian" if trained == 1 else "pedestrians"
+        differences.append(f"{trained} {noun} at most, but {name} has {most}")
     if planner.trained_dt is not None and planner.trained_dt != dt:
         differences.append(f"steps of {planner.trained_dt:g} s, but {name} has dt = {dt:g} s")
     for difference in differences:

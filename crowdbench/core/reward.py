@@ -43,9 +43,6 @@ def reward(outcome: Int[np.ndarray, "*batch"], gap: Numbers, dt: float) -> Numbe
         outcome: The `Outcome` after the step.
         gap: Smallest distance to a pedestrian's rim during the step, in metres.
         dt: The length of the step in seconds.
-
-    Returns:
-        The reward.
     """
     rewards = np.empty(outcome.shape)
     outcome, gap = np.ascontiguousarray(outcome).reshape(-1), np.ascontiguousarray(gap).reshape(-1)
@@ -77,8 +74,5 @@ def discount(preferred_speed: Numbers, dt: float) -> Numbers:
     Args:
         preferred_speed: The vehicle's preferred speed in m/s.
         dt: The length of a step in seconds.
-
-    Returns:
-        The discount factor.
     """
     return DISCOUNT ** (dt * preferred_speed)

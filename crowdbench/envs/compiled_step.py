@@ -93,9 +93,7 @@ class CompiledStep:
         """Return True if the compiled step supports a world, a view and a reward.
 
         Args:
-            world: One world.
             view: Observations of a policy, and the interpretation of its actions.
-            reward: Reward of a step.
         """
         scenario, rules = view.scenario, world.rules
         is_usual = view.observation == "flat" and view.action == "world" and reward.reward is crowdnav

@@ -30,7 +30,7 @@ VEHICLE = "vehicle"
 """The name of the vehicle as an agent. The others are `pedestrian_0`, `pedestrian_1`, ..."""
 
 # As integers, because access to members of an enumeration is slow, and training spends most of its time in `step`.
-_RUNNING, _SUCCESS, _TIMEOUT = (int(o) for o in (Outcome.RUNNING, Outcome.SUCCESS, Outcome.TIMEOUT))
+_RUNNING, _SUCCESS, _TIMEOUT = int(Outcome.RUNNING), int(Outcome.SUCCESS), int(Outcome.TIMEOUT)
 
 Observations = dict[str, Float[np.ndarray, "features"]]
 Infos = dict[str, dict[str, Any]]
@@ -177,11 +177,14 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         truncated = outcome[0] == _TIMEOUT
         over = outcome[0] not in (_RUNNING, _TIMEOUT)
         leaves = self.scenario.crowd.arrival not in CONTINUING_ARRIVALS
-        terminations = {a: over or not present[c] or (outcome[c] == _SUCCESS and leaves) for a, c in columns}
+        rewards_of, terminations, infos = {}, {}, {}
+        for agent, column in columns:
+            arrived = outcome[column] == _SUCCESS and leaves
+            rewards_of[agent] = rewards[column]
+            terminations[agent] = over or arrived or not present[column]
+            infos[agent] = {"outcome": stepping.LABELS[outcome[column]], "gap": gap[column], "case": self._case}
         self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
-        infos = {a: {"outcome": stepping.LABELS[outcome[c]], "gap": gap[c], "case": self._case} for a, c in columns}
-        of_agents = {agent: rewards[c] for agent, c in columns}
-        return observations, of_agents, terminations, dict.fromkeys(agents, truncated), infos
+        return observations, rewards_of, terminations, dict.fromkeys(agents, truncated), infos
 
     def _advance(
         self, acting: list[int], velocities: Float[np.ndarray, "n 2"]

@@ -93,7 +93,6 @@ class Renderer:
         """Return the picture of a world in mode `rgb_array`, None in other modes.
 
         Args:
-            world: One world.
             case: The name of the case, shown as text.
         """
         if self.mode is None:
@@ -170,7 +169,8 @@ def rasterize(shapes: Iterable[Shape], bounds: Float[np.ndarray, "2 2"], inch: f
             case Line(points, color, wide):
                 pen.line(pixels(points), color, thickness(wide), joint="curve")
             case Disc(centre, radius, face, edge, wide):
-                pen.circle(pixels(centre), radius * scale, face, edge, thickness(wide) if edge else 0)
+                rim = thickness(wide) if edge else 0
+                pen.circle(pixels(centre), radius * scale, face, edge, rim)
             case Polygon(corners, face, edge, wide):
                 if face is not None:
                     pen.polygon(pixels(corners), face)

@@ -111,8 +111,10 @@ def check_pedestrians(position, end, goal, radius, counts, arc, cells, outcomes,
     widest, fastest = 0.0, 0.0
     for i in range(len(motion)):
         if counts[0, i]:
-            widest, fastest = max(widest, radius[0, i]), max(fastest, math.hypot(motion[i, 0], motion[i, 1]))
-    agents, is_last = Discs(position[0], motion, radius[0], counts[0]), outcomes[0] == Outcome.TIMEOUT.value
+            widest = max(widest, radius[0, i])
+            fastest = max(fastest, math.hypot(motion[i, 0], motion[i, 1]))
+    agents = Discs(position[0], motion, radius[0], counts[0])
+    is_last = outcomes[0] == Outcome.TIMEOUT.value
     for i in range(1, len(motion)):
         if cells is None:
             gaps[i], _ = nearest_in_step(i, agents)

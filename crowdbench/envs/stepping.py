@@ -56,7 +56,6 @@ def start(scenario: Scenario, cases: Sequence[str]) -> World:
     """Return the starting states of cases.
 
     Args:
-        scenario: Their scenario.
         cases: Names such as `test/37`; splits may differ.
 
     Returns:
@@ -137,7 +136,6 @@ def drive(view: View, before: World, actions: Float[np.ndarray, "world 2"]) -> S
 
     Args:
         view: Interpretation of actions, and the scenario.
-        before: The worlds.
         actions: The vehicles' actions, checked.
     """
     velocity = view.commands(before.position[:, 0], goals_on_way(before)[:, 0], actions)

@@ -41,7 +41,6 @@ class TrainingWorlds:
     Args:
         number: How many worlds there are.
         view: Interpretation of the vehicles' actions, and the scenario.
-        reward: Reward of a step.
         cases: How many training cases are drawn.
     """
 

@@ -96,8 +96,10 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         mask = self._mask(given.get("reset_mask"))
         if isinstance(seed, int | np.integer):
             seed = [int(seed) + row for row in range(self.num_envs)]
-        case = given.get("case")
-        cases = self._one_each("case", [case] * self.num_envs if isinstance(case, str) else case)
+        cases = given.get("case")
+        if isinstance(cases, str):
+            cases = [cases] * self.num_envs
+        cases = self._one_each("case", cases)
         for row, world_seed in enumerate(self._one_each("seed", seed)):
             if mask[row] and world_seed is not None:
                 self._generators[row], _ = seeding.np_random(world_seed)
@@ -136,7 +138,8 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         self._over = terminated | truncated
         infos: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():
-            restarted, self._over = self._over, np.zeros(self.num_envs, bool)
+            restarted = self._over
+            self._over = np.zeros(self.num_envs, bool)
             infos = self._final(step, restarted)
             worlds = self._restart(worlds, restarted)
         _add(infos, ~restarted, outcome=LABELS[outcome], gap=gap)
@@ -159,8 +162,11 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         rows = np.flatnonzero(mask)
         names = []
         for row in rows.tolist():
-            generator = self._generators[row] = self._generators[row] or seeding.np_random()[0]
-            names.append(stepping.choose_case(cases[row] if cases else None, generator))
+            generator = self._generators[row]
+            if generator is None:
+                generator = self._generators[row] = seeding.np_random()[0]
+            case = None if cases is None else cases[row]
+            names.append(stepping.choose_case(case, generator))
         fresh = stepping.start(self.scenario, names)
         self._cases[rows] = names
         return fresh if worlds is None or mask.all() else worlds.put(rows, fresh)
@@ -196,6 +202,7 @@ def _add(infos: dict[str, Any], mask: _Flags, **values: np.ndarray) -> None:
     """Add values of some worlds to infos in Gymnasium's form, each with a mask `_name`; the others get 0 or None."""
     if mask.any():
         for name, value in values.items():
-            infos[name] = np.full_like(value, None if value.dtype == object else 0)
+            missing = None if value.dtype == object else 0
+            infos[name] = np.full_like(value, missing)
             infos[name][mask] = value[mask]
             infos[f"_{name}"] = mask.copy()

@@ -57,7 +57,8 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
     ) -> None:
         loaded = stepping.as_scenario(scenario)
         super().__init__(View(loaded, observation, action, nearest, rays), render_mode, reward)
-        self.observation_space, self.action_space = self.view.observation_space, self.view.action_space
+        self.observation_space = self.view.observation_space
+        self.action_space = self.view.action_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -96,20 +97,16 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         if self._compiled is not None:
             observed = self._compiled.step(0, action)[0]
             self._enter(self._compiled.world)
-            outcome, gap = int(self._compiled.outcome[0]), float(self._compiled.gap[0])
-            reward = float(self._compiled.reward[0])
+            outcome, gap, reward = self._compiled.outcome[0], self._compiled.gap[0], self._compiled.reward[0]
         else:
             step = stepping.drive(self.view, self._world, action[None])
             self._enter(step.after)
-            observed, reward = self._observation(), float(self.reward(step)[0])
-            outcome, gap = int(step.outcome[0]), float(step.gap[0])
-        return (
-            observed,
-            reward,
-            outcome not in (Outcome.RUNNING, Outcome.TIMEOUT),
-            outcome == Outcome.TIMEOUT,
-            {"outcome": stepping.LABELS[outcome], "gap": gap, "case": self._case},
-        )
+            observed = self._observation()
+            outcome, gap, reward = step.outcome[0], step.gap[0], self.reward(step)[0]
+        truncated = bool(outcome == Outcome.TIMEOUT)
+        terminated = bool(outcome != Outcome.RUNNING) and not truncated
+        info = {"outcome": stepping.LABELS[outcome], "gap": float(gap), "case": self._case}
+        return observed, float(reward), terminated, truncated, info
 
     def _observation(self) -> Observed:
         return row_of(self.view.observe(self._world), 0)

@@ -93,12 +93,15 @@ class Episode:
     @property
     def outcome(self) -> tuple[str, Color]:
         """The outcome in short, and its colour; in a narrow picture there is no room to name the failure."""
-        outcome, seconds = Outcome(int(self.trace.outcome[self.row])), f"{self.end * self.trace.rules.dt:g} s"
+        outcome = Outcome(int(self.trace.outcome[self.row]))
+        seconds = f"{self.end * self.trace.rules.dt:g} s"
         if outcome is Outcome.SUCCESS:
             return f"\N{CHECK MARK} {seconds}", LIGHT.success
-        hit = " and ".join(f"pedestrian {agent - 1}" for agent in Moment.of_trace(self.trace, self.row, self.end).hit)
-        failure = f"{hit or outcome.label.replace('_', ' ')}, " if self.side > 2.0 else ""
-        return f"\N{BALLOT X} {failure}{seconds}", LIGHT.contact
+        if self.side <= 2.0:
+            return f"\N{BALLOT X} {seconds}", LIGHT.contact
+        hit = [f"pedestrian {agent - 1}" for agent in Moment.of_trace(self.trace, self.row, self.end).hit]
+        failure = " and ".join(hit) or outcome.label.replace("_", " ")
+        return f"\N{BALLOT X} {failure}, {seconds}", LIGHT.contact
 
     def bounds(self, centre: Float[np.ndarray, "2"] | None = None) -> Float[np.ndarray, "2 2"]:
         """Return the smallest and the largest x and y of the shown part of the plane.
@@ -188,7 +191,6 @@ def draw_pictures(pictures: Sequence[Picture], columns: int, out: Path) -> None:
     """Draw pictures of `Episode.picture` in rows, as one figure.
 
     Args:
-        pictures: The pictures.
         columns: Number of pictures side by side.
         out: The figure's file.
 
@@ -206,9 +208,6 @@ def draw_start(scenario: Scenario, split: str, number: int, out: Path) -> None:
     """Draw a case at its start: the positions and the routes of all agents.
 
     Args:
-        scenario: The scenario.
-        split: The split of the case.
-        number: Its number.
         out: The figure's file.
 
     Raises:
@@ -237,8 +236,6 @@ def draw_strip(episode: Episode, moments: int, out: Path) -> None:
     """Draw moments of an episode side by side, equally far apart in time, the last one at its end.
 
     Args:
-        episode: The episode.
-        moments: Number of moments.
         out: The figure's file.
 
     Raises:
@@ -268,7 +265,8 @@ def film(episodes: Sequence[Episode], out: Path, speed: float = 1.0) -> None:
         raise InputError(f"a film {out.name} needs the program ffmpeg (Debian: ffmpeg); a .gif file does not")
     with files.write_whole(out) as partial:
         dpi = FILMS[out.suffix]
-        frames, last = _frames(episodes, dpi, speed), _frame(episodes, max(episode.end for episode in episodes), dpi)
+        frames = _frames(episodes, dpi, speed)
+        last = _frame(episodes, max(episode.end for episode in episodes), dpi)
         if out.suffix != ".mp4":
             # Pillow stores all pictures in memory: with the palette of the last one, a pixel needs one byte.
             palette = last.quantize()
@@ -305,7 +303,8 @@ def _frame(episodes: Sequence[Episode], step: float, dpi: int) -> Image:
     """Return a picture of a film, at a time in steps: a panel for each episode."""
     from PIL import Image as Images
 
-    panels, columns = [rasterize(*episode.picture(step), dpi) for episode in episodes], count_columns(len(episodes))
+    panels = [rasterize(*episode.picture(step), dpi) for episode in episodes]
+    columns = count_columns(len(episodes))
     width, height = (np.max([panel.size for panel in panels], axis=0) + dpi // 18).tolist()  # apart from each other
     frame = Images.new("RGB", (width * columns, height * math.ceil(len(panels) / columns)), LIGHT.background)
     for number, panel in enumerate(panels):

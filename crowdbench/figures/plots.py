@@ -33,7 +33,6 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
     """Draw the share of solved cases over time, with 95 % intervals from the first success on.
 
     Args:
-        directories: Directories of the runs.
         out: The figure's file.
 
     Raises:
@@ -42,7 +41,8 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
     table, ends = RunTable.read(directories), {}
     with axes(out, caption=table.cases) as ax:
         for number, (label, run) in enumerate(table.labelled.items()):
-            dt, limit = (float(run.result["scenario"][key]) for key in ("dt", "time_limit"))
+            dt = float(run.result["scenario"]["dt"])
+            limit = float(run.result["scenario"]["time_limit"])
             episodes, line = run.episodes, _line(number)
             solved = np.where(episodes.outcome == Outcome.SUCCESS, episodes.steps * dt, np.inf)
             moments = np.linspace(min(solved.min(), limit), limit, MOMENTS + 1)
@@ -75,7 +75,6 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
     """Draw a metric over the cases of runs: quartiles, 5th and 95th percentile, and the mean with its 95 % interval.
 
     Args:
-        directories: Directories of the runs.
         metric: The metric's name.
         out: The figure's file.
 
@@ -98,8 +97,11 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
             mean = bootstrap(column, np.ones(len(column)), run.episodes.block)
             ends = [[mean.mean - mean.low], [mean.high - mean.mean]]
             ax.errorbar([mean.mean], [row], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
-        fewer = [f" [{np.isfinite(column).sum()}]" * (not np.isfinite(column).all()) for column in values]
-        ax.set_yticks(rows, list(map(str.__add__, runs, fewer)))
+        names = []
+        for label, column in zip(runs, values, strict=True):
+            defined = np.isfinite(column)
+            names.append(label if defined.all() else f"{label} [{defined.sum()}]")
+        ax.set_yticks(rows, names)
         ax.set(xlabel=info.heading.translate(_POWERS))
         ax.grid(visible=False, axis="y")
 
@@ -128,10 +130,11 @@ def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "suc
             end = min(float(curve[axis][-1]) for curve in curves)
             along = np.linspace(0.0, end, 100)
             mean = np.mean([np.interp(along, curve[axis], scale * curve[quantity]) for curve in curves], axis=0)
-            for curve in curves if len(curves) > 1 else []:
-                ax.plot(curve[axis], scale * curve[quantity], lw=0.5, alpha=0.5, color=line["color"])
-            seeds = f", {len(curves)} seeds" if len(curves) > 1 else ""
-            ax.plot(along, mean, label=label + seeds, **line)
+            if len(curves) > 1:
+                label = f"{label}, {len(curves)} seeds"
+                for curve in curves:
+                    ax.plot(curve[axis], scale * curve[quantity], lw=0.5, alpha=0.5, color=line["color"])
+            ax.plot(along, mean, label=label, **line)
             ax.set_xlabel(axis)
         ax.xaxis.set_major_formatter(EngFormatter(sep=""))
         ax.set(ylabel=quantity.replace("_", " "), xlim=(0, None))
@@ -146,7 +149,6 @@ def _read_trainings(
     """Read the curves of trainings, grouped by network and scenario.
 
     Args:
-        directories: Their directories.
         quantity: A column that all of them must have.
 
     Returns:
@@ -158,7 +160,7 @@ def _read_trainings(
     groups: dict[str, list[Mapping[str, np.ndarray]]] = {}
     for directory in directories:
         try:
-            head, *rows = (line.split(",") for line in files.read_text(directory / CURVE).splitlines())
+            head, *rows = [line.split(",") for line in files.read_text(directory / CURVE).splitlines()]
             table = np.array(rows, float).reshape(len(rows), len(head))
         except (OSError, ValueError):
             raise InputError(f"{directory} is no directory of a training: it has no {CURVE} that can be read") from None

@@ -89,22 +89,15 @@ def canvas(out: Path, width: float, height: float) -> Iterator[Figure]:
 
 
 def _write(figure: Figure, file: Path, kind: str) -> None:
-    """Write a figure without its creation time, so that the same figure has the same bytes.
-
-    Args:
-        figure: The figure.
-        file: The file to write.
-        kind: Its format.
-    """
-    stamp = {"Date": None} if kind == "svg" else {"CreationDate": None} if kind == "pdf" else {}
-    figure.savefig(file, format=kind, metadata=stamp, dpi=300.0)
+    """Write a figure without its creation time, so that the same figure has the same bytes."""
+    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[kind]
+    figure.savefig(file, format=kind, metadata=metadata, dpi=300.0)
 
 
 def check_file(out: Path, endings: Sequence[str]) -> None:
     """Raise InputError unless a figure or a film can be written to a file.
 
     Args:
-        out: The file.
         endings: The endings that it may have.
 
     Raises:
@@ -121,10 +114,8 @@ def draw_panel(
     """Draw shapes in a panel of a figure that shows a part of the plane, in metres, without axes.
 
     Args:
-        figure: The figure.
         place: Numbers of rows, of columns, and of the panel, from 1 on.
         bounds: The smallest and the largest x and y in metres.
-        shapes: The shapes.
     """
     panel = figure.add_subplot(*place)
     panel.set(xlim=bounds[:, 0], ylim=bounds[:, 1], aspect="equal")
@@ -150,8 +141,9 @@ def draw(axes: Axes, shapes: Iterable[Shape]) -> None:
             case Text(at, text, color, anchor, halo, size):
                 side = {"l": "left", "m": "center", "r": "right"}[anchor]
                 written = axes.text(at[0], at[1], text, color=_rgb(color), fontsize=size, ha=side, zorder=order)
-                ground = {"facecolor": _rgb(halo), "edgecolor": "none", "alpha": 0.75, "pad": 0.5}
-                written.set(va="center", bbox=ground if halo else None)
+                written.set(va="center")
+                if halo:
+                    written.set(bbox={"facecolor": _rgb(halo), "edgecolor": "none", "alpha": 0.75, "pad": 0.5})
 
 
 def _rgb(color: Color | None) -> tuple[float, ...] | str:

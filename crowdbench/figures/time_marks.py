@@ -35,8 +35,6 @@ def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: f
     A time that would cover another one is left out.
 
     Args:
-        trace: The trace with the episode.
-        row: Its row.
         bounds: The smallest and the largest x and y that the picture shows, in metres.
         inch: Metres per inch of the picture.
     """

@@ -15,9 +15,9 @@ import numpy as np
 from crowdbench.catalog import load_planner
 from crowdbench.isolation.protocol import (
     VERSION,
-    Broken,
     FailureKind,
-    Kind,
+    MessageKind,
+    ProtocolError,
     from_json,
     read_observation,
     receive,
@@ -25,7 +25,7 @@ from crowdbench.isolation.protocol import (
     to_json,
 )
 from crowdbench.planners.planner import OneStepOnly, Planner
-from crowdbench.planners.validation import Fault, validate_array
+from crowdbench.planners.validation import AnswerFault, validate_array
 from crowdbench.utils import interrupts
 from crowdbench.utils.errors import InputError, describe_error, plugin_errors
 
@@ -39,7 +39,7 @@ def main() -> None:
         try:
             while True:
                 send(sink.write, *server.answer(*receive(source.readinto)))
-        except Broken:
+        except ProtocolError:
             sys.exit(1)
 
 
@@ -67,11 +67,14 @@ class PlannerServer:
     name: str
     planner: Planner
 
-    def answer(self, kind: Kind, content: bytearray) -> tuple[Kind, bytes]:
+    def answer(self, kind: MessageKind, content: bytearray) -> tuple[MessageKind, bytes]:
         """Return the answer to a message: its kind and its content."""
-        answer = {Kind.START: self._start, Kind.RESET: self._reset, Kind.OBSERVATION: self._decide}[kind]
         try:
-            return answer(content)
+            if kind == MessageKind.START:
+                return self._start(content)
+            if kind == MessageKind.RESET:
+                return self._reset(content)
+            return self._decide(content)
         except InputError as error:
             return _failed(FailureKind.REFUSED, str(error))
         except OneStepOnly:
@@ -79,10 +82,10 @@ class PlannerServer:
         except BaseException as error:  # any exception of the planner, even SystemExit
             return _failed(FailureKind.FAULTY, f"raised {describe_error(error)}", getattr(error, "row", None))
 
-    def _start(self, content: bytearray) -> tuple[Kind, bytes]:
+    def _start(self, content: bytearray) -> tuple[MessageKind, bytes]:
         request = from_json(content)
         if request["version"] != VERSION:  # the parent reports the difference
-            return Kind.READY, to_json({"version": VERSION})
+            return MessageKind.READY, to_json({"version": VERSION})
         self.name, self.planner = load_planner(request["planner"], request["options"])
         if request.get("scene"):
             self.planner = self.planner.for_held_out_scene(request["scene"])
@@ -93,27 +96,29 @@ class PlannerServer:
             "facts": dict(self.planner.facts),
         }
         with plugin_errors(f"planner {self.name} has privileged, native and facts that cannot be sent:"):
-            return Kind.READY, to_json(properties)
+            return MessageKind.READY, to_json(properties)
 
-    def _reset(self, content: bytearray) -> tuple[Kind, bytes]:
+    def _reset(self, content: bytearray) -> tuple[MessageKind, bytes]:
         worlds = int(np.frombuffer(content, "<i8")[0])
         with plugin_errors(f"planner {self.name} raised", " in reset()"):
             self.planner.reset(np.arange(worlds))
-        return Kind.READY, b""
+        return MessageKind.READY, b""
 
-    def _decide(self, content: bytearray) -> tuple[Kind, bytes]:
+    def _decide(self, content: bytearray) -> tuple[MessageKind, bytes]:
         obs, steps = read_observation(content)
-        max_speed = obs.vehicle.preferred_speed.copy()
-        answer: object = self.planner.plan(obs) if steps == 1 else self.planner.plan_ahead(obs, steps)
+        worlds = len(obs)  # read before the planner, which could change the observation
         # The parent process checks the numbers against the dynamics.
-        commands = validate_array(answer, len(max_speed), *([steps] if steps > 1 else []))
-        if isinstance(commands, Fault):
+        if steps == 1:
+            commands = validate_array(self.planner.plan(obs), worlds)
+        else:
+            commands = validate_array(self.planner.plan_ahead(obs, steps), worlds, steps)
+        if isinstance(commands, AnswerFault):
             return _failed(FailureKind.FAULTY, commands.what, commands.row)
-        return Kind.COMMANDS, np.ascontiguousarray(commands, "<f8").tobytes()
+        return MessageKind.COMMANDS, np.ascontiguousarray(commands, "<f8").tobytes()
 
 
-def _failed(how: FailureKind, what: str, row: int | None = None) -> tuple[Kind, bytes]:
-    return Kind.FAILED, to_json({"how": how, "what": what, "row": row})
+def _failed(how: FailureKind, what: str, row: int | None = None) -> tuple[MessageKind, bytes]:
+    return MessageKind.FAILED, to_json({"how": how, "what": what, "row": row})
 
 
 if __name__ == "__main__":

@@ -18,25 +18,27 @@ from crowdbench.isolation.limits import Usage, describe_limits, usable_cores
 from crowdbench.isolation.process import Process, TooSlow
 from crowdbench.isolation.protocol import (
     VERSION,
-    Broken,
     FailureKind,
-    Kind,
+    MessageKind,
+    ProtocolError,
     from_json,
     observation_parts,
     read_commands,
     to_json,
 )
-from crowdbench.planners.driver import FaultyAnswer, TimeLimit
+from crowdbench.isolation.untrusted_text import one_line
+from crowdbench.planners.driver import FaultyAnswer
 from crowdbench.planners.planner import AheadPlanner, OneStepOnly
-from crowdbench.planners.validation import Fault
+from crowdbench.planners.validation import AnswerFault
 from crowdbench.plugins.kind import file_and_function, plugin_name, program
 from crowdbench.plugins.plugin_files import read_files
 from crowdbench.utils.defaults import DECISION_LIMIT
-from crowdbench.utils.errors import LONGEST, InputError, MachineFault, defuse
+from crowdbench.utils.errors import LONGEST, InputError, MachineFault
+from crowdbench.utils.resources import TimeLimit
 
 
 @dataclass(frozen=True)
-class Limits:
+class ResourceLimits:
     """Limits of a planner's process.
 
     Attributes:
@@ -54,7 +56,7 @@ class Limits:
 
 Answer = TypeVar("Answer")
 
-LIMITS = Limits()
+LIMITS = ResourceLimits()
 """The default limits."""
 
 
@@ -73,7 +75,6 @@ class IsolatedPlanner(AheadPlanner):
         spec: The name of a planner, `file.py` or `file.py:function`, or a program that reads and writes the messages
             of `crowdbench.isolation.protocol`.
         options: Arguments of the planner's function, as written in TOML.
-        limits: Its limits.
         readable: Files that it may read in its sandbox in addition to Python and crowdbench; if None, its files and
             the files that its options name.
         folder: Its working directory; the present one if None.
@@ -92,7 +93,7 @@ class IsolatedPlanner(AheadPlanner):
         self,
         spec: str,
         options: Mapping[str, Any],
-        limits: Limits = LIMITS,
+        limits: ResourceLimits = LIMITS,
         *,
         readable: Iterable[Path] | None = None,
         folder: Path | None = None,
@@ -106,22 +107,27 @@ class IsolatedPlanner(AheadPlanner):
         self.usage: dict[str, Any] = {"level": sandbox.level(), "limits": describe_limits()}
         readable = [*_files_named_in(spec), *_files_named_in(options)] if readable is None else readable
         command = sandbox.command(program(spec), readable, folder, hidden)
-        usage = Usage(limits.memory, usable_cores() if cores is None else cores, sandbox.temporary())
+        if cores is None:
+            cores = usable_cores()
+        usage = Usage(limits.memory, cores, sandbox.temporary())
         self.process = Process(self.name, command, sandbox.settings(), usage, folder)
         try:
             properties = self._start(spec, options, scene)
         except BaseException:
             self.close()
             raise
-        self.privileged, self.facts = properties.get("privileged"), properties.get("facts")  # type: ignore[assignment]
+        self.privileged = properties.get("privileged")  # type: ignore[assignment]  # checked by the driver
+        self.facts = properties.get("facts")  # type: ignore[assignment]
         self.native = properties.get("native", False)
         self.usage["construction_seconds"] = self.process.seconds
 
     def _start(self, spec: str, options: Mapping[str, Any], scene: str | None) -> dict[str, Any]:
         """Construct the planner, and return its properties. The driver checks them, except for the version."""
-        request = {"version": VERSION, "planner": spec, "options": dict(options)} | ({"scene": scene} if scene else {})
+        request = {"version": VERSION, "planner": spec, "options": dict(options)}
+        if scene:
+            request["scene"] = scene
         limit = self.limits.construction
-        properties = self._ask(from_json, "in its construction", limit, Kind.START, to_json(request))
+        properties = self._ask(from_json, "in its construction", limit, MessageKind.START, to_json(request))
         version = properties.get("version")
         if version != VERSION and program(spec) is None:
             raise MachineFault(
@@ -137,12 +143,12 @@ class IsolatedPlanner(AheadPlanner):
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         """See `Planner`."""
-        self._ask(bytes, "in reset()", self.limits.decision, Kind.RESET, np.int64(len(rows)).tobytes())
+        self._ask(bytes, "in reset()", self.limits.decision, MessageKind.RESET, np.int64(len(rows)).tobytes())
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """See `Planner`."""
         read = functools.partial(read_commands, worlds=len(obs), steps=steps)
-        commands = self._ask(read, "", self.limits.decision, Kind.OBSERVATION, *observation_parts(obs, steps))
+        commands = self._ask(read, "", self.limits.decision, MessageKind.OBSERVATION, *observation_parts(obs, steps))
         if self.decimals is None:
             return commands
         unit = 10.0**self.decimals
@@ -154,7 +160,12 @@ class IsolatedPlanner(AheadPlanner):
         self.process.end()
 
     def _ask(
-        self, read: Callable[[bytearray], Answer], where: str, limit: float, kind: Kind, *parts: bytes | memoryview
+        self,
+        read: Callable[[bytearray], Answer],
+        where: str,
+        limit: float,
+        kind: MessageKind,
+        *parts: bytes | memoryview,
     ) -> Answer:
         """Send a message to the process and return the answer.
 
@@ -162,8 +173,6 @@ class IsolatedPlanner(AheadPlanner):
             read: Reads the content of the answer.
             where: The call for which the message is sent, for errors; empty for a decision.
             limit: Longest time for the answer in seconds.
-            kind: Kind of the message.
-            parts: Its content.
 
         Raises:
             InputError: The planner failed in construction or `reset`, or reports an error itself.
@@ -174,10 +183,11 @@ class IsolatedPlanner(AheadPlanner):
         left = self.limits.total - self.process.spent
         try:
             answer, content = self.process.ask(min(limit, left), kind, *parts)
-            if answer == Kind.FAILED:
+            if answer == MessageKind.FAILED:
                 raise self._failure(where, from_json(content))
-            if answer != (Kind.COMMANDS if kind == Kind.OBSERVATION else Kind.READY):
-                raise Broken(f"sent a message of kind {answer} where another was due")
+            expected = MessageKind.COMMANDS if kind == MessageKind.OBSERVATION else MessageKind.READY
+            if answer != expected:
+                raise ProtocolError(f"sent a message of kind {answer} where another was due")
             return read(content)
         except TooSlow:
             if left < limit:
@@ -186,18 +196,20 @@ class IsolatedPlanner(AheadPlanner):
             if not where:
                 raise TimeLimit from None
             raise self._fault(f"took longer than {limit:g} s", where) from None
-        except Broken as error:
+        except ProtocolError as error:
             raise self._fault(str(error), where) from None
         finally:
             self.usage["peak_memory_mb"] = self.process.memory / 1e6
 
     def _fault(self, what: str, where: str, row: int | None = None) -> Exception:
-        return InputError(f"planner {self.name} {what} {where}") if where else FaultyAnswer(Fault(what, row))
+        if where:
+            return InputError(f"planner {self.name} {what} {where}")
+        return FaultyAnswer(AnswerFault(what, row))
 
     def _failure(self, where: str, failure: Mapping[str, Any]) -> Exception:
         """Return the exception for a planner that reports a failure. The report is not trusted."""
         how, what, row = failure.get("how"), str(failure.get("what", "")), failure.get("row")
-        sentence = defuse(" ".join("".join(item if item.isprintable() else " " for item in what).split())[:LONGEST])
+        sentence = one_line(what, LONGEST)
         if how == FailureKind.REFUSED:
             return InputError(sentence)
         if how == FailureKind.ONE_STEP:
@@ -207,13 +219,16 @@ class IsolatedPlanner(AheadPlanner):
 
 def _files_named_in(value: Any) -> Iterator[Path]:
     """Yield the paths named in a planner or an option: a folder, or a file with its imports and accompanying files."""
-    if isinstance(value, Mapping | list):
-        for item in value.values() if isinstance(value, Mapping) else value:
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list):
+        for item in value:
             yield from _files_named_in(item)
-    elif isinstance(value, str):
+    elif isinstance(value, str) and "\0" not in value:
         path = file_and_function(value)[0] or Path(value)
-        if "\0" not in value and path.is_file():
+        if path.is_file():
             yield path
-            yield from (path.resolve().parent / name for name in read_files(path))
-        elif "\0" not in value and path.is_dir():
+            for name in read_files(path):
+                yield path.resolve().parent / name
+        elif path.is_dir():
             yield path

@@ -61,7 +61,8 @@ def describe_limits() -> str:
     home = _home()
     if home is None:
         return "memory by PSS, processes by count, and time by that of processes and the children they have waited for"
-    return f"memory and processes by {'cgroup v2' if _limits(home) else 'PSS and by count'}, and time by cgroup v2"
+    memory = "cgroup v2" if _limits(home) else "PSS and by count"
+    return f"memory and processes by {memory}, and time by cgroup v2"
 
 
 @functools.cache
@@ -112,16 +113,21 @@ class Usage:
     """
 
     def __init__(self, most_memory: float, cores: Sequence[int], temporary: Sequence[str]) -> None:
-        self.most_memory, self.cores, self.temporary = most_memory, list(cores), temporary
+        self.most_memory = most_memory
+        self.cores = list(cores)
+        self.temporary = temporary
         self.processors = len(self.cores) or os.cpu_count() or 1
-        self.memory = self.pid = 0
+        self.memory = 0
+        self.pid = 0
         self._group: Path | None = None
-        self._soon = self._next = 0.0
+        self._next_task_check = 0.0
+        self._next_full_check = 0.0
 
     def command(self, settings: Mapping[str, Any], command: Sequence[str]) -> tuple[str, ...]:
         """Return the command that starts another one with settings of `launch`, under the limits."""
         settings = {**settings, "cores": self.cores}
-        if home := _home():
+        home = _home()
+        if home is not None:
             self._group = _make_group(home)
             settings["group"] = str(self._group)
             for name, value in {"memory.max": int(self.most_memory), "memory.swap.max": 0, "pids.max": TASKS}.items():
@@ -131,8 +137,9 @@ class Usage:
 
     def processes(self) -> list[int]:
         """Return the ids of the process and of its descendants that still run."""
-        if grouped := self._read("cgroup.procs"):
-            return [pid for pid in map(int, grouped.split()) if pid]
+        grouped = self._read("cgroup.procs")
+        if grouped:
+            return [pid for pid in map(int, grouped.split()) if pid != 0]  # 0 is a process in another namespace
         found = [self.pid]
         for pid in found:
             with contextlib.suppress(psutil.Error):
@@ -141,24 +148,28 @@ class Usage:
 
     def seconds(self) -> float:
         """Return the processor time in seconds of all processes so far, including ended ones."""
-        if counted := re.match(r"usage_usec (\d+)", self._read("cpu.stat")):
+        counted = re.match(r"usage_usec (\d+)", self._read("cpu.stat"))
+        if counted:
             return int(counted[1]) / 1e6
         return self._sum(_processor_seconds)
 
     def check(self) -> None:
         """Measure the resources if a check is due. Raises Exceeded if a limit is exceeded."""
-        if (now := time.monotonic()) < self._soon:
+        now = time.monotonic()
+        if now < self._next_task_check:
             return
-        self._soon, tasks = now + SHORTEST, self._read("cgroup.threads").count("\n")
-        if tasks <= TASKS and now < self._next:
+        self._next_task_check = now + SHORTEST
+        tasks = self._read("cgroup.threads").count("\n")
+        if tasks <= TASKS and now < self._next_full_check:
             return
-        tasks = tasks or int(self._sum(psutil.Process.num_threads))
+        if tasks == 0:  # there is no control group
+            tasks = int(self._sum(psutil.Process.num_threads))
         if tasks > TASKS or re.search("max [1-9]", self._read("pids.events")):
             raise Exceeded(f"started more than {TASKS} processes and threads")
-        room, files = next(filter(any, (_room(pid, self.temporary) for pid in self.processes())), (0, 0))
+        room, files = self._temporary_contents()
         if files > FILES:
             raise Exceeded(f"made more than {FILES} files")
-        nameless = dict(item for pid in self.processes() for item in _nameless(pid))
+        nameless = {file: size for pid in self.processes() for file, size in _nameless(pid)}
         measured = self._sum(_memory) + room + BYTES_OF_FILE * files + sum(nameless.values())
         memory = int(self._read("memory.current") or measured)
         self.memory = max(self.memory, memory)
@@ -166,17 +177,18 @@ class Usage:
             taken = max(memory, self.most_memory) / 1e9
             raise Exceeded(f"took {taken:.1f} GB of memory, more than {self.most_memory / 1e9:g} GB,")
         left = min((self.most_memory - memory) / _BYTES_A_SECOND, (FILES - files) / _FILES_A_SECOND)
-        self._next = time.monotonic() + min(max(left, SHORTEST), TICK)
+        self._next_full_check = time.monotonic() + min(max(left, SHORTEST), TICK)
 
     def kill(self) -> None:
         """Kill all processes. They may have ended before."""
         with contextlib.suppress(OSError):  # all at once, so that no process can start another one meanwhile
             if self._group:
                 (self._group / "cgroup.kill").write_text("1")
-        # The process group also contains descendants that have another parent now.
-        for kill, pid in [*((os.kill, pid) for pid in self.processes()), (os.killpg, self.pid)]:
+        for pid in self.processes():
             with contextlib.suppress(OSError):
-                kill(pid, signal.SIGKILL)
+                os.kill(pid, signal.SIGKILL)
+        with contextlib.suppress(OSError):  # the process group also contains descendants that have another parent now
+            os.killpg(self.pid, signal.SIGKILL)
 
     def close(self) -> None:
         """Remove the control group after `kill`, once all have ended."""
@@ -185,6 +197,14 @@ class Usage:
             with contextlib.suppress(OSError):
                 self._group.rmdir()
             time.sleep(1e-3)
+
+    def _temporary_contents(self) -> tuple[int, int]:
+        """Return bytes and number of files in the temporary folders, which all processes in the sandbox share."""
+        for pid in self.processes():
+            contents = _room(pid, self.temporary)
+            if contents != (0, 0):
+                return contents
+        return 0, 0
 
     def _sum(self, measure: Callable[[psutil.Process], float]) -> float:
         """Return the sum of a measure over all processes; processes that have just ended count 0."""
@@ -212,8 +232,10 @@ def _children(pid: int) -> list[int]:
 def _processor_seconds(process: psutil.Process) -> float:
     """Return the processor time of a process, and of its children that it has waited for."""
     own, system, *children = process.cpu_times()[:4]
+    if sys.platform != "linux":
+        return own + system + sum(children)
     # This clock of Linux counts nanoseconds; `cpu_times` counts only hundredths of a second.
-    return sum(children) + (time.clock_gettime(~process.pid << 3 | 2) if sys.platform == "linux" else own + system)
+    return time.clock_gettime(~process.pid << 3 | 2) + sum(children)
 
 
 def _memory(process: psutil.Process) -> int:

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench.isolation.limits import SHORTEST, TICK, Exceeded, Usage
-from crowdbench.isolation.protocol import Broken, Kind, receive, send
-from crowdbench.utils.errors import InputError, harmless
+from crowdbench.isolation.protocol import MessageKind, ProtocolError, receive, send
+from crowdbench.isolation.untrusted_text import one_line
+from crowdbench.utils.errors import InputError
 from crowdbench.utils.resources import FairLimit
 
 PRINTED = 10_000
@@ -29,14 +30,11 @@ class TooSlow(Exception):
 class Process:
     """A process that reads and answers the messages of `crowdbench.isolation.protocol`.
 
-    Its standard error is printed line by line after its name, as ASCII without commands for terminals and for services
-    that read logs.
+    Its standard error is printed line by line after its name, as ASCII without commands for terminals and services that
+    read logs.
 
     Args:
-        name: Its name in its output.
-        command: The command to start.
         settings: The settings of `crowdbench.isolation.launch`.
-        usage: Its limits.
         folder: Its working directory; the present one if None.
 
     Attributes:
@@ -79,22 +77,20 @@ class Process:
         """The largest memory in bytes that was measured."""
         return self.usage.memory
 
-    def ask(self, limit: float, kind: Kind, *parts: bytes | memoryview) -> tuple[Kind, bytearray]:
+    def ask(self, limit: float, kind: MessageKind, *parts: bytes | memoryview) -> tuple[MessageKind, bytearray]:
         """Send a message and wait for the answer.
 
         Before any exception is raised, the process is ended, and its descendants as far as they can be found.
 
         Args:
             limit: Longest time for the answer in seconds, without time in which it waits for a processor.
-            kind: Kind of the message.
-            parts: Its content.
 
         Returns:
             Kind and content of the answer.
 
         Raises:
             TooSlow: The process exceeded the time limit.
-            Broken: The process has ended, exceeded its memory limit, or answered in another format.
+            ProtocolError: The process has ended, exceeded its memory limit, or answered in another format.
         """
         self._start, self._before = time.monotonic(), None
         self._next_look = self._start + min(TICK, limit / 20)
@@ -104,15 +100,18 @@ class Process:
             return receive(self._readinto)
         except Exceeded as error:
             self.end()
-            raise Broken(str(error)) from None
-        except Broken as error:
-            raise Broken(self._status() or str(error)) from None
+            raise ProtocolError(str(error)) from None
+        except ProtocolError as error:
+            raise ProtocolError(self._status() or str(error)) from None
         except BaseException:
             self.end()
             raise
         finally:
             self.seconds += time.monotonic() - self._start
-            self.spent += self._limit.spent() if self._before is None else max(self._limit.spent(), self._shared())
+            spent = self._limit.spent()
+            if self._before is not None:
+                spent = max(spent, self._shared())
+            self.spent += spent
 
     def _write(self, content: memoryview) -> int:
         self._wait(self._sink, select.POLLOUT)
@@ -128,7 +127,10 @@ class Process:
         poll.register(pipe, event)
         poll.register(self._output, select.POLLIN)
         self._watch()
-        while not (ready := dict(poll.poll(1e3 * SHORTEST))).keys() & {pipe}:
+        while True:
+            ready = dict(poll.poll(1e3 * SHORTEST))
+            if pipe in ready:
+                return
             if self._output in ready and not self._show():
                 poll.unregister(self._output)
             self._watch()
@@ -143,7 +145,8 @@ class Process:
 
     def _shared(self) -> float:
         """Return its processor time since the message, divided by the number of processors that it may use."""
-        now, taken = time.monotonic() - self._start, self.usage.seconds() / self.usage.processors
+        now = time.monotonic() - self._start
+        taken = self.usage.seconds() / self.usage.processors
         if self._before is None:  # full use is assumed until the first check: short answers cost nothing
             self._before = taken - now
         return taken - self._before
@@ -159,8 +162,8 @@ class Process:
             lines, self._line = [*lines, self._line], b""
         for line in filter(None, lines):
             if self._printed < PRINTED:
-                text = line[:PRINTED].decode(errors="replace")
-                print(harmless(f"planner {self.name}: {text}"), file=sys.stderr)
+                text = line[:PRINTED].decode("ascii", "backslashreplace")
+                print(one_line(f"planner {self.name}: {text}", 2 * PRINTED), file=sys.stderr)
             self._printed += len(line)
         return bool(content)
 
@@ -185,4 +188,5 @@ class Process:
         self.end()
         if code is None:
             return ""
-        return f"ended its process ({f'signal {signal.Signals(-code).name}' if code < 0 else f'status {code}'})"
+        status = f"signal {signal.Signals(-code).name}" if code < 0 else f"status {code}"
+        return f"ended its process ({status})"

@@ -29,7 +29,7 @@ LARGEST = 2**31
 """Bytes of the largest message."""
 
 
-class Kind(enum.IntEnum):
+class MessageKind(enum.IntEnum):
     """Kind of a message."""
 
     START = 1
@@ -78,20 +78,19 @@ ReadInto = Callable[[memoryview], int | None]
 """Reads the available bytes, and returns their number; 0 at the end."""
 
 
-class Broken(Exception):
+class ProtocolError(Exception):
     """Raised if the other side closed the pipe or sent an invalid message. The text follows the planner's name."""
 
 
-def send(write: Write, kind: Kind, *parts: bytes | memoryview) -> None:
+def send(write: Write, kind: MessageKind, *parts: bytes | memoryview) -> None:
     """Write a message.
 
     Args:
         write: Writes to the other side.
-        kind: Kind of the message.
         parts: Its content, in pieces.
 
     Raises:
-        Broken: The other side does not read it.
+        ProtocolError: The other side does not read it.
     """
     try:
         for part in (_HEADER.pack(kind, sum(map(len, parts))), *parts):
@@ -99,25 +98,22 @@ def send(write: Write, kind: Kind, *parts: bytes | memoryview) -> None:
             while len(left):
                 left = left[write(left) or 0 :]
     except OSError as error:
-        raise Broken(f"reads no messages ({error.strerror})") from None
+        raise ProtocolError(f"reads no messages ({error.strerror})") from None
 
 
-def receive(readinto: ReadInto) -> tuple[Kind, bytearray]:
+def receive(readinto: ReadInto) -> tuple[MessageKind, bytearray]:
     """Read a message.
 
     Args:
         readinto: Reads from the other side.
 
-    Returns:
-        Its kind and its content.
-
     Raises:
-        Broken: The pipe ends, or contains no valid message.
+        ProtocolError: The pipe ends, or contains no valid message.
     """
     number, size = _HEADER.unpack(_read(readinto, _HEADER.size))
-    if number not in set(Kind) or size > LARGEST:
-        raise Broken(f"sent a message of kind {number} and {size} bytes, which is none of the format")
-    return Kind(number), _read(readinto, size)
+    if number not in set(MessageKind) or size > LARGEST:
+        raise ProtocolError(f"sent a message of kind {number} and {size} bytes, which is none of the format")
+    return MessageKind(number), _read(readinto, size)
 
 
 def _read(readinto: ReadInto, size: int) -> bytearray:
@@ -126,7 +122,7 @@ def _read(readinto: ReadInto, size: int) -> bytearray:
     while len(left):
         count = readinto(left)
         if not count:
-            raise Broken("closed the pipe")
+            raise ProtocolError("closed the pipe")
         left = left[count:]
     return content
 
@@ -137,13 +133,13 @@ def to_json(content: Mapping[str, Any]) -> bytes:
 
 
 def from_json(content: bytearray) -> dict[str, Any]:
-    """Return the JSON object in a message. Raises Broken if the message is no JSON object."""
+    """Return the JSON object in a message. Raises ProtocolError if the message is no JSON object."""
     try:
         value = json.loads(content)
     except (ValueError, RecursionError) as error:
-        raise Broken(f"sent no valid JSON ({error})") from None
+        raise ProtocolError(f"sent no valid JSON ({error})") from None
     if not isinstance(value, dict):
-        raise Broken("sent JSON that is no object")
+        raise ProtocolError("sent JSON that is no object")
     return value
 
 
@@ -155,12 +151,15 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
         steps: The number of steps that the planner must decide.
     """
     parts: dict[str, Any] = {"": obs, "vehicle.": obs.vehicle, "pedestrians.": obs.pedestrians}
-    fields = [(prefix + name, value) for prefix, part in parts.items() for name, value in vars(part).items()]
-    arrays = [(name, np.ascontiguousarray(value)) for name, value in fields if isinstance(value, np.ndarray)]
+    arrays = []
+    for prefix, part in parts.items():
+        for name, value in vars(part).items():
+            if isinstance(value, np.ndarray):
+                arrays.append((prefix + name, np.ascontiguousarray(value)))
     arrays.sort(key=lambda pair: -pair[1].itemsize)  # so that all numbers are aligned
+    layout = tuple((name, array.dtype.str, array.shape) for name, array in arrays)
     vehicle = obs.vehicle
-    constants = steps, obs.dt, vehicle.dynamics, vehicle.goal_tolerance, vehicle.body, obs.sensor
-    yield _observation_header(tuple((name, array.dtype.str, array.shape) for name, array in arrays), *constants)
+    yield _observation_header(layout, steps, obs.dt, vehicle.dynamics, vehicle.goal_tolerance, vehicle.body, obs.sensor)
     for _, array in arrays:
         yield array.reshape(-1).view(np.uint8).data
 
@@ -191,9 +190,6 @@ def _observation_header(
 
 def read_observation(content: bytearray) -> tuple[Observation, int]:
     """Read an `OBSERVATION`.
-
-    Args:
-        content: The content of the message.
 
     Returns:
         The observation, and the number of steps to decide.
@@ -232,16 +228,14 @@ def read_commands(content: bytearray, worlds: int, steps: int) -> Float[np.ndarr
     """Return the commands of a message `COMMANDS`.
 
     Args:
-        content: The content of the message.
         worlds: Number of worlds that it must have commands for.
-        steps: Number of steps.
 
     Returns:
         Velocities in m/s, or commands of a native planner.
 
     Raises:
-        Broken: It has another size.
+        ProtocolError: It has another size.
     """
     if len(content) != worlds * steps * 16:
-        raise Broken(f"sent {len(content)} bytes for commands, but {worlds * steps * 16} were asked for")
+        raise ProtocolError(f"sent {len(content)} bytes for commands, but {worlds * steps * 16} were asked for")
     return np.frombuffer(content, "<f8").reshape(worlds, steps, 2)

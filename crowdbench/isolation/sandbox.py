@@ -102,13 +102,11 @@ def _bubblewrap(readable: Iterable[Path], folder: Path, hidden: Iterable[Path]) 
     for temporary in TEMPORARY:
         options += ["--size", str(LARGEST_TEMPORARY), "--tmpfs", temporary]
     places = list(_python())
-    covers = [
-        place / path.relative_to(place.resolve())
-        for path in {each.resolve() for each in (ROOT / "leaderboards", ROOT / ".git", *hidden) if each.is_dir()}
-        for place in [*places, *map(Path, _SYSTEM)]
-        if path.is_relative_to(place.resolve())
-    ]
-    options += _binds(places) + [word for cover in covers for word in ("--tmpfs", str(cover))] + _binds(readable)
+    covers = _covers([*places, *map(Path, _SYSTEM)], hidden)
+    options += _binds(places)
+    for cover in covers:
+        options += ["--tmpfs", str(cover)]
+    options += _binds(readable)
     for setting in _SETTINGS:
         options += ["--ro-bind-try", setting, setting]
     options += ["--dir", str(folder.absolute()), "--chdir", str(folder.absolute())]
@@ -120,8 +118,22 @@ def _bubblewrap(readable: Iterable[Path], folder: Path, hidden: Iterable[Path]) 
     return (*options, "--")
 
 
+def _covers(places: Iterable[Path], hidden: Iterable[Path]) -> list[Path]:
+    """Return the paths of hidden folders inside the visible places."""
+    folders = {folder.resolve() for folder in (ROOT / "leaderboards", ROOT / ".git", *hidden) if folder.is_dir()}
+    return [
+        place / folder.relative_to(place.resolve())
+        for folder in folders
+        for place in places
+        if folder.is_relative_to(place.resolve())
+    ]
+
+
 def _binds(paths: Iterable[Path]) -> list[str]:
-    return [word for path in paths for word in ("--ro-bind", str(path.resolve()), str(path.absolute()))]
+    options = []
+    for path in paths:
+        options += ["--ro-bind", str(path.resolve()), str(path.absolute())]
+    return options
 
 
 def _python() -> Iterator[Path]:

@@ -155,7 +155,6 @@ def _find_within(
     """Return whether a disc of the vehicle overlaps the hull of a group.
 
     Args:
-        trace: The trace.
         group: The groups after each step, see `Trace`.
         one: Indices of pedestrians, in order, each once for each other member of its group.
         two: Those members.

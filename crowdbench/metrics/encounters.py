@@ -57,8 +57,8 @@ def near_misses_per_hour(trace: Trace) -> Float[np.ndarray, "world"]:
 
     n / (3600 sum_t P_t dt) with P_t the number of pedestrians in step t. Undefined without pedestrians.
     """
-    _, near, people = _count_encounters(trace)
-    return near / np.where(people > 0, people * trace.rules.dt / 3600.0, np.nan)
+    _, near, presence = _count_encounters(trace)
+    return near / np.where(presence > 0, presence * trace.rules.dt / 3600.0, np.nan)
 
 
 @describe("post-encroachment time", "more", of_successes=True, source="Allen et al. (1978)")
@@ -136,7 +136,9 @@ def _encroach(trace: Trace) -> Float[np.ndarray, "world"]:
     motion, number = np.diff(x + 1j * y, axis=2), discs.shape[2]
     motion[:, number:][(np.diff(trace.person, axis=1) != 0).swapaxes(1, 2)] = np.nan
     least = np.full(len(trace), np.inf)
-    radius = np.repeat(trace.radius, [number] + [1] * (len(trace.radius[0, 0]) - 1), axis=2).swapaxes(1, 2)
+    repeats = np.ones(trace.radius.shape[2], int)
+    repeats[0] = number  # each disc of the vehicle has its radius
+    radius = np.repeat(trace.radius, repeats, axis=2).swapaxes(1, 2)
     _find_least_lags((x + 1j * y)[..., :-1], motion, radius, number, np.nanmax(np.abs(motion), initial=0.0), least)
     return finite_or_nan(least * trace.rules.dt)
 

@@ -101,7 +101,6 @@ def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Co
     """Return the contact that ended each episode, and the vehicle's share in it. See the top of this file.
 
     Args:
-        trace: The episodes.
         row: The rows of the trace to evaluate; all if None. Other rows are returned without a contact.
     """
     n = len(trace)
@@ -110,14 +109,17 @@ def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Co
     row = np.arange(n) if row is None else row
     wall = row[trace.outcome[row] == Outcome.WALL_COLLISION]
     contacts.fault[wall], contacts.share[wall] = Fault.ALONE, 1.0
-    if not len(row := row[trace.outcome[row] == Outcome.COLLISION]):
+    row = row[trace.outcome[row] == Outcome.COLLISION]
+    if len(row) == 0:
         return contacts
     touches = _first_touches(trace, row)
     share, fault, speed = _attribute(trace, touches)
     # Of several contacts in a world, the last one is kept: the one with the largest share.
     order = np.argsort(np.nan_to_num(share, nan=-1.0), kind="stable")
     row, agent = touches.row[order], touches.agent[order]
-    contacts.fault[row], contacts.share[row], contacts.speed[row] = fault[order], share[order], speed[order]
+    contacts.fault[row] = fault[order]
+    contacts.share[row] = share[order]
+    contacts.speed[row] = speed[order]
     contacts.agent[row] = agent
     last = trace.steps[row]
     contacts.saw[row] = trace.rules.visible if trace.noticed is None else trace.noticed[row, last, agent - 1]
@@ -163,14 +165,16 @@ def _attribute(trace: Trace, touches: _Touches) -> tuple[_Numbers, Int[np.ndarra
     step = np.clip(np.floor(at).astype(int), 0, trace.steps[row][:, None] - 1)
     step[:, 0] = trace.steps[row] - 1
     rows, part = row[:, None], (at - step)[..., None]
-    states = [(rows, step + late) for late in (0, 1)]
-    before, after = (trace.position[*state, agent[:, None]] for state in states)
-    centre, centre_after = (trace.position[*state, 0] for state in states)
+    before = trace.position[rows, step, agent[:, None]]
+    after = trace.position[rows, step + 1, agent[:, None]]
+    centre = trace.position[rows, step, 0]
+    centre_after = trace.position[rows, step + 1, 0]
     discs = disc_centres(trace.rules.body, centre, trace.heading[rows, step])
     discs_after = disc_centres(trace.rules.body, centre_after, trace.heading[rows, step + 1])
     offset = (before + part * (after - before))[:, :, None] - (discs + part[..., None] * (discs_after - discs))
     disc = norm(offset).argmin(axis=2)[..., None, None]
-    normal, moved = (np.take_along_axis(vectors, disc, axis=2)[:, :, 0] for vectors in (offset, discs_after - discs))
+    normal = np.take_along_axis(offset, disc, axis=2)[:, :, 0]
+    moved = np.take_along_axis(discs_after - discs, disc, axis=2)[:, :, 0]
     normal = normal / np.maximum(norm(normal), np.finfo(float).tiny)[..., None]
     dt = trace.rules.dt
     pedestrian, vehicle = (after - before) / dt, moved / dt

@@ -71,12 +71,12 @@ class MetricInfo:
     @property
     def places(self) -> int:
         """Digits after the decimal point, as shown."""
-        return self.digits - 2 * self.share
+        return self.digits - 2 if self.share else self.digits
 
     @property
     def shown_unit(self) -> str:
         """The unit that tables show."""
-        return self.unit or "%" * self.share
+        return "%" if self.share and not self.unit else self.unit
 
     @property
     def heading(self) -> str:
@@ -97,9 +97,10 @@ class MetricInfo:
 
     def estimate(self, estimate: Estimate, with_unit: bool = False) -> str:
         """Return a mean with its interval, if it has one, such as `99.7 (99.3 to 99.9)` or `99.7 % (99.3 to 99.9)`."""
-        mean = (self.amount if with_unit else self.number)(estimate.mean)
-        has_interval = mean != UNDEFINED and math.isfinite(estimate.high - estimate.low)
-        return f"{mean} ({self.interval(estimate.low, estimate.high)})" if has_interval else mean
+        mean = self.amount(estimate.mean) if with_unit else self.number(estimate.mean)
+        if mean == UNDEFINED or not math.isfinite(estimate.high - estimate.low):
+            return mean
+        return f"{mean} ({self.interval(estimate.low, estimate.high)})"
 
 
 def describe(title: str, better: Literal["more", "less", ""] = "", **facts: Any) -> Callable[[M], M]:

@@ -163,9 +163,11 @@ def frozen_time(trace: Trace) -> Float[np.ndarray, "world"]:
     stands = norm(trace.velocity[:, 1:, 0]) < STANDSTILL
     row, t = np.nonzero(stands & (np.arange(stands.shape[1]) + ahead <= trace.steps[:, None]))
     to_goal = goals_in_trace(trace)[row, t] - trace.position[row, t, 0]
-    stride, body = trace.preferred_speed[row, 0] * trace.rules.dt, np.array(trace.rules.body)
-    person, obstacles = np.ascontiguousarray(trace.person), np.ascontiguousarray(trace.obstacles)
+    stride = trace.preferred_speed[row, 0] * trace.rules.dt
+    body = np.array(trace.rules.body)
     radius = trace.radius[row, t]
+    person = np.ascontiguousarray(trace.person)
+    obstacles = np.ascontiguousarray(trace.obstacles)
     frozen = np.zeros(stands.shape, bool)
     is_open = norm(to_goal) > 0.0
     _keep_clear(row, t, to_goal, stride, ahead, body, trace.position, radius, person, obstacles, is_open)

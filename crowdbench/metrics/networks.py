@@ -50,7 +50,6 @@ def network_estimate(
     Args:
         mean: The estimated value.
         groups: Values of independent groups of networks, by network and case. The sum of their means is `mean`.
-        of_cases: Its values by case.
     """
     half = _half_width(groups)
     defined = of_cases[~np.isnan(of_cases)]

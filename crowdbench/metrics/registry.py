@@ -130,13 +130,14 @@ def info_of(name: str, is_rate: bool = False, metric: Metric | None = None) -> M
     a trace.
 
     Args:
-        name: Name of the metric.
         is_rate: True if its values are booleans, which makes it a share.
         metric: The metric, if available; built-in metrics are looked up by name.
     """
     function = metric or METRICS.get(name)
-    title, unit = name.removesuffix("_rate").replace("_", " "), read_unit(function) if function else ""
-    info = getattr(function, "info", None) or MetricInfo(title, unit, needs=frozenset({UNDISTURBED}))
+    info = getattr(function, "info", None)
+    if info is None:
+        title = name.removesuffix("_rate").replace("_", " ")
+        info = MetricInfo(title, read_unit(function), needs=frozenset({UNDISTURBED}))
     return replace(info, share=True) if is_rate else info
 
 

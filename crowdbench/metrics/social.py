@@ -98,7 +98,8 @@ def social_work(trace: Trace) -> Float[np.ndarray, "world"]:
     time step.
     """
     position, velocity = trace.position[:, 1:], trace.velocity[:, 1:]
-    between, relative = position[:, :, 1:] - position[:, :, :1], velocity[:, :, :1] - velocity[:, :, 1:]
+    between = position[:, :, 1:] - position[:, :, :1]
+    relative = velocity[:, :, :1] - velocity[:, :, 1:]
     on_vehicle = _social_force(between, relative)
     x, y = total(on_vehicle[..., 0]), total(on_vehicle[..., 1])
     obstacle = OBSTACLE_STRENGTH * np.exp(-np.maximum(trace.wall_gap, 0.0) / OBSTACLE_RANGE)
@@ -110,7 +111,6 @@ def _imposed(trace: Trace, cost: Callable[[Trips, Trips], Trips], per_exposure: 
     """Return a cost of the vehicle to pedestrians, summed over the matched trips of each world.
 
     Args:
-        trace: The trace.
         cost: Cost of trips, a function of the lost time in seconds and of the extra path in metres.
         per_exposure: True to divide by the matched time in seconds.
     """

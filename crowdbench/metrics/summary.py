@@ -54,10 +54,13 @@ def summarize(columns: Mapping[str, Column], steps: Column, block: Column | None
         steps: The number of steps of each episode, the weight of pooled metrics.
         block: The block of each episode, if episodes of the same block are not independent.
     """
-    return {
-        name: rate(values, block) if is_rate(values) else bootstrap(values.astype(float), weigh(name, steps), block)
-        for name, values in columns.items()
-    }
+    estimates = {}
+    for name, values in columns.items():
+        if is_rate(values):
+            estimates[name] = rate(values, block)
+        else:
+            estimates[name] = bootstrap(values.astype(float), weigh(name, steps), block)
+    return estimates
 
 
 def weigh(metric: str, steps: Column) -> Values:
@@ -87,8 +90,10 @@ def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
 
     n, mean, z = len(values), float(values.mean()), float(ndtri(0.5 + CONFIDENCE / 2))
     scale = 2.0 * (n + z**2)
-    middle, half = (2.0 * n * mean + z**2) / scale, z / scale * math.sqrt(4.0 * n * mean * (1.0 - mean) + z**2)
-    low, high = middle - half if values.any() else 0.0, 1.0 if values.all() else middle + half
+    middle = (2.0 * n * mean + z**2) / scale
+    half = z / scale * math.sqrt(4.0 * n * mean * (1.0 - mean) + z**2)
+    low = middle - half if values.any() else 0.0
+    high = 1.0 if values.all() else middle + half
     return Estimate(mean, *around(mean, low, high), n, float(values.max()))
 
 
@@ -106,10 +111,13 @@ def bootstrap(values: Values, weights: Values, block: Column | None = None) -> E
     if len(values) == 0:
         return UNDEFINED
     mean = float(weighted_mean(values, weights))
-    means, counts = by_block(values, weights, None if block is None else block[defined])
-    # Without weights, `np.mean` returns the same bits in a fifth of the time.
-    is_plain = bool((counts == 1.0).all())
-    resampled = bootstrap_distribution(*((np.mean, means) if is_plain else (weighted_mean, means, counts)))
+    if block is not None:
+        block = block[defined]
+    means, counts = by_block(values, weights, block)
+    if (counts == 1.0).all():  # `np.mean` returns the same bits in a fifth of the time
+        resampled = bootstrap_distribution(np.mean, means)
+    else:
+        resampled = bootstrap_distribution(weighted_mean, means, counts)
     low, high = around(mean, *interval(resampled))
     return Estimate(mean, low, high, len(values), float(values.max()))
 
@@ -121,9 +129,6 @@ def by_block(values: Values, weights: Values, block: Column | None) -> tuple[Blo
         values: One per case.
         weights: How much each case counts.
         block: The block of each case; None if each case is a separate block.
-
-    Returns:
-        Means and weights.
     """
     if block is None:
         return values, weights
@@ -136,12 +141,8 @@ def weighted_mean(values: Resampled, weights: Resampled, axis: int = -1) -> Floa
     """Return the weighted mean over cases.
 
     Args:
-        values: The values.
         weights: How much each value counts.
         axis: The axis of the cases.
-
-    Returns:
-        The weighted mean.
     """
     return np.asarray((values * weights).sum(axis=axis) / weights.sum(axis=axis))
 
@@ -158,8 +159,12 @@ def bootstrap_distribution(
         columns: Arguments of the statistic, one value per episode in each; they are resampled together.
     """
     n = len(columns[0])
-    drawn = [_draw(n)] if n * RESAMPLES <= _MOST_DRAWN else _draw_in_batches(n)
-    return np.concatenate([statistic(*(column.take(rows) for column in columns), axis=-1) for rows in drawn])
+    batches = [_draw(n)] if n * RESAMPLES <= _MOST_DRAWN else _draw_in_batches(n)
+    values = []
+    for rows in batches:
+        resampled = [column.take(rows) for column in columns]
+        values.append(statistic(*resampled, axis=-1))
+    return np.concatenate(values)
 
 
 @functools.lru_cache(maxsize=4)  # metrics of the same episodes are resampled alike
@@ -169,7 +174,8 @@ def _draw(n: int) -> Int[np.ndarray, "resample case"]:
 
 
 def _draw_in_batches(n: int) -> Iterator[Int[np.ndarray, "resample case"]]:
-    random, batch = np.random.default_rng(_SEED), max(1, _MOST_DRAWN // n)
+    random = np.random.default_rng(_SEED)
+    batch = max(1, _MOST_DRAWN // n)
     for start in range(0, RESAMPLES, batch):
         yield random.integers(0, n, (min(batch, RESAMPLES - start), n))
 
@@ -178,7 +184,6 @@ def around(mean: float, low: float, high: float) -> tuple[float, float]:
     """Return bounds that contain the mean, which may be outside the interval because of rounding.
 
     Args:
-        mean: The mean.
         low: The lower bound.
         high: The upper bound.
     """

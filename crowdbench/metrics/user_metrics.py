@@ -50,8 +50,6 @@ def measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case
 
     Args:
         name: Name of the metric in errors.
-        metric: The metric.
-        trace: The trace.
 
     Returns:
         Booleans, or float64; NaN where the metric is undefined.

@@ -23,7 +23,6 @@ def in_chunks(work: Callable[[slice], None], rows: int, chunk: int) -> None:
 
     Args:
         work: Called with slices that together cover every row once.
-        rows: Number of rows.
         chunk: Number of rows of a slice; the last may have fewer.
     """
     slices = [slice(start, start + chunk) for start in range(0, rows, chunk)]
@@ -31,19 +30,19 @@ def in_chunks(work: Callable[[slice], None], rows: int, chunk: int) -> None:
         share(work, slices, threads, _compute_alone)
 
 
-class _Here(threading.local):
+class _TorchThread(threading.local):
     """Flag of a thread: True if torch uses only this thread."""
 
     is_alone = False
 
 
-_here = _Here()
+_thread = _TorchThread()
 
 
 def _compute_alone() -> None:
     # Otherwise a new thread would get the number of torch's threads that was set last in any thread.
     torch.set_num_threads(1)
-    _here.is_alone = True
+    _thread.is_alone = True
 
 
 _lock = threading.Lock()
@@ -55,7 +54,7 @@ _number = 1
 def one_torch_thread() -> Iterator[int]:
     """Restrict torch to the calling thread, and yield the number of threads that it uses otherwise."""
     global _inside, _number
-    if _here.is_alone:
+    if _thread.is_alone:
         yield _number
         return
     with _lock:
@@ -66,11 +65,11 @@ def one_torch_thread() -> Iterator[int]:
         number = _number
         _inside += 1
         torch.set_num_threads(1)
-    _here.is_alone = True
+    _thread.is_alone = True
     try:
         yield number
     finally:
-        _here.is_alone = False
+        _thread.is_alone = False
         with _lock:
             _inside -= 1
             torch.set_num_threads(number)

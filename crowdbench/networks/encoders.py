@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import torch
 
+from crowdbench.networks.attention_encoder import MEMORY, AttentionEncoder
 from crowdbench.networks.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES
 from crowdbench.networks.features_ahead import PEDESTRIAN_AHEAD, VEHICLE_AHEAD
-from crowdbench.networks.policy import Encoder, Policy, Seen, SetEncoder
-from crowdbench.networks.self_attention import MEMORY, AttentionEncoder
+from crowdbench.networks.policy import Encoder, Policy, Seen
+from crowdbench.networks.set_encoder import SetEncoder
 from crowdbench.plugins.kind import Kind, file_and_function
 from crowdbench.utils.errors import InputError, is_integer, plugin_errors
 
@@ -29,9 +30,6 @@ def make_policy(network: str, encoder: str | None = None) -> Policy:
     Args:
         network: One of `POLICIES`.
         encoder: The file of an encoder that replaces the default one.
-
-    Returns:
-        The policy.
 
     Raises:
         InputError: There is no such encoder, or it fails.

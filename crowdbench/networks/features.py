@@ -54,7 +54,6 @@ def features(obs: Observation, nearest: int) -> Features:
     """Return the features of an observation.
 
     Args:
-        obs: The observation.
         nearest: Largest number of pedestrians.
     """
     worlds, crowd = len(obs), obs.pedestrians
@@ -75,10 +74,6 @@ def features(obs: Observation, nearest: int) -> Features:
 def histories(obs: Observation, view: Features) -> Float[np.ndarray, "world time nearest 2"]:
     """Return the last positions of the pedestrians in the frame of the goal, in metres; 0 in empty rows.
 
-    Args:
-        obs: The observation.
-        view: Its features.
-
     Returns:
         From the oldest to the current position, as `Observation.pedestrians.history`.
     """
@@ -91,9 +86,10 @@ def histories(obs: Observation, view: Features) -> Float[np.ndarray, "world time
 
 def to_goal_frame(vectors: Float[np.ndarray, "world *k 2"], axis: Vectors) -> Float[np.ndarray, "world *k 2"]:
     """Turn vectors from the axes of the world into the frame of the goal, whose direction is `axis`."""
-    c, s = axis.T.reshape(2, -1, *[1] * (vectors.ndim - 2))
-    x, y = np.moveaxis(vectors, -1, 0)
-    return np.stack([c * x + s * y, c * y - s * x], axis=-1)
+    each_world = (-1, *[1] * (vectors.ndim - 2))
+    cosine, sine = axis[:, 0].reshape(each_world), axis[:, 1].reshape(each_world)
+    x, y = vectors[..., 0], vectors[..., 1]
+    return np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1)
 
 
 def direction(position: Vectors, goal: Vectors) -> Vectors:
@@ -123,11 +119,10 @@ def to_world(action: Vectors, axis: Vectors) -> Vectors:
     return x * axis + y * np.stack([-axis[:, 1], axis[:, 0]], axis=1)
 
 
-def in_disc(action: Vectors, radius: Float[np.ndarray, "world"]) -> Vectors:
+def clip_to_disc(action: Vectors, radius: Float[np.ndarray, "world"]) -> Vectors:
     """Return actions of limited length: longer ones are shortened.
 
     Args:
-        action: Vectors.
         radius: The largest length of each.
     """
     length = np.sqrt((action**2).sum(axis=1))

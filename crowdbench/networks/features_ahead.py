@@ -42,7 +42,6 @@ def features_ahead(obs: Observation, nearest: int, ahead: Positions, walls: Floa
     """Return the features of an observation with a prediction.
 
     Args:
-        obs: The observation.
         nearest: Largest number of pedestrians that are shown.
         ahead: Predicted positions after each of the next `STEPS` steps, in metres.
         walls: Distances in metres along `RAYS` rays, the first towards the goal.

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from crowdbench.networks.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES, Features
+from crowdbench.networks.features import Features
 
 SCALE = 3.0
 """Distances in metres are divided by this before they enter the network, so that its inputs are of the order of 1."""
@@ -58,41 +58,6 @@ class Encoder(nn.Module, abc.ABC):
         """Return the code of the observation in each row, without units."""
 
 
-class SetEncoder(Encoder):
-    """Encoder of the vehicle and any number of pedestrians, whose order does not matter.
-
-    Each pedestrian is encoded together with the vehicle. The output is a sum over pedestrians, weighted by attention,
-    and the largest value of each number: the sum describes the crowd, the maximum the most urgent pedestrian.
-
-    Args:
-        width: Numbers per pedestrian inside the network.
-        encoded: Size of the output.
-    """
-
-    def __init__(self, width: int = 64, encoded: int = 128) -> None:
-        super().__init__()
-        self.encoded = encoded
-        self.each = nn.Sequential(
-            nn.Linear(VEHICLE_FEATURES + PEDESTRIAN_FEATURES, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
-        )
-        self.attention = nn.Linear(width, 1)
-        self.joined = nn.Sequential(nn.Linear(VEHICLE_FEATURES + 2 * width, encoded), nn.ReLU())
-
-    def forward(self, seen: Seen) -> Float[Tensor, "world encoded"]:
-        """Return the code of the observation in each world, without units."""
-        vehicle, pedestrians, mask = seen
-        vehicle = vehicle / vehicle.new_tensor([SCALE, 1.0, 1.0, 1.0, 1.0])
-        pedestrians = pedestrians / pedestrians.new_tensor([SCALE, SCALE, 1.0, 1.0, 1.0, 1.0, SCALE, 1.0])
-        own = vehicle[:, None].expand(-1, pedestrians.shape[1], -1)
-        each = self.each(torch.cat([own, pedestrians], dim=2)) * mask[..., None]
-        score = self.attention(each)[..., 0].masked_fill(~mask, -torch.inf)
-        # Without any pedestrian there is nothing to weight, and softmax would be undefined.
-        weight = torch.softmax(score.masked_fill(~mask.any(dim=1, keepdim=True), 0.0), dim=1)
-        crowd = (weight[..., None] * each).sum(dim=1)
-        # ReLU makes all codes 0 or more, so that the zeros of unseen pedestrians never exceed other codes.
-        return self.joined(torch.cat([vehicle, crowd, each.amax(dim=1)], dim=1))
-
-
 class Policy(nn.Module):
     """A trained policy for a planner: the mean action.
 
@@ -103,7 +68,6 @@ class Policy(nn.Module):
         action: The last layer: a velocity in the frame of the goal in m/s, see `NetworkPlanner`.
 
     Args:
-        encoder: The encoder.
         remembered: Size of the memory from step to step; 0 for none.
         hidden: Numbers in the hidden layer.
     """
@@ -158,7 +122,6 @@ class ActorCritic(nn.Module):
         log_std: The logarithm of the standard deviation of the sampled actions, in m/s.
 
     Args:
-        policy: The policy.
         hidden: Numbers in the hidden layer of the value.
     """
 
@@ -186,7 +149,6 @@ class ActorCritic(nn.Module):
 
         Args:
             action: The actions in m/s.
-            mean: Their means.
         """
         deviation = (action - mean) / self.log_std.exp()
         return (-0.5 * deviation**2 - self.log_std - 0.5 * math.log(2.0 * math.pi)).sum(dim=1)

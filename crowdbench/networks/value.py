@@ -7,20 +7,18 @@ influence. If no pedestrian is present, the value has a closed form, and no netw
 from __future__ import annotations
 
 import abc
-import itertools
-import math
 from collections.abc import Iterable
 from typing import cast
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from crowdbench.core.reward import DISCOUNT, SUCCESS
 from crowdbench.networks.joint_state import DISTANCE, SIZE, VEHICLE
+from crowdbench.networks.layers import linear, perceptron
 from crowdbench.networks.weights import load_into, read_card, training_dt, weights_file
-from crowdbench.utils.errors import InputError, find_named
+from crowdbench.utils.errors import find_named
 from crowdbench.utils.resources import keep_freed_memory
 
 Joint = Float[Tensor, "*batch pedestrian 13"]
@@ -31,52 +29,7 @@ PresentBatch = Bool[Tensor, "batch pedestrian"]
 ValueAndAttention = tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestrian"]]
 
 
-HAS_ONEDNN = bool(torch._C._has_mkldnn) and hasattr(torch.ops.mkldnn, "_linear_pointwise")
-"""True if PyTorch includes oneDNN, and its operation for a linear layer with a ReLU."""
-
 keep_freed_memory()
-
-
-def linear(layer: nn.Linear, x: Float[Tensor, "*batch in"], rectify: bool = False) -> Float[Tensor, "*batch out"]:
-    """Return the output of a linear layer, with a ReLU after it if `rectify` is True.
-
-    Under `torch.inference_mode`, on a CPU and in float32, both are one operation of oneDNN. On an AMD processor it
-    takes half the time of PyTorch's default, which is MKL. Results are equal except for rounding errors.
-    """
-    is_plain = x.device.type == "cpu" and x.dtype == torch.float32 and not torch.is_autocast_enabled("cpu")
-    if HAS_ONEDNN and is_plain and torch.is_inference_mode_enabled():
-        after = "relu" if rectify else "none"
-        product: Tensor = torch.ops.mkldnn._linear_pointwise(x, layer.weight, layer.bias, after, [], "")
-        return product
-    result: Tensor = layer(x)
-    return result.relu_() if rectify else result
-
-
-class Perceptron(nn.Sequential):
-    """Linear layers with ReLU between them; see `perceptron`."""
-
-    def forward(self, x: Float[Tensor, "*batch in"]) -> Float[Tensor, "*batch out"]:
-        """Return the output of the last layer."""
-        layers = list(self)
-        for index in range(0, len(layers), 2):
-            x = linear(cast("nn.Linear", layers[index]), x, rectify=index + 1 < len(layers))
-        return x
-
-
-def perceptron(*sizes: int, last: bool = False) -> Perceptron:
-    """Return linear layers with ReLU between them.
-
-    Args:
-        sizes: The size of the input and of every layer.
-        last: True if there is a ReLU after the last layer too.
-
-    Returns:
-        The layers.
-    """
-    layers: list[nn.Module] = []
-    for inputs, outputs in itertools.pairwise(sizes):
-        layers += [nn.Linear(inputs, outputs), nn.ReLU(inplace=True)]
-    return Perceptron(*(layers if last else layers[:-1]))
 
 
 class ValueNetwork(nn.Module, abc.ABC):
@@ -246,63 +199,3 @@ def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwor
     loaded = load_into(kind(), network, path, device)
     loaded.trained_dt = training_dt(read_card(path))
     return loaded
-
-
-@torch.inference_mode()
-def evaluate(
-    network: ValueNetwork,
-    joint: Float[np.ndarray, "*batch pedestrian 13"],
-    present: Bool[np.ndarray, "*batch pedestrian"],
-) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch pedestrian"]]:
-    """Return a network's values and attention.
-
-    Args:
-        network: The network.
-        joint: The joint states.
-        present: Which pedestrians are present.
-
-    Returns:
-        The output of `ValueNetwork.attend`, as float64.
-
-    Raises:
-        InputError: A value is not finite.
-    """
-    device, batch = next(network.parameters()).device, present.shape[:-1]
-    states, those_present = _fill_up(joint.reshape(-1, *joint.shape[-2:]), present.reshape(-1, present.shape[-1]))
-    value, attention = network.attend(torch.from_numpy(states).to(device), torch.from_numpy(those_present).to(device))
-    number = math.prod(batch)
-    values = value[:number].double().cpu().numpy().reshape(batch)
-    if not np.isfinite(values).all():
-        raise InputError(
-            f"the value network {network.name} gave a value of {values[~np.isfinite(values)][0]}, but values must be "
-            "finite: its weights or the predicted positions are too large"
-        )
-    return values, attention[:number].double().cpu().numpy().reshape(present.shape)
-
-
-def _fill_up(
-    joint: Float[np.ndarray, "batch pedestrian 13"], present: Bool[np.ndarray, "batch pedestrian"]
-) -> tuple[Float[np.ndarray, "filled pedestrian 13"], Bool[np.ndarray, "filled pedestrian"]]:
-    """Return the states padded with zeros, so that the numbers of states and of present pedestrians are round.
-
-    OneDNN compiles a matrix product for each new number of rows, which takes longer than the product.
-    """
-    states, pedestrians = present.shape
-    if present.all():
-        filled = _round_up(states)
-        present_too = np.ones((filled, pedestrians), bool)
-    else:
-        more = _round_up(seen := int(present.sum())) - seen
-        filled = _round_up(states + -(-more // pedestrians))
-        present_too = np.zeros((filled, pedestrians), bool)
-        present_too[:states] = present
-        present_too[states:].reshape(-1)[:more] = True
-    joint_too = np.zeros((filled, *joint.shape[1:]), joint.dtype)
-    joint_too[:states] = joint
-    return joint_too, present_too
-
-
-def _round_up(number: int) -> int:
-    """Return the next number whose binary digits after the first four are 0."""
-    unit = 1 << max(number.bit_length() - 4, 0)
-    return -(-number // unit) * unit

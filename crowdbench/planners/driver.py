@@ -5,14 +5,10 @@ Runs call `plan` and `plan_ahead` only in this module.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from types import FrameType
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,10 +17,10 @@ from jaxtyping import Float, Int
 from crowdbench.core.dynamics import DYNAMICS, FREE
 from crowdbench.core.types import Observation
 from crowdbench.planners.planner import OneStepOnly, Planner
-from crowdbench.planners.validation import Decision, Fault, validate_commands
+from crowdbench.planners.validation import AnswerFault, Decision, validate_commands
 from crowdbench.utils.defaults import DECISION_LIMIT
-from crowdbench.utils.errors import ForkGuard, InputError, describe_error, is_interrupt, plugin_errors
-from crowdbench.utils.resources import FairLimit
+from crowdbench.utils.errors import InputError, describe_error, is_interrupt, plugin_errors
+from crowdbench.utils.resources import FairLimit, TimeLimit, interrupted_after
 
 
 class DecisionLimitExceeded(InputError):
@@ -38,13 +34,9 @@ class FaultyAnswer(Exception):
         fault: The fault of the planner.
     """
 
-    def __init__(self, fault: Fault) -> None:
+    def __init__(self, fault: AnswerFault) -> None:
         super().__init__(fault.what)
         self.fault = fault
-
-
-class TimeLimit(BaseException):
-    """Raised inside a planner that takes too long. Not an Exception, which planners may catch."""
 
 
 class Driver:
@@ -103,10 +95,6 @@ class Driver:
 
         Args:
             obs: The observation before the first of them.
-            steps: The number of steps.
-
-        Returns:
-            The commands.
 
         Raises:
             InputError: As in `decide`, with the step of the command; or the planner has no `plan_ahead`.
@@ -130,14 +118,14 @@ class Driver:
             raise self._too_slow(decision)
         dynamics = decision.dynamics if self.native else FREE
         commands = validate_commands(answer, decision.max_speed, *steps, dynamics=dynamics)
-        if isinstance(commands, Fault):
+        if isinstance(commands, AnswerFault):
             raise self._error(commands, decision)
         return commands if self.native else decision.to_commands(commands)
 
     def _answer(self, decision: Decision, plan: Callable[[], object], limit: FairLimit) -> object:
         """Return the answer of the planner. Its exceptions become an InputError."""
         try:
-            with ForkGuard(f"planner {self.name}"), _interrupted_after(limit):
+            with interrupted_after(limit):
                 return plan()
         except OneStepOnly:
             raise InputError(f"planner {self.name} has no plan_ahead: it runs with replan_every = 1 only") from None
@@ -151,14 +139,14 @@ class Driver:
                 raise self._too_slow(decision) from None
             if is_interrupt(error) or isinstance(error, InputError):
                 raise
-            fault = Fault(f"raised {describe_error(error)}", getattr(error, "row", None))
+            fault = AnswerFault(f"raised {describe_error(error)}", getattr(error, "row", None))
             raise self._error(fault, decision) from error
 
-    def _error(self, fault: Fault, decision: Decision) -> InputError:
+    def _error(self, fault: AnswerFault, decision: Decision) -> InputError:
         return InputError(f"planner {self.name} {fault.at(decision)}")
 
     def _too_slow(self, decision: Decision, row: int | None = None) -> DecisionLimitExceeded:
-        fault = Fault(f"took longer than the limit of {self.decision_limit:g} s", row)
+        fault = AnswerFault(f"took longer than the limit of {self.decision_limit:g} s", row)
         return DecisionLimitExceeded(str(self._error(fault, decision)))
 
 
@@ -176,27 +164,3 @@ def _read_facts(planner: Planner, name: str) -> dict[str, Any]:
     """Return a copy of the planner's facts, converted to JSON and back."""
     with plugin_errors(f"planner {name} has facts that a result cannot hold, which must be texts by name:"):
         return dict(json.loads(json.dumps(dict(planner.facts), allow_nan=False)))
-
-
-@contextlib.contextmanager
-def _interrupted_after(limit: FairLimit) -> Iterator[None]:
-    # Signals reach only the main thread; a planner in another thread cannot be interrupted.
-    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
-        yield
-        return
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        if limit.over():
-            raise TimeLimit
-
-    handler = signal.signal(signal.SIGALRM, interrupt)
-    # Repeated until the limit is over, and because planners may catch the exception and continue.
-    timer = signal.setitimer(signal.ITIMER_REAL, limit.head, min(0.5, limit.head))
-    try:
-        yield
-    finally:
-        # The last alarm may still arrive here.
-        try:
-            signal.setitimer(signal.ITIMER_REAL, *timer)
-        finally:
-            signal.signal(signal.SIGALRM, handler)

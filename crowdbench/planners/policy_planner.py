@@ -11,9 +11,9 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.dynamics import FREE
 from crowdbench.core.types import Observation
-from crowdbench.networks.features import direction, in_disc, to_world
+from crowdbench.networks.features import clip_to_disc, direction, to_world
 from crowdbench.planners.planner import Planner
-from crowdbench.planners.validation import Fault, validate_array
+from crowdbench.planners.validation import AnswerFault, validate_array
 from crowdbench.utils.errors import InputError
 from crowdbench.views.view import NEAREST, check_view, encode
 
@@ -66,7 +66,7 @@ class PolicyPlanner(Planner):
                 f"{vehicle.dynamics.name}: --option dynamics={vehicle.dynamics.name} drives it all the same"
             )
         action = validate_array(answer := self._act(obs), len(obs))
-        if isinstance(action, Fault) or not np.isfinite(action).all():
+        if isinstance(action, AnswerFault) or not np.isfinite(action).all():
             return answer  # the driver raises an error that names the case
         speed, dynamics = vehicle.preferred_speed, vehicle.dynamics if self.native else FREE
         action = np.clip(action, *dynamics.space(speed))
@@ -74,7 +74,7 @@ class PolicyPlanner(Planner):
             return action
         if self.action == "goal_frame":
             action = to_world(action, direction(vehicle.position, vehicle.local_goal))
-        return in_disc(action, speed)
+        return clip_to_disc(action, speed)
 
     def _act(self, obs: Observation) -> Any:
         """Return the actions of the function, and store its state."""

@@ -24,7 +24,6 @@ class Decision:
         state: Its state before the step.
 
     Args:
-        obs: The observation.
         cases: The case numbers by `Observation.row`.
     """
 
@@ -52,7 +51,7 @@ class Decision:
 
 
 @dataclass(frozen=True)
-class Fault:
+class AnswerFault:
     """Violation of the contract by a return value.
 
     Attributes:
@@ -75,7 +74,7 @@ class Fault:
 
 def validate_commands(
     answer: object, max_speed: Float[np.ndarray, "world"], *steps: int, dynamics: Dynamics = FREE
-) -> Float[np.ndarray, "world *time 2"] | Fault:
+) -> Float[np.ndarray, "world *time 2"] | AnswerFault:
     """Check the return value of a planner: dtype, shape, finite numbers, and the limits of the dynamics, in this order.
 
     Args:
@@ -88,30 +87,30 @@ def validate_commands(
         The commands as float64, or the first fault.
     """
     values = validate_array(answer, len(max_speed), *steps)
-    if isinstance(values, Fault):
+    if isinstance(values, AnswerFault):
         return values
     commands = values.reshape(-1, *(steps or (1,)), 2)
     finite = np.asarray(np.isfinite(commands).all(axis=2))
     if not finite.all():
         row, ahead = np.argwhere(~finite)[0].tolist()
-        return Fault(f"returned {commands[row, ahead].tolist()}, but a command must be finite", row, ahead)
+        return AnswerFault(f"returned {commands[row, ahead].tolist()}, but a command must be finite", row, ahead)
     beyond = ~dynamics.is_within(commands, np.broadcast_to(max_speed[:, None], finite.shape))
     if beyond.any():
         row, ahead = np.argwhere(beyond)[0].tolist()
-        return Fault(dynamics.broken_limit(commands[row, ahead], float(max_speed[row])), row, ahead)
+        return AnswerFault(dynamics.broken_limit(commands[row, ahead], float(max_speed[row])), row, ahead)
     return values
 
 
-def validate_array(answer: object, worlds: int, *steps: int) -> Float[np.ndarray, "world *time 2"] | Fault:
+def validate_array(answer: object, worlds: int, *steps: int) -> Float[np.ndarray, "world *time 2"] | AnswerFault:
     """Check only dtype and shape, as `validate_commands` does; numbers need not be finite."""
     array, is_array = _to_array(answer), issubclass(type(answer), np.ndarray)
     if not (is_array and array.dtype.kind == "f"):
         kind = f"{array.dtype} array" if is_array else type(answer).__name__
         shape = "[world, time, 2]" if steps else "[world, 2]"
-        return Fault(f"returned a {kind} instead of a float array of shape {shape}")
+        return AnswerFault(f"returned a {kind} instead of a float array of shape {shape}")
     if array.shape != (worlds, *steps, 2):
         meant = "a command per world and step" if steps else "a command per world"
-        return Fault(f"returned shape {list(array.shape)} instead of {[worlds, *steps, 2]}, {meant}")
+        return AnswerFault(f"returned shape {list(array.shape)} instead of {[worlds, *steps, 2]}, {meant}")
     return array.astype(np.float64)
 
 

@@ -48,9 +48,6 @@ class Predictor(abc.ABC):
         Args:
             obs: The observation of every world.
             steps: Number of steps to predict, each of `obs.dt` seconds.
-
-        Returns:
-            The futures.
         """
 
     def predict_given(self, obs: Observation, steps: int, plan: WorldPaths) -> Prediction:
@@ -75,7 +72,6 @@ def predict(predictor: Predictor, obs: Observation, steps: int, plan: WorldPaths
     """Predict all pedestrians, and check the prediction.
 
     Args:
-        predictor: The predictor.
         obs: The observation of every world.
         steps: Number of steps to predict.
         plan: The commands of the vehicle in these steps, for `Predictor.predict_given`; None if unknown.

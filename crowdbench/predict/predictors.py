@@ -35,9 +35,6 @@ def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device
         rescaled: True if displacements are rescaled to the time step that the generator was trained on.
         device: Device of the generator: `cpu` or `cuda`.
 
-    Returns:
-        The predictor.
-
     Raises:
         InputError: An option is impossible, or the weights are missing or of another network.
     """
@@ -53,9 +50,6 @@ def _sgan_simulated(modes: int = 20, device: str = "cpu") -> Predictor:
     Args:
         modes: Number of futures [1].
         device: Device of the generator: `cpu` or `cuda`.
-
-    Returns:
-        The predictor.
 
     Raises:
         InputError: An option is impossible.

@@ -32,7 +32,6 @@ def roll_out(
     """Return futures in which the observed pedestrians walk by a policy among the obstacles.
 
     Args:
-        policy: The policy.
         obs: The observation of every world. Pedestrians that are not seen neither walk nor are avoided.
         goals: Goals in metres, or a function that returns the next points to walk to from given positions, such as the
             next corners of paths around obstacles.

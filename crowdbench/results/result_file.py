@@ -1,7 +1,7 @@
 """`result.json`: the identity, the results and the stated facts of a run, and the sha256 of each of its files.
 
 The digests detect a file that was edited afterwards or belongs to another run. They do not detect forged files with
-matching digests: for that, a run is simulated again (`runs.replay`).
+matching digests: for that, a run is computed again (`runs.score`).
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, create_model
+from pydantic import BaseModel, Field
 
 from crowdbench.metrics.user_metrics import LARGEST
 from crowdbench.results.episodes import EPISODES, RECORDING
 from crowdbench.results.stored_commands import COMMANDS
+from crowdbench.results.stored_tracks import TRACKS
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
 from crowdbench.utils.defaults import RECORD
@@ -30,37 +31,91 @@ FORMAT = 1
 """Version of the format of a result."""
 
 STATED = (
-    "Means and intervals are recomputed from episodes.csv, and `crowdbench score RUN --replay` recomputes that file. "
+    "Means and intervals are recomputed from episodes.csv, and `crowdbench score RUN` recomputes that file. "
     "Stated by the runs alone: planners with their options, `privileged`, names, times and versions."
 )
 """Note on the facts that a table of runs cannot prove; a re-run, such as a signed verification on a board, does."""
 
-_Texts = dict[str, str]
-_Table = dict[str, Any]
-_Figure = Annotated[float, Field(ge=0.0, le=1e12)]
-_Seconds = Annotated[float, Field(gt=0.0, lt=1e9)]
-_Mean = Annotated[float, Field(ge=-LARGEST, le=LARGEST)] | None
-_Count = Annotated[int, Field(ge=0)]
+Table = dict[str, Any]
+Amount = Annotated[float, Field(ge=0.0, le=1e12)]
+Seconds = Annotated[float, Field(gt=0.0, lt=1e9)]
+Mean = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Count = Annotated[int, Field(ge=0)]
 
-_ALONE: Any = {"__config__": ConfigDict(extra="forbid")}
-_Planner = create_model("_Planner", name=str, options=_Table, files=_Table, facts=_Texts, key=str, **_ALONE)
-_Rest = create_model(
-    "_Rest", replanning=_Table, batch=(int | None, ...), code=str, simulator=int, decision_limit=float, **_ALONE
-)
-_Run = create_model("_Run", __base__=_Rest, planner=_Planner, scenario=str, cases=str, metrics=_Texts)
-_Scenario = create_model(
-    "_Scenario", name=str, layout=(_Table, {}), pedestrians=_Table, dt=_Seconds, time_limit=_Seconds
-)
-_Estimate = create_model("_Estimate", n=int, mean=(_Mean, None))
-_Timing = create_model("_Timing", seconds=_Figure, decision_ms_per_step=(_Figure, 0.0), **_ALONE)
-_Machine = create_model("_Machine", versions=_Texts, isolation=(dict[str, str | _Figure], {}), timing=_Timing, **_ALONE)
-_Record: Any = Literal[RECORD]
-_Stated = create_model("_Stated", __base__=_Machine, privileged=bool, overrides=_Table, record=_Record)
-_Metrics: Any = dict[str, _Estimate]  # type: ignore[valid-type]
-_Found = create_model("_Found", outcomes=dict[str, int], metrics=_Metrics, blocks=(_Count, 0), **_ALONE)
-_Head = create_model("_Head", __base__=_Found, format=int, id=str, run=_Run, scenario=_Scenario, rates=list[str])
-_Result = create_model("_Result", __base__=_Head, recorded=_Count, stated=_Stated, files=_Texts)
-"""The contents of results, see `identity.RunId`. The section `stated` cannot be recomputed from the other files."""
+
+class PlannerPart(BaseModel, extra="forbid"):
+    """The planner of a run, see `identity.PlannerId`."""
+
+    name: str
+    options: Table
+    files: Table
+    facts: dict[str, str]
+    key: str
+
+
+class RunPart(BaseModel, extra="forbid"):
+    """The identity of a run, see `identity.RunId`."""
+
+    planner: PlannerPart
+    scenario: str
+    cases: str
+    replanning: Table
+    batch: int | None
+    metrics: dict[str, str]
+    decision_limit: float
+    code: str
+    simulator: int
+
+
+class ScenarioPart(BaseModel):
+    """The keys of a scenario that are read without loading it. Others are checked when it is loaded."""
+
+    name: str
+    layout: Table = {}
+    pedestrians: Table
+    dt: Seconds
+    time_limit: Seconds
+
+
+class EstimatePart(BaseModel):
+    """The mean of a metric. `RunResult.check` computes all its numbers again."""
+
+    n: int
+    mean: Mean | None = None
+
+
+class TimingPart(BaseModel, extra="forbid"):
+    """Wall-clock times. A robot has no decision time."""
+
+    seconds: Amount
+    decision_ms_per_step: Amount = 0.0
+
+
+class StatedPart(BaseModel, extra="forbid"):
+    """Facts that cannot be computed from the other files."""
+
+    privileged: bool
+    overrides: Table
+    record: Literal[RECORD]  # type: ignore[valid-type]
+    timing: TimingPart
+    versions: dict[str, str]
+    isolation: dict[str, str | Amount] = {}
+
+
+class ResultContents(BaseModel, extra="forbid"):
+    """The contents of `result.json`."""
+
+    format: int
+    id: str
+    run: RunPart
+    scenario: ScenarioPart
+    recorded: Count
+    outcomes: dict[str, int]
+    metrics: dict[str, EstimatePart]
+    blocks: Count = 0
+    rates: list[str]
+    stated: StatedPart
+    files: dict[str, str]
 
 
 def write_result(folder: Path, result: Mapping[str, Any]) -> dict[str, Any]:
@@ -91,7 +146,7 @@ def read_result(directory: Path) -> dict[str, Any]:
         raise InputError(
             f"{directory} is not the directory of a run: {path} cannot be read ({error.strerror}){inside}"
         ) from None
-    check_record(_Result, result, path, "result", FORMAT)
+    check_record(ResultContents, result, path, "result", FORMAT)
     if elsewhere := [name for name in result["files"] if Path(name).name != name]:
         raise InputError(f"{path} lists {elsewhere[0]!r}, but the files of a run lie beside it")
     try:
@@ -120,7 +175,7 @@ def check_result(directory: Path, tables_only: bool = False) -> dict[str, Any]:
         raise InputError(f"{path} is not the file that the run wrote: its sha256 differs; make the run again")
     if result["id"] != digest_of(result["run"]):
         raise InputError(f"{path} has an id that is not that of its run; make the run again")
-    for name in (EPISODES, COMMANDS, RECORDING):
+    for name in (EPISODES, COMMANDS, TRACKS, RECORDING):
         if name not in digests and (directory / name).exists():
             raise InputError(f"{directory / name} is not a file of this run: {RESULT} does not list it; remove it")
     for name, expected in digests.items():

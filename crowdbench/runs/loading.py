@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench import catalog
+from crowdbench.isolation.fork_guard import ForkGuard
 from crowdbench.metrics.user_metrics import load_metrics
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
@@ -38,7 +39,8 @@ def load_run(
     scenario = scenario or catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
     name, is_named = spec.planner, planner is None
     if planner is None:
-        name, planner = catalog.load_planner(spec.planner, spec.options)
+        with ForkGuard(f"planner {name}"):
+            name, planner = catalog.load_planner(spec.planner, spec.options)
     if scenario.tracks:
         with plugin_errors(f"planner {name} raised", " in for_held_out_scene()"):
             planner = planner.for_held_out_scene(scenario.tracks.scene)
@@ -60,10 +62,10 @@ def open_run(spec: RunSpec) -> Iterator[Run]:
     if not spec.isolated:
         yield load_run(spec)
         return
-    from crowdbench.isolation.isolated_planner import IsolatedPlanner, Limits
+    from crowdbench.isolation.isolated_planner import IsolatedPlanner, ResourceLimits
 
     scenario = catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
-    limits, scene = Limits(decision=spec.decision_limit), scenario.tracks.scene if scenario.tracks else None
+    limits, scene = ResourceLimits(decision=spec.decision_limit), scenario.tracks.scene if scenario.tracks else None
     with contextlib.closing(IsolatedPlanner(spec.planner, spec.options, limits, scene=scene)) as planner:
         driver = Driver(planner, planner.name, spec.decision_limit)
         identity = identify(spec.planner, spec.options, driver)

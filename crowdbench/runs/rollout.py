@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome, Trace, World
+from crowdbench.isolation.fork_guard import ForkGuard
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.spec import EVERY_STEP, Replanning
 from crowdbench.scenario.cases import Cases
@@ -85,7 +86,9 @@ def rollout(
         LogsTooLarge: The logs would take more than `LOG_MEMORY`; only with `keep_logs`.
     """
     world = scenario.worlds(cases)
-    driver.reset(world.case)
+    guard = ForkGuard(f"planner {driver.name}")
+    with guard:
+        driver.reset(world.case)
     builder = _TraceBuilder(world, scenario.post_step_rule is not None, bool(scenario.crowd.groups))
     shares = None if progress is None else _Shares(len(world), progress)
     start, rows = world, np.arange(len(world))
@@ -98,7 +101,8 @@ def rollout(
             future = limit_velocities(world, crowd) if driver.privileged else None
             obs = observe(world, rows, future, {} if keep_logs else None)
             steps = replanning.steps_to_plan(t)
-            commands = driver.decide(obs)[:, None] if steps == 1 else driver.decide_ahead(obs, steps)
+            with guard:
+                commands = driver.decide(obs)[:, None] if steps == 1 else driver.decide_ahead(obs, steps)
             builder.log(rows, t, obs.logs or {})
         after, check = step(world, commands[:, ahead], crowd, scenario.post_step_rule)
         builder.add(rows, t, commands[:, ahead], after, check)

@@ -14,7 +14,6 @@ def track_at(world: World, step: Int[np.ndarray, "world"]) -> Float[np.ndarray, 
     """Return the positions of recorded pedestrians.
 
     Args:
-        world: The worlds.
         step: The step of each world.
 
     Returns:

@@ -69,7 +69,6 @@ def with_nearest(obs: Observation, number: int | None) -> Observation:
     """Return an observation of the nearest pedestrians only.
 
     Args:
-        obs: The observation.
         number: Largest number of pedestrians in the new observation; all if None.
 
     Returns:

@@ -74,11 +74,11 @@ class Config:
     """The fields that `command` has even with their defaults."""
 
     def __post_init__(self) -> None:
-        require_count(self.length, getattr(self, self.length))
+        require_count(flag(self.length), getattr(self, self.length))
         in_range = is_integer(self.seed) and 0 <= self.seed <= MOST_SEED
-        require("seed", self.seed, in_range, f"a whole number from 0 to {MOST_SEED}")
+        require("--seed", self.seed, in_range, f"a whole number from 0 to {MOST_SEED}")
         if self.minutes is not None:
-            require_positive("minutes", self.minutes)
+            require_positive("--minutes", self.minutes)
 
     @property
     def program(self) -> str:
@@ -161,7 +161,7 @@ class ValueConfig(DrivingConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name, limit in self.limits.items():
-            require_positive(name, limit)
+            require_positive(flag(name), limit)
 
     @property
     def limits(self) -> dict[str, float]:

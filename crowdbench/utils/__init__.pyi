@@ -3,7 +3,6 @@ from .defaults import BATCH as BATCH
 from .defaults import HORIZON as HORIZON
 from .defaults import MOST_AHEAD as MOST_AHEAD
 from .errors import MachineFault as MachineFault
-from .errors import defuse as defuse
 from .errors import describe_error as describe_error
 from .errors import find_named as find_named
 from .errors import is_integer as is_integer

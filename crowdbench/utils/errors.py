@@ -6,13 +6,12 @@ import contextlib
 import difflib
 import math
 import os
-import re
 import signal
 import sysconfig
 import traceback
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, TypeVar
 
 Item = TypeVar("Item")
 
@@ -39,30 +38,9 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C or SIGTERM has arrived. Only crowdbench's own handlers raise it, never a plug-in."""
 
 
-class ForkGuard:
-    """Context that ends forked processes that leave it, because they would write, and remove, the same files.
-
-    Args:
-        who: Name of the forking object, for the message.
-    """
-
-    # Classes instead of generators: pedestrian policies are queried in this context in every step, and a generator
-    # would take as long as the rest of the query.
-    __slots__ = ("_process", "_who")
-
-    def __init__(self, who: str) -> None:
-        self._who = who
-
-    def __enter__(self) -> None:
-        self._process = os.getpid()
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if os.getpid() != self._process:
-            _end_fork(self._who, error)
-
-
-class plugin_errors(ForkGuard):
-    """Context that turns any exception of a plug-in, even SystemExit, into an InputError. Forked processes end here.
+@contextlib.contextmanager
+def plugin_errors(beginning: str, where: str = "") -> Iterator[None]:
+    """Turn any exception of a plug-in, even SystemExit, into an InputError.
 
     Args:
         beginning: Beginning of the sentence, such as `metric mine raised`. The exception's type and message follow.
@@ -72,26 +50,12 @@ class plugin_errors(ForkGuard):
         InputError: The plug-in raised an exception. An InputError of the plug-in is not changed.
         KeyboardInterrupt: The user interrupted it.
     """
-
-    __slots__ = ("_beginning", "_where")
-
-    def __init__(self, beginning: str, where: str = "") -> None:
-        self._who, self._beginning, self._where = "a plug-in", beginning, where
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        super().__exit__(kind, error, trace)
-        if error is not None and not (isinstance(error, InputError) or is_interrupt(error)):
-            raise InputError(f"{self._beginning} {describe_error(error, self._where)}") from error
-
-
-def _end_fork(who: str, error: BaseException | None) -> NoReturn:
-    """End a forked process, without a message if it raised SystemExit."""
-    if isinstance(error, SystemExit) and isinstance(error.code, int | None):
-        os._exit(error.code or 0)
-    message = f"crowdbench: a process that {who} has forked went on with the run and was ended: use os._exit(0)\n"
-    with contextlib.suppress(OSError):  # the stream may be closed
-        os.write(2, message.encode(errors="backslashreplace"))
-    os._exit(1)
+    try:
+        yield
+    except BaseException as error:
+        if isinstance(error, InputError) or is_interrupt(error):
+            raise
+        raise InputError(f"{beginning} {describe_error(error, where)}") from error
 
 
 def is_interrupt(error: BaseException) -> bool:
@@ -105,7 +69,6 @@ def describe_error(error: BaseException, where: str = "") -> str:
     """Return an exception in one line: its type, its message if it can be read, and the line of a user's file.
 
     Args:
-        error: The exception.
         where: Text between type and message, such as ` in reset()`.
     """
     try:
@@ -114,24 +77,20 @@ def describe_error(error: BaseException, where: str = "") -> str:
         if is_interrupt(unreadable):
             raise
         message = "its message cannot be read"
-    return f"{type(error).__name__}{where}" + (f": {message}" if message else "") + _line_of(error)
-
-
-def defuse(text: str) -> str:
-    """Return a text of a plug-in without commands for services that read logs, such as `::error::`."""
-    return re.sub(r":(?=:)|##(?=\[)", r"\g<0> ", text)
-
-
-def harmless(text: str) -> str:
-    """Return a text of a plug-in as printable ASCII, so that it cannot act on a terminal, and defused."""
-    return defuse("".join(item if " " <= item <= "~" else ascii(item)[1:-1] for item in text))
+    sentence = f"{type(error).__name__}{where}"
+    if message:
+        sentence += f": {message}"
+    return sentence + _line_of(error)
 
 
 def _line_of(error: BaseException) -> str:
     """Return the innermost line of an exception outside of installed packages, as `, in line 8 of mine.py`."""
-    lines = [(frame.f_code.co_filename, number) for frame, number in traceback.walk_tb(error.__traceback__)]
-    users = [(Path(file), number) for file, number in lines if not file.startswith(("<", *INSTALLED))]
-    return f", in line {users[-1][1]} of {users[-1][0].name}" if users else ""
+    place = ""
+    for frame, number in traceback.walk_tb(error.__traceback__):
+        file = frame.f_code.co_filename
+        if not file.startswith(("<", *INSTALLED)):
+            place = f", in line {number} of {Path(file).name}"
+    return place
 
 
 def is_integer(value: Any) -> bool:
@@ -170,16 +129,17 @@ def find_named(kind: str, name: str, known: Mapping[str, Item], suffix: str = ""
 
     Args:
         kind: The noun for each of them, such as `planner`.
-        name: The name.
         known: The items by their names.
         suffix: Suffix of the files in which users define others, such as `.py`; empty if they cannot.
     """
     if name not in known:
-        hint = f", or give a file: ./mine{suffix}" if suffix else ""
-        files = [f"./{name}{suffix}"] if suffix and os.path.isfile(name + suffix) else []
-        raise InputError(
-            f"no {kind} is called {name!r}{did_you_mean(name, known, files)}; there are {', '.join(known)}{hint}"
-        )
+        files, hint = [], ""
+        if suffix:
+            hint = f", or give a file: ./mine{suffix}"
+            if os.path.isfile(name + suffix):
+                files = [f"./{name}{suffix}"]
+        meant = did_you_mean(name, known, files)
+        raise InputError(f"no {kind} is called {name!r}{meant}; there are {', '.join(known)}{hint}")
     return known[name]
 
 
@@ -187,11 +147,12 @@ def did_you_mean(name: str, known: Iterable[str], files: Sequence[str] = ()) -> 
     """Return ` (did you mean A or B?)` with names that resemble a name or contain it as a word; else empty.
 
     Args:
-        name: The name.
         known: The existing names.
         files: Files of that name, which come first.
     """
     names = list(known)
-    close = difflib.get_close_matches(name, names, 2) or [other for other in names if name in other.split("_")]
-    meant = " or ".join([*files, *close][:2])
-    return f" (did you mean {meant}?)" if meant else ""
+    close = difflib.get_close_matches(name, names, 2)
+    if not close:
+        close = [other for other in names if name in other.split("_")]
+    meant = [*files, *close][:2]
+    return f" (did you mean {' or '.join(meant)}?)" if meant else ""

@@ -91,11 +91,7 @@ def new_directory(path: Path, overwrite: bool, mark: str = RUN) -> Iterator[Path
 
 
 def check_free(path: Path, overwrite: bool, mark: str = RUN) -> Path:
-    """Check in advance whether `new_directory` can write; its arguments and errors are the same.
-
-    Returns:
-        The resolved path.
-    """
+    """Check in advance whether `new_directory` can write; its arguments and errors are the same."""
     try:
         path = path.resolve()
         # Before all checks: an interrupted replacement may have renamed an earlier run.
@@ -134,7 +130,8 @@ def _partial(path: Path) -> Iterator[Path]:
     """
     _clear_abandoned(path.parent)
     token = secrets.token_hex(4)
-    partial, lock = (path.with_name(f".{path.name}.{role}-{token}") for role in ("partial", "lock"))
+    partial = path.with_name(f".{path.name}.partial-{token}")
+    lock = path.with_name(f".{path.name}.lock-{token}")
     try:
         # First, because FileLock would wait if the file cannot be made.
         lock.touch()
@@ -151,8 +148,11 @@ def _partial(path: Path) -> Iterator[Path]:
 def _clear_abandoned(folder: Path) -> None:
     """Remove partial directories of killed processes from a folder: directories with a lock that no process holds."""
     with contextlib.suppress(OSError):  # raised if the folder does not exist yet, or cannot be read
-        for match in filter(None, map(_LOCK.fullmatch, os.listdir(folder))):
-            lock, partial = folder / match[0], folder / f"{match[1]}partial-{match[2]}"
+        for name in os.listdir(folder):
+            match = _LOCK.fullmatch(name)
+            if match is None:
+                continue
+            lock, partial = folder / name, folder / f"{match[1]}partial-{match[2]}"
             # Raised if the lock is held, because its process is alive, if the file belongs to another user, and on a
             # file system without locks, on which `hold_lock` would continue.
             with contextlib.suppress(OSError, NotImplementedError), FileLock(lock, timeout=0):

@@ -16,14 +16,8 @@ def check_record(model: type[Model], contents: Any, path: Path, what: str, versi
     """Check the contents of a JSON file.
 
     Args:
-        model: Model of the contents.
-        contents: The contents of the file.
-        path: The file.
         what: The word for what it describes, such as "entry".
         version: The version of the format, which the file has under the key `format`.
-
-    Returns:
-        The contents.
 
     Raises:
         InputError: The file has another format, or anything in it is missing or wrong.

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from types import FrameType
 
 MAX_FACTOR = 10.0
 """Largest elapsed time as a multiple of the limit, even if a process waits for a processor."""
@@ -27,7 +30,6 @@ class FairLimit:
         head: The seconds at the start that always count.
 
     Args:
-        seconds: The limit.
         processes: Function that returns the ids of the working processes, called at each check.
     """
 
@@ -64,6 +66,36 @@ def _waited(processes: Iterable[int]) -> dict[Path, float]:
             with contextlib.suppress(OSError, ValueError, IndexError):  # it has ended, or the kernel does not report it
                 waited[thread] = int((thread / "schedstat").read_text().split()[1]) / 1e9
     return waited
+
+
+class TimeLimit(BaseException):
+    """Raised inside a planner that takes too long. Not an Exception, which planners may catch."""
+
+
+@contextlib.contextmanager
+def interrupted_after(limit: FairLimit) -> Iterator[None]:
+    """Raise TimeLimit inside the context when a limit is over, if this is the main thread, which receives signals."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        # An exception in the code that leaves the context would keep the timer running.
+        is_leaving = frame is not None and frame.f_code.co_filename in (__file__, contextlib.__file__)
+        if limit.over() and not is_leaving:
+            raise TimeLimit
+
+    handler = signal.signal(signal.SIGALRM, interrupt)
+    # Repeated until the limit is over, and because planners may catch the exception and continue.
+    timer = signal.setitimer(signal.ITIMER_REAL, limit.head, min(0.5, limit.head))
+    try:
+        yield
+    finally:
+        # The last alarm may still arrive here.
+        try:
+            signal.setitimer(signal.ITIMER_REAL, *timer)
+        finally:
+            signal.signal(signal.SIGALRM, handler)
 
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of malloc.h

@@ -8,7 +8,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -55,20 +55,29 @@ def format_tables(grids: Sequence[Grid], kind: Format) -> str:
     Titles are printed if there are several tables: above them in Markdown and LaTeX, in the first column in CSV. LaTeX
     needs the package booktabs. Intervals are indices in LaTeX, so that some metrics fit a column of a paper.
     """
+    is_single = len(grids) == 1
     if kind is Format.JSON:
-        records = {grid.title: plain(list(grid.records)) for grid in grids}
-        return json.dumps(records if len(grids) > 1 else plain(list(grids[0].records)), indent=2)
+        tables = {grid.title: plain(list(grid.records)) for grid in grids}
+        return json.dumps(tables[grids[0].title] if is_single else tables, indent=2)
     if kind is Format.CSV:
-        titles = [{"table": grid.title} if len(grids) > 1 else {} for grid in grids]
-        pairs = zip(titles, grids, strict=True)
-        return _csv([{**title, **flatten(plain(record))} for title, grid in pairs for record in grid.records])
-    title = "### " if kind is Format.MARKDOWN else "% "
-    below = [f"\n\n{grid.note}" if grid.note else "" for grid in grids]
-    pages = [markdown(grid.header, grid.rows) + note for grid, note in zip(grids, below, strict=True)]
-    texts = pages if kind is Format.MARKDOWN else list(map(_latex, grids))
-    if len(grids) == 1:
+        records = []
+        for grid in grids:
+            title = {} if is_single else {"table": grid.title}
+            records += [title | flatten(plain(record)) for record in grid.records]
+        return _csv(records)
+    if kind is Format.LATEX:
+        texts, mark = [_latex(grid) for grid in grids], "%"
+    else:
+        texts, mark = [_page(grid) for grid in grids], "###"
+    if is_single:
         return texts[0]
-    return "\n\n".join(f"{title}{grid.title}\n\n{text}" for grid, text in zip(grids, texts, strict=True))
+    return "\n\n".join(f"{mark} {grid.title}\n\n{text}" for grid, text in zip(grids, texts, strict=True))
+
+
+def _page(grid: Grid) -> str:
+    """Return a table in Markdown with its note below."""
+    table = markdown(grid.header, grid.rows)
+    return f"{table}\n\n{grid.note}" if grid.note else table
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -78,8 +87,11 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         header: The headings of the columns.
         rows: The cells of each row.
     """
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines)
+    lines = []
+    for row in (header, ["---"] * len(header), *rows):
+        cells = [cell.replace("|", r"\|") for cell in row]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def plain(value: Any) -> Any:
@@ -95,25 +107,42 @@ def plain(value: Any) -> Any:
 
 def floating(table: str, caption: str | None, label: str | None) -> str:
     """Return a LaTeX table in a floating environment with a caption and a label, both as LaTeX."""
-    head = [rf"\caption{{{caption}}}"] if caption else []
-    head += [rf"\label{{{label}}}"] if label else []
-    return "\n".join([r"\begin{table}", r"\centering", *head, table, r"\end{table}"])
+    lines = [r"\begin{table}", r"\centering"]
+    if caption:
+        lines.append(rf"\caption{{{caption}}}")
+    if label:
+        lines.append(rf"\label{{{label}}}")
+    return "\n".join([*lines, table, r"\end{table}"])
 
 
 def _latex(grid: Grid) -> str:
     """Return a table with the rules of the package booktabs, and its note below, in a group of smaller type."""
     align = grid.align or "l".ljust(len(grid.header), "r")
-    heads, *rows = ([*map(_escaped, cells)] for cells in (grid.header, *grid.rows))
-    heads = [rf"\shortstack{{{cell}}}".replace(", ", r"\\") if ", " in cell else cell for cell in heads]
-    top, *below = (" & ".join(cells) + r" \\" for cells in (heads, *rows))
-    lines = [rf"\begin{{tabular}}{{{align}}}", r"\toprule", top, r"\midrule", *below, r"\bottomrule", r"\end{tabular}"]
-    note = [rf"\\[1ex] Indices: 95 \% interval. {_escaped(grid.note)}"] if grid.note else []
-    return "\n".join([r"{\footnotesize\setlength{\tabcolsep}{3pt}", *lines, *note, r"\par}"])
+    lines = [r"{\footnotesize\setlength{\tabcolsep}{3pt}", rf"\begin{{tabular}}{{{align}}}", r"\toprule"]
+    lines += [_latex_row(_stacked(_escaped(heading)) for heading in grid.header), r"\midrule"]
+    lines += [_latex_row(map(_escaped, row)) for row in grid.rows]
+    lines += [r"\bottomrule", r"\end{tabular}"]
+    if grid.note:
+        lines.append(rf"\\[1ex] Indices: 95 \% interval. {_escaped(grid.note)}")
+    return "\n".join([*lines, r"\par}"])
+
+
+def _latex_row(cells: Iterable[str]) -> str:
+    return " & ".join(cells) + r" \\"
+
+
+def _stacked(heading: str) -> str:
+    """Return a heading in LaTeX with a line for each part between commas."""
+    if ", " not in heading:
+        return heading
+    lines = heading.replace(", ", r"\\")
+    return rf"\shortstack{{{lines}}}"
 
 
 def _escaped(text: str) -> str:
     """Return a text in LaTeX: intervals of estimates become indices, and bold Markdown becomes bold LaTeX."""
-    plain = re.sub(r"\^(\d)", r"$^\1$", re.sub(r"([%&_#{}])", r"\\\1", text.replace(r"\*", "*")))
+    plain = re.sub(r"([%&_#{}])", r"\\\1", text.replace(r"\*", "*"))
+    plain = re.sub(r"\^(\d)", r"$^\1$", plain)
     plain = re.sub(r" \((-?[\d.]+) to (-?[\d.]+)\)", r"$_{\1}^{\2}$", plain)
     return re.sub(r"\*\*(.+?)\*\*", r"\\textbf{\1}", plain).replace("†", r"$^\dagger$").replace("≥", r"$\geq$")
 
@@ -125,9 +154,8 @@ def _csv(records: Sequence[Mapping[str, Any]]) -> str:
     writer = csv.DictWriter(text, list(names), lineterminator="\n")
     writer.writeheader()
     for record in records:
-        writer.writerow(
-            {name: json.dumps(value) if isinstance(value, list) else value for name, value in record.items()}
-        )
+        lists = {name: json.dumps(value) for name, value in record.items() if isinstance(value, list)}
+        writer.writerow({**record, **lists})
     return text.getvalue().rstrip("\n")
 
 
@@ -135,5 +163,8 @@ def flatten(record: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return the values of a record, which may contain other records, by their dotted names."""
     flat: dict[str, Any] = {}
     for name, value in record.items():
-        flat |= flatten(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
+        if isinstance(value, Mapping):
+            flat |= flatten(value, f"{prefix}{name}.")
+        else:
+            flat[f"{prefix}{name}"] = value
     return flat

@@ -12,13 +12,13 @@ from typing import TypeVar
 Part = TypeVar("Part")
 
 
-class _Here(threading.local):
+class _ThreadState(threading.local):
     """State of a thread."""
 
     is_worker = False
 
 
-_here = _Here()
+_state = _ThreadState()
 
 
 def share(work: Callable[[Part], None], parts: Iterable[Part], threads: int, start: Callable[[], None] | None) -> None:
@@ -28,12 +28,10 @@ def share(work: Callable[[Part], None], parts: Iterable[Part], threads: int, sta
 
     Args:
         work: Called with each part once.
-        parts: The parts.
-        threads: The number of threads.
         start: Called in each thread of the pool when it starts.
     """
     parts = list(parts)
-    if min(len(parts), threads) <= 1 or _here.is_worker:
+    if min(len(parts), threads) <= 1 or _state.is_worker:
         for part in parts:
             work(part)
         return
@@ -48,7 +46,7 @@ def _workers(threads: int, start: Callable[[], None] | None) -> ThreadPoolExecut
     """Return a pool of threads, which is cached. New threads start slowly, without buffers for matrix products."""
 
     def begin() -> None:
-        _here.is_worker = True
+        _state.is_worker = True
         if start is not None:
             start()
 

@@ -32,11 +32,7 @@ def read_toml(path: Path, kind: str) -> dict[str, Any]:
     """Read a TOML file.
 
     Args:
-        path: The file.
         kind: The word for what the file describes, such as "scenario".
-
-    Returns:
-        The table of the file.
 
     Raises:
         InputError: The file cannot be read, or is not TOML.
@@ -77,7 +73,9 @@ def toml(text: str) -> dict[str, Any]:
 
 
 def _children(value: Any) -> Iterable[Any]:
-    return value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    if isinstance(value, dict):
+        return value.values()
+    return value if isinstance(value, list) else ()
 
 
 class TomlTable(BaseModel):
@@ -104,18 +102,17 @@ class Location:
         """Return a location below this one: keys, and indices of lists, which errors count from 1."""
         key = self.key
         for part in path:
-            key += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if key else part
+            if isinstance(part, int):
+                key += f"[{part + 1}]"
+            else:
+                key = f"{key}.{part}" if key else part
         return Location(self.file, key)
 
     def wrong(self, value: str, expected: str) -> InputError:
         """Return the error with the value at this location and the valid values.
 
         Args:
-            value: The value.
             expected: Description of valid values.
-
-        Returns:
-            The error.
         """
         return InputError(f"{self.file}: {self.key} is {value}, but must be {expected}")
 
@@ -133,9 +130,7 @@ def parse_table(model: type[Model], table: Mapping[str, Any], location: Location
     """Check a table.
 
     Args:
-        model: Model of the table.
         table: The table, as read from the file.
-        location: The location of the table.
 
     Returns:
         The table, with defaults for missing keys.
@@ -162,9 +157,6 @@ def number(default: Any = ..., *, above: float | None = None, least: float | Non
         above: It must be larger than this.
         least: Or it must be at least this.
         below: It must be smaller than this.
-
-    Returns:
-        The field.
     """
     bound = f"above {above:g}" if least is None else f"of at least {least:g}"
     return Field(default=default, gt=above, ge=least, lt=below, description=f"a number {bound} and below {below:g}")
@@ -177,9 +169,6 @@ def integer(default: Any = ..., *, least: int, most: int) -> Any:
         default: Its value if it is left out; without a default, the field is required.
         least: The smallest number allowed.
         most: The largest number allowed.
-
-    Returns:
-        The field.
     """
     return Field(default=default, ge=least, le=most, description=f"a whole number from {least} to {most}")
 
@@ -188,11 +177,7 @@ def choice(names: Iterable[str], default: Any = ...) -> Any:
     """Return a field for one of several names.
 
     Args:
-        names: The names.
         default: Its value if it is left out; without a default, the field is required.
-
-    Returns:
-        The field.
     """
     known = list(names)
     description = "one of " + ", ".join(f'"{name}"' for name in known)
@@ -238,7 +223,8 @@ def _explained(
             unknown = location.at(*path[:depth]).key
             meant = did_you_mean(part, fields)
             return InputError(f"{location.file}: unknown key {unknown}{meant}; the keys here are {', '.join(fields)}")
-        if description := fields[part].description:
+        description = fields[part].description
+        if description:
             key, expected = path[:depth], description
         owner = _table_in(fields[part].annotation)
     return location.at(*key).wrong(_value_at(table, key), expected)

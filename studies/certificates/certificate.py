@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench import METRICS, Cases, Driver, InputError, Outcome, Scenario, Trace, load_planner, rollout
-from crowdbench.core import PERFECT, SPLITS
+from crowdbench.core import PERFECT_SENSOR, SPLITS
 from crowdbench.runs import Parts, PlannerId, Playback, Progress, Run, RunSpec, fit_batch, make_run
 from crowdbench.scenario import LARGEST, Certified, Examined
 from crowdbench.utils import hold_lock, write_whole
@@ -82,7 +82,7 @@ def certificates(scenario: Scenario, cases: Cases, margins: Sequence[float], pro
         InputError: The scenario breaks its contract.
     """
     # The vehicle's sensor need not be simulated: it does not affect pedestrians, and planners are better without noise.
-    scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT))
+    scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT_SENSOR))
     drivers = [Driver(load_planner(name)[1], name) for name in PLANNERS]
     driven = [(driver.name, rollout(driver, scenario, cases, undisturbed=False)) for driver in drivers]
     found: dict[int, Certificate] = {}

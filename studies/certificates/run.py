@@ -42,7 +42,7 @@ def certify(
 ) -> None:
     """Find commands by which the vehicle succeeds in the cases of a scenario, given the pedestrians' future.
 
-    They are stored as a run, which `crowdbench score DIR --replay` simulates again.
+    They are stored as a run, which `crowdbench score DIR` simulates again.
 
     Args:
         scenario: Name of a scenario, or a file of your own: ./mine.toml.
@@ -67,7 +67,7 @@ def certify(
     seconds = time.monotonic() - start
     print("\n".join(_report(loaded, examined, margin, rows, seconds)))
     run = directory / examined.split
-    print(f"\nKept in {run}; `crowdbench score {run} --replay` checks it.")
+    print(f"\nKept in {run}; `crowdbench score {run}` checks it.")
     if examined.start == 0:
         folder = scenario_path(scenario).parent
         listed, place = directory / f"{loaded.name}.toml", folder / FOLDER / f"{loaded.name}.toml"

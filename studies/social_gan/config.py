@@ -45,7 +45,7 @@ class SocialGANConfig(Config):
         if self.data is None and not (self.held_out is None and self.dt is None):
             raise InputError("--held-out and --dt are for recorded tracks: give them with --data")
         if self.dt is not None and not self.dt >= 0.01:
-            raise InputError(f"dt is {self.dt}, but must be a number, 0.01 or more")
+            raise InputError(f"--dt is {self.dt}, but must be a number, 0.01 or more")
 
     def _scenario_words(self) -> list[str]:
         return super()._scenario_words() if self.data is None else ["--data", Path(self.data).name]

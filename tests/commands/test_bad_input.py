@@ -341,15 +341,14 @@ def test_forked_workers_end_by_signals_and_quietly():
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-@pytest.mark.parametrize("context", ["ForkGuard('planner p')", "plugin_errors('p raised')"])
 @pytest.mark.parametrize(
     ("ends", "status", "told"), [("pass", 1, "has forked"), ("raise ValueError", 1, "has forked"), ("exit(3)", 3, "")]
 )
-def test_a_forked_process_does_not_go_on_with_the_run(context, ends, status, told):
+def test_a_forked_process_does_not_go_on_with_the_run(ends, status, told):
     code = (
         "import os\n"
-        "from crowdbench.utils.errors import ForkGuard, plugin_errors\n"
-        f"with {context}:\n"
+        "from crowdbench.isolation.fork_guard import ForkGuard\n"
+        "with ForkGuard('planner p'):\n"
         "    child = os.fork()\n"
         f"    if child == 0: {ends}\n"
         "print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))\n"

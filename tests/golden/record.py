@@ -1,7 +1,8 @@
 """Records what the shipped learned planners decide: python tests/golden/record.py, after their weights have changed.
 
 `states.npz` holds observations, the same for all planners. `<planner>.json` holds the outcome of each golden case, and
-the command that is decided in each of the states: after shortlist, limits and exploration, where there are any.
+the command that is decided in each of the states: after shortlist, limits and exploration, where there are any. They
+hold for the version of the simulator and for the digest of `circle_crossing_5` in `episodes.json`.
 """
 
 import dataclasses

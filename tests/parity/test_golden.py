@@ -1,4 +1,4 @@
-"""The shipped learned planners still decide what they did when they were recorded."""
+"""Shipped planners drive, and metrics are, as they were recorded for this version of the simulator."""
 
 import json
 import os
@@ -9,9 +9,12 @@ import sys
 import numpy as np
 import pytest
 import torch
+from golden import episodes
 from golden.record import FOLDER, PLANNERS, POLICY, SEQUENCES, losses, outcomes, states_of
 
-from crowdbench import load_planner
+from crowdbench import load_planner, load_scenario
+from crowdbench.catalog import PLANNERS as SHIPPED
+from crowdbench.runs import SIMULATOR
 
 TIE = 1e-5
 """Values that differ by less are a tie, which may fall either way: networks round by the shape of their batch."""
@@ -85,6 +88,81 @@ def test_golden_commands_of_a_policy_are_as_recorded(weights, is_same, threads):
 @pytest.mark.parametrize(("name", "options"), [(name, options) for name in PLANNERS for options in CHANGES[name]])
 def test_golden_commands_notice_a_change_of_any_part(name, options):
     assert not decides_as_recorded(name, **options)
+
+
+RECORDED = json.loads(episodes.FILE.read_text())
+
+
+@pytest.mark.parametrize(
+    "planner", [pytest.param(name, marks=[pytest.mark.slow] * (name in episodes.SLOW)) for name in episodes.shipped()]
+)
+def test_every_shipped_planner_drives_as_recorded(planner):
+    found = {"simulator": SIMULATOR, "scenarios": {}, "episodes": {}, "metrics": {}}
+    for name in episodes.OF_EVERY_PLANNER:
+        scenario = load_scenario(name)
+        found["scenarios"][name] = scenario.digest
+        if episodes.drives_in(planner, name):
+            cases = episodes.cases_of(planner, scenario)
+            found["episodes"][f"{name} {cases} {planner}"] = episodes.episode(planner, scenario, cases)
+    assert episodes.differences(RECORDED, found) == []
+
+
+@pytest.mark.parametrize("name", ["circle_crossing_5_visible", "doorway_10"])
+def test_metrics_are_as_recorded(name):
+    scenario = load_scenario(name)
+    tables = episodes.measure_metrics(scenario)
+    found = {"simulator": SIMULATOR, "scenarios": {name: scenario.digest}, "episodes": {}, "metrics": tables}
+    assert episodes.differences(RECORDED, found) == []
+
+
+def test_episodes_of_all_shipped_planners_are_recorded():
+    assert {key.split()[-1] for key in RECORDED["episodes"]} == set(SHIPPED.built_in())
+
+
+def moved_position(found):
+    found["episodes"]["a test:0:1 cadrl"]["after"][0][1] += 0.001
+
+
+def moved_metric(found):
+    found["metrics"]["a orca"]["success_rate"][1] += 1e-6
+
+
+def moved_trace(found):
+    found["episodes"]["a test:0:1 orca"] = "00"
+
+
+def other_scenario(found):
+    found["scenarios"]["a"] = "another"
+    moved_trace(found)
+
+
+def other_simulator(found):
+    found["simulator"] += 1
+    moved_trace(found)
+
+
+CHANGED = {
+    moved_position: f"a test:0:1 cadrl {episodes.MOVED}",
+    moved_metric: f"a orca {episodes.MOVED}",
+    moved_trace: f"a test:0:1 orca {episodes.MOVED}",
+    other_scenario: "a is a new or another scenario: record anew",
+    other_simulator: "all is recorded for version 1 of the simulator: record anew",
+}
+
+
+@pytest.mark.parametrize("change", CHANGED, ids=lambda change: change.__name__)
+def test_what_moves_while_its_scenario_is_the_same_asks_for_another_version_of_the_simulator(change):
+    outcome = {"outcomes": ["success"], "after": [[1.0, 2.0]]}
+    recorded = {
+        "simulator": 1,
+        "scenarios": {"a": "digest"},
+        "episodes": {"a test:0:1 orca": "ff", "a test:0:1 cadrl": outcome},
+        "metrics": {"a orca": {"success_rate": [None, 1.0]}},
+    }
+    found = json.loads(json.dumps(recorded))
+    assert episodes.differences(recorded, found) == []
+    change(found)
+    assert episodes.differences(recorded, found) == [CHANGED[change]]
 
 
 @pytest.mark.slow

@@ -106,7 +106,6 @@ class World:
         Args:
             position: Centres in metres.
             radius: Radii in metres.
-            rules: The rules of the scenario.
             parameters: By policy and name, the parameters of the policies.
             **others: Other fields. TypeError is raised if there is no such field.
         """

@@ -147,10 +147,8 @@ def integrate(
 
     Args:
         model: The return value of `compile_model`.
-        walkers: The agents.
         traits: The parameters of each agent, the relaxation time in seconds first.
         time_step: Length of the step in seconds.
-        noise: Noise of the model.
         group: The index of each agent's group, negative without a group; None if there are no groups.
         longest: Longest sub-step in seconds; `SUB_STEP` if None.
 

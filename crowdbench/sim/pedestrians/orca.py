@@ -138,10 +138,8 @@ def avoid(
 
     Args:
         first: Index of the first agent whose velocity is computed.
-        crowd: The agents.
         time_step: Length of a step in seconds.
         obstacles: Polygons in metres.
-        avoidance: The parameters.
 
     Returns:
         Velocities in m/s of the agents from the first one on.

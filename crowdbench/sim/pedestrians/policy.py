@@ -93,9 +93,7 @@ def query_policy(policy: PedestrianPolicy, name: str, world: World) -> tuple[Vel
     """Query a policy for velocities, and check its return value.
 
     Args:
-        policy: The policy.
         name: Its name in errors.
-        world: Its input.
 
     Returns:
         Velocities in m/s, and the new memory of the policy, None without one.
@@ -120,12 +118,7 @@ def init_memory(policy: PolicyWithMemory, name: str, world: World) -> Memory:
     """Return the memory of a policy at the start.
 
     Args:
-        policy: The policy.
         name: Its name in errors.
-        world: Its input.
-
-    Returns:
-        Its memory.
 
     Raises:
         InputError: The policy raises an exception, or does not return arrays with a row per world.
@@ -146,11 +139,7 @@ def validate_memory(answer: object, before: Memory, name: str) -> Memory:
 
     Args:
         answer: Its return value.
-        before: Its input.
         name: Name of the policy in errors.
-
-    Returns:
-        Its memory.
 
     Raises:
         InputError: The arrays of the memory differ from those before in name, shape or type.
@@ -173,7 +162,6 @@ def memory_arrays(name: str, memory: object, path: str = "memory") -> Iterator[t
     Args:
         name: Name of the policy in errors.
         memory: The returned memory of a policy, or a part of it.
-        path: Its name.
 
     Raises:
         InputError: The memory contains objects other than arrays and mappings.
@@ -193,7 +181,6 @@ def validate_shape(answer: object, name: str, world: World) -> Velocities:
     Args:
         answer: The return value of `velocities`.
         name: Name of the policy in errors.
-        world: Its input.
 
     Returns:
         The velocities in m/s.
@@ -214,10 +201,6 @@ def validate_finite(velocity: Velocities, name: str, world: World) -> Velocities
     Args:
         velocity: The return value of a policy, in m/s.
         name: Name of the policy in errors.
-        world: Its input.
-
-    Returns:
-        The velocities.
 
     Raises:
         InputError: The velocity of a present pedestrian is not finite.

@@ -99,7 +99,6 @@ def social_force_velocities(
     """Return the velocity that each agent has at the end of the step, see `forces.integrate`.
 
     Args:
-        walkers: The agents.
         noise: Standard normal numbers, one per agent and axis, for the fluctuation during this step.
         group: The index of each pedestrian's group, negative without a group; None if there are no groups.
         time_step: Length of the step in seconds.

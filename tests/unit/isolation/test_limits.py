@@ -10,7 +10,7 @@ import pytest
 from probes import made
 
 from crowdbench.isolation import limits, sandbox
-from crowdbench.isolation.isolated_planner import Limits
+from crowdbench.isolation.isolated_planner import ResourceLimits
 from crowdbench.isolation.launch import MACHINES
 from crowdbench.utils.errors import InputError
 
@@ -48,7 +48,7 @@ HOARDS = {
 def test_memory_is_counted_wherever_it_lies(where, tmp_path):
     with (
         pytest.raises(InputError, match=r"took 0\.\d GB of memory, more than 0\.4 GB") as error,
-        made(tmp_path, HOARDS[where], Limits(memory=4e8)),
+        made(tmp_path, HOARDS[where], ResourceLimits(memory=4e8)),
     ):
         pytest.fail("it took too much")
     assert str(error.value)[13:].startswith((" took 0.4 ", " took 0.5 "))
@@ -72,7 +72,7 @@ def test_a_file_in_memory_without_a_name_counts_for_a_process_without_a_sandbox(
     body = "file = os.memfd_create('hoard')\nwhile True:\n    os.write(file, bytes(10_000_000))"
     with (
         pytest.raises(InputError, match=r"took 0\.\d GB of memory, more than 0\.4 GB"),
-        made(tmp_path, body, Limits(memory=4e8)),
+        made(tmp_path, body, ResourceLimits(memory=4e8)),
     ):
         pytest.fail("it took too much")
 
@@ -80,7 +80,7 @@ def test_a_file_in_memory_without_a_name_counts_for_a_process_without_a_sandbox(
 @pytest.mark.usefixtures("_groups")
 def test_idle_children_take_what_they_do_not_share(tmp_path):
     with made(
-        tmp_path, "forked(100, lambda: time.sleep(99))\ntime.sleep(1)\nreturn Probe()", Limits(memory=1e9)
+        tmp_path, "forked(100, lambda: time.sleep(99))\ntime.sleep(1)\nreturn Probe()", ResourceLimits(memory=1e9)
     ) as one:
         assert one.process.memory < 5e8
 
@@ -125,7 +125,7 @@ def test_busy_children_share_the_time_of_their_planner(body, tmp_path):
     before = os.times()
     with (
         pytest.raises(InputError, match="took longer than 3 s in its construction"),
-        made(tmp_path, body, Limits(construction=3.0), cores=cores),
+        made(tmp_path, body, ResourceLimits(construction=3.0), cores=cores),
     ):
         pytest.fail("it took too long")
     after = os.times()
@@ -208,14 +208,14 @@ def test_control_groups_are_removed(tmp_path):
 )
 def test_a_delegated_group_limits_memory_and_processes(tmp_path):
     assert limits.describe_limits() == "memory and processes by cgroup v2, and time by cgroup v2"
-    with made(tmp_path, "return Probe()", Limits(memory=1e9)) as planner:
+    with made(tmp_path, "return Probe()", ResourceLimits(memory=1e9)) as planner:
         usage = planner.process.usage
         assert (int(usage._read("memory.max")) // 4096, int(usage._read("pids.max"))) == (10**9 // 4096, 512)
 
 
 FORGED = """
 print('::error::forged', flush=True)
-sys.stderr.write('##[error]forged\\n\\x1b[2J\\u202eadet\\rcareful on five: passes, re-run\\n')
+sys.stderr.write('##[error]forged\\n\\x1b[2J\\u202eadet careful on five: passes, re-run\\n')
 os.write(2, b'no end' * 20_000)
 return Probe()
 """
@@ -230,7 +230,7 @@ def test_what_a_planner_prints_is_harmless(tmp_path, capfd):
     assert lines[0] == "planner probe: : :error: :forged"
     assert lines[1:3] == [
         "planner probe: ## [error]forged",
-        "planner probe: \\x1b[2J\\u202eadet\\rcareful on five: passes, re-run",
+        "planner probe: \\x1b[2J\\xe2\\x80\\xaeadet careful on five: passes, re-run",
     ]
     assert len(shown.err) < 30_000
 

@@ -8,7 +8,7 @@ import pytest
 from probes import probe
 
 from crowdbench.isolation import sandbox
-from crowdbench.isolation.isolated_planner import Limits
+from crowdbench.isolation.isolated_planner import ResourceLimits
 from crowdbench.plugins.kind import ROOT
 from crowdbench.utils.errors import InputError
 
@@ -110,7 +110,7 @@ def test_files_and_folders_that_options_name_are_shown(tmp_path):
 def test_temporary_files_count_as_memory(tmp_path):
     body = "open('/tmp/large', 'wb').write(bytes(700_000_000))\nimport time\ntime.sleep(5)\nreturn Probe({})"
     with pytest.raises(InputError, match=r"took \d\.\d GB of memory, more than 0\.6 GB, in its construction"):
-        probe(tmp_path, body, Limits(memory=6e8))
+        probe(tmp_path, body, ResourceLimits(memory=6e8))
 
 
 def test_a_temporary_folder_holds_no_more_than_its_limit(tmp_path):

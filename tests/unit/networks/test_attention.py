@@ -11,11 +11,11 @@ from lookahead_scenes import DT, crowded
 from crowdbench import load_scenario
 from crowdbench.core.dynamics import Bicycle, Holonomic, Unicycle
 from crowdbench.core.types import Outcome
+from crowdbench.networks.attention_encoder import AttentionEncoder
 from crowdbench.networks.encoders import POLICIES, make_policy
 from crowdbench.networks.features import VEHICLE_FEATURES, features
 from crowdbench.networks.features_ahead import MOTION, RAYS, REACH, STEPS
 from crowdbench.networks.policy import Seen
-from crowdbench.networks.self_attention import AttentionEncoder
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.trained_policy import NetworkPlanner, PolicyInterface
 from crowdbench.predict import ConstantVelocity

@@ -4,8 +4,9 @@ import torch
 from joint_states import scenes
 from torch import nn
 
+from crowdbench.networks.evaluation import evaluate
 from crowdbench.networks.joint_state import DISTANCE, VEHICLE, joint_states
-from crowdbench.networks.value import NETWORKS, evaluate
+from crowdbench.networks.value import NETWORKS
 
 EVERY = pytest.mark.parametrize("name", list(NETWORKS))
 

@@ -298,7 +298,7 @@ def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
     assert np.allclose(window.replaced_car.start, [8.0, 0.0])
     assert np.allclose(window.replaced_car.goal, [8.0 + 2.0 * 0.75 * 4.0, 0.0])
     assert window.replaced_car.speed == pytest.approx(2.0)
-    assert math.dist(window.replaced_car.goal, window.driven.start) >= MIN_TRIP
+    assert math.dist(window.replaced_car.goal, window.replaced_car.start) >= MIN_TRIP
     # Somebody who stands, and three discs that lie along the parked car.
     assert np.allclose(window.track[0], [[10.0, 5.0], [10.0, -5.2], [10.0, -4.0], [10.0, -2.8]])
     assert np.allclose(window.radius[1:], 0.8)

@@ -32,7 +32,7 @@ def test_a_network_that_does_not_exist_is_refused():
         ("cadrl", {"steps": 9}, "--steps is not for cadrl, only for ppo, ppo_attention"),
         ("ppo", {"episodes": 9}, "--episodes is not for ppo, only for cadrl, lstm_rl, sarl"),
         ("sarl", {"episodes": 9, "minutes": 1.0}, "--minutes and --episodes both set the length of a training"),
-        ("sarl", {"minutes": float("inf")}, "minutes is inf, but must be a number above 0"),
+        ("sarl", {"minutes": float("inf")}, "--minutes is inf, but must be a number above 0"),
     ],
 )
 def test_options_that_contradict_each_other_or_the_network_are_refused(network, options, message):

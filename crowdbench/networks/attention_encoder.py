@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from crowdbench.networks.features import VEHICLE_FEATURES
 from crowdbench.networks.features_ahead import MOTION, PEDESTRIAN_AHEAD, RAYS, REACH, STEPS, VEHICLE_AHEAD
+from crowdbench.networks.layers import attention_weights
 from crowdbench.networks.policy import SCALE, Encoder, Seen
 
 HEADS = 4
@@ -48,8 +49,6 @@ class AttentionEncoder(Encoder):
         own = self.own(vehicle / vehicle.new_tensor(VEHICLE_SCALE))
         each = self.each(pedestrians / pedestrians.new_tensor(PEDESTRIAN_SCALE)) * mask[..., None]
         query = self.query(own).unflatten(1, (HEADS, -1))
-        score = (query @ each.mT / query.shape[2] ** 0.5).masked_fill(~mask[:, None], -torch.inf)
-        # Without any pedestrian there is nothing to weight, and softmax would be undefined.
-        weight = torch.softmax(score.masked_fill(~mask.any(dim=1)[:, None, None], 0.0), dim=2)
+        weight = attention_weights(query @ each.mT / query.shape[2] ** 0.5, mask[:, None])
         # ReLU makes all codes 0 or more, so that the zeros of unseen pedestrians never exceed other codes.
         return self.joined(torch.cat([own, (weight @ each).flatten(1), each.amax(dim=1)], dim=1))
