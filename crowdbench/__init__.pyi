@@ -26,8 +26,8 @@ from .planners.policy_planner import PolicyPlanner as PolicyPlanner
 from .planners.reactive import along_walls as along_walls
 from .planners.routes import along_route as along_route
 from .planners.routes import distance_to_walls as distance_to_walls
-from .predict import Prediction as Prediction
-from .predict import Predictor as Predictor
+from .predict.predictor import Prediction as Prediction
+from .predict.predictor import Predictor as Predictor
 from .predict.predictors import load_predictor as load_predictor
 from .predict.roll_out import roll_out as roll_out
 from .results.episodes import Episodes as Episodes

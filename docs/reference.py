@@ -1,10 +1,12 @@
 """The parts of the reference that are generated from the code, as Markdown; `docs/hooks.py` inserts them into pages."""
 
 import dataclasses
+import importlib
 import inspect
 import re
 from collections.abc import Callable, Iterable
 from enum import Enum
+from pathlib import Path
 from typing import Any, get_args
 
 from docstring_parser import DocstringStyle, parse
@@ -172,8 +174,21 @@ def _shape(annotation: object) -> str:
 
 
 def public_names() -> str:
-    """Return a directive of mkdocstrings for each public name."""
-    return "\n\n".join(f"::: crowdbench.{name}" for name in crowdbench.__all__)
+    """Return a directive of mkdocstrings for each public class and function, by the folder that it is imported from."""
+    stubs = Path(crowdbench.__file__).parent.glob("*/__init__.pyi")
+    doors = ["crowdbench", *sorted(f"crowdbench.{path.parent.name}" for path in stubs)]
+    parts = []
+    for door in doors:
+        module = importlib.import_module(door)
+        names = [name for name in module.__all__ if _is_class_or_function(getattr(module, name))]
+        parts += [f"### From {door}", *(f"::: {door}.{name}" for name in names)]
+    return "\n\n".join(parts)
+
+
+def _is_class_or_function(public: object) -> bool:
+    """Return whether a public name is a class or a function of the package; false for types of arrays and constants."""
+    is_ours = getattr(public, "__module__", "").startswith("crowdbench")
+    return is_ours and (inspect.isclass(public) or inspect.isfunction(inspect.unwrap(public)))  # type: ignore[arg-type]
 
 
 def _paragraphs(text: str) -> str:

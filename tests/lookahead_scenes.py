@@ -12,7 +12,7 @@ from crowdbench.core.types import HISTORY, Observation, Outcome, Pedestrians, Ve
 from crowdbench.networks.value import NETWORKS, ValueNetwork, alone
 from crowdbench.planners.kce import Limits
 from crowdbench.planners.scene import scene_of
-from crowdbench.predict import Prediction, Predictor
+from crowdbench.predict.predictor import Prediction, Predictor
 
 DT = 0.25
 

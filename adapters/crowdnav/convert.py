@@ -17,7 +17,7 @@ from torch import Tensor
 
 from crowdbench import InputError
 from crowdbench.cli import help_from_docstring, main
-from crowdbench.networks import NETWORKS, SUFFIX, ValueNetwork, save_network
+from crowdbench.networks import NETWORKS, WEIGHTS_SUFFIX, ValueNetwork, save_network
 
 LAYERS = {
     "sarl": {"mlp1": "embedding", "mlp2": "features", "attention": "attention", "mlp3": "value"},
@@ -79,8 +79,8 @@ def convert(model: Path, out: Path) -> None:
         model: The file rl_model.pth of CrowdNav or of a fork.
         out: The file of weights to write, which ends in .safetensors.
     """
-    if out.suffix != SUFFIX:
-        raise InputError(f"{out} must end in {SUFFIX}")
+    if out.suffix != WEIGHTS_SUFFIX:
+        raise InputError(f"{out} must end in {WEIGHTS_SUFFIX}")
     try:
         content = model.read_bytes()
     except OSError as error:

@@ -25,7 +25,7 @@ import torch
 from jaxtyping import Float, Int
 
 from crowdbench import InputError, Observation, OneWorldPlanner
-from crowdbench.networks import digest
+from crowdbench.networks import weights_digest
 from crowdbench.utils import plugin_errors
 
 STATES = "crowd_sim.envs.utils.state"
@@ -136,7 +136,7 @@ class CrowdNavPlanner(OneWorldPlanner):
         _examine(policy, self.name)
         facts = {"policy": self.name}
         if (network := _network(policy)) is not None:
-            facts["weights"] = digest(network)  # results name no file with these weights
+            facts["weights"] = weights_digest(network)  # results name no file with these weights
         self.facts = facts
         self._states = _state_classes(policy)
         self._policy = _prepare(policy, self.name)

@@ -29,7 +29,7 @@ from numpy._core.multiarray import scalar
 from torch import Tensor
 
 from crowdbench import InputError, Observation, Planner
-from crowdbench.networks import digest, in_disc
+from crowdbench.networks import clip_to_disc, weights_digest
 
 STEPS = 5
 """Number of predicted steps, and of observed positions in the input of a predictor."""
@@ -118,7 +118,7 @@ class CrowdNavPlusPlanner(Planner):
             raise InputError(f"a network of CrowdNav++ has act and base, but this {type(network).__name__} has not")
         self.network, self.predictor = network.eval(), predictor
         self.people, self.numbers = int(network.base.human_num), int(network.base.spatial_attn.input_size)
-        self.facts = {"network": type(network.base).__name__, "weights": digest(network)}
+        self.facts = {"network": type(network.base).__name__, "weights": weights_digest(network)}
         self.reset(np.arange(0))
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
@@ -151,7 +151,7 @@ class CrowdNavPlusPlanner(Planner):
             _, action, _, after = self.network.act(inputs, memory, go_on, deterministic=True)
         for name, kept in self.memory.items():
             kept[row] = after[name]
-        return in_disc(action.double().numpy(), vehicle.preferred_speed)
+        return clip_to_disc(action.double().numpy(), vehicle.preferred_speed)
 
     def _edges(
         self, obs: Observation, row: Int[Tensor, "world"]

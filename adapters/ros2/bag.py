@@ -23,7 +23,7 @@ from rosbags.typesys import get_types_from_msg
 
 from crowdbench import InputError
 from crowdbench.core import norm
-from crowdbench.export import typestore
+from crowdbench.export import ros_typestore
 from crowdbench.scenario import Polygon, read_obstacles
 from crowdbench.utils import describe_error
 
@@ -116,7 +116,7 @@ def read_bag(path: Path, drive: DriveFile) -> Bag:
 
 
 def _read(path: Path, drive: DriveFile) -> Bag:
-    store = typestore()
+    store = ros_typestore()
     for name, text in drive.message_definitions.items():
         store.register(get_types_from_msg(text, name))
     vehicle, people = drive.vehicle, drive.people

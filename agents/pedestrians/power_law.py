@@ -22,10 +22,11 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar, no_type_check
 
+import numpy as np
+from jaxtyping import Float
+
 from crowdbench import PedestrianPolicy, World
-from crowdbench.core import AgentNumbers, AgentPoints
 from crowdbench.sim import (
-    TINY,
     Parameters,
     Velocities,
     Walkers,
@@ -37,6 +38,9 @@ from crowdbench.sim import (
 )
 from crowdbench.utils import njit
 
+AgentNumbers = Float[np.ndarray, "world agent"]
+AgentPoints = Float[np.ndarray, "world agent 2"]
+
 _OVERLAPPING = 0.99
 """For overlapping discs, this share of the distance between the centres replaces the sum of the radii."""
 
@@ -47,6 +51,9 @@ oscillate. In power_law_16 with antipodal goals and without limits, the 99th per
 
 _SHORTEST = 1e-3
 """Lower bound of times to collision in seconds; the force at this time exceeds any bound."""
+
+_SMALLEST_HORIZON = 1e-9
+"""Lower bound of the interaction horizon in seconds, by which the force divides."""
 
 
 PARAMETERS: Mapping[str, float] = {
@@ -93,7 +100,7 @@ def power_law_velocities(
 @njit(forceinline=True)
 def _power_law(i, position, velocity, desired, radius, seen, traits, obstacles, w, noise, group):
     """Return the force on agent i and the share of it that acts, see `compile_model`; the bound reduces the share."""
-    k, tau0, bound = traits[i, 1], max(traits[i, 2], TINY), traits[i, 3]
+    k, tau0, bound = traits[i, 1], max(traits[i, 2], _SMALLEST_HORIZON), traits[i, 3]
     fx, fy, x, y, vx, vy = 0.0, 0.0, position[i, 0], position[i, 1], velocity[i, 0], velocity[i, 1]
     for j in range(len(position)):
         if j == i or not seen[j]:

@@ -22,7 +22,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench import InputError, Observation, Planner, along_route, along_walls, distance_to_walls
+from crowdbench import InputError, Observation, along_route, along_walls, distance_to_walls
+from crowdbench.planners import AheadPlanner
 
 Points = Float[np.ndarray, "world point 2"]
 Paths = Float[np.ndarray, "world agent sample time 2"]
@@ -36,7 +37,7 @@ BATCH = 2
 """Worlds whose risks are computed at once, few enough for them to stay in a core's cache."""
 
 
-class Brne(Planner):
+class Brne(AheadPlanner):
     """Drives along the weighted mean of sampled trajectories at the equilibrium; see `planner` for the parameters.
 
     Raises:
@@ -60,10 +61,6 @@ class Brne(Planner):
                 raise InputError(f"{name} is {value}, but must be above 0")
         self.samples, self.people, self.iterations, self.horizon = samples, people, iterations, horizon
         self.straightness, self.width, self.zone, self.penalty = straightness, width, zone, penalty
-
-    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """See `Planner`."""
-        return self.plan_ahead(obs, 1)[:, 0]
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """See `Planner`. After the horizon, the vehicle stands."""

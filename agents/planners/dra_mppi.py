@@ -24,7 +24,6 @@ Differs from the paper in that
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +32,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from crowdbench import InputError, Observation, Planner, Predictor, along_route, distance_to_walls, load_predictor
+from crowdbench import InputError, Observation, along_route, distance_to_walls, load_predictor
+from crowdbench.planners import AheadPlanner, LastPlans, PredictingPlanner
 
 Sequences = Float[np.ndarray, "world sample time 2"]
 Probabilities = Float[np.ndarray, "world sample"]
@@ -53,14 +53,13 @@ ROUNDING = 0.05
 
 
 @dataclass(eq=False)
-class DraMppi(Planner):
+class DraMppi(PredictingPlanner, AheadPlanner):
     """Drives the weighted mean of sampled sequences; see `planner` for the attributes.
 
     Raises:
         InputError: A number is impossible.
     """
 
-    predictor: Predictor
     samples: int
     horizon: int
     points: int
@@ -73,39 +72,28 @@ class DraMppi(Planner):
     noise: float
     effective: float
 
-    native = True
-
     def __post_init__(self) -> None:
+        super().__post_init__()
         least = {"samples": 3, "horizon": 1, "points": 4, "effective": 1.01, "threshold": 1e-6, "noise": 1e-6}
         for name, value in least.items():
             if getattr(self, name) < value:
                 raise InputError(f"{name} is {getattr(self, name)}, but must be {value:g} or more")
-        self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
         self.deviation = self.spread * halton_splines(self.samples, self.horizon)
-        self.reset(np.arange(0))
-
-    def for_held_out_scene(self, scene: str) -> DraMppi:
-        """See `Planner`."""
-        return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
+        self.last = LastPlans(self.horizon)
 
     def reset(self, rows: np.ndarray) -> None:
         """See `Planner`."""
-        self.last, self.last_step = np.zeros((len(rows), self.horizon, 2)), np.zeros(len(rows), int)
-
-    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """See `Planner`."""
-        return self.plan_ahead(obs, 1)[:, 0]
+        self.last.reset(rows)
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """See `Planner`. After the horizon, the last command is kept."""
         futures = self.predictor.predict(obs, self.horizon).position
-        ahead = np.arange(self.horizon) + (obs.step - self.last_step[obs.row])[:, None]
-        last = np.take_along_axis(self.last[obs.row], np.minimum(ahead, self.horizon - 1)[..., None], axis=1)
+        last = self.last.remaining(obs, np.zeros((len(obs), self.horizon, 2)))
         best = np.empty_like(last)
         for w in range(0, len(obs), BATCH):
             part = slice(w, w + BATCH)
             best[part] = self._search(obs.take(part), futures[part], last[part])
-        self.last[obs.row], self.last_step[obs.row] = best, obs.step
+        self.last.store(obs, best)
         obs.log("predicted", futures)
         return best[:, np.minimum(np.arange(steps), self.horizon - 1)]
 

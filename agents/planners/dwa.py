@@ -15,7 +15,6 @@ from crowdbench.core import norm
 from crowdbench.planners import (
     Commands,
     PredictingPlanner,
-    Velocities,
     radius_inflation,
     scene_of,
     time_left,
@@ -78,10 +77,10 @@ class DWAPlanner(PredictingPlanner):
     horizon: int = 14
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_count("horizon", self.horizon)
-        self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
 
-    def plan(self, obs: Observation) -> Velocities:
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
         vehicle = obs.vehicle
         window = vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, obs.dt)

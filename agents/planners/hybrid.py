@@ -9,27 +9,23 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from crowdbench import MPPIPlanner, Observation, Planner, load_predictor
 from crowdbench.planners import (
-    SEARCH,
-    WEIGHTS,
-    Noise,
-    Paths,
+    MPPISearch,
+    MPPIWeights,
     RadiusInflation,
     Scene,
-    Search,
     Sequence,
     Sequences,
-    Weights,
     load_policy,
 )
 
 HOLDS = 1, 3, 6
 """Numbers of steps for which a proposal holds the policy's command."""
 
-FEWER = dataclasses.replace(SEARCH, samples=100)
+FEWER = dataclasses.replace(MPPIPlanner.search, samples=100)
 
 
 @dataclasses.dataclass(eq=False, kw_only=True)
@@ -70,8 +66,13 @@ class HybridPlanner(MPPIPlanner):
         return np.concatenate([guesses, proposals.reshape(len(obs), -1, self.horizon, 2)], axis=1)
 
     def optimize(
-        self, scene: Scene, inflation: RadiusInflation, hidden: Scene | None, guesses: Sequences, noise: Noise
-    ) -> tuple[Sequence, Paths]:
+        self,
+        scene: Scene,
+        inflation: RadiusInflation,
+        hidden: Scene | None,
+        guesses: Sequences,
+        noise: Float[np.ndarray, "world round sample time 2"],
+    ) -> tuple[Sequence, Float[np.ndarray, "world candidate time 3"]]:
         """See `MPPIPlanner`."""
         best, paths = super().optimize(scene, inflation, hidden, guesses, noise)
         compared = np.concatenate([guesses[:, -2 * len(HOLDS) :], best[:, None]], axis=1)
@@ -84,8 +85,8 @@ def planner(
     weights: str = "ppo_attention",
     patience: float = 1.0,
     predictor: str = "constant_velocity",
-    search: Search = FEWER,
-    costs: Weights = WEIGHTS,
+    search: MPPISearch = FEWER,
+    costs: MPPIWeights = MPPIPlanner.weights,
     horizon: int = 18,
 ) -> HybridPlanner:
     """Make the planner.

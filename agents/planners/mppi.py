@@ -4,13 +4,13 @@ Williams et al., "Information theoretic MPC for model-based reinforcement learni
 """
 
 from crowdbench import MPPIPlanner, load_predictor
-from crowdbench.planners import SEARCH, WEIGHTS, Search, Weights
+from crowdbench.planners import MPPISearch, MPPIWeights
 
 
 def planner(
     predictor: str = "constant_velocity",
-    search: Search = SEARCH,
-    weights: Weights = WEIGHTS,
+    search: MPPISearch = MPPIPlanner.search,
+    weights: MPPIWeights = MPPIPlanner.weights,
     horizon: int = 18,
     worst: float = 1.0,
 ) -> MPPIPlanner:

@@ -5,14 +5,14 @@ GAN: socially acceptable trajectories with generative adversarial networks", CVP
 """
 
 from crowdbench import MPPIPlanner, load_predictor
-from crowdbench.planners import SEARCH, WEIGHTS, Search, Weights
+from crowdbench.planners import MPPISearch, MPPIWeights
 
 
 def planner(
     modes: int = 20,
     worst: float = 1.0,
-    search: Search = SEARCH,
-    weights: Weights = WEIGHTS,
+    search: MPPISearch = MPPIPlanner.search,
+    weights: MPPIWeights = MPPIPlanner.weights,
     horizon: int = 18,
 ) -> MPPIPlanner:
     """Make the planner.

@@ -12,16 +12,15 @@ import numpy as np
 from jaxtyping import Float, Num, Shaped
 
 from crowdbench import Observation, Outcome, Prediction, ValuePlanner
-from crowdbench.core import discount, local_goals
+from crowdbench.core import discount
 from crowdbench.networks import CHUNK, evaluate, in_chunks, joint_states
 from crowdbench.planners import (
-    NO_INFLATION,
     AheadPlanner,
     Scene,
     Sequence,
     Sequences,
     limit_commands,
-    route_from,
+    local_goals_at,
     sarl_planner,
     scene_of,
     try_sequences,
@@ -112,7 +111,7 @@ class SequencePlanner(AheadPlanner):
             scene = scene_of(chunk, futures, 0, chunk.vehicle, horizon)
             best[part] = self._search(scene, guess[part], noise[part])
             if obs.logs is not None:
-                path[part] = try_sequences(scene, best[part, None], NO_INFLATION).motion[:, 0, 1:, :2]
+                path[part] = try_sequences(scene, best[part, None]).motion[:, 0, 1:, :2]
 
         rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1)
         # The guesses beside the samples of the first round are not counted: its chunks are about twice as large.
@@ -174,7 +173,7 @@ class SequencePlanner(AheadPlanner):
         vehicle, crowd = scene.vehicle, scene.crowd
         position, velocity = np.ascontiguousarray(motion[:, :, :2]), motion[:, :, 2:4]
         radius, speed = (_repeat(values, motion.shape[1]) for values in (vehicle.radius, vehicle.preferred_speed))
-        ahead = local_goals(position, *route_from(vehicle, position, scene.obstacles))
+        ahead = local_goals_at(scene, position)
         ego = position, velocity, radius, np.ones(radius.shape, bool)
         others = crowd.position[:, :, -1].mean(axis=1), crowd.velocity.mean(axis=1), crowd.radius, crowd.present
         position, velocity, radius, present = (_join(*pair) for pair in zip(ego, others, strict=True))

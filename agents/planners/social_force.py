@@ -14,11 +14,14 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench import Observation, Planner, along_walls
-from crowdbench.sim import PARAMETERS, TINY, Walkers, social_force_velocities, writable
+from crowdbench.sim import SocialForce, Walkers, social_force_velocities
 
 WIDTH = 1.28
 """Free width in metres below which the force of walls shrinks: twice the distance at which a wall ahead stops a vehicle
 of 1 m/s with the paper's parameters."""
+
+SLOWEST = 1e-9
+"""Smallest preferred speed in m/s, by which the model divides."""
 
 SAME_SIDE = 0.5
 """Cosine of the angle below which two walls are seen to be on the same side, such as the walls of a corner."""
@@ -45,9 +48,9 @@ class SocialForcePlanner(Planner):
         goal = position.copy()
         goal[:, 0] = vehicle.local_goal
         speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
-        agents = position, velocity, goal, radius + self.safety_space, np.maximum(speed, TINY), present
+        agents = position, velocity, goal, radius + self.safety_space, np.maximum(speed, SLOWEST), present
         moves = np.broadcast_to(np.arange(present.shape[1]) == 0, present.shape)  # the model moves nobody else
-        walkers = Walkers(*map(writable, (*agents, moves, obs.obstacles)))
+        walkers = Walkers(*(array.copy() for array in (*agents, moves, obs.obstacles)))  # the model takes no views
         noise, traits = np.zeros_like(position), wall_traits(obs)
         return along_walls(obs, social_force_velocities(walkers, noise, time_step=obs.dt, parameters=traits)[:, 0])
 
@@ -55,7 +58,7 @@ class SocialForcePlanner(Planner):
 def wall_traits(obs: Observation) -> dict[str, Float[np.ndarray, "world 1"]]:
     """Return strength and range of the force of walls, as parameters of `social_force_velocities`."""
     share = np.minimum(free_width(obs.vehicle.position, obs.obstacles) / WIDTH, 1.0)[:, None]
-    return {name: share * PARAMETERS[name] for name in ("wall_strength", "wall_range")}
+    return {name: share * SocialForce.parameters[name] for name in ("wall_strength", "wall_range")}
 
 
 def free_width(

@@ -23,8 +23,7 @@ from crowdbench.metrics.user_metrics import measure
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import OneStepOnly, Planner
 from crowdbench.planners.reactive import ORCAPlanner
-from crowdbench.predict import Predictor
-from crowdbench.predict.predictor import validate_prediction
+from crowdbench.predict.predictor import Predictor, validate_prediction
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases

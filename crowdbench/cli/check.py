@@ -15,7 +15,7 @@ from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
 
 if TYPE_CHECKING:
-    from crowdbench.check import CheckResult
+    from crowdbench.check.checks import CheckResult
 
 
 SCENARIOS = "circle_crossing_5 for planners, else circle_crossing_mixed with a visible vehicle"
@@ -39,7 +39,7 @@ def check(
         scenario: A name or ./mine.toml.
         cases: The cases of the scenario.
     """
-    from crowdbench.check import check_plugin
+    from crowdbench.check.checks import check_plugin
     from crowdbench.check.kinds import PROCEDURES, find_kind, load_subject
     from crowdbench.scenario.cases import Cases
 

@@ -1,10 +1,7 @@
-from .arrays import AgentNumbers as AgentNumbers
-from .arrays import AgentPoints as AgentPoints
-from .arrays import Polygons as Polygons
-from .dynamics.dynamics import HEADINGS as HEADINGS
-from .dynamics.dynamics import REACHED as REACHED
-from .dynamics.dynamics import SPEEDS as SPEEDS
-from .dynamics.dynamics import TURNS as TURNS
+from .dynamics.dynamics import GRID_HEADINGS as GRID_HEADINGS
+from .dynamics.dynamics import GRID_SPEEDS as GRID_SPEEDS
+from .dynamics.dynamics import REACHABLE_SPEEDS as REACHABLE_SPEEDS
+from .dynamics.dynamics import REACHABLE_TURNS as REACHABLE_TURNS
 from .dynamics.dynamics import Dynamics as Dynamics
 from .dynamics.dynamics import State as State
 from .dynamics.kernels import HOLONOMIC as HOLONOMIC
@@ -14,7 +11,6 @@ from .dynamics.vehicles import Bicycle as Bicycle
 from .dynamics.vehicles import Holonomic as Holonomic
 from .dynamics.vehicles import Unicycle as Unicycle
 from .geometry import Discs as Discs
-from .geometry import local_goals as local_goals
 from .geometry import nearest_in_step as nearest_in_step
 from .geometry import norm as norm
 from .geometry import pad_arrays as pad_arrays
@@ -29,5 +25,5 @@ from .types.observation import Pedestrians as Pedestrians
 from .types.observation import Vehicle as Vehicle
 from .types.rules import COLLISION_RULES as COLLISION_RULES
 from .types.rules import HISTORY as HISTORY
-from .types.rules import PERFECT as PERFECT
+from .types.rules import PERFECT_SENSOR as PERFECT_SENSOR
 from .types.rules import RuleNumbers as RuleNumbers

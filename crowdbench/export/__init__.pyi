@@ -1,2 +1,2 @@
 from .replay_page import export_page as export_page
-from .rosbag import typestore as typestore
+from .rosbag import ros_typestore as ros_typestore

@@ -30,7 +30,7 @@ FRAME, ROBOT = "map", "base_link"
 NANOSECONDS = 10**9
 
 
-def typestore() -> Typestore:
+def ros_typestore() -> Typestore:
     """Return the types of messages of the latest ROS 2 and of people_msgs.
 
     Raises InputError if the extra `ros` is not installed.
@@ -56,7 +56,7 @@ def write_bag(trace: Trace, row: int, path: Path) -> None:
     Raises:
         InputError: The extra `ros` is not installed.
     """
-    store = typestore()
+    store = ros_typestore()
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     topics = {

@@ -10,7 +10,6 @@ from .networks import mean_over_networks as mean_over_networks
 from .networks import network_estimate as network_estimate
 from .networks import range_over_networks as range_over_networks
 from .registry import MAIN as MAIN
-from .registry import METRICS as METRICS
 from .registry import UNDISTURBED as UNDISTURBED
 from .registry import info_of as info_of
 from .scenario_means import mean_over_scenarios as mean_over_scenarios

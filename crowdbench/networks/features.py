@@ -119,7 +119,7 @@ def to_world(action: Vectors, axis: Vectors) -> Vectors:
     return x * axis + y * np.stack([-axis[:, 1], axis[:, 0]], axis=1)
 
 
-def in_disc(action: Vectors, radius: Float[np.ndarray, "world"]) -> Vectors:
+def clip_to_disc(action: Vectors, radius: Float[np.ndarray, "world"]) -> Vectors:
     """Return actions of limited length: longer ones are shortened.
 
     Args:

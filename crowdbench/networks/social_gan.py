@@ -16,13 +16,13 @@ from crowdbench.networks.layers import perceptron
 EMBEDDING = 16
 """Size of the embedding of a displacement or a relative position."""
 
-HIDDEN = 32
+SGAN_HIDDEN = 32
 """Size of the state of encoder and decoder."""
 
-WIDE = 64
+SGAN_WIDE = 64
 """Size of the hidden layer of every perceptron."""
 
-NOISE = 8
+SGAN_NOISE = 8
 """Normal numbers per future. All pedestrians of a scene share them, so that their futures belong together."""
 
 
@@ -49,7 +49,7 @@ class Pooling(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.place = nn.Linear(2, EMBEDDING)
-        self.mlp = perceptron(EMBEDDING + HIDDEN, WIDE, HIDDEN)
+        self.mlp = perceptron(EMBEDDING + SGAN_HIDDEN, SGAN_WIDE, SGAN_HIDDEN)
 
     def forward(
         self,
@@ -84,12 +84,14 @@ class Generator(nn.Module):
 
     def __init__(self, pooling: bool = False) -> None:
         super().__init__()
-        self.encoder = TrajectoryEncoder(HIDDEN)
+        self.encoder = TrajectoryEncoder(SGAN_HIDDEN)
         self.pooling = Pooling() if pooling else None
-        self.context = nn.Sequential(perceptron(HIDDEN * (2 if pooling else 1), WIDE, HIDDEN - NOISE), nn.ReLU())
+        self.context = nn.Sequential(
+            perceptron(SGAN_HIDDEN * (2 if pooling else 1), SGAN_WIDE, SGAN_HIDDEN - SGAN_NOISE), nn.ReLU()
+        )
         self.embed = nn.Linear(2, EMBEDDING)
-        self.decoder = nn.LSTMCell(EMBEDDING, HIDDEN)
-        self.move = nn.Linear(HIDDEN, 2)
+        self.decoder = nn.LSTMCell(EMBEDDING, SGAN_HIDDEN)
+        self.move = nn.Linear(SGAN_HIDDEN, 2)
 
     def forward(
         self,
@@ -119,7 +121,7 @@ class Generator(nn.Module):
             hidden = torch.cat([hidden, self.pooling(history[scene, -1, pedestrian], hidden, present)], dim=-1)
         modes, rows = noise.shape[1], len(scene)
         context = self.context(hidden).expand(modes, rows, -1)
-        state = torch.cat([context, noise[scene].transpose(0, 1)], dim=-1).reshape(modes * rows, HIDDEN)
+        state = torch.cat([context, noise[scene].transpose(0, 1)], dim=-1).reshape(modes * rows, SGAN_HIDDEN)
         cell = torch.zeros_like(state)
         move = observed[:, -1].repeat(modes, 1)
         moves = []

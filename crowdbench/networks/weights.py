@@ -24,7 +24,7 @@ from crowdbench.utils.files import read_json, read_regular, write_whole
 WEIGHTS = ROOT / "agents" / "weights"
 """The folder of the built-in weights."""
 
-SUFFIX = ".safetensors"
+WEIGHTS_SUFFIX = ".safetensors"
 """The suffix of files of weights."""
 
 Network = TypeVar("Network", bound=nn.Module)
@@ -32,7 +32,7 @@ Network = TypeVar("Network", bound=nn.Module)
 
 def built_in() -> list[Path]:
     """Return the files of the built-in weights, ordered by name."""
-    return sorted(WEIGHTS.glob(f"*{SUFFIX}"))
+    return sorted(WEIGHTS.glob(f"*{WEIGHTS_SUFFIX}"))
 
 
 def weights_file(weights: str) -> Path:
@@ -40,10 +40,10 @@ def weights_file(weights: str) -> Path:
 
     Raises InputError if no weights have that name.
     """
-    if weights.endswith(SUFFIX):
+    if weights.endswith(WEIGHTS_SUFFIX):
         return Path(weights)
     known = {path.stem: path for path in built_in()}
-    return find_named("file of weights", weights, known, f", or give one: ./mine{SUFFIX}")
+    return find_named("file of weights", weights, known, f", or give one: ./mine{WEIGHTS_SUFFIX}")
 
 
 def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, Any]) -> dict[str, Any]:
@@ -126,7 +126,7 @@ def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> N
     return moved
 
 
-def digest(network: nn.Module) -> str:
+def weights_digest(network: nn.Module) -> str:
     """Return twelve hexadecimal digits that change with the weights."""
     sha = hashlib.sha256()
     for tensor in network.state_dict().values():

@@ -1,4 +1,3 @@
-from .filtered import NO_INFLATION as NO_INFLATION
 from .filtered import FilteredPlanner as FilteredPlanner
 from .filtered import RadiusInflation as RadiusInflation
 from .filtered import radius_inflation as radius_inflation
@@ -6,12 +5,8 @@ from .kce import ChangeCost as ChangeCost
 from .kce import Exploration as Exploration
 from .kce import Limits as Limits
 from .last_plans import LastPlans as LastPlans
-from .mppi import SEARCH as SEARCH
-from .mppi import WEIGHTS as WEIGHTS
-from .mppi import Noise as Noise
-from .mppi import Paths as Paths
-from .mppi import Search as Search
-from .mppi import Weights as Weights
+from .mppi import MPPISearch as MPPISearch
+from .mppi import MPPIWeights as MPPIWeights
 from .planner import AheadPlanner as AheadPlanner
 from .planner import PredictingPlanner as PredictingPlanner
 from .reactive import ORCAPlanner as ORCAPlanner
@@ -21,11 +16,10 @@ from .scene import Commands as Commands
 from .scene import Scene as Scene
 from .scene import Sequence as Sequence
 from .scene import Sequences as Sequences
-from .scene import Velocities as Velocities
 from .scene import scene_of as scene_of
 from .trained_policy import NetworkPlanner as NetworkPlanner
 from .trained_policy import load_policy as load_policy
 from .trials import limit_commands as limit_commands
-from .trials import route_from as route_from
+from .trials import local_goals_at as local_goals_at
 from .trials import time_left as time_left
 from .trials import try_sequences as try_sequences

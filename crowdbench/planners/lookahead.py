@@ -17,13 +17,12 @@ from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.chunks import CHUNK, in_chunks
 from crowdbench.networks.evaluation import evaluate
 from crowdbench.networks.value import ValueNetwork
-from crowdbench.networks.weights import digest
+from crowdbench.networks.weights import weights_digest
 from crowdbench.planners.kce import Limits, Shaping
 from crowdbench.planners.planner import AheadPlanner, PredictingPlanner
 from crowdbench.planners.scene import Commands, Scene, Sequence, Velocities, mean_future, scene_of
 from crowdbench.planners.trials import propagate_vehicle, try_commands
-from crowdbench.predict import Prediction
-from crowdbench.predict.predictor import predict
+from crowdbench.predict.predictor import Prediction, predict
 from crowdbench.utils.errors import require_count
 
 Actions = Callable[[Float[np.ndarray, "world"]], Commands]
@@ -88,11 +87,12 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
     shortlist: int | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.shortlist is not None:
             require_count("shortlist", self.shortlist)
         self.value.eval()
-        self.privileged, self.trained_dt = self.predictor.privileged, self.value.trained_dt
-        self.facts = {"network": self.value.name, "weights": digest(self.value), **self.predictor.facts}
+        self.trained_dt = self.value.trained_dt
+        self.facts = {"network": self.value.name, "weights": weights_digest(self.value), **self.facts}
 
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`. The crowd is predicted once for all steps; the vehicle follows its earlier commands."""

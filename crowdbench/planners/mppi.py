@@ -11,14 +11,13 @@ from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.networks.chunks import CHUNK, in_chunks
-from crowdbench.planners.filtered import NO_INFLATION, RadiusInflation, radius_inflation
+from crowdbench.planners.filtered import RadiusInflation, radius_inflation
 from crowdbench.planners.hidden import hidden_scene
 from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.planner import AheadPlanner, PredictingPlanner
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
 from crowdbench.planners.trials import SequenceResult, limit_commands, propagate_vehicle, time_left, try_sequences
-from crowdbench.predict import Prediction
-from crowdbench.predict.predictor import predict
+from crowdbench.predict.predictor import Prediction, predict
 from crowdbench.utils.errors import is_number, require, require_count, require_not_negative, require_positive
 
 Costs = Float[np.ndarray, "world sequence"]
@@ -31,7 +30,7 @@ SHOWN = 12
 
 
 @dataclasses.dataclass(frozen=True)
-class Search:
+class MPPISearch:
     """Settings of the sampling. Commands are in fractions of their range: from 0 to the preferred speed, or to a limit.
 
     Attributes:
@@ -63,7 +62,7 @@ class Search:
 
 
 @dataclasses.dataclass(frozen=True)
-class Weights:
+class MPPIWeights:
     """Costs of a sequence, as equivalent additional travel time in seconds.
 
     Attributes:
@@ -98,7 +97,7 @@ class Weights:
         require("margin", self.margin, self.margin > 0.0, "above 0")
 
 
-SEARCH, WEIGHTS = Search(), Weights()
+SEARCH, WEIGHTS = MPPISearch(), MPPIWeights()
 
 
 @dataclasses.dataclass(eq=False)
@@ -117,15 +116,15 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         InputError: `horizon` is not a whole number above 0, or `worst` is not in (0, 1].
     """
 
-    search: Search = SEARCH
-    weights: Weights = WEIGHTS
+    search: MPPISearch = SEARCH
+    weights: MPPIWeights = WEIGHTS
     horizon: int = 18
     worst: float = 1.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_count("horizon", self.horizon)
         require("worst", self.worst, is_number(self.worst) and 0.0 < self.worst <= 1.0, "above 0, and 1 at most")
-        self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
         self.last = LastPlans(self.horizon)
 
     def reset(self, rows: np.ndarray) -> None:
@@ -149,7 +148,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
             order = np.argsort(-paths[:, :, 0, 2], axis=1, kind="stable")[:, : shown.shape[1], None, None]
             shown[part] = np.take_along_axis(paths, order, axis=1)
             if obs.logs is not None:
-                path[part] = try_sequences(scene, best[part, None], NO_INFLATION).motion[:, 0, 1:, :2]
+                path[part] = try_sequences(scene, best[part, None]).motion[:, 0, 1:, :2]
 
         rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1) * prediction.position.shape[1]
         in_chunks(fill, len(obs), max(1, 8 * CHUNK // rows))
@@ -211,7 +210,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
     def costs(
         self, scene: Scene, commands: Sequences, inflation: RadiusInflation, hidden: Scene | None = None
     ) -> tuple[Costs, SequenceResult]:
-        """Return the costs of sequences in seconds, see `Weights`, and their simulated results.
+        """Return the costs of sequences in seconds, see `MPPIWeights`, and their simulated results.
 
         The costs are the time to the goal, and penalties for events during the sequence.
 
@@ -224,7 +223,7 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
         result = try_sequences(scene, commands, inflation)
         cost = self._nearness(result, scene.dt) + self.weights.wall * (result.outcome == Outcome.WALL_COLLISION)
         if hidden is not None:
-            cost += self._nearness(try_sequences(hidden, commands, NO_INFLATION), scene.dt)
+            cost += self._nearness(try_sequences(hidden, commands), scene.dt)
         arrived, whole = result.outcome == Outcome.SUCCESS, scene.dt * commands.shape[2]
         cost += np.where(arrived, scene.dt * result.steps, whole + time_left(scene, result)[..., None])
         return self._over_futures(cost) + self._roughness(scene, commands), result

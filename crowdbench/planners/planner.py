@@ -105,6 +105,8 @@ Predicting = TypeVar("Predicting", bound="PredictingPlanner")
 class PredictingPlanner(Planner):
     """Planner with predicted pedestrians, which returns commands of the vehicle's dynamics.
 
+    It is privileged if its predictor is, and has the facts of its predictor.
+
     Attributes:
         predictor: Predicts the pedestrians.
     """
@@ -112,6 +114,9 @@ class PredictingPlanner(Planner):
     predictor: Predictor
 
     native = True
+
+    def __post_init__(self) -> None:
+        self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
 
     def for_held_out_scene(self: Predicting, scene: str) -> Predicting:
         """See `Planner`: with the predictor that was not trained on the scene."""

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.dynamics import FREE
 from crowdbench.core.types import Observation
-from crowdbench.networks.features import direction, in_disc, to_world
+from crowdbench.networks.features import clip_to_disc, direction, to_world
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.validation import AnswerFault, validate_array
 from crowdbench.utils.errors import InputError
@@ -74,7 +74,7 @@ class PolicyPlanner(Planner):
             return action
         if self.action == "goal_frame":
             action = to_world(action, direction(vehicle.position, vehicle.local_goal))
-        return in_disc(action, speed)
+        return clip_to_disc(action, speed)
 
     def _act(self, obs: Observation) -> Any:
         """Return the actions of the function, and store its state."""

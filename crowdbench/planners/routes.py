@@ -41,7 +41,7 @@ def along_route(obs: Observation, length: Float[np.ndarray, "world time"]) -> Po
     size = np.linalg.norm(leg, axis=2)
     end = size.cumsum(axis=1)
     number = np.minimum((length[..., None] > end[:, None]).sum(axis=2), leg.shape[1] - 1)
-    start, leg, size, end = (np.take_along_axis(each, number.reshape(*number.shape, *[1] * (each.ndim - 2)), axis=1)
-                             for each in (corner, leg, size, end))  # fmt: skip
+    start, leg = (np.take_along_axis(points, number[..., None], axis=1) for points in (corner, leg))
+    size, end = (np.take_along_axis(lengths, number, axis=1) for lengths in (size, end))
     share = np.clip(1.0 - (end - length) / np.maximum(size, 1e-9), 0.0, 1.0)
     return start + share[..., None] * leg

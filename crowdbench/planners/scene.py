@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from crowdbench.core.dynamics.kernels import Motion
 from crowdbench.core.types import Observation, Vehicle
-from crowdbench.predict import Prediction
+from crowdbench.predict.predictor import Prediction
 from crowdbench.utils.compiled import njit
 
 Velocities = Float[np.ndarray, "world 2"]

@@ -15,16 +15,15 @@ from jaxtyping import Float
 from crowdbench.core.types import Observation
 from crowdbench.networks.chunks import in_chunks
 from crowdbench.networks.encoders import POLICIES, make_policy
-from crowdbench.networks.features import Features, Vectors, direction, features, in_disc, to_world
+from crowdbench.networks.features import Features, Vectors, clip_to_disc, direction, features, to_world
 from crowdbench.networks.features_ahead import RAYS, REACH, STEPS, features_ahead
 from crowdbench.networks.policy import Policy, Seen
-from crowdbench.networks.weights import digest, load_into, read_card, training_dt, weights_file
+from crowdbench.networks.weights import load_into, read_card, training_dt, weights_digest, weights_file
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import along_walls
 from crowdbench.plugins.kind import file_and_function
 from crowdbench.plugins.plugin_files import read_files
-from crowdbench.predict import Predictor
-from crowdbench.predict.predictor import predict
+from crowdbench.predict.predictor import Predictor, predict
 from crowdbench.predict.predictors import load_predictor
 from crowdbench.sim.lines_of_sight import wall_distances
 from crowdbench.utils.errors import InputError, is_integer
@@ -64,7 +63,7 @@ class PolicyInterface:
             obs: The observation.
             axis: The direction of the goal, as in `Features`.
         """
-        return along_walls(obs, to_world(in_disc(action, obs.vehicle.preferred_speed), axis))  # same direction
+        return along_walls(obs, to_world(clip_to_disc(action, obs.vehicle.preferred_speed), axis))  # same direction
 
 
 @dataclass(eq=False)
@@ -90,7 +89,7 @@ class NetworkPlanner(Planner):
         predictor = self.interface.predictor
         self.privileged = predictor is not None and predictor.privileged
         of_predictor = {} if predictor is None else predictor.facts
-        self.facts = {**of_predictor, "network": self.network, "weights": digest(self.policy)}
+        self.facts = {**of_predictor, "network": self.network, "weights": weights_digest(self.policy)}
         self.reset(np.arange(0))
 
     def for_held_out_scene(self, scene: str) -> NetworkPlanner:

@@ -168,14 +168,14 @@ class SequenceResult(NamedTuple):
 
 
 def try_sequences(
-    scene: Scene, commands: Sequences, margin: Float[np.ndarray, "#world #time #pedestrian"]
+    scene: Scene, commands: Sequences, margin: Float[np.ndarray, "#world #time #pedestrian"] | float = 0.0
 ) -> SequenceResult:
     """Simulate sequences of commands, with the simulator's rules for collisions and the goal.
 
     Args:
         scene: The vehicle and the pedestrians.
         commands: Commands of the vehicle's dynamics.
-        margin: Enlargement of the radius of each pedestrian in each step, in metres.
+        margin: Enlargement of the radius of each pedestrian in each step, in metres; a number, or an array.
     """
     worlds, sequences, steps = commands.shape[:3]
     shape = worlds, sequences, scene.crowd.position.shape[1]
@@ -203,8 +203,12 @@ def limit_commands(commands: Sequences, vehicle: Vehicle) -> Sequences:
 def time_left(scene: Scene, result: SequenceResult) -> Float[np.ndarray, "world sequence"]:
     """Return the seconds from the end of each sequence to the goal, along the route at the preferred speed."""
     position = np.ascontiguousarray(result.motion[:, :, -1, :2])
-    ahead = local_goals(position, *route_from(scene.vehicle, position, scene.obstacles))
-    return norm(ahead - position) / scene.vehicle.preferred_speed[:, None]
+    return norm(local_goals_at(scene, position) - position) / scene.vehicle.preferred_speed[:, None]
+
+
+def local_goals_at(scene: Scene, position: Float[np.ndarray, "world n 2"]) -> Float[np.ndarray, "world n 2"]:
+    """Return the local goal, in metres, that the vehicle of each world would have at several positions."""
+    return local_goals(position, *route_from(scene.vehicle, position, scene.obstacles))
 
 
 @no_type_check

@@ -2,8 +2,6 @@ from .linear import ConstantVelocity as ConstantVelocity
 from .linear import ConstantVelocitySampled as ConstantVelocitySampled
 from .linear import Linear as Linear
 from .linear import Oracle as Oracle
-from .predictor import Prediction as Prediction
-from .predictor import Predictor as Predictor
 from .predictor import predict as predict
 from .predictor import validate_prediction as validate_prediction
 from .social_gan import load_social_gan as load_social_gan

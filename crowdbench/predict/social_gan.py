@@ -14,8 +14,8 @@ from torch import Tensor
 
 from crowdbench.core.types import Observation, Pedestrians
 from crowdbench.networks.chunks import CHUNK, in_chunks
-from crowdbench.networks.social_gan import NOISE, Generator
-from crowdbench.networks.weights import built_in, digest, load_into, read_card, weights_file
+from crowdbench.networks.social_gan import SGAN_NOISE, Generator
+from crowdbench.networks.weights import built_in, load_into, read_card, weights_digest, weights_file
 from crowdbench.predict.predictor import Prediction, Predictor
 from crowdbench.utils.errors import InputError, is_number, require_count
 
@@ -54,14 +54,14 @@ class SocialGAN(Predictor):
 
     def __post_init__(self) -> None:
         require_count("modes", self.modes)
-        self.facts = {"predictor_weights": digest(self.generator.eval())}
+        self.facts = {"predictor_weights": weights_digest(self.generator.eval())}
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """See `Predictor`. There are `modes` modes."""
         scale = self.about["dt"] / obs.dt if self.rescaled else 1.0
         history, present = extrapolated_history(obs.pedestrians), torch.from_numpy(obs.pedestrians.seen)
         # All pedestrians of a future share its noise.
-        noise = torch.from_numpy(obs.noise(NAME, (self.modes, NOISE)).astype(np.float32))
+        noise = torch.from_numpy(obs.noise(NAME, (self.modes, SGAN_NOISE)).astype(np.float32))
         # Relative to the first pedestrian that is seen, because float32 is coarse far from the origin.
         first = np.argsort(~obs.pedestrians.seen, axis=1, kind="stable")[:, :1, None]
         origin = np.take_along_axis(history[:, -1], first, axis=1)

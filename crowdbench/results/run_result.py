@@ -19,6 +19,7 @@ from crowdbench.results.result_file import RESULT, check_result, digest_of, read
 from crowdbench.results.stored_commands import COMMANDS, StoredCommands, check_size, read_commands
 from crowdbench.results.stored_tracks import TRACKS, read_tracks
 from crowdbench.scenario.cases import Cases, parse_case
+from crowdbench.scenario.digest import scenario_digest
 from crowdbench.sim.version import SIMULATOR
 from crowdbench.utils.errors import InputError, is_number
 from crowdbench.utils.tables import flatten, plain
@@ -127,13 +128,16 @@ class RunResult:
                 yield EPISODES, f"{name} contradicts the outcomes"
 
     def _wrong_fields(self) -> Iterator[tuple[str, str]]:
-        """Yield the fields of `result.json` that do not follow from `episodes.csv`."""
+        """Yield the fields of `result.json` that do not follow from `episodes.csv` or from the scenario."""
         found = summary_of(self.episodes)
         recomputed = flatten({"blocks": None, **found})
         stated = flatten({name: self.result.get(name) for name in ("blocks", *found)})
         for name in {**stated, **recomputed}:
             if not _agree(stated.get(name), recomputed.get(name)):
                 yield RESULT, f"{name} is {stated.get(name)!r}, but {EPISODES} gives {recomputed.get(name)!r}"
+        digest, computed = self.result["run"]["scenario"], scenario_digest(self.result["scenario"])
+        if self.is_simulated and digest != computed:
+            yield RESULT, f"run.scenario is {digest}, but its table scenario has the digest {computed}"
 
     def _wrong_files(self) -> Iterator[tuple[str, str]]:
         """Yield the errors in the list of files, and in the commands."""

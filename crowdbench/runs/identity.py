@@ -23,6 +23,7 @@ REACHED = (
     "agents/pedestrians",
     "catalog.py",
     "core",
+    "isolation/fork_guard.py",
     "networks",
     "planners",
     "plugins",

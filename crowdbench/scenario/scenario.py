@@ -17,6 +17,7 @@ from crowdbench.core.geometry import pad_arrays
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.certified import CertificateStatus
+from crowdbench.scenario.digest import scenario_digest
 from crowdbench.scenario.placement import LayoutCall
 from crowdbench.scenario.population import Population
 from crowdbench.scenario.schema import ScenarioSpec, VehicleSpec
@@ -55,15 +56,15 @@ class Scenario:
     policies: Mapping[str, PedestrianPolicy]
     certificates: CertificateStatus | None = None
 
-    @property
+    @functools.cached_property
     def table(self) -> dict[str, Any]:
         """The complete table of the scenario, as written to results."""
         return self.spec.complete()
 
-    @property
+    @functools.cached_property
     def digest(self) -> str:
-        """Twelve hexadecimal digits that change with the cases, see `ScenarioSpec.digest`."""
-        return self.spec.digest
+        """Twelve hexadecimal digits that change with the cases, see `scenario_digest`."""
+        return scenario_digest(self.table)
 
     @property
     def seed(self) -> int:

@@ -7,9 +7,6 @@ The options of a layout are the keyword-only parameters of its function, the opt
 from __future__ import annotations
 
 import dataclasses
-import functools
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
@@ -195,17 +192,6 @@ class ScenarioSpec(TomlTable):
     vehicle: VehicleSpec = table("vehicle")
     sensor: Sensor = table("sensor")
     pedestrians: PedestriansSpec = table("pedestrians")
-
-    @functools.cached_property
-    def digest(self) -> str:
-        """Twelve hexadecimal digits that change with the cases of the scenario.
-
-        They are the start of the sha256 of the complete table as JSON. The description is left out, because it
-        influences no episode. Keys without a value are left out too, so that a new key whose default is None changes
-        no digest.
-        """
-        table = self.model_dump(mode="json", by_alias=True, exclude={"description"}, exclude_none=True)
-        return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()[:12]
 
 
 class LayoutScenarioSpec(ScenarioSpec):

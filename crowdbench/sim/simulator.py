@@ -87,8 +87,14 @@ def init_memories(world: World, policies: Mapping[str, PedestrianPolicy]) -> Wor
     memories = memories_of(_policy_view(world))
     if has_attention(world.rules):
         memories[BLIND] = {**world.memory, **memories_of(_without_vehicle(world))}
-        memories[ATTENTION] = init_attention(world)._asdict()
-    return _with_memories(world, memories)
+    return forget_vehicle(_with_memories(world, memories))
+
+
+def forget_vehicle(world: World) -> World:
+    """Return worlds in which no pedestrian has noticed the vehicle yet; see `has_attention`."""
+    if not has_attention(world.rules):
+        return world
+    return _with_memories(world, {ATTENTION: init_attention(world)._asdict()})
 
 
 def with_bounding_disc(world: World) -> World:

@@ -13,7 +13,7 @@ from crowdbench.envs.training_worlds import Driven, TrainingWorlds
 from crowdbench.networks.features import Features
 from crowdbench.planners.filtered import KalmanFilter
 from crowdbench.planners.trained_policy import PolicyInterface
-from crowdbench.predict import ConstantVelocity
+from crowdbench.predict.linear import ConstantVelocity
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.sensor import observe
 from crowdbench.views.view import View

@@ -30,7 +30,7 @@ from crowdbench.planners.kce import Limits
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import ORCAPlanner
-from crowdbench.predict import ConstantVelocity
+from crowdbench.predict.linear import ConstantVelocity
 from crowdbench.predict.predictors import load_predictor
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases

@@ -20,7 +20,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.types import PERFECT, Observation, World
+from crowdbench.core.types import PERFECT_SENSOR, Observation, World
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells, nearest_of_all
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
@@ -98,7 +98,9 @@ def ego_views(world: World) -> World:
     worlds = world.take(row[:, 0])
     present = world.present[row, agent]
     present[:, 1:2] &= (agent[:, :1] == 0) | world.rules.visible  # a slice, because there may be no other agent
-    rules = world.rules if world.rules.sensor == PERFECT else dataclasses.replace(world.rules, sensor=PERFECT)
+    rules = (
+        world.rules if world.rules.sensor == PERFECT_SENSOR else dataclasses.replace(world.rules, sensor=PERFECT_SENSOR)
+    )
     ordered = {name: getattr(world, name)[row, agent] for name in _OF_AGENTS}
     return worlds.replace(present=present, rules=rules, sight={}, **ordered)
 

@@ -10,7 +10,6 @@ from jaxtyping import Float
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from crowdbench.core import Polygons
 from crowdbench.sim import wall_gap_in_step
 from crowdbench.utils import njit
 
@@ -45,7 +44,9 @@ class CostToGo(NamedTuple):
     length: Float[np.ndarray, "x y"]
 
 
-def find_cost_to_go(start: Point, goal: Point, radius: float, obstacles: Polygons) -> CostToGo:
+def find_cost_to_go(
+    start: Point, goal: Point, radius: float, obstacles: Float[np.ndarray, "polygon corner 2"]
+) -> CostToGo:
     """Return the path lengths of a disc.
 
     Args:

@@ -14,7 +14,17 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench import Rules, World
-from crowdbench.core import HEADINGS, REACHED, SPEEDS, TURNS, Bicycle, Holonomic, State, Unicycle, toward_goal
+from crowdbench.core import (
+    GRID_HEADINGS,
+    GRID_SPEEDS,
+    REACHABLE_SPEEDS,
+    REACHABLE_TURNS,
+    Bicycle,
+    Holonomic,
+    State,
+    Unicycle,
+    toward_goal,
+)
 from studies.certificates.cost_to_go import CostToGo, cost_left, find_cost_to_go
 from studies.certificates.crowds import Crowd
 from studies.certificates.expand import SAFE, Grid, Layer, Vehicle, expand
@@ -25,10 +35,14 @@ _HEADINGS, _SPEEDS = (16, 96), (4, 8)
 _OF_STEP = 0.8
 """Largest cell of positions as a share of the longest path in a step: in a larger one the vehicle could stay."""
 
-_OF_GRID = np.array([0, *(1 + (speed - 1) * HEADINGS + k for speed in (3, SPEEDS) for k in range(HEADINGS))])
+_OF_GRID = np.array(
+    [0, *(1 + (speed - 1) * GRID_HEADINGS + k for speed in (3, GRID_SPEEDS) for k in range(GRID_HEADINGS))]
+)
 """Commands of a holonomic vehicle: to stand, and two speeds in all headings."""
 
-_OF_REACHED = np.array([speed * TURNS + turn for speed in (0, 3, REACHED - 1) for turn in range(0, TURNS, 3)])
+_OF_REACHED = np.array(
+    [speed * REACHABLE_TURNS + turn for speed in (0, 3, REACHABLE_SPEEDS - 1) for turn in range(0, REACHABLE_TURNS, 3)]
+)
 """Commands of a vehicle on wheels: three speeds and five turns."""
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from crowdbench import ORCA, Observation, Prediction, Predictor, Scenario, World
 from crowdbench.core import continuation_keys, norm
-from crowdbench.sim import ATTENTION, crowd_decisions, has_attention, init_attention, move
+from crowdbench.sim import crowd_decisions, forget_vehicle, has_attention, move
 
 AWAY = 1e3
 """Distance in metres from the vehicle to which pedestrians that leave are moved, so that no sequence meets them."""
@@ -99,9 +99,7 @@ class Simulated(Predictor):
             usual = {name: np.full(world.radius.shape, float(value)) for name, value in ORCA.parameters.items()}
             rules = dataclasses.replace(world.rules, visible=False)
             return world.replace(rules=rules, parameters={**world.parameters, ASSUMED: usual})
-        if self.knows == Knowledge.POLICIES and has_attention(world.rules):
-            return world.replace(memory={**world.memory, ATTENTION: init_attention(world)._asdict()})
-        return world
+        return forget_vehicle(world) if self.knows == Knowledge.POLICIES else world
 
 
 def has_chance(scenario: Scenario, knows: Knowledge) -> bool:

@@ -23,8 +23,8 @@ from crowdbench import (
     load_planner,
     load_scenario,
 )
-from crowdbench.core import PERFECT
-from crowdbench.planners import SEARCH, FilteredPlanner
+from crowdbench.core import PERFECT_SENSOR
+from crowdbench.planners import FilteredPlanner
 from crowdbench.predict import ConstantVelocity
 from crowdbench.runs import PlannerId, Run, RunSpec
 from crowdbench.utils import sha256
@@ -98,7 +98,7 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
     """
     scenario = scenario or load_scenario(spec.scenario, spec.overrides)
     if rung != "P0":
-        scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT))
+        scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT_SENSOR))
     planner: Planner
     horizon, paths = max(1, round(SECONDS / scenario.rules.dt)), [Path(__file__), Path(futures.__file__), *CODE]
     foresee: Callable[[World], None] | None = None
@@ -106,7 +106,13 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
         planner = certified = CertifiedPlanner(scenario, spec.cases.split)
         foresee = certified.foresee
     elif rung == "I":
-        options = {"futures": FUTURES, "ignoring": 1.0, "worst": WORST, "horizon": horizon, "samples": SEARCH.samples}
+        options = {
+            "futures": FUTURES,
+            "ignoring": 1.0,
+            "worst": WORST,
+            "horizon": horizon,
+            "samples": MPPIPlanner.search.samples,
+        }
         _, planner = load_planner("mppi_interactive", options)
         paths += sorted(Path(inspect.getfile(type(planner))).parent.glob("*.py"))
     else:
@@ -115,7 +121,7 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
             predictor = simulated = Simulated(scenario, KNOWLEDGE[rung])
             foresee = simulated.foresee
         planner = MPPIPlanner(predictor, horizon=horizon, worst=WORST)
-        if scenario.rules.sensor != PERFECT:
+        if scenario.rules.sensor != PERFECT_SENSOR:
             planner = FilteredPlanner(planner)
     named = dataclasses.replace(spec, planner=rung)
     sources = {f"{path.parent.name}/{path.name}": sha256(path) for path in paths}

@@ -11,7 +11,7 @@ from jaxtyping import Bool
 from pydantic import Field
 
 from crowdbench import Cases, Scenario, load_scenario
-from crowdbench.core import PERFECT
+from crowdbench.core import PERFECT_SENSOR
 from crowdbench.metrics import Estimate, around, wilson
 from crowdbench.runs import Run, RunSpec, load_run
 from crowdbench.utils import Grid, Location, Name, Names, TomlTable, markdown
@@ -75,7 +75,7 @@ class Ladder:
         sensed = load_scenario(name)
         base = RunSpec("", name, spec.cases, record="none")
         first = load_rung("P1", base, sensed)
-        rungs = {"P0": first if sensed.rules.sensor == PERFECT else load_rung("P0", base, sensed), "P1": first}
+        rungs = {"P0": first if sensed.rules.sensor == PERFECT_SENSOR else load_rung("P0", base, sensed), "P1": first}
         rungs["I"] = load_rung("I", base, sensed)
         for below, (rung, knows) in zip(("I", *KNOWLEDGE), KNOWLEDGE.items(), strict=False):
             rungs[rung] = rungs[below] if adds_nothing(sensed, knows) else load_rung(rung, base, sensed)

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench import Cases, InputError, Observation, Prediction, Predictor, Scenario
-from crowdbench.core import HISTORY, PERFECT, norm
+from crowdbench.core import HISTORY, PERFECT_SENSOR, norm
 from crowdbench.metrics import Estimate, bootstrap_distribution, interval, weighted_mean
 from crowdbench.predict import validate_prediction
 from crowdbench.scenario import CONTINUING_ARRIVALS, RecordedTracks
@@ -196,7 +196,7 @@ def _walks(
 ) -> Iterator[tuple[Prediction, Counted, Positions]]:
     """Yield the prediction of each step, the pedestrians that have not arrived then, and their true positions."""
     world = scenario.worlds(cases)
-    world = world.replace(rules=dataclasses.replace(world.rules, visible=False, sensor=PERFECT), sight={})
+    world = world.replace(rules=dataclasses.replace(world.rules, visible=False, sensor=PERFECT_SENSOR), sight={})
     arrived, goes_on = np.zeros_like(world.present[:, 1:]), scenario.crowd.arrival in CONTINUING_ARRIVALS
     predicted: deque[tuple[Prediction, Counted, Int[np.ndarray, "world pedestrian"]]] = deque()
     positions: deque[Float[np.ndarray, "world pedestrian 2"]] = deque(maxlen=ahead)

@@ -20,7 +20,7 @@ from torch.nn.functional import softplus
 
 from crowdbench import Prediction, load_scenario
 from crowdbench.core import HISTORY
-from crowdbench.networks import HIDDEN, NOISE, WIDE, Generator, TrajectoryEncoder, perceptron
+from crowdbench.networks import SGAN_HIDDEN, SGAN_NOISE, SGAN_WIDE, Generator, TrajectoryEncoder, perceptron
 from crowdbench.predict import scatter
 from crowdbench.scenario import ETH_UCY_DT
 from crowdbench.train import Point, Training, describe_scenario
@@ -59,7 +59,7 @@ def make_discriminator() -> nn.Module:
 
     It maps displacements in metres, observed and predicted, `[row, time, 2]`, to the logits `[row]` of real tracks.
     """
-    return nn.Sequential(TrajectoryEncoder(HIDDEN), perceptron(HIDDEN, WIDE, 1), nn.Flatten(0))
+    return nn.Sequential(TrajectoryEncoder(SGAN_HIDDEN), perceptron(SGAN_HIDDEN, SGAN_WIDE, 1), nn.Flatten(0))
 
 
 class SocialGANTraining(Training):
@@ -129,7 +129,7 @@ class SocialGANTraining(Training):
         """Make one step of both optimizers on the windows of the given rows. Return the losses."""
         position, present = self._scenes(self.training, rows)
         position = position @ _rotations(len(rows), rng).to(position)[:, None]
-        noise = torch.randn((len(rows), MODES, NOISE), generator=rng).to(position)
+        noise = torch.randn((len(rows), MODES, SGAN_NOISE), generator=rng).to(position)
         scene, pedestrian = present.nonzero(as_tuple=True)
         real = position.transpose(1, 2)[scene, pedestrian].diff(dim=1)
         observed, future = real[:, : HISTORY - 1], real[:, HISTORY - 1 :]
@@ -174,7 +174,7 @@ class SocialGANTraining(Training):
         for first in range(0, len(self.validation), 2 * BATCH):
             rows = np.arange(first, min(first + 2 * BATCH, len(self.validation)))
             position, present = self._scenes(self.validation, rows)
-            noise = torch.randn((len(rows), MODES, NOISE), generator=rng).to(position)
+            noise = torch.randn((len(rows), MODES, SGAN_NOISE), generator=rng).to(position)
             predicted = self.average(position[:, :HISTORY], present, noise, HORIZON)
             moves = scatter(predicted, present).cpu().numpy()
             path = position.cpu().numpy()

@@ -32,7 +32,7 @@ from typer.testing import CliRunner
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.cli.app import app
-from crowdbench.networks.weights import digest
+from crowdbench.networks.weights import weights_digest
 from crowdbench.plugins.kind import load_module
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import InputError
@@ -198,7 +198,7 @@ def test_worlds_share_the_weights_and_results_have_their_digest():
 
     policy = Network()
     planner = CrowdNavPlanner(policy)
-    assert planner.facts == {"policy": "Network", "weights": digest(policy.model)}
+    assert planner.facts == {"policy": "Network", "weights": weights_digest(policy.model)}
     torch.nn.init.zeros_(policy.model.weight)  # whoever trains on does not change the planner
     trace = drive(planner, "2", time_limit=2.0)
     assert (trace.command[:, 0] == 0.5).all()
@@ -339,5 +339,5 @@ def test_a_network_of_a_clone_drives(tmp_path, monkeypatch):
     torch.save(network.state_dict(), trained / "rl_model.pth")
     name, planner = load_planner(str(FILE))
     assert name == "crowdnav"
-    assert planner.facts == {"policy": "Sarl", "weights": digest(network)}
+    assert planner.facts == {"policy": "Sarl", "weights": weights_digest(network)}
     assert same(drive(planner, "2"), drive(NativeStraight(), "2"))

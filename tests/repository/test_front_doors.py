@@ -1,7 +1,10 @@
 """Code outside of the package imports the public names of the package, which `__init__.pyi` of each folder lists."""
 
 import ast
+import collections
 import importlib
+import inspect
+import re
 from pathlib import Path
 
 import pytest
@@ -43,6 +46,15 @@ def test_code_outside_of_the_package_imports_public_names_only(folder):
     assert [line for path in files for line in private_imports(path)] == []
 
 
+def test_the_api_page_lists_each_public_name_once():
+    listed = collections.defaultdict(list)
+    for door, names in re.findall(r"^\| `([\w.]+)` \| (.*) \|$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE):
+        listed[door] += re.findall(r"`(\w+)`", names)
+    assert {door: sorted(names) for door, names in listed.items()} == {
+        door: sorted(names) for door, names in DOORS.items()
+    }
+
+
 @pytest.mark.parametrize("stub", STUBS, ids=door_of)
 def test_public_names_exist_and_none_is_a_module(stub):
     names = [name for _, name in names_of(stub)]
@@ -52,7 +64,10 @@ def test_public_names_exist_and_none_is_a_module(stub):
     assert modules.intersection(names) == set()
     door = importlib.import_module(door_of(stub))
     assert door.__all__ == sorted(set(names))
-    assert all(hasattr(door, name) for name in door.__all__)
+    for name in door.__all__:
+        public = getattr(door, name)
+        is_ours = inspect.isclass(public) and public.__module__.startswith("crowdbench")
+        assert public.__doc__ or not (is_ours or inspect.isfunction(public)), f"{name} has no docstring"
 
 
 @pytest.mark.parametrize("kind", [PLANNERS, PEDESTRIANS], ids=["planners", "pedestrians"])

@@ -8,7 +8,8 @@ from typer.testing import CliRunner
 
 from crowdbench import load_scenario
 from crowdbench.cli.app import app, build_script
-from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle, Prediction, Predictor
+from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
+from crowdbench.predict.predictor import Prediction, Predictor
 from crowdbench.predict.predictors import PREDICTORS
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import RecordedTracks

@@ -21,9 +21,9 @@ from crowdbench.utils.errors import InputError
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 FOLDER = Path(__file__).parents[2] / "adapters" / "ros2"
 
-from crowdbench.export.rosbag import NANOSECONDS, typestore, write_bag  # noqa: E402
+from crowdbench.export.rosbag import NANOSECONDS, ros_typestore, write_bag  # noqa: E402
 
-STORE = typestore()
+STORE = ros_typestore()
 TOPICS = {
     "/odom": "nav_msgs/msg/Odometry",
     "/goal_pose": "geometry_msgs/msg/PoseStamped",

@@ -13,7 +13,7 @@ from crowdbench import InputError, load_predictor, load_scenario
 from crowdbench.cli import train as command
 from crowdbench.cli.app import build_script
 from crowdbench.core.types import HISTORY
-from crowdbench.networks.weights import digest, read_card
+from crowdbench.networks.weights import read_card, weights_digest
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP
 from crowdbench.train.config import SCENARIO, make_config
@@ -55,7 +55,7 @@ def test_a_resumed_training_ends_in_the_same_weights(tmp_path):
     trainings.kill(CONFIG, tmp_path / "killed", 2)
     resumed = trainings.resume(tmp_path / "killed", METHODS).training
     for part in ("generator", "discriminator", "average", "validated"):
-        assert digest(getattr(resumed, part)) == digest(getattr(whole, part))
+        assert weights_digest(getattr(resumed, part)) == weights_digest(getattr(whole, part))
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from typing import no_type_check
 import numpy as np
 
 from crowdbench import PedestrianPolicy, World
-from crowdbench.networks import direction, in_disc, to_world
+from crowdbench.networks import clip_to_disc, direction, to_world
 from crowdbench.sim import Parameters, Velocities, goals_on_way, observe
 from crowdbench.utils import njit
 from crowdbench.views import ego_views, encode
@@ -21,7 +21,7 @@ NEAREST = 3
 
 
 LEAST = 1e-9
-"""Lower bound in m/s of the speed that reaches the goal in one step: `in_disc` divides by it."""
+"""Lower bound in m/s of the speed that reaches the goal in one step: `clip_to_disc` divides by it."""
 
 
 class Learned(PedestrianPolicy):
@@ -39,7 +39,7 @@ class Learned(PedestrianPolicy):
         position, goal, way = (part[:, 1:].reshape(-1, 2) for part in (world.position, world.goal, goals_on_way(world)))
         left = np.maximum(np.linalg.norm(goal - position, axis=1) / world.rules.dt, LEAST)
         velocity = to_world(np.clip(action, -speed[:, None], speed[:, None]), direction(position, way))
-        return in_disc(velocity, np.minimum(speed, left)).reshape(len(world), -1, 2)
+        return clip_to_disc(velocity, np.minimum(speed, left)).reshape(len(world), -1, 2)
 
 
 @no_type_check

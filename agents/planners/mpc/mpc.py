@@ -12,13 +12,14 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench import Observation, Outcome, Planner, Prediction, Predictor, load_predictor
+from crowdbench import Observation, Outcome, Prediction, load_predictor
 from crowdbench.core import norm
 from crowdbench.planners import (
+    AheadPlanner,
     LastPlans,
+    PredictingPlanner,
     RadiusInflation,
     Sequence,
-    Velocities,
     limit_commands,
     radius_inflation,
     scene_of,
@@ -55,7 +56,7 @@ def planner(
 
 
 @dataclasses.dataclass(eq=False)
-class MPCPlanner(Planner):
+class MPCPlanner(PredictingPlanner, AheadPlanner):
     """Drives the first command of the sequence that a program finds best among people who move on as predicted.
 
     The distance to the local goal over all steps is made small. Distances to people and obstacles are constraints with
@@ -65,7 +66,7 @@ class MPCPlanner(Planner):
     It decides for one world after the other.
 
     Attributes:
-        predictor: Predicts the pedestrians; of several futures the first one counts.
+        predictor: Of several futures the first one counts.
         terms: Weights of a program.
         horizon: Number of steps [1].
         iterations: Of IPOPT, at most [1].
@@ -74,31 +75,20 @@ class MPCPlanner(Planner):
         InputError: A number is impossible, or CasADi is not installed.
     """
 
-    predictor: Predictor
     terms: Terms = TERMS
     horizon: int = 14
     iterations: int = 80
 
-    native = True
-
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_count("horizon", self.horizon)
         require_count("iterations", self.iterations)
         import_casadi()
-        self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
         self.last = LastPlans(self.horizon)
-
-    def for_held_out_scene(self, scene: str) -> MPCPlanner:
-        """See `Planner`."""
-        return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
 
     def reset(self, rows: np.ndarray) -> None:
         """See `Planner`."""
         self.last.reset(rows)
-
-    def plan(self, obs: Observation) -> Velocities:
-        """See `Planner`."""
-        return self.plan_ahead(obs, 1)[:, 0]
 
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`."""

@@ -169,11 +169,11 @@ def _step(code, limits, before, command, max_speed, dt, after):
         new_heading[i], new_angular_speed[i] = then.heading, then.turn_rate
 
 
-SPEEDS = 5
-HEADINGS = 16
+GRID_SPEEDS = 5
+GRID_HEADINGS = 16
 
-REACHED = 6
-TURNS = 13
+REACHABLE_SPEEDS = 6
+REACHABLE_TURNS = 13
 """An odd number, so that one of them is straight ahead."""
 
 
@@ -188,8 +188,8 @@ def speeds_and_headings(preferred_speed: Float[np.ndarray, "world"]) -> Choices:
     Returns:
         Commands in m/s.
     """
-    speed = np.expm1(np.arange(1, SPEEDS + 1) / SPEEDS) / np.expm1(1.0)
-    heading = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
+    speed = np.expm1(np.arange(1, GRID_SPEEDS + 1) / GRID_SPEEDS) / np.expm1(1.0)
+    heading = np.arange(GRID_HEADINGS) * (2.0 * np.pi / GRID_HEADINGS)
     direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     moving = (speed[:, None, None] * direction).reshape(-1, 2)
     return preferred_speed[:, None, None] * np.concatenate([np.zeros((1, 2)), moving])
@@ -207,7 +207,10 @@ def speeds_and_turns(slowest: Numbers, fastest: Numbers, right: Numbers, left: N
     Returns:
         All combinations of speeds and turns. The turn nearest to straight ahead is straight ahead if it is reachable.
     """
-    speed, turns = np.linspace(slowest, fastest, REACHED, axis=1), np.linspace(right, left, TURNS, axis=1)
+    speed, turns = (
+        np.linspace(slowest, fastest, REACHABLE_SPEEDS, axis=1),
+        np.linspace(right, left, REACHABLE_TURNS, axis=1),
+    )
     world, straightest = np.arange(len(turns)), np.abs(turns).argmin(axis=1)
     turns[world, straightest] = np.clip(0.0, right, left)
     return np.stack(np.broadcast_arrays(speed[:, :, None], turns[:, None]), axis=-1).reshape(len(turns), -1, 2)

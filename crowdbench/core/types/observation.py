@@ -14,7 +14,7 @@ from crowdbench.core import rng
 from crowdbench.core.arrays import AgentNumbers, AgentPoints
 from crowdbench.core.dynamics import DISC, FREE, Body, Dynamics, State, hull
 from crowdbench.core.geometry import local_goals
-from crowdbench.core.types.rules import PERFECT, Sensor
+from crowdbench.core.types.rules import PERFECT_SENSOR, Sensor
 from crowdbench.utils.errors import InputError
 
 Part = TypeVar("Part", "Vehicle", "Pedestrians", "Observation")
@@ -134,7 +134,7 @@ class Observation:
     noise_key: UInt[np.ndarray, "*world"]
     step: Int[np.ndarray, "*world"]
     dt: float
-    sensor: Sensor = PERFECT
+    sensor: Sensor = PERFECT_SENSOR
     future: Float[np.ndarray, "*world pedestrian 2"] | None = None
     logs: dict[str, np.ndarray] | None = None
     lidar: Float[np.ndarray, "*world beam"] | None = None

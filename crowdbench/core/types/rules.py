@@ -89,7 +89,7 @@ class Sensor(TomlTable):
         return int(self.remember / dt + 1e-9)
 
 
-PERFECT = Sensor()
+PERFECT_SENSOR = Sensor()
 """Sensor that sees all pedestrians exactly and without delay, without a lidar."""
 
 
@@ -191,7 +191,7 @@ class Rules:
     dynamics: Dynamics = FREE
     goal_tolerance: float | None = None
     body: Body = DISC
-    sensor: Sensor = PERFECT
+    sensor: Sensor = PERFECT_SENSOR
     walking: WalkingLimits | None = None
 
     def __post_init__(self) -> None:

@@ -11,7 +11,8 @@ from crowdbench.check.checks import Subject
 from crowdbench.check.drives import METRIC, PREDICTOR
 from crowdbench.check.kinds import limited_sight
 from crowdbench.metrics.registry import METRICS
-from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Oracle, Prediction, Predictor
+from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Oracle
+from crowdbench.predict.predictor import Prediction, Predictor
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.pedestrians import PedestrianPolicy
 

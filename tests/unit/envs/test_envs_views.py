@@ -22,7 +22,7 @@ from crowdbench.envs.rewards import (
     progress,
 )
 from crowdbench.networks.encoders import make_policy
-from crowdbench.networks.features import features, in_disc, to_world
+from crowdbench.networks.features import clip_to_disc, features, to_world
 from crowdbench.networks.policy import Seen
 from crowdbench.planners.trained_policy import NetworkPlanner, PolicyInterface
 from crowdbench.scenario.cases import Cases
@@ -86,7 +86,7 @@ def test_an_action_along_the_goal_leads_there():
 
 def test_long_actions_are_shortened_and_short_ones_kept():
     actions, limits = np.array([[3.0, 4.0], [0.1, 0.2], [3.0, 4.0]]), np.array([1.0, 1.0, 0.5])
-    np.testing.assert_allclose(in_disc(actions, limits), [[0.6, 0.8], [0.1, 0.2], [0.3, 0.4]])
+    np.testing.assert_allclose(clip_to_disc(actions, limits), [[0.6, 0.8], [0.1, 0.2], [0.3, 0.4]])
 
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)

@@ -10,7 +10,7 @@ from crowdbench.networks.card import headline, markdown
 from crowdbench.networks.encoders import POLICIES
 from crowdbench.networks.social_gan import Generator
 from crowdbench.networks.value import NETWORKS
-from crowdbench.networks.weights import built_in, digest, read_card, save_network
+from crowdbench.networks.weights import built_in, read_card, save_network, weights_digest
 
 FIGURES = {
     f"{name}_rate": {"mean": 0.5, "low": 0.4, "high": 0.6, "n": 10} for name in ("success", "collision", "timeout")
@@ -47,8 +47,8 @@ def saved(tmp_path):
 def test_weights_come_back_as_they_were(name, tmp_path):
     network = NETWORKS[name]()
     save_network(network, name, tmp_path / "mine.safetensors", CARD)
-    assert digest(load_network(name, str(tmp_path / "mine.safetensors"))) == digest(network)
-    assert digest(NETWORKS[name]()) != digest(network)
+    assert weights_digest(load_network(name, str(tmp_path / "mine.safetensors"))) == weights_digest(network)
+    assert weights_digest(NETWORKS[name]()) != weights_digest(network)
 
 
 def test_the_card_is_rendered_for_people(saved):

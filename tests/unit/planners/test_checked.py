@@ -9,8 +9,8 @@ from crowdbench import Cases, InputError, load_network, load_scenario
 from crowdbench.networks.value import NETWORKS
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.predict import ConstantVelocity, Prediction, Predictor
-from crowdbench.predict.predictor import validate_prediction
+from crowdbench.predict.linear import ConstantVelocity
+from crowdbench.predict.predictor import Prediction, Predictor, validate_prediction
 from crowdbench.runs.rollout import rollout
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.defaults import MOST_AHEAD

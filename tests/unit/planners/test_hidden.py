@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from lookahead_scenes import crowded
 
-from crowdbench.core.types import PERFECT, Sensor
+from crowdbench.core.types import PERFECT_SENSOR, Sensor
 from crowdbench.planners.filtered import NO_INFLATION
 from crowdbench.planners.hidden import RADIUS, STEP, hidden_scene
 from crowdbench.planners.mppi import MPPIPlanner
@@ -17,7 +17,7 @@ from crowdbench.predict.linear import ConstantVelocity
 BLOCK = np.array([[0.5, 0.5], [1.5, 0.5], [1.5, 3.0], [0.5, 3.0]])
 
 
-def at_a_corner(sensor=PERFECT):
+def at_a_corner(sensor=PERFECT_SENSOR):
     """Two worlds without people: a route around the block, and one that stays before it."""
     obs = crowded(2, 1)
     vehicle = dataclasses.replace(

@@ -5,7 +5,7 @@ import numpy as np
 from agents.planners.hybrid import HybridPlanner
 from crowdbench import load_scenario
 from crowdbench.planners.driver import Driver
-from crowdbench.planners.mppi import Search
+from crowdbench.planners.mppi import MPPISearch
 from crowdbench.planners.planner import Planner
 from crowdbench.predict import ConstantVelocity
 from crowdbench.runs.rollout import rollout
@@ -26,7 +26,7 @@ class Aside(Planner):
 
 def drive(patience, cases=CASES):
     scenario = load_scenario("circle_crossing_5", {"time_limit": 5.0})
-    planner = HybridPlanner(ConstantVelocity(), Search(samples=40), horizon=8, policy=Aside(), patience=patience)
+    planner = HybridPlanner(ConstantVelocity(), MPPISearch(samples=40), horizon=8, policy=Aside(), patience=patience)
     return rollout(Driver(planner, "hybrid"), scenario, cases)
 
 

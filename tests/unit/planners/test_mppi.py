@@ -12,10 +12,10 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.last_plans import LastPlans
-from crowdbench.planners.mppi import SHOWN, MPPIPlanner, Search, Weights
+from crowdbench.planners.mppi import SHOWN, MPPIPlanner, MPPISearch, MPPIWeights
 from crowdbench.planners.scene import scene_of
-from crowdbench.predict import Prediction
 from crowdbench.predict.linear import ConstantVelocity
+from crowdbench.predict.predictor import Prediction
 from crowdbench.record.decisions import marks_of
 from crowdbench.record.explanation import legend_text
 from crowdbench.runs.rollout import rollout
@@ -23,7 +23,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
 EXACT = np.zeros((1, 1, 1))
-WEIGHTS = Weights(contact=50.0, fading=0.9, near=4.0, margin=0.3, growth=0.2, change=0.5, jerk=0.25)
+WEIGHTS = MPPIWeights(contact=50.0, fading=0.9, near=4.0, margin=0.3, growth=0.2, change=0.5, jerk=0.25)
 
 
 def cost(planner, obs, commands):
@@ -115,7 +115,7 @@ def test_the_next_decision_starts_from_the_rest_of_the_last_plan():
 
 def test_the_predicted_and_the_sampled_ways_are_logged():
     obs = dataclasses.replace(crowded(), logs={})
-    planner = MPPIPlanner(Forks(2), Search(samples=30), horizon=5)
+    planner = MPPIPlanner(Forks(2), MPPISearch(samples=30), horizon=5)
     planner.reset(obs.row)
     planner.plan(obs)
     assert obs.logs["predicted"].shape == (len(obs), 2, 5, 4, 2)

@@ -20,7 +20,7 @@ from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import along_walls
 from crowdbench.planners.scene import scene_of
 from crowdbench.planners.trials import propagate_vehicle, try_commands, try_sequences
-from crowdbench.predict import Prediction
+from crowdbench.predict.predictor import Prediction
 from crowdbench.results.stored_tracks import read_tracks, write_tracks
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases

@@ -7,7 +7,7 @@ from test_predict import bent, observation
 
 from crowdbench import InputError
 from crowdbench.core.types import HISTORY
-from crowdbench.networks.social_gan import HIDDEN, NOISE, Generator
+from crowdbench.networks.social_gan import SGAN_HIDDEN, SGAN_NOISE, Generator
 from crowdbench.predict.social_gan import SocialGAN, extrapolated_history
 from studies.social_gan.training import make_discriminator
 
@@ -38,7 +38,7 @@ def slowly(network, history, noise, steps):
     moves = history.diff(dim=0)
     hidden = []
     for p in range(history.shape[1]):
-        state = (torch.zeros(1, 1, HIDDEN), torch.zeros(1, 1, HIDDEN))
+        state = (torch.zeros(1, 1, SGAN_HIDDEN), torch.zeros(1, 1, SGAN_HIDDEN))
         for move in moves[:, p]:
             _, state = network.encoder.lstm(torch.relu(network.encoder.embed(move))[None, None], state)
         hidden.append(state[0][0, 0])
@@ -52,7 +52,7 @@ def slowly(network, history, noise, steps):
                 for q in range(history.shape[1])
             ]
             sees = torch.cat([sees, torch.stack(each).amax(dim=0)])
-        state, cell, move = torch.cat([network.context(sees), z])[None], torch.zeros(1, HIDDEN), moves[-1, p][None]
+        state, cell, move = torch.cat([network.context(sees), z])[None], torch.zeros(1, SGAN_HIDDEN), moves[-1, p][None]
         for t in range(steps):
             state, cell = network.decoder(torch.relu(network.embed(move)), (state, cell))
             move = move + network.move(state)
@@ -66,7 +66,7 @@ def test_a_batch_of_scenes_is_each_scene_by_itself_without_whoever_is_absent(poo
     network, rng = generator(pooling), torch.Generator().manual_seed(1)
     history = torch.randn((3, HISTORY, 4, 2), generator=rng).cumsum(dim=1)
     present = torch.tensor([[True, True, True, True], [False, True, False, True], [True, False, False, False]])
-    noise = torch.randn((3, 5, NOISE), generator=rng)
+    noise = torch.randn((3, 5, SGAN_NOISE), generator=rng)
     moves = network(history, present, noise, 6)
     assert moves.shape == (5, 7, 6, 2)
     for scene, rows in enumerate([slice(0, 4), slice(4, 6), slice(6, 7)]):

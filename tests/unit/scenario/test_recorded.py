@@ -241,7 +241,7 @@ def test_a_run_says_its_blocks_and_can_be_replayed_with_the_same_files_alone(tmp
     assert list(result["scenario"]["tracks"]["files"]) == ["mine.txt"]
     assert Episodes.read(tmp_path / "one" / "episodes.csv").block.tolist() == 2 * [6, 7, 8, 9, 10, 11]
     assert run(monkeypatch, "score", "one", "--data", tmp_path) == 0
-    assert "the states of 12 episodes with run.rrd" in capsys.readouterr().out
+    assert "12 cases were simulated again from their commands" in capsys.readouterr().out
     rows = (tmp_path / "one" / "episodes.csv").read_text()
     (tmp_path / "one" / "episodes.csv").write_text(rows.replace(",6,", ",7,", 1))
     assert run(monkeypatch, "score", "one", "--data", tmp_path) == 1
@@ -298,7 +298,7 @@ def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
     assert np.allclose(window.replaced_car.start, [8.0, 0.0])
     assert np.allclose(window.replaced_car.goal, [8.0 + 2.0 * 0.75 * 4.0, 0.0])
     assert window.replaced_car.speed == pytest.approx(2.0)
-    assert math.dist(window.replaced_car.goal, window.driven.start) >= MIN_TRIP
+    assert math.dist(window.replaced_car.goal, window.replaced_car.start) >= MIN_TRIP
     # Somebody who stands, and three discs that lie along the parked car.
     assert np.allclose(window.track[0], [[10.0, 5.0], [10.0, -5.2], [10.0, -4.0], [10.0, -2.8]])
     assert np.allclose(window.radius[1:], 0.8)

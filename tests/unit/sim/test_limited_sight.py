@@ -9,7 +9,7 @@ from crowdbench.catalog import load_scenario
 from crowdbench.check.checks import Subject
 from crowdbench.check.drives import PLANNER
 from crowdbench.cli.app import app
-from crowdbench.core.types import PERFECT, Lidar, Noise, Rules, Sensor
+from crowdbench.core.types import PERFECT_SENSOR, Lidar, Noise, Rules, Sensor
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
@@ -56,7 +56,7 @@ def test_a_lidar_alone_changes_nothing_else():
 
 def test_the_rules_are_read_back_from_their_table():
     for sensor in (
-        PERFECT,
+        PERFECT_SENSOR,
         Sensor(range=3.0, noise=Noise(position=0.1, velocity=0.2), delay=4.0, lidar=Lidar(beams=6, range=7.0)),
         Sensor(missed=0.5),
     ):

@@ -7,7 +7,7 @@ from helpers import drive, fixture, same, world, worlds_of
 from crowdbench.catalog import load_scenario
 from crowdbench.check.checks import with_padding
 from crowdbench.core import rng
-from crowdbench.core.types import HISTORY, PERFECT, Rules, Sensor
+from crowdbench.core.types import HISTORY, PERFECT_SENSOR, Rules, Sensor
 from crowdbench.planners.planner import Planner
 from crowdbench.predict.linear import ConstantVelocity, Linear
 from crowdbench.scenario.cases import Cases
@@ -47,7 +47,7 @@ def seen_at(sensor, place, **others):
 
 def test_perfect_sight_is_the_default_and_keeps_nothing():
     place = load_scenario("circle_crossing_5")
-    assert place.rules.sensor == PERFECT == Sensor()
+    assert place.rules.sensor == PERFECT_SENSOR == Sensor()
     assert place.worlds(Cases.parse("2")).sight == {}
     assert observe(place.worlds(Cases.parse("2"))).pedestrians.filled is None
     assert "sensor" not in place.rules.to_table()

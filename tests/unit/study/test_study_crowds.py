@@ -27,7 +27,7 @@ def result(name, table):
     """A run of ORCA with these episodes."""
     scenario = {"name": "circle_crossing_5", **load_scenario("circle_crossing_5").table}
     planner = {"name": name, "options": {}}
-    run = {"planner": planner, "replanning": {}, "scenario": "", "cases": f"test:{len(table)}", "code": ""}
+    run = {"planner": planner, "replanning": {}, "scenario": "", "cases": f"test:{len(table)}", "simulator": 1}
     stated = {"overrides": {}, "privileged": False}
     return RunResult(Path(name), {"run": run, "scenario": scenario, "stated": stated}, table)
 

@@ -9,7 +9,7 @@ from crowdbench import InputError, load_network, load_scenario
 from crowdbench.core.dynamics.dynamics import speeds_and_headings
 from crowdbench.networks.card import headline
 from crowdbench.networks.value import NETWORKS
-from crowdbench.networks.weights import digest, read_card
+from crowdbench.networks.weights import read_card, weights_digest
 from crowdbench.planners.kce import Limits
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity
@@ -48,15 +48,17 @@ def test_a_resumed_training_ends_in_the_same_weights(options, tmp_path):
     resumed = trainings.resume(tmp_path / "killed").training
     assert resumed.limits == whole.limits
     for part in ("network", "current"):
-        assert digest(getattr(resumed, part)) == digest(getattr(whole, part))
-    assert digest(resumed.best()[1]) == digest(whole.best()[1])
+        assert weights_digest(getattr(resumed, part)) == weights_digest(getattr(whole, part))
+    assert weights_digest(resumed.best()[1]) == weights_digest(whole.best()[1])
     assert trainings.untimed(resumed) == trainings.untimed(whole)
 
 
 @pytest.mark.slow
 def test_another_seed_is_another_network(tmp_path):
     configs = [dataclasses.replace(CONFIG, seed=seed, episodes=10) for seed in (0, 1)]
-    digests = [digest(trainings.train(config, tmp_path / str(config.seed)).training.network) for config in configs]
+    digests = [
+        weights_digest(trainings.train(config, tmp_path / str(config.seed)).training.network) for config in configs
+    ]
     assert digests[0] != digests[1]
 
 
@@ -78,7 +80,7 @@ def test_a_card_looks_at_test_cases_only_where_that_is_asked_for(tmp_path):
 def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
     running = trainings.train(dataclasses.replace(CONFIG, card="test"), tmp_path / "run")
     path = running.finish(trainings.ignore)
-    assert digest(load_network("cadrl", str(path))) == digest(running.training.best()[1])
+    assert weights_digest(load_network("cadrl", str(path))) == weights_digest(running.training.best()[1])
     card = read_card(path)
     assert card["command"] == (
         "crowdbench train cadrl --scenario circle_crossing_mixed --set 'pedestrians.number=[1, 3]' "

@@ -12,7 +12,7 @@ from crowdbench import InputError, load_planner, load_scenario
 from crowdbench.core.types import Outcome
 from crowdbench.envs.rewards import Step
 from crowdbench.envs.training_worlds import Driven
-from crowdbench.networks.weights import digest, weights_file
+from crowdbench.networks.weights import weights_digest, weights_file
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.trained_policy import load_policy
 from crowdbench.runs.rollout import rollout
@@ -62,10 +62,10 @@ def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_
 @pytest.mark.slow
 def test_the_same_seed_trains_the_same_policy_and_another_one_another(tmp_path):
     one, two = (trained(tmp_path / name).training for name in ("a", "b"))
-    assert digest(one.current) == digest(two.current)
+    assert weights_digest(one.current) == weights_digest(two.current)
     assert trainings.untimed(one) == trainings.untimed(two)
     other = trainings.train(dataclasses.replace(CONFIG, seed=8), tmp_path / "c").training
-    assert digest(other.current) != digest(one.current)
+    assert weights_digest(other.current) != weights_digest(one.current)
 
 
 def test_a_reward_that_is_too_large_ends_the_training_with_one_sentence(tmp_path):
@@ -81,7 +81,7 @@ def test_a_resumed_training_ends_in_the_same_policy(points, tmp_path):
     whole = trained(tmp_path / "whole").training
     trainings.kill(CONFIG, tmp_path / "killed", points)
     again = trainings.resume(tmp_path / "killed").training
-    assert digest(again.current) == digest(whole.current)
+    assert weights_digest(again.current) == weights_digest(whole.current)
     assert trainings.untimed(again) == trainings.untimed(whole)
 
 
@@ -94,7 +94,7 @@ def test_threads_share_the_work_of_an_update_without_changing_a_bit(tmp_path):
             training.train_until(0.1)
         finally:
             torch.set_num_threads(1)
-        found.append(digest(training.current))
+        found.append(weights_digest(training.current))
     assert found[0] == found[1]
 
 
