@@ -3,6 +3,9 @@
 python -m benchmarks.first_runs
 python -m benchmarks.first_runs pytest 'bash .ci/run'
 
+The last column is the processor time of a run with an empty cache beyond that of a run with a filled one, as a
+multiple of the processor time of importing NumPy and numba.
+
 Both clones contain the last commit: commit changes before measuring them.
 """
 
@@ -55,8 +58,8 @@ def first_runs(
             # As pip does: otherwise the first run in each clone would take longer.
             subprocess.run([sys.executable, "-m", "compileall", "-q", clone / "crowdbench"], check=True)
         rows = [row for command in commands for row in measure(command, rounds, Path(folder), tell)]
-    heads = "command", "state", "processor time", "elapsed time", "kernels compiled"
-    print_table(Grid("First and later runs", heads, rows, align="llrrr"))
+    heads = "command", "state", "processor time", "elapsed time", "kernels compiled", "compilation / import of numba"
+    print_table(Grid("First and later runs", heads, rows, align="llrrrr"))
 
 
 def measure(command: str, rounds: int, folder: Path, progress: Callable[[float], None]) -> Iterator[list[str]]:
@@ -71,7 +74,9 @@ def measure(command: str, rounds: int, folder: Path, progress: Callable[[float],
     cache = folder / "cache"
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     found: dict[str, list[tuple[Usage, int]]] = {state: [] for state in STATES}
+    imports = []
     for _ in range(rounds):
+        imports.append(run_timed([sys.executable, "-c", "import numpy, numba"], "import of numba").processor)
         shutil.rmtree(cache, ignore_errors=True)
         before = 0
         for state, name in STATES.items():
@@ -82,9 +87,21 @@ def measure(command: str, rounds: int, folder: Path, progress: Callable[[float],
             found[state].append((usage, kept - before))
             before = kept
             progress(1)
+    processor, elapsed = (
+        {state: median(getattr(usage, name) for usage, _ in runs) for state, runs in found.items()}
+        for name in ("processor", "seconds")
+    )
+    first, later, _ = STATES
+    ratio = (processor[first] - processor[later]) / median(imports)
     for state, runs in found.items():
-        processor, elapsed = (median(getattr(usage, name) for usage, _ in runs) for name in ("processor", "seconds"))
-        yield [command, state, f"{processor:.3g} s", f"{elapsed:.3g} s", f"{max(kernels for _, kernels in runs)}"]
+        times = f"{processor[state]:.3g} s", f"{elapsed[state]:.3g} s"
+        yield [
+            command,
+            state,
+            *times,
+            f"{max(kernels for _, kernels in runs)}",
+            f"{ratio:.3g}" if state == first else "",
+        ]
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from benchmarks.measurement import Measurement, in_turns
 from crowdbench import Cases, Scenario, World, load_scenario, parallel_env
 from crowdbench.core import toward_goal
-from crowdbench.envs import VEHICLE
+from crowdbench.envs import VEHICLE, Reward, load_reward
 from crowdbench.sim import crowd_velocities, observe, orca_velocities, step
 
 SCENARIO = "circle_crossing_5"
@@ -93,9 +93,17 @@ def measure_thousands() -> Iterator[Measurement]:
 def measure_environments() -> Iterator[Measurement]:
     """Measure steps of the environments of one world."""
     yield _measure_time("PettingZoo environment, 6 agents, per step", ROUNDS * 3, functools.partial(environment, STEPS))
-    yield _measure_time(
-        "Gymnasium environment, 6 agents, per step", ROUNDS * 3, functools.partial(vehicle_environment, STEPS)
-    )
+    crowdnav = load_reward("crowdnav").reward
+
+    def equal_reward(step: Any) -> Float[np.ndarray, "world"]:
+        return crowdnav(step)
+
+    # The compiled step supports only the reward `crowdnav` itself.
+    works = [functools.partial(vehicle_environment, STEPS, reward) for reward in ("crowdnav", equal_reward)]
+    compiled, composed = in_turns(ROUNDS * 3, *works)
+    yield Measurement("Gymnasium environment, 6 agents, per step", 1e6 * compiled, "us")
+    yield Measurement("the same without the compiled step", 1e6 * composed, "us")
+    yield Measurement("ratio of the two", composed / compiled, "")
 
 
 def measure_vec_env(worlds: int = 512, steps: int = 60) -> Iterator[Measurement]:
@@ -210,9 +218,9 @@ def environment(steps: int) -> float:
     return _repeat(functools.partial(env.step, actions), steps)
 
 
-def vehicle_environment(steps: int) -> float:
+def vehicle_environment(steps: int, reward: str | Reward) -> float:
     """Return seconds per step of the Gymnasium environment, in which only the vehicle is given actions."""
-    env = gymnasium.make(VEHICLE, scenario=SCENARIO, disable_env_checker=True).unwrapped
+    env = gymnasium.make(VEHICLE, scenario=SCENARIO, reward=reward, disable_env_checker=True).unwrapped
     env.reset(seed=0)
     return _repeat(functools.partial(env.step, np.array([0.1, 0.0])), steps)
 

@@ -170,7 +170,9 @@ def frozen_time(trace: Trace) -> Float[np.ndarray, "world"]:
     obstacles = np.ascontiguousarray(trace.obstacles)
     frozen = np.zeros(stands.shape, bool)
     is_open = norm(to_goal) > 0.0
-    _keep_clear(row, t, to_goal, stride, ahead, body, trace.position, radius, person, obstacles, is_open)
+    if obstacles.shape[1]:
+        _keep_off_walls(row, t, to_goal, stride, ahead, body, trace.position, radius, obstacles, is_open)
+    _keep_clear(row, t, to_goal, stride, ahead, body, trace.position, radius, person, is_open)
     frozen[row, t] = is_open
     return total(1.0 * frozen) * trace.rules.dt
 
@@ -185,8 +187,36 @@ def _shortest_way(trace: Trace) -> Float[np.ndarray, "world"]:
 
 @no_type_check
 @njit
-def _keep_clear(row, t, to_goal, stride, ahead, body, position, radius, person, obstacles, is_open):
-    """Set `is_open` to False for states in which a wall blocks the path or a pedestrian comes near.
+def _keep_off_walls(row, t, to_goal, stride, ahead, body, position, radius, obstacles, is_open):
+    """Set `is_open` to False for states in which a wall blocks the path.
+
+    Args:
+        row: `[state]`, the world of each state.
+        t: `[state]`, its time.
+        to_goal: `[state, 2]`, the vector to the local goal in metres.
+        stride: `[state]`, the length of a step at the preferred speed in metres.
+        ahead: The number of steps for which the path must be free.
+        body: `[disc]`, see `crowdbench.core.dynamics.body`.
+        position: `[world, time, agent, 2]`, in metres.
+        radius: `[state, agent]`, in metres.
+        obstacles: `[world, polygon, corner, 2]`, in metres.
+        is_open: `[state]`, changed.
+    """
+    for s in range(len(row)):
+        if is_open[s]:
+            w = row[s]
+            length = math.hypot(to_goal[s, 0], to_goal[s, 1])
+            ux, uy, far = to_goal[s, 0] / length, to_goal[s, 1] / length, min(length, ahead * stride[s])
+            x, y = position[w, t[s], 0, 0], position[w, t[s], 0, 1]
+            for centre in body:
+                if touches_in_step(x + centre * ux, y + centre * uy, far * ux, far * uy, radius[s, 0], obstacles[w]):
+                    is_open[s] = False
+
+
+@no_type_check
+@njit
+def _keep_clear(row, t, to_goal, stride, ahead, body, position, radius, person, is_open):
+    """Set `is_open` to False for states in which a pedestrian comes near.
 
     Args:
         row: `[state]`, the world of each state.
@@ -198,19 +228,17 @@ def _keep_clear(row, t, to_goal, stride, ahead, body, position, radius, person, 
         position: `[world, time, agent, 2]`, in metres.
         radius: `[state, agent]`, in metres.
         person: `[world, time, pedestrian]`.
-        obstacles: `[world, polygon, corner, 2]`, in metres.
         is_open: `[state]`, changed.
     """
     agents = radius.shape[1]
     begin, motion, counts = np.empty((agents, 2)), np.empty((agents, 2)), np.zeros(agents, np.bool_)
-    for s in np.flatnonzero(is_open):
+    for s in range(len(row)):
+        if not is_open[s]:
+            continue
         w = row[s]
         length = math.hypot(to_goal[s, 0], to_goal[s, 1])
-        ux, uy, far = to_goal[s, 0] / length, to_goal[s, 1] / length, min(length, ahead * stride[s])
+        ux, uy = to_goal[s, 0] / length, to_goal[s, 1] / length
         x, y = position[w, t[s], 0, 0], position[w, t[s], 0, 1]
-        for centre in body:
-            if touches_in_step(x + centre * ux, y + centre * uy, far * ux, far * uy, radius[s, 0], obstacles[w]):
-                is_open[s] = False
         for k in range(ahead):
             first, last = k * stride[s], min((k + 1) * stride[s], length)
             if first >= length or not is_open[s]:

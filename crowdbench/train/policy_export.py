@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,36 +45,73 @@ def export_policy(model: Any, file: str | Path, env: Any, state: Sequence[tuple[
     view: Any = next((layer.view for layer in layers if hasattr(layer, "view")), None)
     if view is None:
         raise InputError(f"env is a {type(env).__name__}, but must be crowdbench/Vehicle-v0 or CrowdVecEnv, or wrap it")
-    module, space, scenario = model, view.observation_space, view.scenario
+    module = model
     if policy := getattr(model, "policy", None):
         if model.action_space != view.action_space:
             raise InputError("the model has other actions than env: wrappers that change actions are not exported")
         module = _MeanAction(policy)
         if lstm := getattr(policy, "lstm_actor", None):
             state = [(lstm.num_layers, lstm.hidden_size)] * 2
-    parts = {key: space[key] for key in KEYS if key in getattr(space, "spaces", ())} or {"observation": space}
-    shapes = {key: part.shape or () for key, part in parts.items()}
-    shapes |= {f"{STATE}_{number}": shape for number, shape in enumerate(state)}
-    metadata = {name: getattr(view, name) for name in ("observation", "action", "nearest", "rays")}
-    metadata |= {"scenario": scenario.name, "dynamics": scenario.rules.dynamics.name}
-    metadata |= {"dt": scenario.rules.dt, "pedestrians": scenario.max_agents - 1}
-    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it warns that torchvision is missing
-    has_statistics = (layer for layer in layers if getattr(layer, "obs_rms", None) and getattr(layer, "norm_obs", True))
-    normaliser = next(has_statistics, None)
-    names: Any = {"input_names": list(shapes)}
-    names["output_names"] = ["action", *[f"next_{name}" for name in shapes if name not in parts]]
-    axes = (tuple({0: torch.export.Dim("world")} for _ in shapes),)
+    space = view.observation_space
+    observations = {key: space[key] for key in KEYS if key in getattr(space, "spaces", ())} or {"observation": space}
+    shapes = {key: observation.shape or () for key, observation in observations.items()}
+    memory = {f"{STATE}_{number}": shape for number, shape in enumerate(state)}
     with warnings.catch_warnings(), plugin_errors("the policy cannot be exported (is crowdbench[onnx] installed?):"):
         warnings.simplefilter("ignore")  # the exporter's own deprecations
         is_training = module.training
-        device = next((part.device for part in module.parameters()), torch.device("cpu"))
-        network = _Normalised(module, list(parts), normaliser, device).eval()
-        example = tuple(torch.zeros(EXAMPLES, *shape, device=device) for shape in shapes.values())
-        network(*example)  # its errors are shorter than the errors of the exporter
-        program: Any = torch.onnx.export(network, example, dynamic_shapes=axes, dynamo=True, verbose=False, **names)
-        program.model.metadata_props[METADATA] = json.dumps(metadata)
+        device = next((parameter.device for parameter in module.parameters()), torch.device("cpu"))
+        network = _Normalised(module, list(observations), _normaliser(layers), device).eval()
+        program = _trace(network, shapes | memory, ["action", *(f"next_{name}" for name in memory)], device)
+        program.model.metadata_props[METADATA] = json.dumps(_metadata(view))
         program.save(file, external_data=False)
         module.train(is_training)
+
+
+def _trace(network: nn.Module, shapes: Mapping[str, tuple[int, ...]], outputs: list[str], device: torch.device) -> Any:
+    """Return a network as an ONNX program.
+
+    Args:
+        network: The network.
+        shapes: The shape of each input for one world, by name.
+        outputs: The names of the outputs.
+        device: The device of the network.
+    """
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # it warns that torchvision is missing
+    example = tuple(torch.zeros(EXAMPLES, *shape, device=device) for shape in shapes.values())
+    network(*example)  # its errors are shorter than the errors of the exporter
+    batch_axes = (tuple({0: torch.export.Dim("world")} for _ in shapes),)
+    return torch.onnx.export(
+        network,
+        example,
+        input_names=list(shapes),
+        output_names=outputs,
+        dynamic_shapes=batch_axes,
+        dynamo=True,
+        verbose=False,
+    )
+
+
+def _metadata(view: Any) -> dict[str, Any]:
+    """Return the metadata of the file: observation, actions, and the scenario of the training."""
+    scenario = view.scenario
+    return {
+        "observation": view.observation,
+        "action": view.action,
+        "nearest": view.nearest,
+        "rays": view.rays,
+        "scenario": scenario.name,
+        "dynamics": scenario.rules.dynamics.name,
+        "dt": scenario.rules.dt,
+        "pedestrians": scenario.max_agents - 1,
+    }
+
+
+def _normaliser(layers: Iterable[Any]) -> Any:
+    """Return the first wrapper that normalises observations; None if there is none."""
+    for layer in layers:
+        if getattr(layer, "obs_rms", None) and getattr(layer, "norm_obs", True):
+            return layer
+    return None
 
 
 def _layers(env: Any) -> Iterator[Any]:
@@ -99,9 +136,11 @@ class _Normalised(nn.Module):
         self.policy, self.keys = policy, keys
         self.statistics: dict[str, tuple[Tensor, Tensor, float]] = {}
         running = getattr(layer, "obs_rms", {})
-        for key, one in (running if isinstance(running, dict) else {keys[0]: running}).items():
-            scale = np.stack([one.mean, np.sqrt(one.var + layer.epsilon)])
-            mean, deviation = torch.as_tensor(scale, dtype=torch.float32, device=device)
+        if not isinstance(running, dict):
+            running = {keys[0]: running}
+        for key, moments in running.items():
+            mean_and_deviation = np.stack([moments.mean, np.sqrt(moments.var + layer.epsilon)])
+            mean, deviation = torch.as_tensor(mean_and_deviation, dtype=torch.float32, device=device)
             self.statistics[key] = mean, deviation, getattr(layer, "clip_obs", np.inf)
 
     def forward(self, *arrays: Tensor) -> Any:

@@ -214,9 +214,8 @@ def _print_verification(entry: Entry, board: str, verification: Verification) ->
 
     where = f" on seed {verification.seed}" if verification.figures else ""
     passes = verification.verdict == Verdict.RERUN
-    print(
-        f"{entry.name} on {board}: {'passes, ' * passes}{verification.verdict}{where}: {one_line(verification.reason)}"
-    )
+    verdict = f"passes, {verification.verdict}" if passes else verification.verdict
+    print(f"{entry.name} on {board}: {verdict}{where}: {one_line(verification.reason)}")
     for scenario, metrics in verification.figures.items():
         measured = metrics["success_rate"].mean or 0.0
         reported = entry.spec.reported.get(scenario, {}).get("success_rate") or 0.0

@@ -32,13 +32,18 @@ def lower_than_claimed(public: Mapping[str, Episodes], held_out: Mapping[str, Ep
         A sentence for each difference.
     """
     limit = ALPHA / (len(CRITERIA) * len(public))
-    return [
-        f"{info_of(metric).title} in {name} was {_mean(public[name], metric):.4g} as reported and is "
-        f"{_mean(held_out[name], metric):.4g} in {len(held_out[name])} other cases (p = {p:.1e})"
-        for name in public
-        for metric in CRITERIA
-        if (p := p_value(*(info_of(metric).sign * run[name].columns[metric] for run in (public, held_out)))) < limit
-    ]
+    differences = []
+    for name, reported in public.items():
+        measured = held_out[name]
+        for metric in CRITERIA:
+            info = info_of(metric)
+            p = p_value(info.sign * reported.columns[metric], info.sign * measured.columns[metric])
+            if p < limit:
+                differences.append(
+                    f"{info.title} in {name} was {_mean(reported, metric):.4g} as reported and is "
+                    f"{_mean(measured, metric):.4g} in {len(measured)} other cases (p = {p:.1e})"
+                )
+    return differences
 
 
 def _mean(episodes: Episodes, metric: str) -> float:
@@ -58,6 +63,7 @@ def p_value(public: Float[np.ndarray, "case"], held_out: Float[np.ndarray, "held
     if len(both) == 1:
         return 1.0
     if len(both) == 2:
-        table = [[int((values == best).sum()) for best in both[::-1]] for values in (public, held_out)]
+        worse, better = both
+        table = [[int((values == better).sum()), int((values == worse).sum())] for values in (public, held_out)]
         return float(fisher_exact(table, alternative="greater").pvalue)
     return float(mannwhitneyu(public, held_out, alternative="greater", method="asymptotic").pvalue)

@@ -250,11 +250,14 @@ def check_names(name: str, planner: str, card: CardSpec, submitter: str, folder:
         return
     if any(letter.isalpha() and not letter.isascii() for letter in card.title):
         raise InputError(f"the title {card.title!r} must have letters of ASCII: others can look like these")
-    ships = [*(PLANNERS.sources().keys() - {planner}), *(path.stem for path in folder.parent.glob("cards/*.toml"))]
-    taken = dict.fromkeys(map(fold, ships), "a planner that ships")
-    others = [path.parent.name for path in (folder / ENTRIES).glob(f"*/{ENTRY}") if path.parent.name != name]
-    names = {**taken, **{fold(other): f"the entry {other}" for other in others}}
-    if whose := names.get(fold(name)) or taken.get(fold(card.title)):
+    shipped = PLANNERS.sources().keys() - {planner}
+    carded = {path.stem for path in folder.parent.glob("cards/*.toml")}
+    names_of_planners = {fold(each): "a planner that ships" for each in shipped | carded}
+    entries = {path.parent.name for path in (folder / ENTRIES).glob(f"*/{ENTRY}")}
+    names_of_entries = {fold(each): f"the entry {each}" for each in entries - {name}}
+    taken = names_of_planners | names_of_entries
+    whose = taken.get(fold(name)) or names_of_planners.get(fold(card.title))
+    if whose:
         raise InputError(f"{name!r}, {card.title!r} is the name of {whose}, or looks like it: choose another one")
 
 

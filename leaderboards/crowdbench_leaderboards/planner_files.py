@@ -65,7 +65,8 @@ def check_named_files(value: Any, folder: Path) -> None:
 
     def check(text: str) -> str:
         if "/" in text and "\0" not in text:
-            path, inside = folder / (file_and_function(text)[0] or text), (folder / PLANNER).resolve()
+            path = folder / (file_and_function(text)[0] or text)
+            inside = (folder / PLANNER).resolve()
             if path.is_file() and (".." in path.parts or not path.resolve().is_relative_to(inside)):
                 raise InputError(f"the entry {folder} names the file {text}, which does not lie in {PLANNER}/")
         return text
@@ -142,13 +143,19 @@ def _why_refused(path: Path) -> str:
     if head.startswith(_ARCHIVES) or head[257:262] == b"ustar":
         return "is an archive: an entry holds files"
     if zipfile.is_zipfile(path):
-        with contextlib.suppress(zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-            members, allowed = zipfile.ZipFile(path).infolist(), _ARRAYS.get(path.suffix.lower(), set())
-            if {Path(member.filename).suffix for member in members} <= allowed:
-                is_large = sum(member.file_size for member in members) > LARGEST
-                return f"unpacks to more than {LARGEST / 1e6:g} MB" * is_large
-        return "is an archive of something else than arrays: an entry holds files"
+        return _why_archive_refused(path)
     return ""
+
+
+def _why_archive_refused(path: Path) -> str:
+    """Return why an entry may not have a zip archive; empty if it may."""
+    allowed = _ARRAYS.get(path.suffix.lower(), set())
+    with contextlib.suppress(zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+        members = zipfile.ZipFile(path).infolist()
+        if {Path(member.filename).suffix for member in members} <= allowed:
+            is_large = sum(member.file_size for member in members) > LARGEST
+            return f"unpacks to more than {LARGEST / 1e6:g} MB" if is_large else ""
+    return "is an archive of something else than arrays: an entry holds files"
 
 
 def contents(value: Any, folder: Path) -> Any:

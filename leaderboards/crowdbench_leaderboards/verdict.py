@@ -195,7 +195,15 @@ def read_verification(entry: Entry, board: Board, season: Season) -> Verificatio
     if not season.takes_part(board.name, entry.name, entry.digest):
         raise Unverified("it was not frozen with the other entries, or was changed since")
     stated = verification.model_dump(include={"board", "board_digest", "entry", "entry_digest", "season", "seed"})
-    if [*stated.values()] != [board.name, board.digest, entry.name, entry.digest, season.spec.name, seed]:
+    expected = {
+        "board": board.name,
+        "board_digest": board.digest,
+        "entry": entry.name,
+        "entry_digest": entry.digest,
+        "season": season.spec.name,
+        "seed": seed,
+    }
+    if stated != expected:
         raise Unverified("its verification is of another entry, another digest of the board, or other cases")
     if runs != verification.files:
         raise Unverified("the runs of its verification were changed")

@@ -232,6 +232,7 @@ def read_public_run(entry: Entry, board: Board, scenario: Scenario) -> RunResult
         "stated": {"versions": entry.spec.environment},
         "outcomes": episodes.counts(),
         "recorded": 0,
+        "files": {},  # neither tracks nor a recording: the cases are simulated again from the commands
         "metrics": plain(episodes.summary()),
     }
     return RunResult(folder, result, episodes)

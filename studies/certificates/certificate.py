@@ -18,7 +18,7 @@ from crowdbench import METRICS, Cases, Driver, InputError, Outcome, Scenario, Tr
 from crowdbench.core import PERFECT_SENSOR, SPLITS
 from crowdbench.runs import Parts, PlannerId, Playback, Progress, Run, RunSpec, fit_batch, make_run
 from crowdbench.scenario import LARGEST, Certified, Examined
-from crowdbench.utils import hold_lock, write_whole
+from crowdbench.utils import hold_lock, sha256, write_whole
 from studies.certificates.crowds import Crowd, Known, Reacting, known_steps
 from studies.certificates.search import Effort, SearchResult, Task, search
 from studies.pages import keep
@@ -215,7 +215,7 @@ def make(
     margins = list(dict.fromkeys([margin, 0.0]))
     directory, table = out / cases.split, out / f"{cases.split}.json"
     spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))
-    sources = {path.name: files.sha256(path) for path in CODE}
+    sources = {path.name: sha256(path) for path in CODE}
     identity = PlannerId(NAME, files={"study": sources}, key=f"margins {margins}")
     run = Run(spec, play_back([], scenario), scenario, METRICS, identity)
     parts = Parts.of(run, directory).folder

@@ -196,7 +196,10 @@ def test_recordings_are_merged_too(tmp_path):
     one, merged = (tmp_path / name / "run.rrd" for name in ("one", "a"))
     assert recorded_outcomes(merged) == recorded_outcomes(one)
     for case in (0, 7):
-        assert read_recorded(merged, case).properties == read_recorded(one, case).properties
+        found, expected = (read_recorded(path, case).properties for path in (merged, one))
+        assert [found[name] for name in ("outcome", "extent", "verdict") if name in expected] == [
+            expected[name] for name in ("outcome", "extent", "verdict") if name in expected
+        ]
 
 
 def test_of_very_many_failures_only_the_first_parts_are_recorded(tmp_path, monkeypatch):

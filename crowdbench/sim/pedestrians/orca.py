@@ -150,15 +150,17 @@ def avoid(
     cells = make_cells(crowd.position, crowd.seen) if has_cells else None
     room = 0 if cells is None else min(int(avoidance.max_neighbors.max(initial=0.0)), agents)
 
+    fields, limits = tuple(crowd), avoidance[:3]  # plain tuples, because numba takes longer to receive named ones
+
     def compute(begin: int, end: int) -> None:
         walls, nearest = (_NO_LINES, _NOBODY), (_NOBODY, _NOBODY)
         if edges > 0:
             walls = np.empty(((end - begin) * edges, 4)), np.empty(end - begin, np.int64)
-            wall_lines(begin, end, crowd, avoidance.time_horizon_obst, obstacles, *walls)
+            wall_lines(begin, end, fields, avoidance.time_horizon_obst, obstacles, *walls)
         if cells is not None:
             nearest = np.empty((end - begin) * room, np.int64), np.empty(end - begin, np.int64)
             find_neighbors(begin, end, crowd.position, crowd.moves, cells, avoidance, obstacles, *nearest)
-        avoid_block(begin, end, first, crowd, time_step, avoidance[:3], walls, nearest, out)
+        avoid_block(begin, end, first, fields, time_step, limits, walls, nearest, out)
 
     in_blocks(compute, worlds * agents, *BLOCK_AGENTS)
     return out

@@ -9,11 +9,10 @@ from typing import ClassVar, no_type_check
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.geometry import fill_toward_goal
+from crowdbench.core.geometry import fill_toward_goal, toward_goal
 from crowdbench.core.types import World
 from crowdbench.sim.kernels import at
-from crowdbench.sim.neighbors import CELLS_FROM
-from crowdbench.sim.pedestrians.orca import BLOCK_AGENTS, Agents, Avoidance, avoid, avoid_block
+from crowdbench.sim.pedestrians.orca import Agents, Avoidance, avoid, avoid_block
 from crowdbench.sim.pedestrians.policy import Parameters, PedestrianPolicy, Velocities
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit
@@ -67,16 +66,8 @@ def orca_pedestrians(world: World, parameters: Parameters, pace: Float[np.ndarra
     margin = parameters["safety_space"]
     avoidance = avoidance_of(parameters)
     goal, dt = goals_on_way(world), world.rules.dt
-    worlds, agents = world.radius.shape
-    state = world.position, world.velocity, world.radius, world.preferred_speed, world.present
-    is_small = worlds * agents < 2 * BLOCK_AGENTS[0] and agents < CELLS_FROM
-    if is_small and not world.obstacles.shape[1]:
-        out = np.empty((worlds, agents - 1, 2))
-        orca_in_one(goal, pace, margin, *state, dt, *avoidance[:3], out)
-        return out
-    preferred, size = np.empty(world.position.shape), np.empty(world.radius.shape)
-    _prepare(goal, pace, margin, world.position, world.radius, preferred, size)
-    moves = world.present
+    preferred = toward_goal(world.position, goal, pace)
+    size, moves = world.radius + (ORCA_MARGIN + margin), world.present
     crowd = Agents(world.position, world.velocity, preferred, size, world.preferred_speed, world.present, moves)
     return avoid(1, crowd, dt, world.obstacles, avoidance)
 
@@ -104,7 +95,7 @@ def _prepare(goal, pace, safety_space, position, radius, preferred, size):
 @no_type_check
 @njit
 def orca_in_one(goal, pace, safety_space, position, velocity, radius, speed, present, dt, reach, limit, horizon, out):
-    """Compute the pedestrians' velocities by ORCA, in few and small worlds without walls.
+    """Compute the pedestrians' velocities by ORCA, in one small world without walls.
 
     Args:
         goal (ndarray): `[world, agent, 2]`, in metres.
@@ -123,6 +114,6 @@ def orca_in_one(goal, pace, safety_space, position, velocity, radius, speed, pre
     """
     preferred, size = np.empty(position.shape), np.empty(radius.shape)
     _prepare(goal, pace, safety_space, position, radius, preferred, size)
-    crowd, limits = Agents(position, velocity, preferred, size, speed, present, present), (reach, limit, horizon)
+    crowd, limits = (position, velocity, preferred, size, speed, present, present), (reach, limit, horizon)
     nobody, zero, first = np.empty(0, np.int64), np.int64(0), np.int64(1)  # for literals it would be compiled twice
     avoid_block(zero, radius.size, first, crowd, dt, limits, (np.empty((0, 4)), nobody), (nobody, nobody), out)

@@ -200,22 +200,26 @@ def _compare(board: Board, candidates: Mapping[str, Standing]) -> tuple[list[Pai
     So an entry does not change the rank of others if its submitter has a better one.
     """
     best = _best_of_each(board, candidates)
-    pairs: list[Pair] = []
-    rank: dict[str, Rank] = {}
-    for name in [None, *(name for name in candidates if name not in best)]:
-        own = name and candidates[name].entry.submitter
-        names = [
-            each
+    pairs, rank = _compare_entries(board, [candidates[name] for name in best])
+    for name, entry in candidates.items():
+        if name in best:
+            continue
+        rivals = [
+            candidates[each]
             for each in best
-            if name is None or candidates[each].is_baseline or candidates[each].entry.submitter != own
+            if candidates[each].is_baseline or candidates[each].entry.submitter != entry.entry.submitter
         ]
-        compared = [candidates[each] for each in (*names, *([name] if name else []))]
-        successes = {entry.name: (entry.outcomes == Outcome.SUCCESS).astype(float) for entry in compared}
-        found = compare_all(successes, board.weights, _blocks(compared))
-        ranked = ranks([*successes], found)
-        rank |= ranked if name is None else {name: ranked[name]}
-        pairs += [pair for pair in found if name in (None, pair.higher, pair.lower)]
+        own_pairs, own_rank = _compare_entries(board, [*rivals, entry])
+        pairs += [pair for pair in own_pairs if name in (pair.higher, pair.lower)]
+        rank[name] = own_rank[name]
     return pairs, rank
+
+
+def _compare_entries(board: Board, entries: Sequence[Standing]) -> tuple[list[Pair], dict[str, Rank]]:
+    """Compare entries with each other, and return their pairs and their ranks by name."""
+    successes = {entry.name: (entry.outcomes == Outcome.SUCCESS).astype(float) for entry in entries}
+    pairs = compare_all(successes, board.weights, _blocks(entries))
+    return pairs, ranks([*successes], pairs)
 
 
 def _blocks(entries: Sequence[Standing]) -> Sequence[Int[np.ndarray, "case"]] | None:

@@ -241,7 +241,7 @@ def test_a_run_says_its_blocks_and_can_be_replayed_with_the_same_files_alone(tmp
     assert list(result["scenario"]["tracks"]["files"]) == ["mine.txt"]
     assert Episodes.read(tmp_path / "one" / "episodes.csv").block.tolist() == 2 * [6, 7, 8, 9, 10, 11]
     assert run(monkeypatch, "score", "one", "--data", tmp_path) == 0
-    assert "the states of 12 episodes with run.rrd" in capsys.readouterr().out
+    assert "12 cases were simulated again from their commands" in capsys.readouterr().out
     rows = (tmp_path / "one" / "episodes.csv").read_text()
     (tmp_path / "one" / "episodes.csv").write_text(rows.replace(",6,", ",7,", 1))
     assert run(monkeypatch, "score", "one", "--data", tmp_path) == 1
