@@ -16,7 +16,7 @@ from crowdbench.planners.planner import Planner
 from crowdbench.plugins.kind import ROOT, Kind, file_and_function
 from crowdbench.plugins.plugin_files import read_files
 from crowdbench.scenario import layouts, scenario_file
-from crowdbench.scenario.certified import FOLDER, CertificateStatus, Certified
+from crowdbench.scenario.certified import CERTIFICATES, CertificateStatus, Certified
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import NamesSpec, SimulatedPedestriansSpec
 from crowdbench.sim.pedestrians import PedestrianPolicy
@@ -148,7 +148,7 @@ def load_scenario(
         functools.partial(PEDESTRIANS.load_with_digest, folder=path.parent),
         data,
     )
-    file = path.parent / FOLDER / path.name
+    file = path.parent / CERTIFICATES / path.name
     certified = Certified.read(file)
     if certified is None:
         return scenario
@@ -257,7 +257,7 @@ def scenarios() -> list[tuple[str, str]]:
 
 def _scenario_files() -> list[Path]:
     """Return the files of all built-in scenarios, sorted by path, without dials, certificates and the suite's list."""
-    files = sorted(path for path in SCENARIOS.rglob("*.toml") if path.parent.name not in ("dials", FOLDER))
+    files = sorted(path for path in SCENARIOS.rglob("*.toml") if path.parent.name not in ("dials", CERTIFICATES))
     return [path for path in files if path != SUITE]
 
 

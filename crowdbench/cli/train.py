@@ -110,7 +110,7 @@ def with_method_options(
 ) -> inspect.Signature:
     """Return a signature with the options of the training methods instead of its last parameter, `**options`.
 
-    An option is None if it is not given. Its type and default are those of the field, and its help is in the docstring.
+    An option is None if it is not given. The field gives its type and its default, the docstring its help.
     """
     *common, _ = signature.parameters.values()
     parameters = []

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from crowdbench.core.types import Outcome
 from crowdbench.drawing import FONT_SIZE
-from crowdbench.figures.style import COLOURS, DASHES, HEIGHT, axes
+from crowdbench.figures.style import COLOURS, DASHES, FIGURE_HEIGHT, axes
 from crowdbench.metrics.summary import bootstrap, rate
 from crowdbench.results.table import RunTable
 from crowdbench.utils import files
@@ -64,7 +64,7 @@ def _label_ends(ax: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
         ax: The axes, whose values begin at 0.
         ends: The value at the end of each line, and its colour, by name.
     """
-    line, top = FONT_SIZE / (72.0 * 0.7 * HEIGHT) * ax.get_ylim()[1], np.inf
+    line, top = FONT_SIZE / (72.0 * 0.7 * FIGURE_HEIGHT) * ax.get_ylim()[1], np.inf
     for below, (name, (value, color)) in enumerate(sorted(ends.items(), key=lambda end: -end[1][0])):
         top = max(min(value, top - line), line * (len(ends) - 1 - below))
         ax.plot([1.0, 1.04], [value, top], color=color, transform=ax.get_yaxis_transform(), clip_on=False)

@@ -28,7 +28,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 
 SUFFIXES = (".pdf", ".png", ".svg")
 
-WIDTH, HEIGHT = 3.5, 2.5
+WIDTH, FIGURE_HEIGHT = 3.5, 2.5
 """Size of a figure in inches: one column of a paper with two columns."""
 
 STYLE = {
@@ -49,7 +49,7 @@ STYLE = {
 
 
 @contextlib.contextmanager
-def axes(out: Path, height: float = HEIGHT, caption: str = "") -> Iterator[Axes]:
+def axes(out: Path, height: float = FIGURE_HEIGHT, caption: str = "") -> Iterator[Axes]:
     """Yield axes to draw on. The figure is written when the `with` statement ends without an error.
 
     Args:

@@ -20,7 +20,7 @@ from typing import Any
 from crowdbench.isolation.launch import MACHINES
 from crowdbench.isolation.limits import TASKS, launcher
 from crowdbench.plugins.kind import ROOT
-from crowdbench.utils.compiled import kernel_files as store
+from crowdbench.utils.compiled import cache_folder
 
 CLIENT = (sys.executable, "-P", "-m", "crowdbench.isolation.client")
 """Command that makes a Python planner in its process. With `-P`, a file in the current folder replaces no module."""
@@ -146,7 +146,7 @@ def _python() -> Iterator[Path]:
 
 def crowdbench_places() -> list[Path]:
     """Return the package, the planners and scenarios that ship, and the compiled functions."""
-    return [_PACKAGE, ROOT / "agents", ROOT / "scenarios", *store.folders()]
+    return [_PACKAGE, ROOT / "agents", ROOT / "scenarios", cache_folder()]
 
 
 def _environment() -> Mapping[str, str]:

@@ -1,5 +1,5 @@
 from .contacts import contacts_of as contacts_of
-from .fault import LITTLE as LITTLE
+from .fault import SMALL_SHARE as SMALL_SHARE
 from .fault import Fault as Fault
 from .info import Metric as Metric
 from .info import MetricInfo as MetricInfo
@@ -17,8 +17,8 @@ from .scenario_means import scenario_weights as scenario_weights
 from .summary import CONFIDENCE as CONFIDENCE
 from .summary import UNDEFINED as UNDEFINED
 from .summary import Estimate as Estimate
-from .summary import around as around
 from .summary import bootstrap_distribution as bootstrap_distribution
+from .summary import include_mean as include_mean
 from .summary import interval as interval
 from .summary import weighted_mean as weighted_mean
 from .summary import wilson as wilson

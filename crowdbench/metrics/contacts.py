@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.core.types import Trace
-from crowdbench.metrics.fault import LITTLE, Contacts, Fault, find_contacts
+from crowdbench.metrics.fault import SMALL_SHARE, Contacts, Fault, find_contacts
 from crowdbench.metrics.info import describe
 
 _CONTACTS: WeakKeyDictionary[Trace, Contacts] = WeakKeyDictionary()
@@ -33,7 +33,7 @@ def impact_speed(trace: Trace) -> Float[np.ndarray, "world"]:
 @describe("at fault", "less", share=True)
 def at_fault_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended in a collision in which the vehicle had a share of 0.1 or more [1]."""
-    return contacts_of(trace).share >= LITTLE
+    return contacts_of(trace).share >= SMALL_SHARE
 
 
 @describe("at fault though seen", "less", share=True)

@@ -33,7 +33,7 @@ STANDING = 0.05
 UNDETERMINED = 0.01
 """Sum of both approaches in metres below which the share is undetermined."""
 
-LITTLE, MUCH = 0.1, 0.9
+SMALL_SHARE, LARGE_SHARE = 0.1, 0.9
 """Share below which the vehicle was struck, and share above which only the vehicle approached."""
 
 BEHIND = np.cos(np.radians(120.0))
@@ -188,9 +188,9 @@ def _attribute(trace: Trace, touches: _Touches) -> tuple[_Numbers, Int[np.ndarra
     is_behind = dot(faces, normal[:, 0]) < BEHIND
     conditions = {
         Fault.STRUCK_STANDING: path < STANDING,
-        Fault.STRUCK_BEHIND: (share < LITTLE) & is_behind,
-        Fault.STRUCK: share < LITTLE,
-        Fault.ALONE: share > MUCH,
+        Fault.STRUCK_BEHIND: (share < SMALL_SHARE) & is_behind,
+        Fault.STRUCK: share < SMALL_SHARE,
+        Fault.ALONE: share > LARGE_SHARE,
         Fault.BOTH: ~np.isnan(share),
     }
     fault = np.select(list(conditions.values()), list(conditions), Fault.UNDETERMINED)

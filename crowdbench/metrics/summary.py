@@ -94,7 +94,7 @@ def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
     half = z / scale * math.sqrt(4.0 * n * mean * (1.0 - mean) + z**2)
     low = middle - half if values.any() else 0.0
     high = 1.0 if values.all() else middle + half
-    return Estimate(mean, *around(mean, low, high), n, float(values.max()))
+    return Estimate(mean, *include_mean(mean, low, high), n, float(values.max()))
 
 
 def bootstrap(values: Values, weights: Values, block: Column | None = None) -> Estimate:
@@ -118,7 +118,7 @@ def bootstrap(values: Values, weights: Values, block: Column | None = None) -> E
         resampled = bootstrap_distribution(np.mean, means)
     else:
         resampled = bootstrap_distribution(weighted_mean, means, counts)
-    low, high = around(mean, *interval(resampled))
+    low, high = include_mean(mean, *interval(resampled))
     return Estimate(mean, low, high, len(values), float(values.max()))
 
 
@@ -180,7 +180,7 @@ def _draw_in_batches(n: int) -> Iterator[Int[np.ndarray, "resample case"]]:
         yield random.integers(0, n, (min(batch, RESAMPLES - start), n))
 
 
-def around(mean: float, low: float, high: float) -> tuple[float, float]:
+def include_mean(mean: float, low: float, high: float) -> tuple[float, float]:
     """Return bounds that contain the mean, which may be outside the interval because of rounding.
 
     Args:

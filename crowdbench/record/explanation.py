@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from crowdbench.core.geometry import norm, turn
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.metrics.fault import LITTLE, WINDOW, find_contacts
+from crowdbench.metrics.fault import SMALL_SHARE, WINDOW, find_contacts
 from crowdbench.record import decisions, marks
 
 PREDICTED_LOG = "predicted"
@@ -37,7 +37,9 @@ def describe_failure(trace: Trace, row: int) -> list[str]:
     if outcome is Outcome.COLLISION:
         contacts = find_contacts(trace, np.array([row]))
         agent, share, saw = (array[row].item() for array in (contacts.agent, contacts.share, contacts.saw))
-        fault = f"{'' if share >= LITTLE else 'not '}the vehicle's fault (φ = {share:.2f}, its share of the approach)"
+        fault = (
+            f"{'' if share >= SMALL_SHARE else 'not '}the vehicle's fault (φ = {share:.2f}, its share of the approach)"
+        )
         first = f"Collision with pedestrian {agent - 1} at {steps * dt:g} s: {fault}."
         return [first, _expected(trace, row, agent), _describe_motion(trace, row, agent, saw=saw)]
     if outcome is Outcome.WALL_COLLISION:

@@ -16,9 +16,9 @@ from crowdbench.metrics.summary import (
     RESAMPLES,
     UNDEFINED,
     Estimate,
-    around,
     bootstrap_distribution,
     by_block,
+    include_mean,
     interval,
     weigh,
     weighted_mean,
@@ -99,7 +99,7 @@ def compare_metric(name: str, strata: Sequence[Paired]) -> MetricDifference:
     if not parts:
         return MetricDifference(math.nan, math.nan, UNDEFINED, p, None)
     a, b = (float(np.mean(means)) for means in zip(*(means for means, _, _ in parts), strict=True))
-    low, high = around(b - a, *interval(_mean_of([resampled for _, resampled, _ in parts])))
+    low, high = include_mean(b - a, *interval(_mean_of([resampled for _, resampled, _ in parts])))
     if p is not None and p >= 1.0 - CONFIDENCE:
         low, high = min(low, 0.0), max(high, 0.0)
     differences = np.concatenate([difference for _, _, difference in parts])

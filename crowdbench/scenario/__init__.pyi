@@ -1,9 +1,9 @@
-from .certified import FOLDER as FOLDER
-from .certified import LARGEST as LARGEST
+from .certified import CERTIFICATES as CERTIFICATES
+from .certified import MAX_MARGIN as MAX_MARGIN
 from .certified import Certified as Certified
 from .certified import Examined as Examined
 from .layouts.crossings import circle_crossing as circle_crossing
-from .layouts.placer import TRIES as TRIES
+from .layouts.placer import MAX_DRAWS as MAX_DRAWS
 from .layouts.placer import Placer as Placer
 from .occupancy_grid import Polygon as Polygon
 from .occupancy_grid import read_obstacles as read_obstacles

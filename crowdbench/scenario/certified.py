@@ -16,10 +16,10 @@ from pydantic import AfterValidator, Field
 from crowdbench.scenario.cases import LAST, Cases
 from crowdbench.utils.toml import Location, Name, TomlTable, integer, number, parse_table, read_toml
 
-FOLDER = "certified"
+CERTIFICATES = "certified"
 """Folder beside a scenario's file. It contains the file with the certified cases, which has the same name."""
 
-LARGEST = 100.0
+MAX_MARGIN = 100.0
 """Upper bound of margins in metres."""
 
 
@@ -62,7 +62,7 @@ class Certified(TomlTable):
     """
 
     scenario: Name
-    margin: float = number(least=0.0, below=LARGEST)
+    margin: float = number(least=0.0, below=MAX_MARGIN)
     train: Examined | None = Field(default=None, description="a table [train]")
     val: Examined | None = Field(default=None, description="a table [val]")
     test: Examined | None = Field(default=None, description="a table [test]")

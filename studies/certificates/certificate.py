@@ -17,7 +17,7 @@ from jaxtyping import Float
 from crowdbench import METRICS, Cases, Driver, InputError, Outcome, Scenario, Trace, load_planner, rollout
 from crowdbench.core import PERFECT_SENSOR, SPLITS
 from crowdbench.runs import Parts, PlannerId, Playback, Progress, Run, RunSpec, fit_batch, make_run
-from crowdbench.scenario import LARGEST, Certified, Examined
+from crowdbench.scenario import MAX_MARGIN, Certified, Examined
 from crowdbench.utils import hold_lock, sha256, write_whole
 from studies.certificates.crowds import Crowd, Known, Reacting, known_steps
 from studies.certificates.search import Effort, SearchResult, Task, search
@@ -210,8 +210,8 @@ def make(
         InputError: The margin is out of range, the scenario breaks its contract, or the directory cannot be written.
         KeyboardInterrupt: Interrupted. Finished parts are kept.
     """
-    if not 0.0 <= margin < LARGEST:
-        raise InputError(f"a margin of {margin:g} m is not possible: give 0 m or more, and less than {LARGEST:g} m")
+    if not 0.0 <= margin < MAX_MARGIN:
+        raise InputError(f"a margin of {margin:g} m is not possible: give 0 m or more, and less than {MAX_MARGIN:g} m")
     margins = list(dict.fromkeys([margin, 0.0]))
     directory, table = out / cases.split, out / f"{cases.split}.json"
     spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))

@@ -53,7 +53,7 @@ def certify(
     """
     use_threads(threads)
     from crowdbench import Cases, load_scenario, scenario_path
-    from crowdbench.scenario import FOLDER
+    from crowdbench.scenario import CERTIFICATES
     from studies.certificates.certificate import make
 
     examined, changes = Cases.parse(cases), assignments(overrides or [], "--set")
@@ -70,7 +70,7 @@ def certify(
     print(f"\nKept in {run}; `crowdbench score {run}` checks it.")
     if examined.start == 0:
         folder = scenario_path(scenario).parent
-        listed, place = directory / f"{loaded.name}.toml", folder / FOLDER / f"{loaded.name}.toml"
+        listed, place = directory / f"{loaded.name}.toml", folder / CERTIFICATES / f"{loaded.name}.toml"
         print(f"{listed} lists the cases without certificate: copy it to {place}, and runs print their share.")
 
 

@@ -12,7 +12,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench import InputError
 from crowdbench.cli import help_from_docstring, main, say
-from crowdbench.figures import COLOURS, DASHES, HEIGHT, MARKERS, axes
+from crowdbench.figures import COLOURS, DASHES, FIGURE_HEIGHT, MARKERS, axes
 from crowdbench.metrics import wilson
 from studies.dials.estimate import WANTED
 from studies.pages import read_kept
@@ -50,7 +50,7 @@ def plot(files: list[Path], out: Path = Path("dial.pdf")) -> None:
     place = np.arange(len(levels))
     wanted = 100.0 * WANTED
     columns = min(3, math.ceil(len(found) / 2))
-    with axes(out, HEIGHT + LINE * math.ceil(len(found) / columns)) as ax:
+    with axes(out, FIGURE_HEIGHT + LINE * math.ceil(len(found) / columns)) as ax:
         ax.axhline(wanted, color="#888888", linewidth=0.8)
         for number, each in enumerate(found):
             (row,) = each["rows"]

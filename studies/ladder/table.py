@@ -12,7 +12,7 @@ from pydantic import Field
 
 from crowdbench import Cases, Scenario, load_scenario
 from crowdbench.core import PERFECT_SENSOR
-from crowdbench.metrics import Estimate, around, wilson
+from crowdbench.metrics import Estimate, include_mean, wilson
 from crowdbench.runs import Run, RunSpec, load_run
 from crowdbench.utils import Grid, Location, Name, Names, TomlTable, markdown
 from studies.ladder.futures import adds_nothing
@@ -236,7 +236,7 @@ def paired_gain(above: Bool[np.ndarray, "case"], below: Bool[np.ndarray, "case"]
     gained, lost = (int(np.sum(x & ~y)) + 1 for x, y in ((above, below), (below, above)))
     centre, width = (gained - lost) / n, 1.96 * np.sqrt(gained + lost - (gained - lost) ** 2 / n) / n
     mean = float(above.mean() - below.mean())
-    return Estimate(mean, *around(mean, max(centre - width, -1.0), min(centre + width, 1.0)), len(above), 1.0)
+    return Estimate(mean, *include_mean(mean, max(centre - width, -1.0), min(centre + width, 1.0)), len(above), 1.0)
 
 
 def _say_points(gain: Estimate | None) -> str:

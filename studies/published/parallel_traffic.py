@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from crowdbench.scenario import TRIES, LayoutWithRespawn, PerAgent, Placement, Placer, Position, Surroundings, Trip
+from crowdbench.scenario import MAX_DRAWS, LayoutWithRespawn, PerAgent, Placement, Placer, Position, Surroundings, Trip
 
 HALF, SIDE = 7.0, 1.5
 """Half of the length and of the width of the area in which pedestrians start, in metres."""
@@ -18,7 +18,7 @@ def traffic(rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgen
 
     def place_next() -> bool:
         reach = HALF - placer.radius[len(placer.start)]
-        for _ in range(TRIES):
+        for _ in range(MAX_DRAWS):
             x, y = rng.uniform((-reach, -SIDE), (reach, SIDE)).tolist()
             if placer.start.is_clear(x, y):
                 placer.add((x, y), (GOAL, y))

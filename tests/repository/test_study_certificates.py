@@ -13,7 +13,7 @@ from crowdbench.planners.driver import Driver
 from crowdbench.runs.replay import Playback
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.certified import FOLDER, Certified
+from crowdbench.scenario.certified import CERTIFICATES, Certified
 from crowdbench.utils.errors import InputError
 from studies.certificates import run
 from studies.certificates.certificate import SEARCH, certificates, make
@@ -256,14 +256,14 @@ makes their certificates again; then the name comes off this list."""
 
 @pytest.mark.parametrize("folder", STALE)
 def test_certificates_are_of_the_scenarios_that_ship_but_for_those_to_be_made_again(folder):
-    statuses = [load_scenario(file.stem).certificates for file in (SCENARIOS / folder / FOLDER).glob("*.toml")]
+    statuses = [load_scenario(file.stem).certificates for file in (SCENARIOS / folder / CERTIFICATES).glob("*.toml")]
     stale = {status.name for status in statuses if status.certified.scenario != status.digest}
     assert stale == set(STALE[folder].split())
 
 
 @pytest.mark.parametrize("folder", STALE)
 def test_at_least_95_percent_of_the_cases_of_a_scenario_that_ships_are_certified(folder):
-    for file in (SCENARIOS / folder / FOLDER).glob("*.toml"):
+    for file in (SCENARIOS / folder / CERTIFICATES).glob("*.toml"):
         certified = Certified.read(file)
         for examined in filter(None, (certified.val, certified.test)):
             assert len(examined.uncertified) <= 0.05 * examined.examined, file

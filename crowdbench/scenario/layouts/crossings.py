@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.scenario.layouts.placer import ATTEMPTS, TRIES, Placer, Point, no_room
+from crowdbench.scenario.layouts.placer import ATTEMPTS, MAX_DRAWS, Placer, Point, no_room
 from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.utils.errors import InputError
 
@@ -70,7 +70,7 @@ def circle_crossing(
 
     def place_next() -> bool:
         speed = speeds[len(placer.start)]
-        for _ in range(TRIES):
+        for _ in range(MAX_DRAWS):
             angle = rng.random() * np.pi * 2
             x = circle_radius * math.cos(angle) + (rng.random() - 0.5) * speed
             y = circle_radius * math.sin(angle) + (rng.random() - 0.5) * speed
@@ -126,7 +126,7 @@ def _draw_clear(
 ) -> tuple[float, float] | None:
     """Return the first drawn position that is clear, in the left half (-1) or the right half (1) of a square; None
     without one."""
-    for _ in range(TRIES):
+    for _ in range(MAX_DRAWS):
         x = rng.random() * width * 0.5 * side
         y = (rng.random() - 0.5) * width
         if clear(x, y):
@@ -191,7 +191,7 @@ def draw_beside(
         noise: Factor of this noise in metres: `NOISE` for a start, the preferred speed in m/s for a new goal.
         clear: True if a point in metres has room.
     """
-    for _ in range(TRIES):
+    for _ in range(MAX_DRAWS):
         angle = draw() * np.pi * 2
         noise_x, noise_y = (draw() - low) * noise, (draw() - low) * noise
         point = circle_radius * np.cos(angle) + noise_x, circle_radius * np.sin(angle) + noise_y

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from crowdbench.scenario.layouts.placer import TRIES, Area, Placer, Point
+from crowdbench.scenario.layouts.placer import MAX_DRAWS, Area, Placer, Point
 from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.utils.errors import InputError, is_number
 
@@ -44,7 +44,7 @@ def floor_plan(
     trips = [_trip(f"layout.ways[{number}]", way, areas) for number, way in enumerate(ways, 1)]
     placer = Placer(radius, [_points(f"layout.obstacles[{number}]", each) for number, each in enumerate(obstacles, 1)])
     if not placer.draw(rng, *vehicle_trip):
-        raise InputError(f"the vehicle finds no room between {' and '.join(vehicle)}, in {TRIES} draws")
+        raise InputError(f"the vehicle finds no room between {' and '.join(vehicle)}, in {MAX_DRAWS} draws")
 
     def place_next() -> bool:
         start, goal = trips[int(rng.integers(len(trips)))]

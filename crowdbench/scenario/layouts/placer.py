@@ -24,11 +24,11 @@ WALL_CLEARANCE = 0.5
 """Smallest distance in metres between a rim and a wall at starts and goals. Nearer to a wall, the social force of the
 wall keeps pedestrians away from their goals."""
 
-TRIES = 10_000
+MAX_DRAWS = 10_000
 """Number of draws for one pedestrian after which the layout counts as full."""
 
 ALONE, TOGETHER = 20, 998
-"""The first `ALONE` draws are checked one by one. If none of them is clear, the rest of `TRIES` are checked in ten
+"""The first `ALONE` draws are checked one by one. If none of them is clear, the rest of `MAX_DRAWS` are checked in ten
 batches of `TOGETHER`, which is faster if hardly any draw is clear."""
 
 ATTEMPTS = 10
@@ -178,7 +178,7 @@ class Placer:
             x, y = left + (right - left) * rng.random(), low + (high - low) * rng.random()
             if others.is_clear(x, y) and not self._is_near_wall(x, y, distance):
                 return x, y
-        for _ in range((TRIES - ALONE) // TOGETHER):
+        for _ in range((MAX_DRAWS - ALONE) // TOGETHER):
             before = rng.bit_generator.state
             points = rng.uniform(*area, (TOGETHER, 2))
             rows = np.flatnonzero(others.may_be_clear(points))
@@ -209,6 +209,6 @@ def no_room(agent: int, agents: int, area: str, key: str) -> str:
         key: The key of the scenario to raise for more room.
     """
     return (
-        f"pedestrian {agent} of {agents - 1} finds no room on {area}, in {ATTEMPTS} attempts of {TRIES} draws: lower "
-        f"pedestrians.number or raise {key}"
+        f"pedestrian {agent} of {agents - 1} finds no room on {area}, in {ATTEMPTS} attempts of {MAX_DRAWS} draws: "
+        f"lower pedestrians.number or raise {key}"
     )

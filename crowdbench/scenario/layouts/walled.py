@@ -7,7 +7,7 @@ import math
 import numpy as np
 import shapely
 
-from crowdbench.scenario.layouts.placer import TRIES, Area, Placer, Point
+from crowdbench.scenario.layouts.placer import MAX_DRAWS, Area, Placer, Point
 from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.utils.errors import InputError
 
@@ -202,7 +202,7 @@ def _draw_blocks(rng: np.random.Generator, side: float, number: int, free: shape
     """Draw rectangles apart from each other, the walls of a room, and points in it; `side` is half its width in
     metres."""
     placed: list[shapely.Polygon] = []
-    for _ in range(TRIES):
+    for _ in range(MAX_DRAWS):
         if len(placed) == number:
             break
         size = rng.uniform(*SIDES, 2) / 2

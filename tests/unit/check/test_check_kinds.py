@@ -166,14 +166,9 @@ class Guess(Predictor):
         return self.change(prediction, obs) if obs.step[0] == 3 else prediction
 
 
-def predictor_faults(make, limit=60.0, limited=False):
+def predictor_faults(make, limited=False):
     scenarios = {"": PLACE} | ({"with limited sight: ": LIMITED} if limited else {})
-    return broken(results_of(Subject(PREDICTOR, make, "mine", scenarios, limit, neural=False)))
-
-
-def changed_observation(prediction, obs):
-    obs.pedestrians.history[:] += 1e-9
-    return prediction
+    return broken(results_of(Subject(PREDICTOR, make, "mine", scenarios, neural=False)))
 
 
 def infinite(prediction, obs):
@@ -187,15 +182,8 @@ def scaled(prediction, factor):
 
 PREDICTORS = {
     "an exception": (lambda prediction, obs: [][1], "answers", "predictor mine raised IndexError"),
-    "late": (Late(), "answers", "took longer than the limit of 0.05 s (case 0, step 3)"),
     "an array": (lambda prediction, obs: prediction.position, "answers", "a ndarray instead of a Prediction"),
     "infinite": (infinite, "answers", "returned velocities that are not finite"),
-    "meddling": (changed_observation, "answers", "changes obs.pedestrians.history (case 0, step 3)"),
-    "herd": (
-        lambda prediction, obs: scaled(prediction, 0.5 if len(obs) == 1 else 1.0),
-        "independent",
-        "worlds' predictions differ when a case is driven alone",
-    ),
     "padding": (
         lambda prediction, obs: scaled(prediction, 1.0 + 0.1 * (obs.pedestrians.seen.shape[1] > 10)),
         "independent",
@@ -207,23 +195,9 @@ PREDICTORS = {
 @pytest.mark.parametrize("name", PREDICTORS)
 def test_a_fault_of_a_predictor_is_found(name):
     change, check, expected = PREDICTORS[name]
-    faults = predictor_faults(lambda: Guess(change), limit=0.05 if name == "late" else 60.0)
+    faults = predictor_faults(lambda: Guess(change))
     assert set(faults) == {check}
     assert expected in faults[check]
-
-
-class Counts(Guess):
-    """Predicts farther with every call."""
-
-    calls = 0
-
-    def predict(self, obs, steps):
-        self.calls += 1
-        return scaled(super().predict(obs, steps), 1.0 + 0.01 * self.calls)
-
-
-def test_a_predictor_with_a_state_of_its_own_is_found():
-    assert "when repeated" in predictor_faults(Counts)["repeatable"]
 
 
 def test_good_predictors_pass():
@@ -275,11 +249,6 @@ def speed(trace):
     return np.nanmean(np.linalg.norm(trace.command, axis=2), axis=1)
 
 
-def dirt(trace):
-    trace.command[0, 0] = 9.0
-    return np.zeros(len(trace))
-
-
 def above_the_others(trace):
     return speed(trace) > speed(trace).mean()
 
@@ -298,7 +267,6 @@ METRICS_THAT_OFFEND = {
     "a number": (lambda trace: 1.0, "answers", "returned float, but must return one number or boolean per episode"),
     "per step": (lambda trace: trace.gap, "answers", "but must return one number or boolean per episode"),
     "infinite": (lambda trace: speed(trace) / 0.0, "answers", "is inf in case 0"),
-    "meddling": (dirt, "answers", "changes trace.command (case 0)"),
     "a rank": (above_the_others, "independent", "values differ when a case is driven alone"),
 }
 

@@ -7,7 +7,7 @@ from helpers import drive, fixture
 
 from crowdbench.catalog import load_scenario
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.layouts.placer import TRIES, Placer
+from crowdbench.scenario.layouts.placer import MAX_DRAWS, Placer
 from crowdbench.utils.errors import InputError
 
 WALLED = ("blind_corner", "corridor", "doorway", "intersection", "room", "traffic")
@@ -113,7 +113,7 @@ def test_draws_together_place_as_draws_one_by_one(side, monkeypatch):
 
     together = place()
     assert all(together[0]) == (side == 2.5)
-    monkeypatch.setattr("crowdbench.scenario.layouts.placer.ALONE", TRIES)
+    monkeypatch.setattr("crowdbench.scenario.layouts.placer.ALONE", MAX_DRAWS)
     assert together == place()
 
 

@@ -32,6 +32,8 @@ def test_a_network_that_does_not_exist_is_refused():
         ("cadrl", {"steps": 9}, "--steps is not for cadrl, only for ppo, ppo_attention"),
         ("ppo", {"episodes": 9}, "--episodes is not for ppo, only for cadrl, lstm_rl, sarl"),
         ("sarl", {"episodes": 9, "minutes": 1.0}, "--minutes and --episodes both set the length of a training"),
+        ("sarl", {"seed": -1}, "--seed is -1, but must be a whole number from 0 to 1000000000"),
+        ("ppo", {"steps": 0}, "--steps is 0, but must be a whole number, 1 or more"),
         ("sarl", {"minutes": float("inf")}, "--minutes is inf, but must be a number above 0"),
     ],
 )

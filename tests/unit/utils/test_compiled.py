@@ -1,21 +1,21 @@
-"""Compiled code on disk: never out of date, never damaged, and never in the way."""
+"""Compiled code on disk: never out of date, and never in the way."""
 
+import ast
 import gc
+import importlib
 import os
 import shutil
 import subprocess
 import sys
 import time
-from collections import namedtuple
 from pathlib import Path
 
 import numba
 import pytest
 
 import crowdbench
-from crowdbench.utils.compiled import kernel_files as store
-from crowdbench.utils.compiled import named_tuples, njit
-from crowdbench.utils.compiled.kernel_key import kernel_key
+from crowdbench.utils import compiled
+from crowdbench.utils.compiled import kernel_files, njit
 
 PACKAGE = Path(crowdbench.__file__).parent
 LIMIT = 2.0
@@ -34,8 +34,29 @@ policy = np.zeros((1, 1), np.int64)
 before = Before(step, position, *still, ones, ones, present, policy, position + 9.0, history, walls)
 check = StepCheck(np.zeros(1, np.int64), np.zeros(1), np.zeros(1))
 check_step(Rules().numbers, before, After(step, position, *still, history), check)
-print(Outcome(check.outcome[0]).name, check.gap[0])
+print(Outcome(check.outcome[0]).name, check.gap[0], sum(check_step.stats.cache_hits.values()))
 """
+
+KERNEL = """
+from crowdbench.utils.compiled import njit
+from helper import SLOPE, shift
+
+@njit
+def line(x):
+    return SLOPE * shift(x)
+"""
+
+HELPER = """
+from crowdbench.utils.compiled import njit
+
+SLOPE = 2.0
+
+@njit
+def shift(x):
+    return x + 1.0
+"""
+
+CALL = "from mine import line; print(line(1.0), sum(line.stats.cache_hits.values()))"
 
 
 @njit
@@ -47,150 +68,120 @@ def limited(x):
     return min(half(x), LIMIT)
 
 
-def length(x):
-    return len(os.environ)
-
-
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """An empty folder in which compiled code is kept."""
-    monkeypatch.setattr(store, "_places", lambda: (store._Place(tmp_path, private=False),))
-    return tmp_path
+    monkeypatch.setattr(compiled.config, "CACHE_DIR", str(tmp_path))
+    compiled._folder_of.cache_clear()
+    yield tmp_path
+    compiled._folder_of.cache_clear()
 
 
-@pytest.fixture
-def no_folder(monkeypatch):
-    """A user who can write neither in the package nor at home, with nothing chosen so far."""
-    monkeypatch.setattr(store.config, "CACHE_DIR", "")
-    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null/cache")
-    store._places.cache_clear()
-    yield
-    store._places.cache_clear()
-
-
-def hits(expected=2.0):
-    """How often `limited`, made anew as in a new process, is found on disk when it is called."""
+def hits():
+    """How often `limited`, made again as in a new process, is found on disk when it is called."""
     kernel = njit(limited)
-    assert kernel(6.0) == expected
+    assert kernel(6.0) == 2.0
     return sum(kernel.stats.cache_hits.values())
 
 
-def run(code, folder):
-    """The words that a Python process prints in a folder that holds the package, beside which there is a cache."""
-    variables = {name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "PYTHONPATH")}
-    variables["XDG_CACHE_HOME"] = str(folder.parent / "cache")
+def run(code, folder, package=PACKAGE.parent):
+    """The words that a Python process prints in a folder, with a cache beside it."""
+    variables = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    variables |= {"XDG_CACHE_HOME": str(folder.parent / "cache"), "PYTHONPATH": f"{folder}{os.pathsep}{package}"}
     command = [sys.executable, "-c", code]
     return subprocess.check_output(command, env=variables, cwd=folder, text=True).split()
 
 
-def clone(folder):
-    """A copy of the package, as in a second installation."""
-    return shutil.copytree(PACKAGE, folder / "crowdbench", ignore=shutil.ignore_patterns("__pycache__"))
+def versions(folder):
+    """The versions in the cache beside a folder."""
+    return set((folder.parent / "cache").glob("*/kernels/*"))
 
 
 @pytest.mark.slow
 def test_an_edit_acts_at_once_in_functions_of_other_files(tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
-    package = clone(first)
-    assert run(GAP_OF_A_STEP, first) == ["RUNNING", "48.0"]
-    kept = set((tmp_path / "cache").rglob("*-*"))
-    assert any(path.name.startswith("check_step-") for path in kept)
-    clone(second)
-    assert run(GAP_OF_A_STEP, second) == ["RUNNING", "48.0"]
-    assert set((tmp_path / "cache").rglob("*-*")) == kept, "a second clone compiles nothing"
-    geometry = package / "core" / "geometry.py"
+    for folder in (first, second):
+        shutil.copytree(PACKAGE, folder / "crowdbench", ignore=shutil.ignore_patterns("__pycache__"))
+    assert run(GAP_OF_A_STEP, first, first) == ["RUNNING", "48.0", "0"]
+    assert run(GAP_OF_A_STEP, second, second) == ["RUNNING", "48.0", "1"], "a second clone compiles nothing"
+    geometry = first / "crowdbench" / "core" / "geometry.py"
     edited = geometry.read_text().replace("return least, nearest", "return least - 100.0, nearest")
     assert edited != geometry.read_text()
     geometry.write_text(edited)
-    assert run(GAP_OF_A_STEP, first) == ["COLLISION", "-52.0"]
-    assert set((tmp_path / "cache").rglob("*-*")) > kept, "two clones with different sources keep what each needs"
+    assert run(GAP_OF_A_STEP, first, first) == ["COLLISION", "-52.0", "0"]
+    assert run(GAP_OF_A_STEP, second, second) == ["RUNNING", "48.0", "1"], "each clone keeps what it needs"
 
 
-@pytest.mark.parametrize(("name", "value"), [("LIMIT", 2.5), ("LIMIT", 2), ("half", njit(limited))])
-def test_the_digest_follows_constants_and_called_functions(monkeypatch, name, value):
-    before = kernel_key(njit(limited))
-    assert kernel_key(njit(limited)) == before
-    monkeypatch.setitem(globals(), name, value)
-    assert kernel_key(njit(limited)) != before
+@pytest.mark.slow
+@pytest.mark.parametrize(("old", "new"), [("x + 1.0", "x + 2.0"), ("SLOPE = 2.0", "SLOPE = 3.0")])
+def test_an_edit_of_a_file_beside_a_plug_in_acts_at_once(tmp_path, old, new):
+    folder = tmp_path / "plugin"
+    folder.mkdir()
+    (folder / "mine.py").write_text(KERNEL)
+    (folder / "helper.py").write_text(HELPER)
+    assert run(CALL, folder) == ["4.0", "0"]
+    assert run(CALL, folder) == ["4.0", "1"]
+    (folder / "helper.py").write_text(HELPER.replace(old, new))
+    assert run(CALL, folder) == ["6.0", "0"]
 
 
-def test_the_digest_follows_the_options_of_the_compiler():
-    assert len({kernel_key(njit(**options)(limited)) for options in ({}, {"parallel": True}, {"nogil": True})}) == 3
+def test_constants_of_kernels_are_defined_in_files_that_count():
+    counted = set(kernel_files())
+    for path in counted:
+        for source in ast.walk(ast.parse(path.read_text())):
+            if isinstance(source, ast.ImportFrom):
+                for alias in source.names:
+                    check_origin(source.module, alias.name, path, counted)
 
 
-def test_a_global_whose_changes_would_pass_unnoticed_is_refused(folder):
-    with pytest.raises(TypeError, match=r"os in kernel test_compiled\.length is neither a constant nor a kernel"):
-        njit(length)(1.0)
+def check_origin(module, name, path, counted):
+    """Check that a constant which a file with kernels imports is defined in a file that counts."""
+    value = getattr(importlib.import_module(module), name)
+    if module.startswith("crowdbench") and isinstance(value, int | float | tuple) and name.isupper():
+        folder = PACKAGE.joinpath(*module.split(".")[1:])
+        files = sorted(folder.glob("*.py")) if folder.is_dir() else [folder.with_suffix(".py")]
+        defining = [file for file in files if f"\n{name} = " in file.read_text() or f"\n{name}: " in file.read_text()]
+        is_used = any(name in ast.unparse(function) for function in kernels_in(path))
+        assert not is_used or set(defining) <= counted, (path, name)
 
 
-def test_equal_kernels_of_two_modules_share_a_file(folder):
-    source = "def doubled(x):\n    return half(x) * 4.0\n"
-    for module in ("crowdbench", "test_compiled"):
-        scope = {"half": half, "__name__": module}
-        exec(source, scope)
-        kernel = njit(scope["doubled"])
-        assert kernel(2.0) == 4.0
-    assert sum(kernel.stats.cache_hits.values()) == 1
-    assert len(list(folder.glob("doubled-*"))) == 1
+def kernels_in(path):
+    """The kernels that a file defines, as syntax trees."""
+    for function in ast.walk(ast.parse(path.read_text())):
+        if isinstance(function, ast.FunctionDef) and any("njit" in ast.unparse(at) for at in function.decorator_list):
+            yield function
 
 
-def test_the_digest_tells_which_of_two_kernels_is_called_where():
-    def kernel(**called):
-        scope = {"__name__": __name__, **called}
-        exec("def twice(x):\n    return f(x) + g(x) + h(x)\n", scope)
-        return kernel_key(njit(scope["twice"]))
-
-    one, other = njit(lambda x: x + 1.0), njit(lambda x: x + 2.0)
-    calls = [(a, b, c) for a in (one, other) for b in (one, other) for c in (one, other)]
-    assert len({kernel(f=a, g=b, h=c) for a, b, c in calls}) == len(calls)
-
-
-def test_the_key_follows_the_constants_of_a_closure():
+def test_functions_in_a_function_differ_by_their_variables(folder):
     def make(limit, kernel):
-        return njit(lambda x: [kernel(limit) + y for y in (x, LIMIT)])
+        return njit(lambda x: kernel(x) + limit)
 
-    one, other = njit(lambda x: x + 1.0), njit(lambda x: x + 2.0)
-    assert kernel_key(make(1.0, one)) == kernel_key(make(1.0, one))
-    assert len({kernel_key(make(limit, kernel)) for limit in (1.0, 1, 2.0) for kernel in (one, other)}) == 6
-
-
-def test_files_that_are_old_or_too_many_go(folder, monkeypatch):
-    def make(name, age, size):
-        (folder / name).write_bytes(bytes(size))
-        os.utime(folder / name, times=(time.time() - age * store.DAY,) * 2)
-
-    monkeypatch.setattr(store, "LARGEST_FOLDER", 1e6)
-    for name, age, size in (("a", 91, 1), (".b.killed", 200, 1), ("c", 50, 600_000), ("d", 40, 500_000), ("e", 1, 9)):
-        make(name, age, size)
-    store._remove_unused.cache_clear()
-    store.write("f", b"new")
-    assert {path.name for path in folder.iterdir()} == {"d", "e", "f"}
+    other = njit(lambda x: x * 3.0)
+    for kernel, limit, expected in ((half, 1.0, 3.0), (half, 2.0, 4.0), (other, 1.0, 13.0)):
+        for found in (0, 1):
+            made = make(limit, kernel)
+            assert made(4.0) == expected
+            assert sum(made.stats.cache_hits.values()) == found
 
 
-def test_a_file_that_is_used_is_not_old(folder):
-    store.write("a", b"new")
-    os.utime(folder / "a", times=(0.0, 0.0))
-    assert store.read("a") == b"new"
-    assert time.time() - (folder / "a").stat().st_mtime < store.DAY
+def test_versions_that_are_not_used_for_long_go(folder):
+    (old, recent) = (folder / "crowdbench" / "kernels" / name for name in ("old", "recent"))
+    for path in (old, recent):
+        path.mkdir(parents=True)
+    os.utime(old, times=(time.time() - 2 * compiled.LONGEST_UNUSED,) * 2)
+    assert hits() == 0
+    assert not old.exists()
+    assert recent.exists()
 
 
-@pytest.mark.parametrize("damage", ["empty", "cut", "zeroed", "flipped"])
-def test_a_damaged_file_is_made_anew(folder, damage):
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", [b"", b"damaged"])
+def test_a_damaged_file_is_made_again(folder, suffix, damage):
     assert hits() == 0
     assert hits() == 1
-    (path,) = folder.glob("*limited*")
-    whole = path.read_bytes()
-    middle = len(whole) // 2
-    path.write_bytes(
-        {
-            "empty": b"",
-            "cut": whole[:-100],
-            "zeroed": bytes(len(whole)),
-            "flipped": whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :],
-        }[damage]
-    )
+    (path,) = folder.rglob(f"*limited*.{suffix}")
+    path.write_bytes(damage)
     assert hits() == 0
-    assert path.read_bytes() != b""
     assert hits() == 1
 
 
@@ -201,28 +192,21 @@ def test_a_folder_that_goes_away_stops_nothing(folder):
     assert hits() == 0
 
 
-def test_without_a_home_and_with_a_package_that_cannot_be_written_a_private_folder_is_used(
-    no_folder, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(store.tempfile, "tempdir", str(tmp_path))
+def test_a_run_works_where_nothing_can_be_kept(folder, monkeypatch):
+    monkeypatch.setattr(compiled.config, "CACHE_DIR", "/dev/null/cache")
+    compiled._folder_of.cache_clear()
     assert hits() == 0
-    assert hits() == 1
-    (private,) = tmp_path.iterdir()
-    assert private.stat().st_mode & 0o777 == 0o700
-    # Whoever may write there can have put machine code of his own there.
-    private.chmod(0o777)
-    store._places.cache_clear()
     assert hits() == 0
 
 
-def test_a_run_works_where_nothing_can_be_kept(no_folder, monkeypatch):
-    monkeypatch.setattr(store.tempfile, "tempdir", "/dev/null")
-    assert hits() == 0
-    assert hits() == 0
+def test_a_function_without_a_file_is_compiled():
+    scope = {"half": half}
+    exec("def doubled(x):\n    return half(x) * 4.0\n", scope)
+    assert njit(scope["doubled"])(2.0) == 4.0
 
 
 def test_kernels_use_this_cache_only():
-    others = [path for path in PACKAGE.rglob("*.py") if path.parent.name != "compiled"]
+    others = [path for path in PACKAGE.rglob("*.py") if path.name != "compiled.py"]
     assert [path.name for path in others if "from numba import" in path.read_text()] == []
 
 
@@ -232,13 +216,6 @@ def test_a_number_of_threads_that_numba_refuses_gets_one_sentence(tmp_path):
     assert done.returncode == 1
     assert done.stderr.startswith("crowdbench: numba does not start with NUMBA_NUM_THREADS=0: ")
     assert len(done.stderr.splitlines()) == 1
-
-
-def test_named_tuples_whose_fields_differ_are_different_arguments():
-    names = [("x", "y"), ("y", "x")]
-    first, second = (numba.typeof(namedtuple("Pair", fields)(1.0, 2.0)) for fields in names)
-    assert repr(first) == repr(second)
-    assert named_tuples([first]) != named_tuples([second])
 
 
 def test_garbage_is_collected_again_after_a_kernel_was_compiled_or_could_not_be():
