@@ -194,7 +194,7 @@ def _layout_starts(layout: LayoutCall, crowdnav_cases: int) -> LayoutStarts:
 def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
     """Return the rules of a scenario.
 
-    Raises InputError if an episode may take too many steps, if keys of the vehicle contradict each other or those of
+    Raises InputError if an episode may take too many steps, if keys of the vehicle contradict each other or keys of
     the crowd, or if the sensor's delay is not a whole number of steps or exceeds `MAX_DELAY` steps.
     """
     # Computed without `max_steps`, which is infinite for a tiny dt.
