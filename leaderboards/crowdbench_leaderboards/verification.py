@@ -19,7 +19,7 @@ from crowdbench import Cases, Episodes, InputError, Scenario
 from crowdbench.isolation import PROCESS, describe_limits, level
 from crowdbench.results import COMMANDS, EPISODES, RunResult, check_size, read_result
 from crowdbench.runs import SIMULATOR, Progress, code, replay_run
-from crowdbench.utils import MachineFault, limit_memory, plain
+from crowdbench.utils import MachineFault, plain
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.board_runs import (
     CaseSet,
@@ -34,6 +34,7 @@ from crowdbench_leaderboards.calibrated_time import NotTimed, time_decisions
 from crowdbench_leaderboards.consistency_test import lower_than_claimed
 from crowdbench_leaderboards.entry import Entry, check_board_name, check_names, check_unchanged, read_entry
 from crowdbench_leaderboards.means import check_networks_differ, method_cases, other_networks, summarize_method
+from crowdbench_leaderboards.memory_limit import limit_memory
 from crowdbench_leaderboards.season import Season
 from crowdbench_leaderboards.signature import find_signer
 from crowdbench_leaderboards.verdict import (
