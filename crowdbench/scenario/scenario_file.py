@@ -82,12 +82,18 @@ def parse_scenario(
     return Scenario(
         name=name,
         source=source,
-        spec=spec,
+        table=spec.complete(),
+        vehicle=_without_limits(spec.vehicle),
         rules=rules_of(spec, file),
         crowd=_population(spec.pedestrians, policies, starts),
         starts=starts,
         policies={name: part.policy for name, part in policies.items()},
     )
+
+
+def _without_limits(vehicle: VehicleSpec) -> VehicleSpec:
+    """Return `[vehicle]` without the keys of one dynamics: an object of a class that was made here has no pickle."""
+    return VehicleSpec(**vehicle.model_dump(include=set(VehicleSpec.model_fields)))
 
 
 def _parse_with_layout(
