@@ -1,5 +1,3 @@
-from .decision_time import SAME_COMMANDS as SAME_COMMANDS
-from .decision_time import time_single_world as time_single_world
 from .each_scenario import make_each as make_each
 from .folder import is_complete as is_complete
 from .folder import make_in_folder as make_in_folder

@@ -35,7 +35,7 @@ REACHED = (
     "utils",
     "views",
 )
-"""The files and folders that a rollout can reach, apart from those of its planner."""
+"""The files and folders that a rollout can reach, apart from the files of its planner."""
 
 _SUFFIXES = (".py", ".pyi", ".npz")
 

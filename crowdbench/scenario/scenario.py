@@ -20,7 +20,7 @@ from crowdbench.scenario.certified import CertificateStatus
 from crowdbench.scenario.digest import scenario_digest
 from crowdbench.scenario.placement import LayoutCall
 from crowdbench.scenario.population import Population
-from crowdbench.scenario.schema import ScenarioSpec, VehicleSpec
+from crowdbench.scenario.schema import VehicleSpec
 from crowdbench.scenario.starts import Case, LayoutStarts
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.sight import look
@@ -39,7 +39,9 @@ class Scenario:
     Attributes:
         name: Name of the scenario.
         source: Name of its file in error messages.
-        spec: Its complete file. Each case has a random stream that depends on seed, split and case number.
+        table: Its complete table, as written to results. Each case has a random stream that depends on seed, split and
+            case number.
+        vehicle: The vehicle's radius and preferred speed, among others.
         rules: Constants of all cases.
         crowd: The pedestrians.
         starts: Generator of the starts of cases: from a layout, as in CrowdNav++, or from recorded tracks.
@@ -49,17 +51,13 @@ class Scenario:
 
     name: str
     source: str
-    spec: ScenarioSpec
+    table: Mapping[str, Any]
+    vehicle: VehicleSpec
     rules: Rules
     crowd: Population
     starts: LayoutStarts | TrackedCrowd
     policies: Mapping[str, PedestrianPolicy]
     certificates: CertificateStatus | None = None
-
-    @functools.cached_property
-    def table(self) -> dict[str, Any]:
-        """The complete table of the scenario, as written to results."""
-        return self.spec.complete()
 
     @functools.cached_property
     def digest(self) -> str:
@@ -69,12 +67,7 @@ class Scenario:
     @property
     def seed(self) -> int:
         """Seed of the random streams."""
-        return self.spec.seed
-
-    @property
-    def vehicle(self) -> VehicleSpec:
-        """The vehicle's radius and preferred speed, among others."""
-        return self.spec.vehicle
+        return int(self.table["seed"])
 
     @functools.cached_property
     def post_step_rule(self) -> PostStepRule | None:

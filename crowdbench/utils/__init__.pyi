@@ -20,7 +20,6 @@ from .files import sha256 as sha256
 from .files import write_whole as write_whole
 from .progress_bars import progress as progress
 from .records import check_record as check_record
-from .resources import limit_memory as limit_memory
 from .tables import Format as Format
 from .tables import Grid as Grid
 from .tables import format_tables as format_tables

@@ -17,9 +17,9 @@ import numpy as np
 
 from crowdbench import Cases, Episodes, InputError, Scenario
 from crowdbench.isolation import PROCESS, describe_limits, level
-from crowdbench.results import COMMANDS, EPISODES, RunResult, check_size, read_result
+from crowdbench.results import EPISODES, RunResult, read_result
 from crowdbench.runs import SIMULATOR, Progress, code, replay_run
-from crowdbench.utils import MachineFault, limit_memory, plain
+from crowdbench.utils import MachineFault, plain
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.board_runs import (
     CaseSet,
@@ -34,6 +34,7 @@ from crowdbench_leaderboards.calibrated_time import NotTimed, time_decisions
 from crowdbench_leaderboards.consistency_test import lower_than_claimed
 from crowdbench_leaderboards.entry import Entry, check_board_name, check_names, check_unchanged, read_entry
 from crowdbench_leaderboards.means import check_networks_differ, method_cases, other_networks, summarize_method
+from crowdbench_leaderboards.memory_limit import limit_memory
 from crowdbench_leaderboards.season import Season
 from crowdbench_leaderboards.signature import find_signer
 from crowdbench_leaderboards.verdict import (
@@ -201,9 +202,8 @@ def _replay_public_runs(entry: Entry, board: Board, progress: Progress | None) -
 
 
 def _replay(entry: Entry, board: Board, scenario: Scenario, progress: Progress | None) -> None:
-    commands = entry.public / scenario.name / COMMANDS
-    check_size(commands, len(board.public_cases), scenario.rules.max_steps)
     run = read_public_run(entry, board, scenario)
+    run.check_rows()
     reported, metrics = entry.spec.reported[scenario.name], run.result["metrics"]
     if reported.keys() != metrics.keys():
         raise InputError(f"the reported figures differ from {EPISODES}")
@@ -227,8 +227,10 @@ def read_public_run(entry: Entry, board: Board, scenario: Scenario) -> RunResult
     episodes = Episodes.read(folder / EPISODES)
     if episodes.columns.keys() != board.metrics.keys():
         raise InputError(f"{folder / EPISODES} must have the metrics {', '.join(board.metrics)}")
+    run = {"scenario": scenario.digest, "cases": str(board.public_cases), "code": code(), "simulator": SIMULATOR}
     result = {
-        "run": {"scenario": scenario.digest, "cases": str(board.public_cases), "code": code(), "simulator": SIMULATOR},
+        "run": {**run, "metrics": dict.fromkeys(board.metrics)},
+        "scenario": scenario.table,
         "stated": {"versions": entry.spec.environment},
         "outcomes": episodes.counts(),
         "recorded": 0,
