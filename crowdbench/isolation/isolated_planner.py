@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.types import Observation
 from crowdbench.isolation import sandbox
-from crowdbench.isolation.limits import Usage, describe_limits, usable_cores
+from crowdbench.isolation.limits import Exceeded, Usage, describe_limits, usable_cores
 from crowdbench.isolation.process import Process, TooSlow
 from crowdbench.isolation.protocol import (
     VERSION,
@@ -196,10 +196,10 @@ class IsolatedPlanner(AheadPlanner):
             if not where:
                 raise TimeLimit from None
             raise self._fault(f"took longer than {limit:g} s", where) from None
-        except ProtocolError as error:
+        except (ProtocolError, Exceeded) as error:
             raise self._fault(str(error), where) from None
         finally:
-            self.usage["peak_memory_mb"] = self.process.memory / 1e6
+            self.usage["peak_memory_mb"] = self.process.usage.memory / 1e6
 
     def _fault(self, what: str, where: str, row: int | None = None) -> Exception:
         if where:
