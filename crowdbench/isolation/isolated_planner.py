@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.types import Observation
 from crowdbench.isolation import sandbox
-from crowdbench.isolation.limits import Exceeded, Usage, describe_limits, usable_cores
+from crowdbench.isolation.limits import Exceeded, Usage, describe_limits
 from crowdbench.isolation.process import Process, TooSlow
 from crowdbench.isolation.protocol import (
     VERSION,
@@ -107,8 +107,6 @@ class IsolatedPlanner(AheadPlanner):
         self.usage: dict[str, Any] = {"level": sandbox.level(), "limits": describe_limits()}
         readable = [*_files_named_in(spec), *_files_named_in(options)] if readable is None else readable
         command = sandbox.command(program(spec), readable, folder, hidden)
-        if cores is None:
-            cores = usable_cores()
         usage = Usage(limits.memory, cores, sandbox.temporary())
         self.process = Process(self.name, command, sandbox.settings(), usage, folder)
         try:
