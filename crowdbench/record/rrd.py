@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import subprocess
 import sys
 import warnings
@@ -106,7 +107,10 @@ def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Bl
     Raises:
         OSError: The file could not be written in full.
     """
+    switch = os.environ.pop("RERUN", None)  # RERUN=off is for programs with optional output: this one is requested
     blueprint.save(application, folder / "layout.rbl")
+    if switch is not None:
+        os.environ["RERUN"] = switch
     # `rrd route` copies the messages as they are: it is faster than `rrd merge` and needs less memory.
     command = [sys.executable, "-m", "rerun_cli", "rrd", "route", "-o", "whole.rrd", "layout.rbl", *parts]
     # In a new session, because Ctrl-C in a terminal interrupts all processes of the session's group.
