@@ -38,7 +38,8 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
     Args:
         num_envs: Number of worlds.
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
-        autoreset_mode: When worlds whose episode is over are reset, as in Gymnasium's `SyncVectorEnv`.
+        autoreset_mode: When worlds whose episode is over are reset, as in Gymnasium's `SyncVectorEnv`: in the next step
+            or in the same one.
         reward: As for `VehicleEnv`, and so are the next four.
         observation: `flat`, `goal_frame` or `dict`.
         action: `world`, `goal_frame` or `native`.
@@ -63,6 +64,8 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         self.num_envs = num_envs
         self.scenario = stepping.as_scenario(scenario)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
+        if self.autoreset_mode is AutoresetMode.DISABLED:
+            raise InputError("autoreset_mode is Disabled, but must be NextStep or SameStep")
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self.view = View(self.scenario, observation, action, nearest, rays)
         self.reward = load_reward(reward)
@@ -84,7 +87,6 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             seed: A seed per world, or the seed of the first world; the others get the following integers. Each world
                 draws training cases from its seed. None continues with the same generators.
             options: `case`, the name of a case for all worlds or a list with one per world, instead of drawn ones.
-                `reset_mask`, a bool per world: only these worlds are reset.
 
         Returns:
             Observations and infos.
@@ -92,21 +94,20 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         Raises:
             InputError: A seed or an option is wrong.
         """
-        given = stepping.check_options(options, "case", "reset_mask")
-        mask = self._mask(given.get("reset_mask"))
+        cases = stepping.check_options(options, "case").get("case")
         if isinstance(seed, int | np.integer):
             seed = [int(seed) + row for row in range(self.num_envs)]
-        cases = given.get("case")
         if isinstance(cases, str):
             cases = [cases] * self.num_envs
         cases = self._one_each("case", cases)
         for row, world_seed in enumerate(self._one_each("seed", seed)):
-            if mask[row] and world_seed is not None:
+            if world_seed is not None:
                 self._generators[row], _ = seeding.np_random(world_seed)
-        self._worlds = self._restart(self._worlds, mask, cases)
-        self._over[mask] = False
+        everywhere = np.ones(self.num_envs, bool)
+        self._worlds = self._restart(None, everywhere, cases)
+        self._over[:] = False
         infos: dict[str, Any] = {}
-        _add(infos, mask, case=self._cases)
+        _add(infos, everywhere, case=self._cases)
         return self.view.observe(self._worlds), infos
 
     def step(self, actions: np.ndarray) -> tuple[Observed, Float[np.ndarray, "world"], _Flags, _Flags, dict[str, Any]]:
@@ -121,10 +122,10 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
 
         Raises:
             InputError: The actions are not finite velocities.
-            gymnasium.error.ResetNeeded: There was no reset yet or, in mode `DISABLED`, an episode is over.
+            gymnasium.error.ResetNeeded: There was no reset yet.
         """
-        if self._worlds is None or (self.autoreset_mode == AutoresetMode.DISABLED and self._over.any()):
-            raise error.ResetNeeded("call reset() first, for all worlds or for those whose episode is over")
+        if self._worlds is None:
+            raise error.ResetNeeded("call reset() first")
         step = stepping.drive(self.view, self._worlds, stepping.check_actions(actions, (self.num_envs, 2)))
         worlds, outcome, gap = step.after, step.outcome, step.gap
         restarted = self._over
@@ -180,15 +181,6 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         final_info: dict[str, Any] = {}
         _add(final_info, ended, outcome=LABELS[step.outcome], gap=step.gap, case=self._cases)
         return {"final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended.copy()}
-
-    def _mask(self, mask: object) -> _Flags:
-        if mask is None:
-            return np.ones(self.num_envs, bool)
-        if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
-            raise InputError(f"reset_mask is {mask!r}, but must be an array of {self.num_envs} bools, one of them True")
-        if self._worlds is None and not mask.all():
-            raise InputError("reset_mask leaves worlds out that were never reset: reset all of them first")
-        return mask
 
     def _one_each(self, name: str, values: Sequence[Any] | None) -> Sequence[Any]:
         if values is None:
