@@ -95,18 +95,14 @@ class RunResult:
         run.check()
         return run
 
-    def check(self) -> None:
-        """Raise InputError with the file and the field if the files of the run contradict each other."""
-        self.check_rows()
-        self._raise_first(itertools.chain(self._wrong_fields(), self._wrong_files()))
+    def check(self, rows_only: bool = False) -> None:
+        """Raise InputError with the file and the field if the files of the run contradict each other.
 
-    def check_rows(self) -> None:
-        """Raise InputError if `episodes.csv` or the commands do not have one row for each case of the run."""
-        self._raise_first(self._wrong_rows())
-
-    def _raise_first(self, errors: Iterator[tuple[str, str]]) -> None:
-        """Raise InputError with the first of the errors, each a file and the rest of a sentence."""
-        for file, sentence in errors:
+        Args:
+            rows_only: True to check only `episodes.csv` and the commands, not `result.json`.
+        """
+        others = () if rows_only else (self._wrong_fields(), self._wrong_files())
+        for file, sentence in itertools.chain(self._wrong_rows(), *others):
             raise InputError(f"{self.directory / file}: {sentence}; make the run again")
 
     def _wrong_rows(self) -> Iterator[tuple[str, str]]:

@@ -207,7 +207,7 @@ def _replay_public_runs(entry: Entry, board: Board, progress: Progress | None) -
 def _replay(entry: Entry, board: Board, scenario: Scenario, progress: Progress | None) -> None:
     _check_size(entry.public / scenario.name / COMMANDS, len(board.public_cases), scenario.rules.max_steps)
     run = read_public_run(entry, board, scenario)
-    run.check_rows()
+    run.check(rows_only=True)
     reported, metrics = entry.spec.reported[scenario.name], run.result["metrics"]
     if reported.keys() != metrics.keys():
         raise InputError(f"the reported figures differ from {EPISODES}")
