@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from crowdbench import InputError, cli
-from crowdbench.cli.app import app
+from crowdbench import InputError
+from crowdbench.cli.app import COMMANDS, app
 
 ROOT = Path(__file__).parents[2]
 
@@ -196,7 +196,7 @@ def test_the_help_groups_the_commands():
     groups = {"Run": "run", "Look": "list"}
     assert [group for group, _ in found if group][:3] == ["Options", *groups]
     assert [after for (group, _), (_, after) in itertools.pairwise(found) if group in groups] == [*groups.values()]
-    assert [name for _, name in found if name][: len(cli.COMMANDS)] == list(cli.COMMANDS)
+    assert [name for _, name in found if name][: len(COMMANDS)] == list(COMMANDS)
 
 
 @pytest.mark.slow
