@@ -27,7 +27,6 @@ from crowdbench.utils.errors import InputError, is_integer
 from crowdbench.utils.toml import Flag, Name, Text, TomlTable, choice, integer, number, table
 
 Spec = TypeVar("Spec", bound=TomlTable)
-AnyScenarioSpec = TypeVar("AnyScenarioSpec", bound="ScenarioSpec")
 
 SHOWN, SHOWN_IN = 20, 100
 """Planners observe the nearest 20 pedestrians in scenarios with more than 100, and all pedestrians in others."""
@@ -209,17 +208,13 @@ class TracksScenarioSpec(ScenarioSpec):
 
 
 def scenario_spec(
-    base: type[AnyScenarioSpec],
-    dynamics: str,
-    parameters: Mapping[str, Mapping[str, float]],
-    layout: Layout | None = None,
-) -> type[AnyScenarioSpec]:
+    dynamics: str, parameters: Mapping[str, Mapping[str, float]], layout: Layout | None = None
+) -> type[ScenarioSpec]:
     """Return the pydantic model of a complete file.
 
     A limit of the vehicle that is infinite by default is None in the model.
 
     Args:
-        base: `LayoutScenarioSpec` or `TracksScenarioSpec`.
         dynamics: The vehicle's dynamics.
         parameters: By pedestrian policy, the defaults of its parameters.
         layout: The layout that the file names; None with recorded tracks.
@@ -234,12 +229,13 @@ def scenario_spec(
     policies = {
         name: (_parameters_spec(defaults), table(f"pedestrians.{name}")) for name, defaults in parameters.items()
     }
-    pedestrians = PedestriansSpec if layout is None else SimulatedPedestriansSpec
-    tables: dict[str, Any] = {
-        "vehicle": _extended(VehicleSpec, limits),
-        "pedestrians": _extended(pedestrians, policies),
-    }
-    if layout is not None:
+    tables: dict[str, Any] = {"vehicle": _extended(VehicleSpec, limits)}
+    base: type[ScenarioSpec] = TracksScenarioSpec
+    if layout is None:
+        tables["pedestrians"] = _extended(PedestriansSpec, policies)
+    else:
+        base = LayoutScenarioSpec
+        tables["pedestrians"] = _extended(SimulatedPedestriansSpec, policies)
         tables["layout"] = layout_spec(layout)
     fields: dict[str, Any] = {name: (model, table(name)) for name, model in tables.items()}
     return create_model(base.__name__, __base__=base, **fields)

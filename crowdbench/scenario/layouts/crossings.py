@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
 
 from crowdbench.scenario.layouts.placer import MAX_DRAWS, Placer, Point
 from crowdbench.scenario.placement import PerAgent, Placement
