@@ -169,7 +169,7 @@ def _population(
             **common,
             number=spec.number,
             preferred_speed=spec.preferred_speed,
-            groups={int(size): share for size, share in (spec.groups or {}).items()},
+            groups={int(size): share for size, share in sorted((spec.groups or {}).items())},
             arrival=spec.arrival,
             goal_change=spec.goal_change,
             clear_space=spec.clear_space,

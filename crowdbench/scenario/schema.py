@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_model
 
@@ -19,7 +19,6 @@ from crowdbench.core.types.attention import Attention
 from crowdbench.core.types.rules import MAX_PEDESTRIANS
 from crowdbench.plugins.options import PLAIN, REQUIRED, Option, read_options
 from crowdbench.scenario.clear_space import ClearSpace
-from crowdbench.scenario.groups import LARGEST
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import Layout
 from crowdbench.scenario.population import ARRIVALS, Distribution, GoalChange, WalkingLimitsSpec, WholeDistribution
@@ -69,13 +68,8 @@ def _as_shares(value: Any) -> Any:
     return {value: 1.0} if isinstance(value, str) else value
 
 
-def _of_sizes(shares: dict[str, float]) -> dict[str, float]:
-    if not shares or not all(size in _SIZES for size in shares):
-        raise ValueError
-    return dict(sorted(shares.items()))
-
-
-_SIZES = [str(size) for size in range(1, LARGEST + 1)]
+GroupSize = Literal["1", "2", "3", "4", "5"]
+"""Numbers of pedestrians in a group, as keys of a table."""
 
 
 class LayoutSpec(TomlTable, extra="allow"):
@@ -155,9 +149,9 @@ class SimulatedPedestriansSpec(PedestriansSpec):
         description=f"a whole number from 0 to {MAX_PEDESTRIANS}, or a pair of them, [least, most]",
     )
     preferred_speed: Size = quantity(1.0, MIN_SIZE)
-    groups: Annotated[dict[str, Annotated[float, Field(gt=0, lt=1e9)]], AfterValidator(_of_sizes)] | None = Field(
+    groups: Annotated[dict[GroupSize, Annotated[float, Field(gt=0, lt=1e9)]], Field(min_length=1)] | None = Field(
         default=None,
-        description=f"the shares of groups by their size, from 1 to {LARGEST}, such as {{ 1 = 0.4, 2 = 0.4, 3 = 0.2 }}",
+        description="the shares of groups by their size, from 1 to 5, such as { 1 = 0.4, 2 = 0.4, 3 = 0.2 }",
     )
     arrival: str = choice(ARRIVALS, default="walk_on")
     goal_change: GoalChange | None = Field(
