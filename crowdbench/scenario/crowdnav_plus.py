@@ -105,8 +105,8 @@ class CrowdNavPlusStarts(LayoutStarts):
         """See `LayoutStarts`."""
         if not self.uses_crowdnav_seed(case):
             return super().start(case, crowd, vehicle, rules)
-        stream = _CaseStream(case.number, crowd, self.layout.options["circle_radius"])
-        trips = [draw_vehicle_trip(stream.draw, self.layout.options["half_width"])]
+        stream = _CaseStream(case.number, crowd, self.layout.keywords["circle_radius"])
+        trips = [draw_vehicle_trip(stream.draw, self.layout.keywords["half_width"])]
         radii = [vehicle.radius]
         people = []
         for _ in range(crowd.number[1]):
@@ -134,7 +134,7 @@ class CrowdNavPlusStarts(LayoutStarts):
         others = super().post_step_rule(crowd)
         if others is None or crowd.arrival != "respawn":
             return others
-        return _CrowdNavPlusRule(crowd, self.layout.options["circle_radius"], others)
+        return _CrowdNavPlusRule(crowd, self.layout.keywords["circle_radius"], others)
 
 
 @dataclass(frozen=True)

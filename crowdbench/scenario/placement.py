@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -57,16 +58,8 @@ Layout = Callable[..., Placement]
 It raises InputError if there is no room for an agent."""
 
 
-@dataclass(frozen=True)
-class LayoutCall:
-    """A layout with its options."""
-
-    function: Layout
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __call__(self, rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent) -> Any:
-        """Return a `Placement`, or an object of any type if a user's layout is wrong."""
-        return self.function(rng, radius, preferred_speed, **self.options)
+LayoutCall = functools.partial[Any]
+"""A layout with its options: a function `(rng, radius, preferred_speed) -> Placement`."""
 
 
 def complete_placement(placement: Placement, radius: PerAgent) -> Placement:

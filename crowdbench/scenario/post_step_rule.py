@@ -96,10 +96,8 @@ class LayoutPostStepRule:
             crowd = rng.generator(world.key[row], "crowd again", *of_this)
             traits = self.crowd.walking().draw(crowd, len(members)).with_traits_of(np.zeros_like(members))
             radius, speed = traits.radius, float(traits.preferred_speed[0])
-        surroundings, stream = (
-            Surroundings.of(world, row, agents),
-            rng.generator(world.key[row], "places again", *of_this),
-        )
+        surroundings = Surroundings.of(world, row, agents)
+        stream = rng.generator(world.key[row], "places again", *of_this)
         middle = None if is_new else start.mean(axis=0)
         trip = redraw(self.layout, stream, surroundings, group_reach(radius), speed, middle)
         if trip is None:

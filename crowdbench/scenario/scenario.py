@@ -67,11 +67,6 @@ class Scenario:
         return scenario_digest(self.table)
 
     @property
-    def seed(self) -> int:
-        """Seed of the random streams."""
-        return self.spec.seed
-
-    @property
     def vehicle(self) -> VehicleSpec:
         """The vehicle's radius and preferred speed, among others."""
         return self.spec.vehicle
@@ -125,7 +120,7 @@ class Scenario:
         Raises:
             InputError: A layout has no room, raises, or returns an invalid placement, or a policy returns no memory.
         """
-        keys = rng.case_keys(self.seed, split, cases)
+        keys = rng.case_keys(self.spec.seed, split, cases)
         drawn = [
             Case(Location(self.source, f"case {split}/{case}"), split, case, key)
             for case, key in zip(cases.tolist(), keys, strict=True)

@@ -128,7 +128,7 @@ def _layout_starts(spec: LayoutScenarioSpec, layout: Layout, file: Location) -> 
     if cases and spec.pedestrians.clear_space:
         right = "left out where crowdnav_cases is not 0: those cases start as in CrowdNav"
         raise pedestrians.at("clear_space").wrong("given", right)
-    call = LayoutCall(layout, additional_keys(spec.layout))
+    call = LayoutCall(layout, **additional_keys(spec.layout))
     if not cases or layout is not crowdnav_plus:
         return LayoutStarts(call, cases)
     from crowdbench.scenario.crowdnav_plus import CrowdNavPlusStarts
@@ -145,12 +145,12 @@ def _recorded_starts(
     from crowdbench.scenario.tracks.scenes import load_scene
 
     with location.named():
-        scene = load_scene(tracks.scene, data, tracks.files)
-        crowd = TrackedCrowd.of(scene, tracks.distance, rules)
+        recordings, files = load_scene(tracks.scene, data, tracks.files)
+        crowd = TrackedCrowd.of(tracks.scene, recordings, tracks.distance, rules)
     if crowd.has_cars and tracks.distance != DISTANCE:
         right = "left out where cars say where the vehicle starts and goes"
         raise location.at("distance").wrong(f"{tracks.distance:g}", right)
-    return crowd, dict(scene.files)
+    return crowd, files
 
 
 def _population(

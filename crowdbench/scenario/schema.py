@@ -54,6 +54,11 @@ def quantity(default: float, least: float = 0.0) -> Any:
     )
 
 
+def table_like(example: str) -> Any:
+    """Return the field of a table that may be left out, with an example in TOML."""
+    return Field(default=None, description=f"a table with the keys of {example}")
+
+
 def _as_pair(value: Any) -> Any:
     return (value, value) if is_integer(value) else tuple(value) if isinstance(value, list) else value
 
@@ -129,12 +134,8 @@ class PedestriansSpec(PoliciesSpec):
     """`[pedestrians]`, with an additional table for each policy; see `scenario_spec`."""
 
     radius: Size = quantity(0.3, MIN_SIZE)
-    attention: Attention | None = Field(
-        default=None, description="a table [pedestrians.attention] with the keys of { ignores = 0.1, delay = 0.4 }"
-    )
-    limits: WalkingLimitsSpec | None = Field(
-        default=None, description="a table with the keys of { acceleration = 1.5, braking = 3.0, sideways = 2.0 }"
-    )
+    attention: Attention | None = table_like("{ ignores = 0.1, delay = 0.4 }")
+    limits: WalkingLimitsSpec | None = table_like("{ acceleration = 1.5, braking = 3.0, sideways = 2.0 }")
 
 
 class SimulatedPedestriansSpec(PedestriansSpec):
@@ -154,12 +155,8 @@ class SimulatedPedestriansSpec(PedestriansSpec):
         description="the shares of groups by their size, from 1 to 5, such as { 1 = 0.4, 2 = 0.4, 3 = 0.2 }",
     )
     arrival: str = choice(ARRIVALS, default="walk_on")
-    goal_change: GoalChange | None = Field(
-        default=None, description="a table with the keys of { period = 5.0, chance = 0.5 }"
-    )
-    clear_space: ClearSpace | None = Field(
-        default=None, description="a table with the keys of { distance = 1.5, time = 1.5 }"
-    )
+    goal_change: GoalChange | None = table_like("{ period = 5.0, chance = 0.5 }")
+    clear_space: ClearSpace | None = table_like("{ distance = 1.5, time = 1.5 }")
 
 
 class TracksSpec(TomlTable):
@@ -220,9 +217,13 @@ def scenario_spec(
         field.name: (float | None, number(None if field.default == math.inf else field.default, above=0.0, below=1e6))
         for field in dataclasses.fields(DYNAMICS[dynamics])
     }
-    policies = {
-        name: (_parameters_spec(defaults), table(f"pedestrians.{name}")) for name, defaults in parameters.items()
-    }
+    policies = {}
+    for name, defaults in parameters.items():
+        quantities = {
+            key: (WholeDistribution if isinstance(default, int) else Distribution, quantity(default))
+            for key, default in defaults.items()
+        }
+        policies[name] = _extended(TomlTable, quantities), table(f"pedestrians.{name}")
     tables: dict[str, Any] = {"vehicle": _extended(VehicleSpec, limits)}
     base: type[ScenarioSpec] = TracksScenarioSpec
     if layout is None:
@@ -233,15 +234,6 @@ def scenario_spec(
         tables["layout"] = layout_spec(layout)
     fields: dict[str, Any] = {name: (model, table(name)) for name, model in tables.items()}
     return create_model(base.__name__, __base__=base, **fields)
-
-
-def _parameters_spec(defaults: Mapping[str, float]) -> type[TomlTable]:
-    """Return the table with the parameters of a pedestrian policy, from their defaults."""
-    fields = {}
-    for name, default in defaults.items():
-        kind = WholeDistribution if isinstance(default, int) else Distribution
-        fields[name] = kind, quantity(default)
-    return _extended(TomlTable, fields)
 
 
 def layout_spec(layout: Layout) -> type[LayoutSpec]:

@@ -71,7 +71,7 @@ def test_a_function_of_the_file_can_be_named_also_on_the_command_line(door):
 
 def test_options_have_the_types_of_their_defaults(door):
     for options in ({"walls": False}, {"people": 3}, {"width": 2}, {"side": "right"}, {"at": [1, "x"]}, {"more": {}}):
-        assert scenario(**options).layout.options.items() >= options.items()
+        assert scenario(**options).layout.keywords.items() >= options.items()
     for option, value, right in (
         ("walls", 1, "true or false"),
         ("people", 1.5, "a whole number"),
