@@ -55,15 +55,15 @@ def bench(
 def _bench_planner(planner: str, scenario: str, option: list[str], overrides: list[str]) -> None:
     import numpy as np
 
+    from benchmarks.decisions import single_world_seconds
     from crowdbench import Cases, load_planner, load_scenario
     from crowdbench.results import planner_label
-    from crowdbench.runs import EVERY_STEP, time_single_world
 
     options, cases = assignments(option, "--option"), Cases.parse(CASES)
     name, loaded = load_planner(planner, options)
     world = load_scenario(scenario, assignments(overrides, "--set"))
     with progress(len(cases) - 1) as tell:
-        seconds = time_single_world(loaded, name, world, EVERY_STEP, cases, progress=tell).seconds
+        seconds = single_world_seconds(loaded, name, world, cases, tell)
     median, late = 1e3 * np.percentile(seconds, [50, 99])
     print(
         f"{planner_label(name, options)} on {world.name}: {len(seconds)} decisions in one world alone take "

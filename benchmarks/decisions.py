@@ -12,8 +12,20 @@ from collections.abc import Callable, Iterator
 from statistics import mean, median
 from typing import Any
 
+import numpy as np
+
 from benchmarks.measurement import Measurement, in_turns, seconds
-from crowdbench import Cases, Driver, Observation, ValuePlanner, load_planner, load_scenario, rollout
+from crowdbench import (
+    Cases,
+    Driver,
+    Observation,
+    Planner,
+    Scenario,
+    ValuePlanner,
+    load_planner,
+    load_scenario,
+    rollout,
+)
 from crowdbench.isolation import IsolatedPlanner
 from crowdbench.networks import SARL
 from crowdbench.predict import ConstantVelocity
@@ -155,6 +167,46 @@ def one_by_one(decide: Callable[[Observation], object], pedestrians: int, worlds
     obs = observation(pedestrians, worlds)
     works = [functools.partial(decide, obs.take(slice(row, row + 1))) for row in range(worlds)]
     return median(map(seconds, works))
+
+
+class Timed(Planner):
+    """Planner that measures the seconds of each decision of another planner."""
+
+    def __init__(self, planner: Planner) -> None:
+        self.planner, self.privileged, self.native = planner, planner.privileged, planner.native
+        self.seconds: list[float] = []
+
+    def reset(self, rows: np.ndarray) -> None:
+        """See `Planner`."""
+        self.planner.reset(rows)
+
+    def plan(self, obs: Observation) -> np.ndarray:
+        """See `Planner`."""
+        start = time.perf_counter()
+        command = self.planner.plan(obs)
+        self.seconds.append(time.perf_counter() - start)
+        return command
+
+
+def single_world_seconds(
+    planner: Planner, name: str, scenario: Scenario, cases: Cases, progress: Callable[[float], None]
+) -> list[float]:
+    """Return the seconds of each decision of a planner, one world at a time.
+
+    Args:
+        planner: The planner.
+        name: Its name in errors.
+        scenario: The scenario.
+        cases: The cases. The first case is driven to warm up and does not count.
+        progress: Called after each further case with 1.
+    """
+    first, *others = cases.batches(1)
+    rollout(Driver(planner, name), scenario, first, undisturbed=False)
+    timed = Timed(planner)
+    for case in others:
+        rollout(Driver(timed, name), scenario, case, undisturbed=False)
+        progress(1)
+    return timed.seconds
 
 
 def observation(pedestrians: int, worlds: int) -> Observation:

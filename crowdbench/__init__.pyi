@@ -29,7 +29,6 @@ from .planners.routes import distance_to_walls as distance_to_walls
 from .predict.predictor import Prediction as Prediction
 from .predict.predictor import Predictor as Predictor
 from .predict.predictors import load_predictor as load_predictor
-from .predict.roll_out import roll_out as roll_out
 from .results.episodes import Episodes as Episodes
 from .runs.rollout import rollout as rollout
 from .scenario.cases import Cases as Cases

@@ -13,9 +13,9 @@ from crowdbench.core.types import Outcome, Rules, Trace, World
 from crowdbench.metrics.registry import METRICS
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
-from crowdbench.results.result_file import write_result
+from crowdbench.results.result_file import digest_of, write_result
 from crowdbench.results.run_result import RunResult
-from crowdbench.runs.identity import PlannerId, digest
+from crowdbench.runs.identity import PlannerId
 from crowdbench.runs.loading import load_stored_scenario
 from crowdbench.runs.replay import stored_traces
 from crowdbench.runs.rollout import rollout
@@ -135,7 +135,7 @@ def reseal(directory, change=lambda result: None):
     """Change `result.json`, and make its id and the digests of all files fit, as a forger would."""
     result = json.loads((directory / "result.json").read_text())
     change(result)
-    result["id"] = digest(result["run"])
+    result["id"] = digest_of(result["run"])
     write_result(directory, result)
 
 

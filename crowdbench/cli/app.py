@@ -7,7 +7,6 @@ command line starts fast.
 from __future__ import annotations
 
 import functools
-import importlib
 import importlib.metadata
 import os
 import sys
@@ -23,22 +22,22 @@ from crowdbench.utils import interrupts
 from crowdbench.utils.errors import InputError
 
 COMMANDS = {
-    "run": ("Run", "run", "run"),
-    "suite": ("Run", "suite", "suite"),
-    "new-planner": ("Run", "new_planner", "new_planner"),
-    "check": ("Run", "check", "check"),
-    "train": ("Run", "train", "train"),
-    "merge": ("Run", "run", "merge"),
-    "list": ("Look", "listing", "list_"),
-    "view": ("Look", "cases", "view"),
-    "render": ("Look", "figures", "render"),
-    "plot": ("Look", "figures", "plot"),
-    "table": ("Look", "figures", "table"),
-    "compare": ("Look", "results", "compare"),
-    "score": ("Look", "results", "score"),
-    "export": ("Look", "results", "export"),
+    "run": ("Run", "run:run"),
+    "suite": ("Run", "suite:suite"),
+    "new-planner": ("Run", "new_planner:new_planner"),
+    "check": ("Run", "check:check"),
+    "train": ("Run", "train:train"),
+    "merge": ("Run", "run:merge"),
+    "list": ("Look", "listing:list_"),
+    "view": ("Look", "cases:view"),
+    "render": ("Look", "figures:render"),
+    "plot": ("Look", "figures:plot"),
+    "table": ("Look", "figures:table"),
+    "compare": ("Look", "results:compare"),
+    "score": ("Look", "results:score"),
+    "export": ("Look", "results:export"),
 }
-"""The commands in the order of --help, with their group in --help, their module in this folder, and their function."""
+"""The commands in the order of --help, with their group in --help, and their function in a module of this folder."""
 
 ENTRY_POINTS = "crowdbench.commands"
 """The group of entry points of commands that other distributions add."""
@@ -63,11 +62,6 @@ def crowdbench(
     """
 
 
-def added_commands() -> dict[str, EntryPoint]:
-    """Return the commands that other installed distributions add, by name."""
-    return {point.name: point for point in entry_points(group=ENTRY_POINTS) if point.name not in COMMANDS}
-
-
 def build_app(name: str | None = None) -> typer.Typer:
     """Return the command line with one command, or with all commands.
 
@@ -79,31 +73,17 @@ def build_app(name: str | None = None) -> typer.Typer:
     """
     app = _new_app(f"Add {DEBUG} to any command to see the traceback of an error.")
     app.callback()(help_from_docstring(crowdbench))
-    if name in COMMANDS:
-        _add_own_command(app, name)
-        return app
-    added = added_commands()
-    if name in added:
-        _add_command(app, added[name])
-        return app
-    if name in ELSEWHERE:
+    points = [EntryPoint(own, f"crowdbench.cli.{function}", group) for own, (group, function) in COMMANDS.items()]
+    if name not in COMMANDS:
+        # The modules of other distributions must import little, as the modules of this folder do.
+        points += entry_points(group=ENTRY_POINTS)
+    chosen = [point for point in points if point.name == name]
+    if name in ELSEWHERE and not chosen:
         raise InputError(f"the command {name} is not installed: in a clone of crowdbench, {ELSEWHERE[name]}")
-    for own_name in COMMANDS:
-        _add_own_command(app, own_name)
-    for entry_point in added.values():
-        _add_command(app, entry_point)
+    for point in chosen or points:
+        group = "Boards" if point.group == ENTRY_POINTS else point.group
+        app.command(point.name, rich_help_panel=group)(help_from_docstring(point.load()))
     return app
-
-
-def _add_own_command(app: typer.Typer, name: str) -> None:
-    group, module, function = COMMANDS[name]
-    command = getattr(importlib.import_module(f"crowdbench.cli.{module}"), function)
-    app.command(name, rich_help_panel=group)(help_from_docstring(command))
-
-
-def _add_command(app: typer.Typer, entry_point: EntryPoint) -> None:
-    """Add the command of another distribution. Its module must import little, as the modules of this folder do."""
-    app.command(entry_point.name, rich_help_panel="Boards")(help_from_docstring(entry_point.load()))
 
 
 def build_script(command: Callable[..., None]) -> typer.Typer:
@@ -146,11 +126,12 @@ def main(script: Callable[..., None] | None = None) -> None:
         status = app(arguments, standalone_mode=False)
         flush_output()
     except BaseException as error:
-        failed = failure(error)
-        if failed is None or (debug and not isinstance(error, SystemExit)):
+        report = failure(error)
+        if report is None or (debug and not isinstance(error, SystemExit)):
             raise
-        say(f"crowdbench: {failed.sentence}")
-        sys.exit(failed.status)
+        sentence, status = report
+        say(f"crowdbench: {sentence}")
+        sys.exit(status)
     if status == INTERRUPTED:
         say(f"crowdbench: {NOTHING_KEPT}")
     sys.exit(status)

@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from types import MappingProxyType
-from typing import NamedTuple
+from collections.abc import Iterator
 
 from typer.exceptions import TyperException
 
@@ -29,42 +27,34 @@ INTERNAL = 3
 """The exit status after an error of crowdbench itself."""
 
 
-class Failure(NamedTuple):
-    """Report of an exception for a user: one sentence, and the exit status."""
+def failure(error: BaseException) -> tuple[str, int] | None:
+    """Return the report of a command's exception for the user: one sentence, and the exit status.
 
-    sentence: str
-    status: int
-
-
-def failure(error: BaseException) -> Failure | None:
-    """Return the report of an exception; None for an exit with a status other than 0, already reported.
-
-    Args:
-        error: The exception of a command.
+    None is returned for an exit with a status other than 0, which was already reported.
     """
     if isinstance(error, SystemExit) and error.code:
         return None
     if isinstance(error, Interrupted):
-        return Failure(NOTHING_KEPT, INTERRUPTED)
+        return NOTHING_KEPT, INTERRUPTED
     if isinstance(error, TyperException):
-        return Failure(one_line(error.format_message()), 2)
+        return one_line(error.format_message()), 2
     if isinstance(error, InputError):
-        return Failure(one_line(with_notes(str(error), error)), 1)
+        return one_line(with_notes(str(error), error)), 1
     if isinstance(error, MemoryError):
         advice = "ask for fewer cases at once (--batch), fewer pedestrians or shorter episodes"
-        return Failure(f"there is not enough memory: {advice}", 1)
+        return f"there is not enough memory: {advice}", 1
     if isinstance(error, OSError):
         place = "the output" if error.filename is None else error.filename
-        return Failure(one_line(f"{place} cannot be written or read: {error.strerror or error}"), 1)
+        return one_line(f"{place} cannot be written or read: {error.strerror or error}"), 1
     if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop from "):  # of Path.resolve, up to 3.12
-        return Failure(one_line(f"{error}: name a file or a folder"), 1)
+        return one_line(f"{error}: name a file or a folder"), 1
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         name = error.object.encode("utf-8", "backslashreplace").decode()
-        return Failure(one_line(f"'{name}' is not UTF-8, as this command needs it: rename the file or folder"), 1)
+        return one_line(f"'{name}' is not UTF-8, as this command needs it: rename the file or folder"), 1
     if getattr(sys.stdout, "closed", True):
-        return Failure("the output cannot be written: a plug-in has closed it", 1)
+        return "the output cannot be written: a plug-in has closed it", 1
     request = f"please report it, with the traceback that {DEBUG} shows"
-    return Failure(one_line(f"an error in crowdbench itself, {describe_error(error)}: {request}"), INTERNAL)
+    return one_line(f"an error in crowdbench itself, {describe_error(error)}: {request}"), INTERNAL
 
 
 def with_notes(sentence: str, error: BaseException) -> str:
@@ -73,23 +63,20 @@ def with_notes(sentence: str, error: BaseException) -> str:
 
 
 @contextlib.contextmanager
-def exit_on_interrupt(message: str | Callable[[], str] = "") -> Iterator[None]:
+def exit_on_interrupt(message: str = "") -> Iterator[None]:
     """Report the kept files of an interrupted command, and exit. Typer would exit without a message.
 
     Args:
-        message: A note on kept files, or a function that returns it after the interrupt. If empty, the text of the
-            interrupt is printed; an interrupt without text is raised again.
+        message: A note on kept files. If empty, the text of the interrupt is printed; an interrupt without text is
+            raised again.
     """
     try:
         yield
     except KeyboardInterrupt as error:
         if not (message or str(error) or hasattr(error, "__notes__")):
             raise
-        kept = message if isinstance(message, str) else message()
-        if kept:
-            say(f"crowdbench: interrupted: {kept}")
-        else:
-            say(f"crowdbench: {with_notes(str(error) or 'interrupted', error)}")
+        report = f"interrupted: {message}" if message else with_notes(str(error) or "interrupted", error)
+        say(f"crowdbench: {report}")
         sys.exit(INTERRUPTED)
 
 
@@ -121,16 +108,10 @@ def flush_output() -> None:
         raise
 
 
-def print_table(table: Grid, colours: Mapping[str, str] = MappingProxyType({})) -> None:
-    """Print a table under its title.
-
-    Args:
-        table: The table.
-        colours: The colours of cells on a terminal, by their text.
-    """
+def print_table(table: Grid) -> None:
+    """Print a table under its title."""
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
 
     # On a line of its own, because rich wraps a title at the table's width.
     print(table.title)
@@ -138,6 +119,6 @@ def print_table(table: Grid, colours: Mapping[str, str] = MappingProxyType({})) 
     for heading, alignment in zip(table.header, table.align, strict=True):
         printed.add_column(heading, justify="left" if alignment == "l" else "right")
     for row in table.rows:
-        printed.add_row(*(Text(cell, colours[cell]) if cell in colours else cell for cell in row))
+        printed.add_row(*row)
     # A file or a pipe has no width to fit. Brackets are units, not rich's markup.
     Console(width=None if sys.stdout.isatty() else 200, markup=False).print(printed)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -17,14 +16,6 @@ METRIC = "metric"
 
 OF_A_COLUMN = ("success_rate", "collision_rate", "navigation_time", "jerk")
 """The default metrics of a LaTeX table: they fit a column of a paper."""
-
-
-class FigureKind(StrEnum):
-    """Kind of a figure."""
-
-    SUCCESS = "success"
-    METRIC = "metric"
-    TRAINING = "training"
 
 
 def table(
@@ -82,7 +73,12 @@ def table(
     print(text)
 
 
-def plot(kind: FigureKind, directories: list[Path], metric: str | None = None, out: Path = Path("figure.pdf")) -> None:
+def plot(
+    kind: Literal["success", "metric", "training"],
+    directories: list[Path],
+    metric: str | None = None,
+    out: Path = Path("figure.pdf"),
+) -> None:
     """Draw a figure of runs, or of trainings, as wide as a column of a paper.
 
     Args:
@@ -94,13 +90,13 @@ def plot(kind: FigureKind, directories: list[Path], metric: str | None = None, o
     """
     from crowdbench.figures import plots
 
-    if kind is FigureKind.METRIC and metric is None:
+    if kind == "metric" and metric is None:
         raise InputError("a figure of kind metric needs --metric NAME")
-    if kind is FigureKind.SUCCESS and metric is not None:
+    if kind == "success" and metric is not None:
         raise InputError(f"a figure of kind {kind} takes no --metric: only metric and training do")
-    if kind is FigureKind.SUCCESS:
+    if kind == "success":
         plots.success_over_time(directories, out)
-    elif kind is FigureKind.METRIC:
+    elif kind == "metric":
         plots.distribution(directories, str(metric), out)
     else:
         plots.learning_curves(directories, out, metric or "success")

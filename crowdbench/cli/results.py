@@ -72,7 +72,7 @@ def score(
     from crowdbench.results.table import metric_grid
     from crowdbench.runs.score import replay_run
 
-    stored, metrics = RunResult.read_unchecked(run), load_metrics(metric or [])
+    stored, metrics = RunResult.read(run), load_metrics(metric or [])
     announce_compilation()
     scenario = make_loader(pedestrians, layout, data)(stored) if stored.is_simulated else None
     for warning in stored.warnings:

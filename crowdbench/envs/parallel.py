@@ -36,33 +36,8 @@ Observations = dict[str, Float[np.ndarray, "features"]]
 Infos = dict[str, dict[str, Any]]
 
 
-def parallel_env(
-    scenario: str | Path | Scenario = "circle_crossing_5",
-    render_mode: str | None = None,
-    reward: str | Reward = "crowdnav",
-    observation: str = "flat",
-    action: str = "world",
-    nearest: int = NEAREST,
-) -> CrowdParallelEnv:
-    """Make the PettingZoo environment of a scenario.
-
-    Args:
-        scenario: The name of a scenario, the path of its file, or a `Scenario`.
-        render_mode: `human`, `rgb_array` or None.
-        reward: The name of a reward, `./mine.py`, or a function of a step.
-        observation: `flat` or `goal_frame`.
-        action: `world` or `goal_frame`, the axes of a velocity, or `native`, commands of the vehicle's dynamics.
-        nearest: Largest number of other agents in an observation in the frame of the goal.
-
-    Raises:
-        InputError: Scenario, render mode, reward, observation or action do not exist.
-    """
-    view = View(stepping.as_scenario(scenario), observation, action, nearest)
-    return CrowdParallelEnv(view, render_mode, reward)
-
-
 class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignore[misc]  # pettingzoo is untyped
-    """One world of a scenario as a PettingZoo `ParallelEnv`. Make it with `parallel_env`.
+    """One world of a scenario as a PettingZoo `ParallelEnv`, which is also called `parallel_env`.
 
     - Agents: `vehicle`, and `pedestrian_0`, `pedestrian_1`, ... for the pedestrians of the case. In a scenario with
       recorded pedestrians, only the vehicle.
@@ -83,13 +58,17 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
       `gap`, the smallest distance in metres between the rims of the agent and another one during the step.
 
     Args:
-        view: The scenario, the agents' observations, and the interpretation of their actions.
-        render_mode: `human`, `rgb_array` or None.
+        scenario: The name of a scenario, the path of its file, or a `Scenario`.
+        render_mode: `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
+        observation: `flat` or `goal_frame`.
+        action: `world` or `goal_frame`, the axes of a velocity, or `native`, commands of the vehicle's dynamics.
+        nearest: Largest number of other agents in an observation in the frame of the goal.
 
     Raises:
-        InputError: The reward does not exist; the view is `dict`, but worlds store no history of the vehicle; or agents
-            see only the nearest others (`Sensor.nearest`), and the view is not `flat` or the reward not `crowdnav`.
+        InputError: Scenario, render mode, reward, observation or action do not exist; the observation is `dict`, but
+            worlds store no history of the vehicle; or agents see only the nearest others (`Sensor.nearest`), and the
+            observation is not `flat` or the reward not `crowdnav`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -98,20 +77,29 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         "is_parallelizable": True,
     }
 
-    def __init__(self, view: View, render_mode: str | None, reward: str | Reward) -> None:
-        if view.observation == "dict":
+    def __init__(
+        self,
+        scenario: str | Path | Scenario = "circle_crossing_5",
+        render_mode: str | None = None,
+        reward: str | Reward = "crowdnav",
+        observation: str = "flat",
+        action: str = "world",
+        nearest: int = NEAREST,
+    ) -> None:
+        scenario = stepping.as_scenario(scenario)
+        view = View(scenario, observation, action, nearest)
+        if observation == "dict":
             raise InputError("observation is 'dict', but agents of this environment see flat or goal_frame")
         super().__init__(view, render_mode, reward)
-        scenario = view.scenario
-        most, nearest = scenario.max_agents - 1, scenario.rules.sensor.nearest
-        is_default = view.observation == "flat" and self.reward.reward is crowdnav
-        if nearest is not None and nearest < most and not is_default:  # each agent would need a world: too much memory
+        most, shown = scenario.max_agents - 1, scenario.rules.sensor.nearest
+        is_default = observation == "flat" and self.reward.reward is crowdnav
+        if shown is not None and shown < most and not is_default:  # each agent would need a world: too much memory
             raise InputError(
-                f"observation is {view.observation!r} and reward {self.reward.name!r}, but in a scenario with up "
-                f"to {most} pedestrians, of which {nearest} are shown, they must be 'flat' and 'crowdnav'"
+                f"observation is {observation!r} and reward {self.reward.name!r}, but in a scenario with up "
+                f"to {most} pedestrians, of which {shown} are shown, they must be 'flat' and 'crowdnav'"
             )
         # Recorded pedestrians appear and leave at recorded times, and are not agents.
-        pedestrians = 0 if scenario.tracks else scenario.max_agents - 1
+        pedestrians = 0 if scenario.tracks else most
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
         self.agents: list[str] = []
         self.observation_spaces = {agent: view.observation_space for agent in self.possible_agents}
@@ -249,3 +237,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         if self.view.action == "goal_frame":
             chosen = self.view.commands(world.position[0, columns], goals_on_way(world)[0, columns], chosen)
         return columns, chosen
+
+
+parallel_env = CrowdParallelEnv
+"""PettingZoo's name for the environment."""

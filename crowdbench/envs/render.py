@@ -1,9 +1,8 @@
-"""Draws a world from above, as an array or in a window, and shapes as an image."""
+"""Draws a world from above as an array, and shapes as an image."""
 
 from __future__ import annotations
 
 import functools
-import importlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,7 +32,8 @@ from crowdbench.utils.errors import InputError
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-RENDER_MODES = ["human", "rgb_array"]
+RENDER_MODES = ["rgb_array"]
+"""In mode `human`, `gymnasium.make` shows these pictures in a window."""
 
 SIZE = 600
 """Width and height of the picture in pixels."""
@@ -49,10 +49,10 @@ SMOOTHING = 2
 
 
 class Renderer:
-    """Renderer of one world in a mode; without a mode it does nothing. It imports pygame when it first draws.
+    """Renderer of one world in a mode; without a mode it does nothing.
 
     Args:
-        mode: `human`, `rgb_array` or None.
+        mode: `rgb_array` or None.
 
     Raises:
         InputError: There is no such mode.
@@ -62,56 +62,13 @@ class Renderer:
         if mode is not None and mode not in RENDER_MODES:
             raise InputError(f"render_mode is {mode!r}, but must be one of {', '.join(RENDER_MODES)}, or None")
         self.mode = mode
-        self._window: Any = None
-        self._clock: Any = None
         self._bounds, self._inch = np.zeros((2, 2)), 1.0
         self._states: list[World] = []
 
-    def show(self, world: World, case: str) -> None:
-        """Draw the world in a window and wait for the time of a step, in mode `human`.
-
-        Args:
-            world: One world. The first state of an episode sets the scale of the picture.
-            case: The name of the case, shown as text.
-        """
-        if self.mode == "rgb_array":
-            self._remember(world)
-        if self.mode != "human":
-            return
-        pygame = importlib.import_module("pygame")
-        if self._window is None:
-            pygame.display.init()
-            self._window = pygame.display.set_mode((SIZE, SIZE))
-            pygame.display.set_caption("crowdbench")
-            self._clock = pygame.time.Clock()
-        self._window.blit(pygame.surfarray.make_surface(self.picture(world, case).swapaxes(0, 1)), (0, 0))
-        pygame.event.pump()
-        pygame.display.flip()
-        self._clock.tick(1 / world.rules.dt)
-
-    def frame(self, world: World, case: str) -> UInt8[np.ndarray, "height width 3"] | None:
-        """Return the picture of a world in mode `rgb_array`, None in other modes.
-
-        Args:
-            case: The name of the case, shown as text.
-        """
+    def remember(self, world: World) -> None:
+        """Keep the states of an episode; the first one sets the scale. Without a mode, keep none."""
         if self.mode is None:
-            gymnasium.logger.warn("render() shows nothing, because the environment was made without a render_mode")
-        return self.picture(world, case) if self.mode == "rgb_array" else None
-
-    def picture(self, world: World, case: str) -> UInt8[np.ndarray, "height width 3"]:
-        """Return the picture of a world, see `frame`."""
-        self._remember(world)
-        return np.asarray(self._draw(case))
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._window is not None:
-            importlib.import_module("pygame").display.quit()
-            self._window = None
-
-    def _remember(self, world: World) -> None:
-        """Keep the states of an episode; the first one sets the scale."""
+            return
         if int(world.step[0]) == 0:
             self._states.clear()
             agents = np.stack([world.position[0], world.goal[0]])[:, world.present[0]]
@@ -122,8 +79,15 @@ class Renderer:
         if not self._states or int(world.step[0]) > int(self._states[-1].step[0]):
             self._states.append(world)
 
-    def _draw(self, case: str) -> Image:
-        """Return the picture of the last state."""
+    def picture(self, case: str) -> UInt8[np.ndarray, "height width 3"] | None:
+        """Return the picture of the last state; None without a mode.
+
+        Args:
+            case: The name of the case, shown as text.
+        """
+        if self.mode is None:
+            gymnasium.logger.warn("render() shows nothing, because the environment was made without a render_mode")
+            return None
         world = self._states[-1]
         agents = np.flatnonzero(world.present[0])
         pedestrians = agents[1:].tolist() if len(agents) <= CROWD else []
@@ -132,7 +96,8 @@ class Renderer:
         numbers = [self._number(moment, agent) for agent in pedestrians]
         note = f"{float(world.step[0]) * world.rules.dt:.2f} s", LIGHT.text
         bands = draw_bands(self._bounds, self._inch, note, case)
-        return rasterize([*goals, *draw_moment(moment), *numbers, *bands], self._bounds, self._inch, 72.0 * POINT)
+        shapes = [*goals, *draw_moment(moment), *numbers, *bands]
+        return np.asarray(rasterize(shapes, self._bounds, self._inch, 72.0 * POINT))
 
     def _number(self, moment: Moment, agent: int) -> Text:
         """Return the number of a pedestrian: on its disc, or beside a disc that is small or an outline."""

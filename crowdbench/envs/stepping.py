@@ -78,7 +78,7 @@ class OneWorld:
 
     Args:
         view: The scenario, the observations of a policy, and the interpretation of its actions.
-        render_mode: `human`, `rgb_array` or None.
+        render_mode: `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
 
     Raises:
@@ -104,22 +104,17 @@ class OneWorld:
         self._compiled = CompiledStep(self._world, everybody) if fits else None
 
     def _enter(self, world: World) -> None:
-        """Set the current world, and draw it if there is a window."""
         self._world = world
-        self._renderer.show(world, self._case)
+        self._renderer.remember(world)
 
     def _check_reset(self) -> None:
         if not self._case:
             raise error.ResetNeeded("call reset() first")
 
     def render(self) -> np.ndarray | None:
-        """Return the picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""
+        """Return the picture `[height, width, 3]`, uint8, in mode `rgb_array`; None without a mode."""
         self._check_reset()
-        return self._renderer.frame(self._world, self._case)
-
-    def close(self) -> None:
-        """Close the window of mode `human`."""
-        self._renderer.close()
+        return self._renderer.picture(self._case)
 
 
 def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*shape"]:

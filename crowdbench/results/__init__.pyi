@@ -12,7 +12,6 @@ from .run_result import RunResult as RunResult
 from .run_result import write_run as write_run
 from .stored_commands import COMMANDS as COMMANDS
 from .stored_commands import StoredCommands as StoredCommands
-from .stored_commands import check_size as check_size
 from .stored_commands import read_commands as read_commands
 from .stored_tracks import TRACKS as TRACKS
 from .stored_tracks import read_tracks as read_tracks

@@ -15,8 +15,8 @@ import numpy as np
 from crowdbench.core.types import Rules, Trace
 from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.results.episodes import BLOCK, EPISODES, RECORDING, Episodes, result_label
-from crowdbench.results.result_file import RESULT, check_result, digest_of, read_result, write_result
-from crowdbench.results.stored_commands import COMMANDS, StoredCommands, check_size, read_commands
+from crowdbench.results.result_file import RESULT, check_result, digest_of, write_result
+from crowdbench.results.stored_commands import COMMANDS, StoredCommands, read_commands
 from crowdbench.results.stored_tracks import TRACKS, read_tracks
 from crowdbench.scenario.cases import Cases, parse_case
 from crowdbench.scenario.digest import scenario_digest
@@ -73,13 +73,11 @@ class RunResult:
         directory: Its directory.
         result: The contents of `result.json`.
         episodes: The table in `episodes.csv`.
-        broken: The message on the first check of the files that failed; empty for a run that passed the checks.
     """
 
     directory: Path
     result: dict[str, Any]
     episodes: Episodes
-    broken: str = ""
 
     @classmethod
     def read(cls, directory: Path, tables_only: bool = False) -> RunResult:
@@ -97,23 +95,18 @@ class RunResult:
         run.check()
         return run
 
-    @classmethod
-    def read_unchecked(cls, directory: Path) -> RunResult:
-        """Read a run for a replay, also if its checks fail. Raises InputError if a file is missing or damaged."""
-        if not directory.is_dir():
-            raise InputError(f"{directory} is not the directory of a run")
-        try:
-            return cls.read(directory)
-        except InputError as error:  # the replay reports the errors in the file
-            return cls(directory, read_result(directory), Episodes.read(directory / EPISODES), str(error))
+    def check(self, rows_only: bool = False) -> None:
+        """Raise InputError with the file and the field if the files of the run contradict each other.
 
-    def check(self) -> None:
-        """Raise InputError with the file and the field if the files of the run contradict each other."""
-        for file, sentence in itertools.chain(self._wrong_rows(), self._wrong_fields(), self._wrong_files()):
+        Args:
+            rows_only: True to check only `episodes.csv` and the commands, not `result.json`.
+        """
+        others = () if rows_only else (self._wrong_fields(), self._wrong_files())
+        for file, sentence in itertools.chain(self._wrong_rows(), *others):
             raise InputError(f"{self.directory / file}: {sentence}; make the run again")
 
     def _wrong_rows(self) -> Iterator[tuple[str, str]]:
-        """Yield the errors in the rows of `episodes.csv`, each as a file and the rest of a sentence."""
+        """Yield the errors in `episodes.csv` and in the commands, each as a file and the rest of a sentence."""
         episodes, cases, most = self.episodes, self.cases, self.rules.max_steps
         if len(episodes) != len(cases) or not (episodes.case == cases.indices).all():
             yield EPISODES, f"its cases differ from {cases}, as in {RESULT}"
@@ -126,6 +119,10 @@ class RunResult:
         for name in COUNTED.keys() & episodes.columns.keys():
             if not np.array_equal(episodes.columns[name], np.isin(episodes.outcome, COUNTED[name])):
                 yield EPISODES, f"{name} contradicts the outcomes"
+        if (self.directory / COMMANDS).exists():
+            for name in ("case", "steps"):
+                if not np.array_equal(getattr(self.commands, name), getattr(self.episodes, name)):
+                    yield COMMANDS, f"its {name} differ from {EPISODES}"
 
     def _wrong_fields(self) -> Iterator[tuple[str, str]]:
         """Yield the fields of `result.json` that do not follow from `episodes.csv` or from the scenario."""
@@ -140,18 +137,12 @@ class RunResult:
             yield RESULT, f"run.scenario is {digest}, but its table scenario has the digest {computed}"
 
     def _wrong_files(self) -> Iterator[tuple[str, str]]:
-        """Yield the errors in the list of files, and in the commands."""
+        """Yield the errors in the list of files."""
         listed, record, recorded = self.result["files"], self.result["stated"]["record"], self.result["recorded"]
         if (COMMANDS in listed) + (TRACKS in listed) != (record != "none"):
             yield RESULT, f"stated.record is {record!r}, which contradicts files.{COMMANDS} or files.{TRACKS}"
         if (RECORDING in listed) != (recorded > 0):
             yield RESULT, f"recorded is {recorded}, which contradicts files.{RECORDING}"
-        commands = self.directory / COMMANDS
-        if commands.exists():
-            check_size(commands, len(self.cases), self.rules.max_steps)
-            for name in ("case", "steps"):
-                if not np.array_equal(getattr(self.commands, name), getattr(self.episodes, name)):
-                    yield COMMANDS, f"its {name} differ from {EPISODES}"
 
     def find_case(self, case: int | str) -> int:
         """Return the number of a case, given by its number or its name. Raises InputError if the run has no such

@@ -1,10 +1,7 @@
-from .decision_time import SAME_COMMANDS as SAME_COMMANDS
-from .decision_time import time_single_world as time_single_world
 from .each_scenario import make_each as make_each
 from .folder import is_complete as is_complete
 from .folder import make_in_folder as make_in_folder
 from .folder import run_directory as run_directory
-from .identity import SIMULATOR as SIMULATOR
 from .identity import PlannerId as PlannerId
 from .identity import RunId as RunId
 from .identity import code as code

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import inspect
-import json
 import secrets
 import sys
 from collections.abc import Callable, Mapping
@@ -15,7 +14,8 @@ from typing import Any
 
 from crowdbench.plugins.kind import PACKAGE, ROOT
 from crowdbench.plugins.plugin_files import read_files
-from crowdbench.sim.version import SIMULATOR as SIMULATOR  # exported for boards
+from crowdbench.results.result_file import digest_of
+from crowdbench.sim.version import SIMULATOR
 from crowdbench.utils.files import sha256
 
 REACHED = (
@@ -35,7 +35,7 @@ REACHED = (
     "utils",
     "views",
 )
-"""The files and folders that a rollout can reach, apart from those of its planner."""
+"""The files and folders that a rollout can reach, apart from the files of its planner."""
 
 _SUFFIXES = (".py", ".pyi", ".npz")
 
@@ -124,12 +124,7 @@ class RunId:
     @property
     def digest(self) -> str:
         """The digest of all parts, with 64 hexadecimal digits."""
-        return digest(self.parts)
-
-
-def digest(parts: Mapping[str, Any]) -> str:
-    """Return the digest of the parts of a `RunId`."""
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+        return digest_of(self.parts)
 
 
 def new_key() -> str:
@@ -149,7 +144,7 @@ def source_of(thing: type | Callable[..., Any]) -> str:
     if module.startswith("crowdbench."):
         return source_digest(file.relative_to(PACKAGE).parts[0])[:16]
     if file.is_file():  # not `<stdin>`
-        return digest({"files": read_files(file)})[:16]
+        return digest_of({"files": read_files(file)})[:16]
     try:
         return hashlib.sha256(inspect.getsource(thing).encode()).hexdigest()[:16]
     except (OSError, TypeError):

@@ -17,14 +17,15 @@ from crowdbench.metrics.registry import Metric, need_undisturbed
 from crowdbench.results.episodes import EPISODES, RECORDING, Episodes
 from crowdbench.results.result_file import RESULT
 from crowdbench.results.run_result import RunResult
-from crowdbench.results.stored_commands import COMMANDS, StoredCommands
+from crowdbench.results.stored_commands import COMMANDS
 from crowdbench.results.stored_tracks import TRACKS
-from crowdbench.runs.differences import Difference, Differences
+from crowdbench.runs.differences import Difference, compare_episodes, compare_values
 from crowdbench.runs.identity import code
-from crowdbench.runs.replay import possible_commands, stored_traces
+from crowdbench.runs.replay import stored_traces
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import read_versions
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -91,68 +92,45 @@ def replay_run(
         progress: Called after each step with its progress, summed over the episodes, in fractions of an episode.
 
     Raises:
-        InputError: The run has no commands of any of its cases, or a pedestrian policy or a metric breaks its contract.
+        InputError: The run has no commands or other ones than a vehicle can execute, or a pedestrian policy or a metric
+            breaks its contract.
     """
     changed = _changed_versions(run)
-    columns = dict.fromkeys([*run.episodes.columns, *run.result["metrics"]])
-    differences = Differences(run.cases, exact=not changed)
-    differences.note("checks of the files fail", [run.broken] if run.broken else [], 1)
     if scenario is None:
-        parts = [Episodes.of(run.tracks, metrics)]
+        store, parts = TRACKS, [Episodes.of(run.tracks, metrics)]
     else:
-        differences.note_values(
-            RESULT, {"run.scenario": run.result["run"]["scenario"]}, {"run.scenario": scenario.digest}
-        )
         undisturbed = need_undisturbed(metrics)
         traces = stored_traces(run, lambda _: scenario, undisturbed=undisturbed, progress=progress)
-        parts = [Episodes.of(trace, metrics) for trace in traces]
+        store, parts = COMMANDS, [Episodes.of(trace, metrics) for trace in traces]
     replayed = Episodes.join(parts)
-    if scenario is not None:
-        _compare_commands(differences, run.commands, scenario, replayed)
-    _compare_episodes(differences, run, replayed)
-    _compare_recording(differences, run, replayed)
-    compared = sum(name in metrics for name in columns)
-    unchecked = [name for name in columns if name not in metrics]
-    store = TRACKS if scenario is None else COMMANDS
-    return Replay(replayed, store, compared, unchecked, changed, list(differences))
+    if not np.array_equal(replayed.case, run.episodes.case):
+        raise InputError(f"{run.directory / store}: its cases differ from {EPISODES}; make the run again")
+    names = [f"{run.cases.split}/{case}" for case in replayed.case.tolist()]
+    differences = compare_episodes(names, run.episodes, replayed, exact=not changed)
+    return Replay(
+        episodes=replayed,
+        store=store,
+        metrics=sum(name in metrics for name in run.episodes.columns),
+        unchecked=[name for name in run.episodes.columns if name not in metrics],
+        versions=changed,
+        differences=[*differences, *_compare_recording(run, replayed)],
+    )
 
 
-def _compare_commands(
-    differences: Differences, commands: StoredCommands, scenario: Scenario, replayed: Episodes
-) -> None:
-    """Add the differences in `commands.parquet`."""
-    differences.note_rows(COMMANDS, commands.case)
-    refused = map(differences.name, commands.case[~possible_commands(commands, scenario)].tolist())
-    what = "commands that a run refuses, beyond the limits of the vehicle or not finite"
-    differences.note(f"cases in {COMMANDS} have {what}", refused, len(commands.case))
-    case, *rows = np.intersect1d(commands.case, replayed.case, return_indices=True)
-    numbers = commands.steps[rows[0]].tolist(), replayed.steps[rows[1]].tolist()
-    lengths = zip(map(differences.name, case.tolist()), *numbers, strict=True)
-    differences.note_pairs(f"cases have more or fewer commands in {COMMANDS} than steps", lengths, len(case))
-
-
-def _compare_episodes(differences: Differences, run: RunResult, replayed: Episodes) -> None:
-    """Add the differences in `episodes.csv`."""
-    differences.note_rows(EPISODES, run.episodes.case)
-    stated = run.result["metrics"]
-    missing = (name for name in stated if name not in run.episodes.columns)
-    differences.note(f"metrics have no column in {EPISODES}", missing, len(stated))
-    _, *rows = np.intersect1d(run.episodes.case, replayed.case, return_indices=True)
-    differences.note_episodes(run.episodes.take(rows[0]), replayed.take(rows[1]))
-
-
-def _compare_recording(differences: Differences, run: RunResult, replayed: Episodes) -> None:
-    """Add the cases of the recording with another outcome."""
+def _compare_recording(run: RunResult, replayed: Episodes) -> list[Difference]:
+    """Return the cases of the recording with another outcome, and a difference in their number."""
     if not (run.directory / RECORDING).exists():
-        return
+        return []
     from crowdbench.record.recorded_cases import recorded_outcomes
 
     recorded = recorded_outcomes(run.directory / RECORDING)
-    differences.note_values(RESULT, {"recorded": run.result["recorded"]}, {"recorded": len(recorded)})
-    differences.note_rows(RECORDING, np.array([*recorded]), some_missing=True)
     ends = dict(zip(replayed.case.tolist(), (Outcome(end).label for end in replayed.outcome.tolist()), strict=True))
-    pairs = [(differences.name(case), outcome, ends[case]) for case, outcome in recorded.items() if case in ends]
-    differences.note_pairs(f"episodes in {RECORDING} end otherwise", pairs, len(recorded))
+    names = [f"{run.cases.split}/{case}" for case in recorded]
+    number = [run.result["recorded"]], [len(recorded)]
+    return [
+        *compare_values(f"values in {RESULT} differ", ["recorded"], *number),
+        *compare_values(f"episodes in {RECORDING} end otherwise", names, recorded.values(), map(ends.get, recorded)),
+    ]
 
 
 def _changed_versions(run: RunResult) -> list[str]:

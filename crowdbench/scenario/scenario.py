@@ -20,7 +20,7 @@ from crowdbench.scenario.certified import CertificateStatus
 from crowdbench.scenario.digest import scenario_digest
 from crowdbench.scenario.placement import LayoutCall
 from crowdbench.scenario.population import Population
-from crowdbench.scenario.schema import ScenarioSpec, VehicleSpec
+from crowdbench.scenario.schema import VehicleSpec
 from crowdbench.scenario.starts import Case, LayoutStarts
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.sight import look
@@ -39,7 +39,9 @@ class Scenario:
     Attributes:
         name: Name of the scenario.
         source: Name of its file in error messages.
-        spec: Its complete file. Each case has a random stream that depends on seed, split and case number.
+        table: Its complete table, as written to results. Each case has a random stream that depends on seed, split and
+            case number.
+        vehicle: The vehicle's radius and preferred speed, among others.
         rules: Constants of all cases.
         crowd: The pedestrians.
         starts: Generator of the starts of cases: from a layout, as in CrowdNav++, or from recorded tracks.
@@ -49,7 +51,8 @@ class Scenario:
 
     name: str
     source: str
-    spec: ScenarioSpec
+    table: Mapping[str, Any]
+    vehicle: VehicleSpec
     rules: Rules
     crowd: Population
     starts: LayoutStarts | TrackedCrowd
@@ -57,19 +60,9 @@ class Scenario:
     certificates: CertificateStatus | None = None
 
     @functools.cached_property
-    def table(self) -> dict[str, Any]:
-        """The complete table of the scenario, as written to results."""
-        return self.spec.complete()
-
-    @functools.cached_property
     def digest(self) -> str:
         """Twelve hexadecimal digits that change with the cases, see `scenario_digest`."""
         return scenario_digest(self.table)
-
-    @property
-    def vehicle(self) -> VehicleSpec:
-        """The vehicle's radius and preferred speed, among others."""
-        return self.spec.vehicle
 
     @functools.cached_property
     def post_step_rule(self) -> PostStepRule | None:
@@ -120,7 +113,7 @@ class Scenario:
         Raises:
             InputError: A layout has no room, raises, or returns an invalid placement, or a policy returns no memory.
         """
-        keys = rng.case_keys(self.spec.seed, split, cases)
+        keys = rng.case_keys(int(self.table["seed"]), split, cases)
         drawn = [
             Case(Location(self.source, f"case {split}/{case}"), split, case, key)
             for case, key in zip(cases.tolist(), keys, strict=True)

@@ -100,12 +100,18 @@ def parse_scenario(
     return Scenario(
         name=name,
         source=source,
-        spec=spec,
+        table=spec.complete(),
+        vehicle=_without_limits(spec.vehicle),
         rules=rules,
         crowd=_population(spec.pedestrians, policies, starts),
         starts=starts,
         policies={name: part.policy for name, part in policies.items()},
     )
+
+
+def _without_limits(vehicle: VehicleSpec) -> VehicleSpec:
+    """Return `[vehicle]` without the keys of one dynamics: an object of a class that was made here has no pickle."""
+    return VehicleSpec(**vehicle.model_dump(include=set(VehicleSpec.model_fields)))
 
 
 def _with(spec: ScenarioSpec, key: str, **values: object) -> ScenarioSpec:
@@ -182,7 +188,7 @@ def _population(
 def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
     """Return the rules of a scenario.
 
-    Raises InputError if an episode may take too many steps, if keys of the vehicle contradict each other or those of
+    Raises InputError if an episode may take too many steps, if keys of the vehicle contradict each other or keys of
     the crowd, or if the sensor's delay is not a whole number of steps or exceeds `MAX_DELAY` steps.
     """
     # Computed without `max_steps`, which is infinite for a tiny dt.

@@ -1,7 +1,5 @@
 from .compiled import njit as njit
 from .defaults import BATCH as BATCH
-from .defaults import HORIZON as HORIZON
-from .defaults import MOST_AHEAD as MOST_AHEAD
 from .errors import MachineFault as MachineFault
 from .errors import describe_error as describe_error
 from .errors import find_named as find_named
@@ -20,7 +18,6 @@ from .files import sha256 as sha256
 from .files import write_whole as write_whole
 from .progress_bars import progress as progress
 from .records import check_record as check_record
-from .resources import limit_memory as limit_memory
 from .tables import Format as Format
 from .tables import Grid as Grid
 from .tables import format_tables as format_tables

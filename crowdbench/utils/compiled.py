@@ -65,7 +65,8 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """Compile a function, as `numba.njit` does, with the cache of this package.
 
     Args:
-        function: A function that uses no globals except constants, kernels, NumPy and `math`.
+        function: A function that uses no globals except NumPy, `math`, and constants and kernels of crowdbench or of
+            files beside it.
         **options: Options of `numba.njit`, apart from `cache`.
 
     Returns:
@@ -105,13 +106,16 @@ def kernel_files() -> tuple[Path, ...]:
     return (*files, *(PACKAGE / name for name in CONSTANTS))
 
 
-@functools.cache
-def version_of(folder: Path) -> str:
+def read_version(folder: Path) -> str:
     """Return the digest of all that determines the code of the kernels in a folder, apart from the processor."""
     files = kernel_files()
     if not folder.is_relative_to(PACKAGE):
         files += tuple(sorted(folder.glob("*.py")))
     return _digest([repr(COMPILER), *(path.read_text(encoding="utf-8") for path in files)])
+
+
+version_of = functools.cache(read_version)
+"""Return the version at the time of the first call, when the files are imported."""
 
 
 def _digest(texts: Iterable[str]) -> str:
@@ -140,7 +144,7 @@ class _Locator(_CacheLocator):  # type: ignore[misc]
     """The place of a kernel in the cache."""
 
     def __init__(self, function: Callable[..., Any], file: str) -> None:
-        self._folder = Path(file).resolve().parent
+        self.folder = Path(file).resolve().parent
         self._line = function.__code__.co_firstlineno
 
     @classmethod
@@ -150,13 +154,13 @@ class _Locator(_CacheLocator):  # type: ignore[misc]
 
     def get_cache_path(self) -> str:
         """Return the folder of the kernel: files of the same name in different folders do not share it."""
-        folder = self._folder
+        folder = self.folder
         name = ".".join(folder.relative_to(PACKAGE).parts) if folder.is_relative_to(PACKAGE) else folder.name
         return str(_folder_of(version_of(folder)) / (name or "package"))
 
     def get_source_stamp(self) -> str:
         """Return the version of the files that determine the machine code."""
-        return version_of(self._folder)
+        return version_of(self.folder)
 
     def get_disambiguator(self) -> str:
         """Return a text that distinguishes functions of the same name in a file."""
@@ -186,9 +190,14 @@ class _Cache(FunctionCache):  # type: ignore[misc]
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Store a compiled kernel. A folder that cannot be written, such as on a full disk, must not stop a run."""
-        folder = Path(self.cache_path)
+        """Store a compiled kernel, unless a file was edited after its import.
+
+        A folder that cannot be written, such as on a full disk, must not stop a run.
+        """
+        folder, locator = Path(self.cache_path), self._impl.locator
         with contextlib.suppress(OSError):
+            if read_version(locator.folder) != locator.get_source_stamp():
+                return
             folder.mkdir(parents=True, exist_ok=True)
             # Processes that save two signatures of a kernel at the same time would choose the same file.
             with hold_lock(folder / "lock"):

@@ -1,11 +1,10 @@
-"""Limits the time of processes, in a fair way on a busy machine, and the memory of this process."""
+"""Limits the time of processes, in a fair way on a busy machine, and keeps freed memory."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -112,26 +111,3 @@ def keep_freed_memory() -> None:
         libc = ctypes.CDLL(None)
         libc.mallopt(_M_MMAP_THRESHOLD, _MAX_KEPT)
         libc.mallopt(_M_TRIM_THRESHOLD, 8 * _MAX_KEPT)
-
-
-@contextlib.contextmanager
-def limit_memory(extra: float) -> Iterator[None]:
-    """Limit the additional memory of this process to `extra` bytes: a larger allocation raises MemoryError.
-
-    Only Linux enforces the limit: on other systems there is none.
-    """
-    if sys.platform != "linux":
-        yield
-        return
-    import resource
-
-    import psutil
-
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    limit = psutil.Process().memory_info().vms + int(extra)
-    soft = limit if before[0] == resource.RLIM_INFINITY else min(limit, before[0])
-    resource.setrlimit(resource.RLIMIT_AS, (soft, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, before)

@@ -20,8 +20,8 @@ import numpy as np
 from crowdbench import Cases
 from crowdbench.isolation import usable_cores
 from crowdbench.results import COMMANDS, read_commands
-from crowdbench.runs import SAME_COMMANDS, time_single_world
 from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner, driven_scenarios
+from crowdbench_leaderboards.decision_time import SAME_COMMANDS, time_single_world
 from crowdbench_leaderboards.verdict import DecisionTime
 
 KERNEL = "python-loop-and-sort-1"

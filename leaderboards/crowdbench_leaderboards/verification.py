@@ -14,12 +14,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from crowdbench import Cases, Episodes, InputError, Scenario
 from crowdbench.isolation import PROCESS, describe_limits, level
-from crowdbench.results import COMMANDS, EPISODES, RunResult, check_size, read_result
-from crowdbench.runs import SIMULATOR, Progress, code, replay_run
-from crowdbench.utils import MachineFault, limit_memory, plain
+from crowdbench.results import COMMANDS, EPISODES, RunResult, read_result
+from crowdbench.runs import Progress, code, replay_run
+from crowdbench.sim import SIMULATOR
+from crowdbench.utils import MachineFault, plain
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.board_runs import (
     CaseSet,
@@ -34,6 +37,7 @@ from crowdbench_leaderboards.calibrated_time import NotTimed, time_decisions
 from crowdbench_leaderboards.consistency_test import lower_than_claimed
 from crowdbench_leaderboards.entry import Entry, check_board_name, check_names, check_unchanged, read_entry
 from crowdbench_leaderboards.means import check_networks_differ, method_cases, other_networks, summarize_method
+from crowdbench_leaderboards.memory_limit import limit_memory
 from crowdbench_leaderboards.season import Season
 from crowdbench_leaderboards.signature import find_signer
 from crowdbench_leaderboards.verdict import (
@@ -201,9 +205,9 @@ def _replay_public_runs(entry: Entry, board: Board, progress: Progress | None) -
 
 
 def _replay(entry: Entry, board: Board, scenario: Scenario, progress: Progress | None) -> None:
-    commands = entry.public / scenario.name / COMMANDS
-    check_size(commands, len(board.public_cases), scenario.rules.max_steps)
+    _check_size(entry.public / scenario.name / COMMANDS, len(board.public_cases), scenario.rules.max_steps)
     run = read_public_run(entry, board, scenario)
+    run.check(rows_only=True)
     reported, metrics = entry.spec.reported[scenario.name], run.result["metrics"]
     if reported.keys() != metrics.keys():
         raise InputError(f"the reported figures differ from {EPISODES}")
@@ -217,6 +221,32 @@ def _replay(entry: Entry, board: Board, scenario: Scenario, progress: Progress |
         raise InputError(differences[0])
 
 
+def _check_size(path: Path, cases: int, steps: int) -> None:
+    """Check that a file of commands is not larger than a run allows, before it is decompressed.
+
+    Args:
+        path: The file. `read_commands` reports a file that is missing or not in Parquet format.
+        cases: Number of cases of the run.
+        steps: Largest number of steps of a case.
+
+    Raises:
+        InputError: It is larger.
+    """
+    try:
+        with path.open("rb") as file, pq.ParquetFile(file) as parquet:
+            groups = [parquet.metadata.row_group(index) for index in range(parquet.metadata.num_row_groups)]
+            rows = parquet.metadata.num_rows
+    except (pa.ArrowException, OSError, ValueError):
+        return
+    size = sum(group.column(index).total_uncompressed_size for group in groups for index in range(group.num_columns))
+    most = 1_000_000 + 2 * 16 * cases * (steps + 1)  # twice the size of two float64 numbers per step
+    if rows > cases or size > most:
+        raise InputError(
+            f"{path} holds {rows} cases in {size / 1e6:.0f} MB, but a run of {cases} cases has as many in "
+            f"{most / 1e6:.0f} MB at most"
+        )
+
+
 def read_public_run(entry: Entry, board: Board, scenario: Scenario) -> RunResult:
     """Read the run of an entry on the public cases of a scenario. Its figures are not checked.
 
@@ -227,8 +257,10 @@ def read_public_run(entry: Entry, board: Board, scenario: Scenario) -> RunResult
     episodes = Episodes.read(folder / EPISODES)
     if episodes.columns.keys() != board.metrics.keys():
         raise InputError(f"{folder / EPISODES} must have the metrics {', '.join(board.metrics)}")
+    run = {"scenario": scenario.digest, "cases": str(board.public_cases), "code": code(), "simulator": SIMULATOR}
     result = {
-        "run": {"scenario": scenario.digest, "cases": str(board.public_cases), "code": code(), "simulator": SIMULATOR},
+        "run": {**run, "metrics": dict.fromkeys(board.metrics)},
+        "scenario": scenario.table,
         "stated": {"versions": entry.spec.environment},
         "outcomes": episodes.counts(),
         "recorded": 0,

@@ -214,9 +214,9 @@ def test_an_exception_without_a_readable_message_is_told():
         def __str__(self):
             raise RuntimeError
 
-    failed = console.failure(Unreadable())
-    assert failed.status == console.INTERNAL
-    assert "Unreadable: its message cannot be read" in failed.sentence
+    sentence, status = console.failure(Unreadable())
+    assert status == console.INTERNAL
+    assert "Unreadable: its message cannot be read" in sentence
 
 
 @pytest.mark.slow
@@ -250,7 +250,7 @@ def test_a_plug_in_that_closes_the_output_is_told(monkeypatch):
     monkeypatch.setattr(sys, "stdout", Closed())
     with pytest.raises(AttributeError) as error:
         console.flush_output()
-    assert console.failure(error.value).sentence == "the output cannot be written: a plug-in has closed it"
+    assert console.failure(error.value)[0] == "the output cannot be written: a plug-in has closed it"
 
 
 def test_what_a_killed_process_left_is_cleared_by_the_next_one_in_the_folder(tmp_path):
@@ -372,4 +372,4 @@ def test_a_folder_whose_name_is_not_utf_8_works_or_is_named(crowdbench, tmp_path
     assert "run.rrd could not be written: its path is not UTF-8" in sentences[-1]
     assert not Path("b").exists()
     error = UnicodeEncodeError("utf-8", str(folder), 1, 2, "surrogates not allowed")
-    assert "caf\\udce9' is not UTF-8, as this command needs it" in console.failure(error).sentence
+    assert "caf\\udce9' is not UTF-8, as this command needs it" in console.failure(error)[0]

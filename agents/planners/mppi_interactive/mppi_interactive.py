@@ -27,9 +27,10 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench import ORCA, InputError, MPPIPlanner, Observation, Prediction, Predictor, roll_out
+from crowdbench import ORCA, InputError, MPPIPlanner, Observation, Prediction, Predictor
 
 from .goal_belief import INFERENCE, GoalBelief, Inference
+from .roll_out import roll_out
 
 Positions = Float[np.ndarray, "world mode pedestrian 2"]
 

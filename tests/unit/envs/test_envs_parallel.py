@@ -4,7 +4,6 @@ import warnings
 import numpy as np
 import pytest
 from helpers import world
-from pettingzoo.utils import parallel_to_aec
 
 from crowdbench.catalog import SCENARIOS as SCENARIOS_FOLDER
 from crowdbench.catalog import load_scenario, simulated_scenarios
@@ -22,7 +21,7 @@ from crowdbench.views.view import View, layout_bound, pedestrian_action_space, p
 with warnings.catch_warnings():
     # pettingzoo's tests import one of its own games in a way that it deprecates.
     warnings.simplefilter("ignore", DeprecationWarning)
-    from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
+    from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 SCENARIOS = sorted(simulated_scenarios())
 STILL = np.zeros(2)
@@ -41,11 +40,6 @@ def test_it_passes_pettingzoos_tests():
     parallel_seed_test(parallel_env, num_cycles=60)
 
 
-def test_it_renders_as_pettingzoo_expects(monkeypatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    render_test(lambda render_mode: parallel_to_aec(parallel_env(render_mode=render_mode)))
-
-
 def test_the_picture_shows_vehicle_and_pedestrians_where_they_are():
     env = parallel_env(render_mode="rgb_array")
     env.reset(options={"case": "test/0"})
@@ -56,9 +50,9 @@ def test_the_picture_shows_vehicle_and_pedestrians_where_they_are():
     assert picture.reshape(-1, 3).tolist().count(list(LIGHT.pedestrian)) > 2500
 
 
-@pytest.mark.parametrize("mode", ["ansi", "HUMAN"])
+@pytest.mark.parametrize("mode", ["ansi", "human"])
 def test_an_unknown_render_mode_is_refused(mode):
-    with pytest.raises(InputError, match="human, rgb_array"):
+    with pytest.raises(InputError, match="must be one of rgb_array, or None"):
         parallel_env(render_mode=mode)
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from agents.planners.mppi_interactive import geodesics, goal_belief
 from agents.planners.mppi_interactive import mppi_interactive as interactive
-from crowdbench import ORCA, Cases, Driver, load_planner, load_scenario, roll_out, rollout
+from agents.planners.mppi_interactive.roll_out import roll_out
+from crowdbench import ORCA, Cases, Driver, load_planner, load_scenario, rollout
 from crowdbench.catalog import PLANNERS
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.visibility_graph import find_routes

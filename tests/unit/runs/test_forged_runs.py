@@ -15,7 +15,7 @@ from helpers import Still, make, reseal
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.metrics.registry import METRICS
 from crowdbench.results.episodes import Episodes
-from crowdbench.results.result_file import STATED
+from crowdbench.results.result_file import STATED, read_result
 from crowdbench.results.run_result import RunResult, summary_of
 from crowdbench.runs.loading import load_stored_scenario
 from crowdbench.runs.merge import merge
@@ -325,4 +325,4 @@ def test_a_billion_pedestrians_are_refused_whatever_the_digest(run):
     reseal(run, lambda result: result["scenario"]["pedestrians"].update(number=[5, 10**9]))
     sentence = r"pedestrians.number is \[5, 1000000000\], but must be a whole number from 0 to"
     with pytest.raises(InputError, match=sentence):
-        load_stored_scenario(RunResult.read_unchecked(run))
+        load_stored_scenario(RunResult(run, read_result(run), Episodes.read(run / "episodes.csv")))

@@ -190,7 +190,7 @@ def test_a_replay_sees_again_what_was_seen(tmp_path):
         str(tmp_path / "run"),
     ]
     assert CliRunner().invoke(app, command).exit_code == 0
-    files = RunResult.read_unchecked(tmp_path / "run")
+    files = RunResult.read(tmp_path / "run")
     assert replay_run(files, scenario, {}).differences == []
 
 

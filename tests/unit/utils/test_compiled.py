@@ -205,6 +205,14 @@ def test_a_function_without_a_file_is_compiled():
     assert njit(scope["doubled"])(2.0) == 4.0
 
 
+def test_code_of_a_file_that_was_edited_after_its_import_is_not_kept(folder, monkeypatch):
+    kernel = njit(limited)
+    monkeypatch.setattr(compiled, "read_version", lambda folder: "another")
+    assert kernel(6.0) == 2.0
+    monkeypatch.undo()
+    assert not list(folder.rglob("*limited*"))
+
+
 def test_kernels_use_this_cache_only():
     others = [path for path in PACKAGE.rglob("*.py") if path.name != "compiled.py"]
     assert [path.name for path in others if "from numba import" in path.read_text()] == []

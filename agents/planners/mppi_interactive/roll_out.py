@@ -7,13 +7,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core import rng
-from crowdbench.core.types import Observation, Rules, World
-from crowdbench.core.types.rules import WalkingLimits
-from crowdbench.predict.predictor import Prediction
-from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.sim.simulator import advance, crowd_decisions, init_memories
-from crowdbench.utils.errors import require
+from crowdbench import Observation, PedestrianPolicy, Prediction, Rules, World
+from crowdbench.core import WalkingLimits, continuation_keys
+from crowdbench.sim import crowd_decisions, init_memories, move
+from crowdbench.utils import require
 
 Goals = Float[np.ndarray, "world mode pedestrian 2"]
 
@@ -59,9 +56,7 @@ def roll_out(
         require("shape of goals", list(points.shape), points.shape == (*shape, 2), "[world, mode, pedestrian, 2]")
         goal[:, 1:] = points.reshape(-1, pedestrians, 2)
         crowd, world = crowd_decisions(world.replace(goal=goal), names)
-        world = world.replace(
-            **advance(world, np.zeros((len(row), 2)) if plan is None else plan[row, t], crowd)[0]._asdict()
-        )
+        world, _ = move(world, np.zeros((len(row), 2)) if plan is None else plan[row, t], crowd)
         position[:, :, t], velocity[:, :, t] = (
             each[:, 1:].reshape(*shape, 2) for each in (world.position, world.velocity)
         )
@@ -82,7 +77,7 @@ def _worlds(
     position, velocity, radius, present = rows.everybody()
     position[:, 0], radius[:, 0] = rows.vehicle.position, rows.vehicle.radius
     worlds, agents = radius.shape
-    keys = np.stack([rng.continuation_keys(obs.noise_key, 0, mode) for mode in range(modes)], axis=1).ravel()
+    keys = np.stack([continuation_keys(obs.noise_key, 0, mode) for mode in range(modes)], axis=1).ravel()
     values = {**policy.parameters, **parameters}
     return World.create(
         key=keys,

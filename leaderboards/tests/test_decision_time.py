@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from crowdbench.catalog import load_scenario
-from crowdbench.planners.planner import Planner
-from crowdbench.runs.decision_time import time_single_world
-from crowdbench.runs.spec import EVERY_STEP
-from crowdbench.scenario.cases import Cases
+from crowdbench import Cases, Planner, load_scenario
+from crowdbench.results import StoredCommands
+from crowdbench.runs import EVERY_STEP
+from crowdbench_leaderboards.decision_time import time_single_world
 
 
 class Clock:
@@ -32,10 +31,11 @@ class Slower(Planner):
 
 def test_decisions_are_timed_in_one_world_alone_after_a_case_to_warm_up(monkeypatch):
     clock = Clock()
-    monkeypatch.setattr("crowdbench.runs.decision_time.time", clock)
+    monkeypatch.setattr("crowdbench_leaderboards.decision_time.time", clock)
     scenario = load_scenario("circle_crossing_5", {"time_limit": 3.0})
-    told = []
-    arguments = Slower(clock), "slower", scenario, EVERY_STEP, Cases("val", 0, 3), None, told.append
     steps = scenario.rules.max_steps
-    assert time_single_world(*arguments).seconds == pytest.approx(1e-3 * np.arange(steps + 1, 3 * steps + 1))
-    assert told == [1, 1]
+    stands = StoredCommands(np.arange(3), np.full(3, steps), np.zeros((3 * steps, 2)))
+    planner = Slower(clock)
+    found = time_single_world(planner, "slower", scenario, EVERY_STEP, Cases("val", 0, 3), stands, lambda: 0.0)
+    assert found.seconds == pytest.approx(1e-3 * np.arange(steps + 1, 3 * steps + 1))
+    assert found.is_same.all()

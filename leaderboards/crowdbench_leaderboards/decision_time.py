@@ -1,7 +1,7 @@
-"""Measure the decision time of a planner with one world at a time, separately from any run.
+"""Measure the decision time of a planner with one world at a time, separately from its run.
 
 A run drives many worlds at once and times one decision for all of them, which takes less time per world. The
-measurement may repeat the cases of a run. The planner must then return the same commands.
+measurement repeats cases of the run, in which the planner must return the same commands.
 """
 
 from __future__ import annotations
@@ -13,14 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.core.types import Observation
-from crowdbench.planners.driver import Driver
-from crowdbench.planners.planner import AheadPlanner, Planner
-from crowdbench.results.stored_commands import StoredCommands
-from crowdbench.runs.rollout import rollout
-from crowdbench.runs.spec import Replanning
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
+from crowdbench import Cases, Driver, Observation, Planner, Scenario, rollout
+from crowdbench.planners import AheadPlanner
+from crowdbench.results import StoredCommands
+from crowdbench.runs import Replanning
 
 HARD_LIMIT = 20
 """Number of time steps after which a single decision in one world is stopped."""
@@ -35,7 +31,7 @@ class Decisions(NamedTuple):
 
     Attributes:
         seconds: Wall-clock time of each decision, or its processor time if that is larger.
-        is_same: True if its commands equal the recorded ones, or if no commands are recorded.
+        is_same: True if its commands equal the recorded ones.
     """
 
     seconds: Float[np.ndarray, "decision"]
@@ -55,9 +51,7 @@ class _Timed(AheadPlanner):
 
     native = True  # the driver has converted velocities to commands
 
-    def __init__(
-        self, driver: Driver, recorded: Float[np.ndarray, "step 2"] | None, processor: Callable[[], float]
-    ) -> None:
+    def __init__(self, driver: Driver, recorded: Float[np.ndarray, "step 2"], processor: Callable[[], float]) -> None:
         self.driver, self.recorded, self.processor, self.privileged = driver, recorded, processor, driver.privileged
         self.decisions: list[tuple[float, bool]] = []
 
@@ -68,13 +62,12 @@ class _Timed(AheadPlanner):
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         start = time.perf_counter()
         commands = self.driver.decide(obs)[:, None] if steps == 1 else self.driver.decide_ahead(obs, steps)
-        seconds, is_same, before = time.perf_counter() - start, True, self.taken
+        seconds, before = time.perf_counter() - start, self.taken
         self.taken = self.processor()
-        if self.recorded is not None:
-            executed = self.recorded[obs.step[0] : obs.step[0] + steps]
-            is_same = bool((np.abs(commands[0, : len(executed)] - executed) <= SAME_COMMANDS).all())
-            if not is_same:  # an episode may end before all commands of its last decision are executed
-                commands = np.pad(executed, ((0, steps - len(executed)), (0, 0)))[None]
+        executed = self.recorded[obs.step[0] : obs.step[0] + steps]
+        is_same = bool((np.abs(commands[0, : len(executed)] - executed) <= SAME_COMMANDS).all())
+        if not is_same:  # an episode may end before all commands of its last decision are executed
+            commands = np.pad(executed, ((0, steps - len(executed)), (0, 0)))[None]
         self.decisions.append((max(seconds, self.taken - before), is_same))
         return commands
 
@@ -85,9 +78,8 @@ def time_single_world(
     scenario: Scenario,
     replanning: Replanning,
     cases: Cases,
-    recorded: StoredCommands | None = None,
-    progress: Callable[[float], None] | None = None,
-    processor: Callable[[], float] = lambda: 0.0,
+    recorded: StoredCommands,
+    processor: Callable[[], float],
 ) -> Decisions:
     """Time the decisions of a planner, one world at a time, with a `reset` before each case.
 
@@ -98,8 +90,7 @@ def time_single_world(
         replanning: The steps at which it observes.
         cases: The cases. The first case is driven to warm up and does not count.
         recorded: The commands of a run of these cases, which are compared with the planner's commands.
-        progress: Called after each case with 1.
-        processor: Returns the processor time of the planner so far, if it runs in a separate process.
+        processor: Returns the processor time of the planner so far.
 
     Returns:
         The decisions.
@@ -110,7 +101,7 @@ def time_single_world(
     first, *others = cases.batches(1)
 
     def drive(driver: Driver, case: Cases) -> list[tuple[float, bool]]:
-        timed = _Timed(driver, None if recorded is None else recorded.of(case.start), processor)
+        timed = _Timed(driver, recorded.of(case.start), processor)
         rollout(Driver(timed, name), scenario, case, replanning=replanning, undisturbed=False)
         return timed.decisions
 
@@ -120,7 +111,5 @@ def time_single_world(
     decisions: list[tuple[float, bool]] = []
     for case in others:
         decisions += drive(driver, case)
-        if progress is not None:
-            progress(1)
     seconds, is_same = np.array(decisions).reshape(-1, 2).T
     return Decisions(seconds, is_same.astype(bool))
