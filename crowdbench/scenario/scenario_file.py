@@ -23,6 +23,7 @@ from crowdbench.scenario.schema import (
     PoliciesSpec,
     ScenarioSpec,
     SimulatedPedestriansSpec,
+    Spec,
     TracksScenarioSpec,
     TracksSpec,
     VehicleSpec,
@@ -114,7 +115,7 @@ def _without_limits(vehicle: VehicleSpec) -> VehicleSpec:
     return VehicleSpec(**vehicle.model_dump(include=set(VehicleSpec.model_fields)))
 
 
-def _with(spec: ScenarioSpec, key: str, **values: object) -> ScenarioSpec:
+def _with(spec: Spec, key: str, **values: object) -> Spec:
     """Return the model of a scenario with other values in one of its tables."""
     return spec.model_copy(update={key: getattr(spec, key).model_copy(update=values)})
 
