@@ -151,14 +151,6 @@ def driven(done):
     return Episodes.read(Path("run/episodes.csv"))
 
 
-def test_the_worst_case_is_drawn(done, driven):
-    shown = done("render", "run", "--worst", "jerk", "--out", "worst.png")
-    worst = int(np.nanargmax(driven.columns["jerk"]))
-    assert worst not in recorded_outcomes(Path("run/run.rrd"))
-    assert shown == f"case val/{worst}\n"
-    assert Path("worst.png").read_bytes().startswith(b"\x89PNG")
-
-
 def test_the_first_failure_is_played_on_this_machine_alone(done, driven, monkeypatch):
     played = []
     monkeypatch.setattr(viewer, "show", lambda file, *, web: played.append(recorded_outcomes(file)))

@@ -220,18 +220,6 @@ def test_goal_and_map_are_read_from_their_topics(tmp_path, trace_of):
     np.testing.assert_allclose(found.wall_gap[0, 10], np.hypot(10.5 - 2.75, 3.0) - 0.3, atol=0.0626)
 
 
-def test_goal_and_map_may_have_a_frame_of_their_own(tmp_path, trace_of):
-    messages = [("/tf_static", 0.0, transform(100.0, "map", "hall", 0.0, -2.0, np.pi / 2))]
-    messages += [("/goal_pose", 0.0, goal_pose(0.0, 2.0, -3.0, "hall"))]
-    messages += [("/map", 0.0, grid(np.array([[100]]), 1.0, pose(1.5, -3.0), "hall")), *straight()]
-    bag_of(tmp_path / "a", messages)
-    found, _ = trace_of(drive_file(tmp_path, ["a"], FROM_TOPICS))
-    np.testing.assert_allclose(found.goal[0, 0, 0], [3.0, 0.0], atol=1e-9)
-    assert found.outcome.tolist() == [Outcome.WALL_COLLISION]
-    corners = [[2.0, -0.5], [2.0, -0.5], [3.0, 0.5], [3.0, 0.5]]
-    np.testing.assert_allclose(np.sort(found.obstacles[0, 0], axis=0), corners, atol=0.126)
-
-
 def test_goals_that_are_missing_or_change_are_said(tmp_path, trace_of):
     table = '[vehicle]\nodometry = "/odom"\ngoal_topic = "/goal_pose"\n'
     bag_of(tmp_path / "a", straight() + [("/goal_pose", t, goal_pose(t, 4.0 + t, 0.0)) for t in (0.0, 2.0)])
