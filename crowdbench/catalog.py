@@ -20,7 +20,7 @@ from crowdbench.scenario.certified import CERTIFICATES, CertificateStatus, Certi
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import NamesSpec, SimulatedPedestriansSpec
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.utils.errors import InputError, find_named, is_number, plugin_errors
+from crowdbench.utils.errors import InputError, find_named, is_number, plugin_errors, require
 from crowdbench.utils.toml import Location, parse_table, read_toml
 
 SCENARIOS = ROOT / "scenarios"
@@ -77,8 +77,7 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
     """
     arguments = dict(options or {})
     filter_name = arguments.pop("filter", False)
-    if filter_name not in (False, "kalman"):
-        raise InputError(f"option filter is {filter_name!r}, but must be kalman, or left out")
+    require("option filter", filter_name, filter_name in (False, "kalman"), "kalman, or left out")
     name, planner = PLANNERS.load(spec, arguments)
     return name, FilteredPlanner(planner) if filter_name else planner
 

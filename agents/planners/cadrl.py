@@ -6,6 +6,6 @@ Learning", ICRA 2017, arXiv:1609.07845.
 
 from functools import partial
 
-from crowdbench.planners import network_planner
+from crowdbench.planners import lookahead_planner
 
-planner = partial(network_planner, "cadrl", weights="cadrl")
+planner = partial(lookahead_planner, "cadrl", predictor="constant_velocity", weights="cadrl")

@@ -6,6 +6,6 @@ Everett, Chen and How, "Motion Planning Among Dynamic, Decision-Making Agents wi
 
 from functools import partial
 
-from crowdbench.planners import network_planner
+from crowdbench.planners import lookahead_planner
 
-planner = partial(network_planner, "lstm_rl", weights="lstm_rl")
+planner = partial(lookahead_planner, "lstm_rl", predictor="constant_velocity", weights="lstm_rl")

@@ -6,6 +6,6 @@ Reinforcement Learning", ICRA 2019, arXiv:1809.08835.
 
 from functools import partial
 
-from crowdbench.planners import sarl_planner
+from crowdbench.planners import lookahead_planner
 
-planner = partial(sarl_planner, predictor="oracle")
+planner = partial(lookahead_planner, "sarl", predictor="oracle", weights="sarl")

@@ -7,6 +7,6 @@ Motion Prediction", IEEE RA-L 2020, arXiv:1903.07933.
 
 from functools import partial
 
-from crowdbench.planners import sarl_planner
+from crowdbench.planners import lookahead_planner
 
-planner = partial(sarl_planner, predictor="constant_velocity")
+planner = partial(lookahead_planner, "sarl", predictor="constant_velocity", weights="sarl")

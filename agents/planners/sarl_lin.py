@@ -6,6 +6,6 @@ IEEE ITSC 2020, arXiv:2011.11191.
 
 from functools import partial
 
-from crowdbench.planners import sarl_planner
+from crowdbench.planners import lookahead_planner
 
-planner = partial(sarl_planner, predictor="linear")
+planner = partial(lookahead_planner, "sarl", predictor="linear", weights="sarl")

@@ -7,6 +7,6 @@ Adversarial Networks", CVPR 2018, arXiv:1803.10892.
 
 from functools import partial
 
-from crowdbench.planners import sarl_planner
+from crowdbench.planners import lookahead_planner
 
-planner = partial(sarl_planner, predictor="sgan", shortlist=8)
+planner = partial(lookahead_planner, "sarl", predictor="sgan", weights="sarl", shortlist=8)

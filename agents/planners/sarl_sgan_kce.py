@@ -23,10 +23,11 @@ Equations 5 and 6 are the paper's. At 1 m/s the limit of 6.4 m/s^2 excludes noth
 
 from functools import partial
 
-from crowdbench.planners import ChangeCost, Exploration, Limits, sarl_planner
+from crowdbench.planners import ChangeCost, Exploration, Limits, lookahead_planner
 
 planner = partial(
-    sarl_planner,
+    lookahead_planner,
+    "sarl",
     # III-B: 20 futures of the crowd, under which SARL's network values each command.
     predictor="sgan",
     # Not in the paper: all futures only for the 8 commands that look best, which is faster.

@@ -5,10 +5,11 @@
 
 from functools import partial
 
-from crowdbench.planners import ChangeCost, Exploration, Limits, sarl_planner
+from crowdbench.planners import ChangeCost, Exploration, Limits, lookahead_planner
 
 planner = partial(
-    sarl_planner,
+    lookahead_planner,
+    "sarl",
     # As in `sarl_sgan_kce`, where the paper's sections are named.
     predictor="sgan",
     shortlist=8,

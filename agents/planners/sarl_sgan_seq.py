@@ -21,7 +21,7 @@ from crowdbench.planners import (
     Sequences,
     limit_commands,
     local_goals_at,
-    sarl_planner,
+    lookahead_planner,
     scene_of,
     try_sequences,
 )
@@ -222,4 +222,4 @@ def planner(
     Returns:
         The planner.
     """
-    return SequencePlanner(sarl_planner(predictor, weights, device, modes), search, horizon, margin)
+    return SequencePlanner(lookahead_planner("sarl", predictor, weights, device, modes), search, horizon, margin)

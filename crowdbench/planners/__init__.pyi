@@ -10,8 +10,7 @@ from .mppi import MPPIWeights as MPPIWeights
 from .planner import AheadPlanner as AheadPlanner
 from .planner import PredictingPlanner as PredictingPlanner
 from .reactive import ORCAPlanner as ORCAPlanner
-from .sarl import network_planner as network_planner
-from .sarl import sarl_planner as sarl_planner
+from .sarl import lookahead_planner as lookahead_planner
 from .scene import Commands as Commands
 from .scene import Scene as Scene
 from .scene import Sequence as Sequence

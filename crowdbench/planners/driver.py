@@ -23,10 +23,6 @@ from crowdbench.utils.errors import InputError, describe_error, is_interrupt, pl
 from crowdbench.utils.resources import FairLimit, TimeLimit, interrupted_after
 
 
-class DecisionLimitExceeded(InputError):
-    """A planner took longer than its decision limit."""
-
-
 class FaultyAnswer(Exception):
     """Raised by the proxy of a planner in another process, if that planner returned no commands.
 
@@ -84,9 +80,8 @@ class Driver:
         """Return the commands of the vehicle's dynamics. Call `reset` first.
 
         Raises:
-            InputError: The planner raises, or does not return a finite command per world within the vehicle's limits.
-                The message contains planner, case and step.
-            DecisionLimitExceeded: It takes longer than the decision limit.
+            InputError: The planner raises, takes longer than the decision limit, or does not return a finite command
+                per world within the vehicle's limits. The message contains planner, case and step.
         """
         return self._query(obs, self.planner.plan)
 
@@ -98,7 +93,6 @@ class Driver:
 
         Raises:
             InputError: As in `decide`, with the step of the command; or the planner has no `plan_ahead`.
-            DecisionLimitExceeded: The planner takes longer than the decision limit.
         """
         return self._query(obs, self.planner.plan_ahead, steps)
 
@@ -145,9 +139,8 @@ class Driver:
     def _error(self, fault: AnswerFault, decision: Decision) -> InputError:
         return InputError(f"planner {self.name} {fault.at(decision)}")
 
-    def _too_slow(self, decision: Decision, row: int | None = None) -> DecisionLimitExceeded:
-        fault = AnswerFault(f"took longer than the limit of {self.decision_limit:g} s", row)
-        return DecisionLimitExceeded(str(self._error(fault, decision)))
+    def _too_slow(self, decision: Decision, row: int | None = None) -> InputError:
+        return self._error(AnswerFault(f"took longer than the limit of {self.decision_limit:g} s", row), decision)
 
 
 def _read_flag(planner: Planner, name: str, flag: str, words: tuple[str, ...] = ()) -> Any:

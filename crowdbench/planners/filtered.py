@@ -143,14 +143,11 @@ def _estimated(
 RadiusInflation = Float[np.ndarray, "#world #time #pedestrian"]
 """Enlargements of the pedestrians' radii in metres, for uncertain future positions."""
 
-NO_INFLATION = np.zeros((1, 1, 1))
-"""The enlargement without uncertainty."""
-
 
 def radius_inflation(obs: Observation, steps: int, sigma_factor: float) -> RadiusInflation:
     """Return `sigma_factor` standard deviations of pedestrians' positions in the next steps; 0 without a filter."""
     if obs.pedestrians.deviation is None:
-        return NO_INFLATION
+        return np.zeros((1, 1, 1))
     position, velocity = np.moveaxis(obs.pedestrians.deviation[:, None], -1, 0)
     return sigma_factor * np.hypot(position, obs.dt * np.arange(1, steps + 1)[:, None] * velocity)
 

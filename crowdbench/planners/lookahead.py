@@ -25,8 +25,6 @@ from crowdbench.planners.trials import propagate_vehicle, try_commands
 from crowdbench.predict.predictor import Prediction, predict
 from crowdbench.utils.errors import require_count
 
-Actions = Callable[[Float[np.ndarray, "world"]], Commands]
-Explore = Callable[[Scene, Velocities], Commands]
 Reward = Callable[[Int[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], float], Float[np.ndarray, "*batch"]]
 
 
@@ -79,11 +77,11 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
     """
 
     value: ValueNetwork
-    actions: Actions = speeds_and_headings
+    actions: Callable[[Float[np.ndarray, "world"]], Commands] = speeds_and_headings
     reward: Reward = reward
     shaping: Shaping | None = None
     limits: Limits | None = None
-    explore: Explore | None = None
+    explore: Callable[[Scene, Velocities], Commands] | None = None
     shortlist: int | None = None
 
     def __post_init__(self) -> None:
@@ -149,6 +147,13 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
             return self.actions(vehicle.preferred_speed)
         return vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, dt)
 
+    def are_allowed(self, vehicle: Vehicle, commands: Commands, dt: float) -> Bool[np.ndarray, "world action"]:
+        """Return which commands are within the limits; the arguments are those of `commands`."""
+        if self.limits is None:
+            return np.ones(commands.shape[:2], bool)
+        velocities = vehicle.dynamics.velocities(vehicle.state, commands, vehicle.preferred_speed, dt)
+        return self.limits.allow(vehicle.velocity, velocities, dt)
+
     def _score(self, scene: Scene, commands: Commands, known: ScoredActions | None = None) -> ScoredActions:
         """Return commands with their values; with a shortlist, only the best commands under the mean of the futures.
 
@@ -169,9 +174,7 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
             commands: The commands.
             known: Commands that have been evaluated in this scene, which come first in the result.
         """
-        allowed = np.ones(commands.shape[:2], bool)
-        if self.limits is not None:
-            allowed = self.limits.allow(scene.vehicle.velocity, scene.velocities(commands), scene.dt)
+        allowed = self.are_allowed(scene.vehicle, commands, scene.dt)
         shape, people = allowed.shape, scene.crowd.present.shape[1]
         scored = ScoredActions(
             commands, np.full(shape, -np.inf), np.full(shape, np.nan), np.full((*shape, people), np.nan)

@@ -22,8 +22,6 @@ from crowdbench.utils.errors import is_number, require, require_count, require_n
 
 Costs = Float[np.ndarray, "world sequence"]
 Noise = Float[np.ndarray, "world round sample time 2"]
-Paths = Float[np.ndarray, "world candidate time 3"]
-"""Positions in metres, and the negative cost of the whole sequence in seconds."""
 
 SHOWN = 12
 """Number of sampled paths that are recorded."""
@@ -180,8 +178,10 @@ class MPPIPlanner(PredictingPlanner, AheadPlanner):
 
     def optimize(
         self, scene: Scene, inflation: RadiusInflation, hidden: Scene | None, guesses: Sequences, noise: Noise
-    ) -> tuple[Sequence, Paths]:
+    ) -> tuple[Sequence, Float[np.ndarray, "world candidate time 3"]]:
         """Return the selected sequence of each world, and the paths of the samples of the last round.
+
+        A path has positions in metres, and the negative cost of the whole sequence in seconds.
 
         Args:
             scene: The vehicles and the pedestrians.

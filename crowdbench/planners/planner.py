@@ -7,7 +7,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TypeVar
+from typing import Self
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -98,9 +98,6 @@ class AheadPlanner(Planner):
         return self.plan_ahead(obs, 1)[:, 0]
 
 
-Predicting = TypeVar("Predicting", bound="PredictingPlanner")
-
-
 @dataclass(eq=False)
 class PredictingPlanner(Planner):
     """Planner with predicted pedestrians, which returns commands of the vehicle's dynamics.
@@ -118,7 +115,7 @@ class PredictingPlanner(Planner):
     def __post_init__(self) -> None:
         self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
 
-    def for_held_out_scene(self: Predicting, scene: str) -> Predicting:
+    def for_held_out_scene(self, scene: str) -> Self:
         """See `Planner`: with the predictor that was not trained on the scene."""
         return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
 

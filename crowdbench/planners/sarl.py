@@ -14,9 +14,10 @@ from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict.predictors import load_predictor
 
 
-def sarl_planner(
+def lookahead_planner(
+    network: str,
     predictor: str,
-    weights: str = "sarl",
+    weights: str,
     device: str = "cpu",
     modes: int | None = None,
     shortlist: int | None = None,
@@ -24,9 +25,10 @@ def sarl_planner(
     shaping: ChangeCost | PrintedShaping | None = None,
     explore: Exploration | None = None,
 ) -> ValuePlanner:
-    """Compose a planner around SARL's value network.
+    """Compose a planner with a one-step lookahead around a value network.
 
     Args:
+        network: The name of the network.
         predictor: Predictor of the pedestrians: a name (`crowdbench list predictors`) or a file.
         weights: The trained value network: a name (`crowdbench list weights`) or a file.
         device: Where the value network runs: `cpu` or `cuda`.
@@ -46,7 +48,7 @@ def sarl_planner(
         # III-B.1, equations 1 and 2: several futures of the crowd.
         predictor=load_predictor(predictor, {} if modes is None else {"modes": modes})[1],
         # III-B.2, equations 3 and 4: the value V_s of the state that a command leads to, the mean over all futures.
-        value=load_network("sarl", weights, device),
+        value=load_network(network, weights, device),
         # III-C, equations 5 and 6: commands that the vehicle cannot follow are left out.
         limits=limits,
         # III-C, equations 7 and 8: changes of velocity change the reward.
@@ -56,24 +58,3 @@ def sarl_planner(
         # Not in the paper: only the best commands are evaluated under all futures, which is faster.
         shortlist=shortlist,
     )
-
-
-def network_planner(
-    network: str, weights: str, predictor: str = "constant_velocity", device: str = "cpu", limits: Limits | None = None
-) -> ValuePlanner:
-    """Compose a planner of a value network, without the parts of Li et al.
-
-    Args:
-        network: The name of the network.
-        weights: The trained value network: a name (`crowdbench list weights`) or a file.
-        predictor: Predictor of the pedestrians: a name (`crowdbench list predictors`) or a file.
-        device: Where the value network runs: `cpu` or `cuda`.
-        limits: Commands that the vehicle can follow; false for all.
-
-    Returns:
-        The planner.
-
-    Raises:
-        InputError: An option is impossible.
-    """
-    return ValuePlanner(load_predictor(predictor)[1], load_network(network, weights, device), limits=limits)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,7 @@ class SocialGAN(Predictor):
             recorded scenes that it was trained on.
         modes: Number of futures [1]. The first futures are the same for every number.
         rescaled: True if displacements are rescaled to the time step that the generator was trained on.
-        trained_without: Maps a scene's name to the predictor that was trained without this scene.
+        weights: The name of its weights. The weights `<weights>-<scene>` were trained without that scene.
 
     Raises:
         InputError: `modes` is not a whole number, 1 or more.
@@ -50,7 +50,7 @@ class SocialGAN(Predictor):
     about: Mapping[str, Any]
     modes: int = 20
     rescaled: bool = False
-    trained_without: Callable[[str], Predictor] | None = None
+    weights: str = NAME
 
     def __post_init__(self) -> None:
         require_count("modes", self.modes)
@@ -85,9 +85,10 @@ class SocialGAN(Predictor):
         """See `Predictor`. Raises InputError if it was trained on the scene and no other weights exist."""
         if scene not in self.about["scenes"]:
             return self
-        if self.trained_without is None:
+        others = f"{self.weights}-{scene}"
+        if others not in [file.stem for file in built_in()]:
             raise InputError(f"these weights were trained on {scene}, and so cannot be scored there")
-        return self.trained_without(scene)
+        return load_social_gan(others, self.modes, self.rescaled, next(self.generator.parameters()).device.type)
 
 
 def scatter(
@@ -138,12 +139,7 @@ def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> So
     about = read_card(file).get("training", {})
     generator = load_into(Generator(about.get("pooling") is True), NAME, file, device)
     _check(about, file)
-
-    def trained_without(scene: str) -> Predictor:
-        return load_social_gan(f"{weights}-{scene}", modes, rescaled, device)
-
-    excluding = any(path.stem.startswith(f"{weights}-") for path in built_in())
-    return SocialGAN(generator, about, modes, rescaled, trained_without if excluding else None)
+    return SocialGAN(generator, about, modes, rescaled, weights)
 
 
 def _check(about: Mapping[str, Any], file: Path) -> None:

@@ -219,12 +219,8 @@ class EpsilonGreedy(Planner):
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
-        vehicle, limits = obs.vehicle, self.planner.limits
-        commands = self.planner.commands(vehicle, obs.dt)
-        allowed = np.ones(commands.shape[:2], bool)
-        if limits is not None:
-            velocities = vehicle.dynamics.velocities(vehicle.state, commands, vehicle.preferred_speed, obs.dt)
-            allowed = limits.allow(vehicle.velocity, velocities, obs.dt)
+        commands = self.planner.commands(obs.vehicle, obs.dt)
+        allowed = self.planner.are_allowed(obs.vehicle, commands, obs.dt)
         # Uniform numbers from the normal distribution function, because the streams of a case have only normal numbers.
         chance, choice = ndtr(obs.noise(self.purpose, (2,))).T
         index = (choice * allowed.sum(axis=1)).astype(int)

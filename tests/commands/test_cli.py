@@ -118,6 +118,7 @@ def test_a_planner_of_single_steps_does_not_run_ahead(call, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_debug_shows_the_traceback():
     command = [sys.executable, "-m", "crowdbench", "run", "--planner", "orka", "--debug"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)

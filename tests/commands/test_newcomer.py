@@ -80,6 +80,7 @@ def export(file, state=()):
     )
 
 
+@pytest.mark.slow
 def test_an_onnx_file_is_driven(done):
     export("policy.onnx")
     shown = done("run", "--planner", "policy.onnx", "--cases", "val:6")
@@ -88,6 +89,7 @@ def test_an_onnx_file_is_driven(done):
     assert "Kept in runs/policy-circle_crossing_5-val-6; " in shown
 
 
+@pytest.mark.slow
 def test_a_recurrent_policy_is_driven_alone_as_in_a_batch(done):
     export("policy.onnx", state=[(1,)])
     for cases in ("val:6", "val/4"):

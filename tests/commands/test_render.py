@@ -123,6 +123,7 @@ def test_a_film_has_20_pictures_a_second_and_ends_with_the_contact(suffix, drive
     assert (np.abs(last - LIGHT.contact).sum(axis=2) < 60).any()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg is not installed")
 def test_a_film_for_talks_has_all_pictures_in_their_colours(driven, tmp_path):
     film = tmp_path / "a.mp4"
@@ -138,6 +139,7 @@ def test_a_film_for_talks_has_all_pictures_in_their_colours(driven, tmp_path):
     assert pictures[-1, last.height :].min() > 245  # the rim that makes sizes even
 
 
+@pytest.mark.slow
 def test_several_runs_are_drawn_side_by_side(driven, tmp_path):
     other = tmp_path / "orca"
     given = ["--planner", "orca", "--cases", "2", "--record", "all", "--out", str(other)]

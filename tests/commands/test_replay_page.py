@@ -19,6 +19,8 @@ from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 
+pytestmark = pytest.mark.slow
+
 RUNS = [
     ("orca", "doorway_10", 10),
     ("mppi", "doorway_10", 2),

@@ -148,6 +148,7 @@ def test_people_with_different_parameters_do_too(fork):
     assert env.step(ActionXY(0.0, 0.0)) == "a step of its own"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("query_env", [True, False])
 def test_a_batched_lookahead_decides_as_one_action_after_the_other(fork, monkeypatch, query_env):
     batched = importlib.import_module("batched_lookahead")

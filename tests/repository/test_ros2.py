@@ -127,7 +127,7 @@ def straight(seconds=4.0, frame="map", late=0.0, times=None):
 VEHICLE = '[vehicle]\nodometry = "/odom"\ngoal = [4.0, 0.0]\n'
 
 
-@pytest.mark.parametrize("scenario", ["blind_corner_5", "unicycle_10"])
+@pytest.mark.parametrize("scenario", ["blind_corner_5", pytest.param("unicycle_10", marks=pytest.mark.slow)])
 def test_a_bag_of_a_simulated_run_scores_as_the_run_does(tmp_path, trace_of, scenario):
     trace = rollout(Driver(load_planner("orca")[1], "orca"), load_scenario(scenario), Cases("val", 0, 4))
     for row in range(4):
@@ -275,6 +275,7 @@ def test_the_readmes_node_calls_a_planner():
     assert 0.1 < np.hypot(*command) <= 1.0 + 1e-9
 
 
+@pytest.mark.slow
 def test_a_run_is_exported_as_bags_that_score_as_the_run(tmp_path, call, trace_of):
     call("run", "--planner", "orca", "--cases", "val:2", "--out", str(tmp_path / "run"))
     call("export", str(tmp_path / "run"), "--out", str(tmp_path / "out"), "--format", "rosbag2")
@@ -297,6 +298,7 @@ def drives(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_drives_are_exported_as_bags_that_are_the_same_drives(drives, tmp_path, call, trace_of):
     call("export", str(drives / "run"), "--out", str(tmp_path / "out"), "--format", "rosbag2")
     vehicle = '[vehicle]\nodometry = "/odom"\ngoal_topic = "/goal"\n'

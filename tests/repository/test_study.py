@@ -183,9 +183,22 @@ def test_a_page_in_json_has_the_numbers_of_its_tables(capsys):
     assert capsys.readouterr().out.count("\\toprule") == 3
 
 
-BROKEN = {"": ["has no table", "[[tables]] or [[networks]]"], "[[table]]": ["unknown key table", "tables", "networks"], CROWDS.replace("planners", "planer"): ["unknown key tables[1].planer", "title, planners, scenarios"], CROWDS.replace('"orca_margin"', '"orca"'): ["tables[1].planners", "differ in their names or options"], CROWDS.replace('"square_crossing_5"', '"square"'): ["in tables[1], no scenario is called 'square'"], CROWDS.replace('["circle_crossing_5", "square_crossing_5"]', '"every"'): [
-        "tables[1].scenarios is 'every'", '"all" or a list',
-    ], CROWDS.replace('"8"', '"many"'): ["in tables[1], cases 'many'", "val:100"], NETWORKS.partition("[[networks.rows]]")[0]: ["networks[1].rows is missing", "one table or more"], NETWORKS.replace("collision", "colision"): ["in networks[1].rows[1]", "unknown key colision"], NETWORKS.replace("./mine.py", "orca"): ["in networks[1].rows[1], orca has no option 'weights'"], "tables = ": ["not valid TOML"]}  # fmt: skip
+BROKEN = {
+    "": ["has no table", "[[tables]] or [[networks]]"],
+    "[[table]]": ["unknown key table", "tables", "networks"],
+    CROWDS.replace("planners", "planer"): ["unknown key tables[1].planer", "title, planners, scenarios"],
+    CROWDS.replace('"orca_margin"', '"orca"'): ["tables[1].planners", "differ in their names or options"],
+    CROWDS.replace('"square_crossing_5"', '"square"'): ["in tables[1], no scenario is called 'square'"],
+    CROWDS.replace('["circle_crossing_5", "square_crossing_5"]', '"every"'): [
+        "tables[1].scenarios is 'every'",
+        '"all" or a list',
+    ],
+    CROWDS.replace('"8"', '"many"'): ["in tables[1], cases 'many'", "val:100"],
+    NETWORKS.partition("[[networks.rows]]")[0]: ["networks[1].rows is missing", "one table or more"],
+    NETWORKS.replace("collision", "colision"): ["in networks[1].rows[1]", "unknown key colision"],
+    NETWORKS.replace("./mine.py", "orca"): ["in networks[1].rows[1], orca has no option 'weights'"],
+    "tables = ": ["not valid TOML"],
+}
 
 
 @pytest.mark.parametrize("text", BROKEN)

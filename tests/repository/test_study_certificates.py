@@ -105,6 +105,7 @@ def certify(*options):
     return CliRunner().invoke(build_script(run.certify), options)
 
 
+@pytest.mark.slow
 def test_who_must_wait_is_certified(made):
     scenario = made("wait", 1)
     (found,) = found_in(scenario)
@@ -115,6 +116,7 @@ def test_who_must_wait_is_certified(made):
     assert len(found.commands) * scenario.rules.dt > 7.0
 
 
+@pytest.mark.slow
 def test_who_must_go_around_is_certified_by_a_search(made):
     scenario = made("detour", 9)
     (found,) = found_in(scenario)
@@ -125,6 +127,7 @@ def test_who_must_go_around_is_certified_by_a_search(made):
     assert np.nanmax(np.abs(trace.position[0, :, 0, 0])) > 2.0
 
 
+@pytest.mark.slow
 def test_whose_goal_is_walled_in_has_no_certificate_and_others_of_the_scenario_have(made):
     scenario = made("ring", 12)
     found = found_in(scenario, "4")
@@ -134,6 +137,7 @@ def test_whose_goal_is_walled_in_has_no_certificate_and_others_of_the_scenario_h
     assert all(each.is_exhausted == (each.case in closed) for each in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "overrides"),
     [
@@ -153,6 +157,7 @@ def test_what_a_search_finds_replays_with_the_margin(name, overrides):
     assert smallest_gap(trace) == found.gap >= 0.1
 
 
+@pytest.mark.slow
 def test_a_certificate_is_the_same_alone_and_with_others(planners):
     planners("orca_margin")
     scenario = load_scenario("circle_crossing_10")
@@ -164,6 +169,7 @@ def test_a_certificate_is_the_same_alone_and_with_others(planners):
         np.testing.assert_array_equal(alone.commands, each.commands)
 
 
+@pytest.mark.slow
 def test_a_search_finds_no_slower_way_on_a_free_plane():
     scenario = load_scenario("circle_crossing_5", {"pedestrians.number": 0, "crowdnav_cases": 0})
     world = scenario.worlds(Cases.parse("1"))
@@ -173,6 +179,7 @@ def test_a_search_finds_no_slower_way_on_a_free_plane():
     assert len(found.commands) == np.ceil(distance / (scenario.vehicle.preferred_speed * scenario.rules.dt))
 
 
+@pytest.mark.slow
 def test_the_margin_is_that_of_walls_too(made, monkeypatch):
     margins = []
     monkeypatch.setattr("studies.certificates.search.expand", lambda *given: margins.append(given[2]) or expand(*given))
@@ -184,6 +191,7 @@ def test_the_margin_is_that_of_walls_too(made, monkeypatch):
     assert 0.0 <= found.gap < 0.1
 
 
+@pytest.mark.slow
 def test_certify_and_run_of_a_scenario_of_ones_own(made):
     scenario = made("ring", 12)
     result = certify("mine.toml", "--cases", "test:4", "--out", "certified")
@@ -206,6 +214,7 @@ def test_certify_and_run_of_a_scenario_of_ones_own(made):
     assert "`python studies/certificates/run.py mine.toml --cases test:5` makes them" in beyond.stderr
 
 
+@pytest.mark.slow
 def test_an_interrupted_command_goes_on_with_what_is_missing(made, monkeypatch):
     scenario = made("ring", 12)
     monkeypatch.setattr("studies.certificates.certificate.PART", 1)

@@ -20,6 +20,7 @@ def onnx():
     return pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed: pip install 'crowdbench[onnx]'")
 
 
+@pytest.mark.slow
 def test_the_crowd_acts_as_the_network_of_the_vehicle_does(onnx):
     env = parallel_env(study.SCENARIO, **VIEW)
     seen, _ = env.reset(options={"case": "val/3"})

@@ -71,6 +71,7 @@ def test_pairs_agree_only_where_both_decide():
     assert agreement(good, noise)[1] < 3
 
 
+@pytest.mark.slow
 def test_power_grows_with_tau_and_with_the_planners():
     cases, criterion, studies = [900, 300, 300], 0.3, 30
     few, many = np.arange(6), np.arange(20)
@@ -104,6 +105,7 @@ def test_intervals_of_tau_and_of_a_difference_of_taus_contain_the_true_ones():
     assert (covered / studies >= 0.93).all()
 
 
+@pytest.mark.slow
 def test_the_study_prints_its_verdict(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("order.toml").write_text(STUDY)

@@ -156,6 +156,7 @@ def test_a_training_that_cannot_start_says_why_in_one_sentence(arguments, messag
         run(*arguments)
 
 
+@pytest.mark.slow
 def test_the_script_trains_and_resumes(recordings, tmp_path):
     options = ["--data", str(recordings), "--epochs", "4"]
     done = run(*options, "--out", str(tmp_path / "run"))

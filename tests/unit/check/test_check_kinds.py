@@ -285,6 +285,7 @@ def test_a_metric_with_a_state_or_dice_of_its_own_is_found():
     assert set(metric_faults(lambda trace: np.random.default_rng().random(len(trace)))) == {"repeatable", "independent"}
 
 
+@pytest.mark.slow
 def test_all_metrics_of_crowdbench_pass():
     for metric in (speed, *METRICS.values()):
         assert not metric_faults(metric, Cases.parse("val:2"))

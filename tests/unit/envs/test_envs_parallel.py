@@ -21,7 +21,10 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     from pettingzoo.test import parallel_api_test, parallel_seed_test
 
-SCENARIOS = sorted(simulated_scenarios())
+QUICK = {"circle_crossing_5", "circle_crossing_mixed", "car_12", "doorway_10", "groups_12", "restless_20"}
+SCENARIOS = [
+    name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in sorted(simulated_scenarios())
+]
 STILL = np.zeros(2)
 
 
@@ -38,9 +41,7 @@ def test_it_passes_pettingzoos_tests():
     parallel_seed_test(parallel_env, num_cycles=60)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "thousand" else name for name in SCENARIOS]
-)
+@pytest.mark.parametrize("name", SCENARIOS)
 def test_observations_lie_in_their_finite_space(name):
     env = parallel_env(name)
     space = env.observation_space("vehicle")

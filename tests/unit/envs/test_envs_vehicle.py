@@ -26,6 +26,7 @@ def test_it_passes_gymnasiums_checks(monkeypatch):
     check_env(gymnasium.make("crowdbench/Vehicle-v0", scenario="circle_crossing_5").unwrapped)
 
 
+@pytest.mark.slow
 def test_gymnasium_finds_it_by_its_module():
     code = (
         "import gymnasium\n"

@@ -159,8 +159,7 @@ def make_recurrent():
 
 
 UNICYCLE = {"vehicle.dynamics": "unicycle"}
-OTHERS = make_normalised, make_squashed, make_sac, make_recurrent
-MODELS = [make_ppo, *(pytest.param(make, marks=pytest.mark.slow) for make in OTHERS)]
+MODELS = make_ppo, make_normalised, make_squashed, make_sac, make_recurrent
 
 
 def reference(model, env, state):
@@ -193,6 +192,7 @@ class Both(Planner):
         return command
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make_model", MODELS)
 def test_an_exported_model_drives_as_the_model_does_and_alone_as_in_a_batch(make_model, onnx, tmp_path):
     model, env, state = make_model()
@@ -210,7 +210,9 @@ def test_an_exported_model_drives_as_the_model_does_and_alone_as_in_a_batch(make
         np.testing.assert_array_equal(alone.command[0], trace.command[case, :steps])
 
 
-@pytest.mark.parametrize("observation", ["flat", "goal_frame", "dict"])
+@pytest.mark.parametrize(
+    "observation", ["flat", *(pytest.param(each, marks=pytest.mark.slow) for each in ("goal_frame", "dict"))]
+)
 def test_a_torch_module_is_exported_as_it_is_trained(observation, onnx, tmp_path):
     env = VehicleEnv(observation=observation, action="goal_frame", nearest=NEAREST)
     module = Linear(spaces.flatdim(env.observation_space)).train()

@@ -151,6 +151,7 @@ def test_who_is_swapped_has_the_other_share_and_mirrors_and_turns_change_nothing
         assert fault != Fault.NONE
 
 
+@pytest.mark.slow
 def test_many_episodes_have_the_shares_that_each_has_alone():
     batch = drive("straight", "test:60", "circle_crossing_20")
     whole = find_contacts(batch)

@@ -8,7 +8,6 @@ import pytest
 from lookahead_scenes import crowded
 
 from crowdbench.core.types import PERFECT_SENSOR, Sensor
-from crowdbench.planners.filtered import NO_INFLATION
 from crowdbench.planners.hidden import RADIUS, STEP, hidden_scene
 from crowdbench.planners.mppi import MPPIPlanner
 from crowdbench.planners.scene import scene_of
@@ -71,7 +70,7 @@ def test_to_come_near_costs_what_it_costs_beside_a_person():
     vehicle = dataclasses.replace(scene.vehicle, position=np.stack([near, near]))
     scene, hidden = (dataclasses.replace(each, vehicle=vehicle) for each in (scene, hidden))
     still = np.zeros((2, 1, 3, 2))
-    with_, without = (planner.costs(scene, still, NO_INFLATION, each)[0][:, 0] for each in (hidden, None))
+    with_, without = (planner.costs(scene, still, np.zeros((1, 1, 1)), each)[0][:, 0] for each in (hidden, None))
     weights, time = planner.weights, np.arange(3)
     inside = 1.0 - 0.01 / (weights.margin + weights.growth * scene.dt * time)
     np.testing.assert_allclose(with_ - without, [weights.near * (weights.fading**time * inside**2).sum(), 0.0])

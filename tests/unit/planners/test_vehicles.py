@@ -283,6 +283,7 @@ class Wandering(Planner):
         return along_walls(obs, obs.vehicle.preferred_speed[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("acceleration", [0.5, 1.0])
 def test_no_vehicle_on_wheels_drives_into_a_wall_whatever_velocities_are_wanted(acceleration):
     overrides = {"pedestrians.number": 0, "vehicle.max_acceleration": acceleration}
