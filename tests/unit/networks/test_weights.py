@@ -84,6 +84,7 @@ def test_weights_without_a_card_are_refused(saved):
     ids=["cut", "deep", "no sha256"],
 )
 def test_a_card_that_is_none_is_refused(saved, text):
+    saved.with_suffix(".json").write_text(text)
     assert str(saved.with_suffix(".json")) in refused(saved)
 
 
