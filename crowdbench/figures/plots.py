@@ -83,24 +83,23 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
     """
     table = RunTable.read(directories)
     runs, info = table.labelled, table.infos([metric])[metric]
-    values = [info.factor * run.episodes.columns[metric].astype(float) for run in runs.values()]
-    for label, column in zip(runs, values, strict=True):
-        if not np.isfinite(column).any():
+    values, means, names = [], [], []
+    for label, run in runs.items():
+        column = info.factor * run.episodes.columns[metric].astype(float)
+        defined = column[np.isfinite(column)]
+        if len(defined) == 0:
             raise InputError(f"{metric} is not defined in any case of the run of {label}")
+        values.append(defined)
+        means.append(bootstrap(column, np.ones(len(column)), run.episodes.block))
+        names.append(label if len(defined) == len(column) else f"{label} [{len(defined)}]")
     with axes(out, 0.8 + 0.35 * len(runs), table.cases) as ax:
         rows = list(range(len(runs), 0, -1))
-        finite = [column[np.isfinite(column)] for column in values]
         look: dict[str, Any] = {name: {"color": COLOURS[0]} for name in ("boxprops", "whiskerprops", "capprops")}
         look |= {"orientation": "horizontal", "showfliers": False, "medianprops": {"color": COLOURS[-1]}}
-        ax.boxplot(finite, positions=rows, whis=(5.0, 95.0), widths=0.5, **look)
-        for row, column, run in zip(rows, values, runs.values(), strict=True):
-            mean = bootstrap(column, np.ones(len(column)), run.episodes.block)
+        ax.boxplot(values, positions=rows, whis=(5.0, 95.0), widths=0.5, **look)
+        for row, mean in zip(rows, means, strict=True):
             ends = [[mean.mean - mean.low], [mean.high - mean.mean]]
             ax.errorbar([mean.mean], [row], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
-        names = []
-        for label, column in zip(runs, values, strict=True):
-            defined = np.isfinite(column)
-            names.append(label if defined.all() else f"{label} [{defined.sum()}]")
         ax.set_yticks(rows, names)
         ax.set(xlabel=info.heading.translate(_POWERS))
         ax.grid(visible=False, axis="y")

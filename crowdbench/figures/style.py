@@ -84,14 +84,10 @@ def canvas(out: Path, width: float, height: float) -> Iterator[Figure]:
     with matplotlib.style.context(["default", STYLE]):
         figure = matplotlib.figure.Figure(figsize=(width, height), layout="constrained")
         yield figure
+        # Without the time of creation, so that the same figure has the same bytes.
+        metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(out.suffix)
         with files.write_whole(out) as partial:
-            _write(figure, partial, out.suffix[1:])
-
-
-def _write(figure: Figure, file: Path, kind: str) -> None:
-    """Write a figure without its creation time, so that the same figure has the same bytes."""
-    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[kind]
-    figure.savefig(file, format=kind, metadata=metadata, dpi=300.0)
+            figure.savefig(partial, format=out.suffix[1:], metadata=metadata, dpi=300.0)
 
 
 def check_file(out: Path, endings: Sequence[str]) -> None:
@@ -110,25 +106,19 @@ def check_file(out: Path, endings: Sequence[str]) -> None:
 
 def draw_panel(
     figure: Figure, place: tuple[int, int, int], bounds: Float[np.ndarray, "2 2"], shapes: Iterable[Shape]
-) -> Axes:
-    """Draw shapes in a panel of a figure that shows a part of the plane, in metres, without axes.
+) -> None:
+    """Draw shapes, each over the previous ones, in a panel of a figure that shows a part of the plane, without axes.
 
     Args:
         place: Numbers of rows, of columns, and of the panel, from 1 on.
         bounds: The smallest and the largest x and y in metres.
     """
-    panel = figure.add_subplot(*place)
-    panel.set(xlim=bounds[:, 0], ylim=bounds[:, 1], aspect="equal")
-    panel.axis("off")
-    draw(panel, shapes)
-    return panel
-
-
-def draw(axes: Axes, shapes: Iterable[Shape]) -> None:
-    """Draw shapes on axes in metres, each over the previous ones."""
     from matplotlib.patches import Circle
     from matplotlib.patches import Polygon as Patch
 
+    axes = figure.add_subplot(*place)
+    axes.set(xlim=bounds[:, 0], ylim=bounds[:, 1], aspect="equal")
+    axes.axis("off")
     for order, shape in enumerate(shapes):
         match shape:
             case Line(points, color, width):
@@ -140,8 +130,7 @@ def draw(axes: Axes, shapes: Iterable[Shape]) -> None:
                 axes.add_patch(Patch(corners, facecolor=_rgb(face), edgecolor=_rgb(edge), lw=width, zorder=order))
             case Text(at, text, color, anchor, halo, size):
                 side = {"l": "left", "m": "center", "r": "right"}[anchor]
-                written = axes.text(at[0], at[1], text, color=_rgb(color), fontsize=size, ha=side, zorder=order)
-                written.set(va="center")
+                written = axes.text(*at, text, color=_rgb(color), fontsize=size, ha=side, va="center", zorder=order)
                 if halo:
                     written.set(bbox={"facecolor": _rgb(halo), "edgecolor": "none", "alpha": 0.75, "pad": 0.5})
 

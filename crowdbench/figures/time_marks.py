@@ -25,9 +25,6 @@ LETTER = np.array([0.075, 0.12])
 DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)], float)
 """Possible directions from a mark to its time, in order of preference."""
 
-AWAY = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
-"""The same, as unit vectors."""
-
 
 def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: float) -> list[Shape]:
     """Return discs at positions of the vehicle at equal time intervals, each with its time, or two times if it waits.
@@ -90,7 +87,8 @@ def _free_place(mark: Point, radius: float, half: Point, taken: Points, boxes: P
         bounds: The smallest and the largest x and y of the picture.
     """
     shares = np.where(DIRECTIONS.all(axis=1), 0.8, 1.0)[:, None]
-    positions = np.concatenate([mark + far * radius * AWAY + half * np.sign(DIRECTIONS) * shares for far in (1.2, 2.0)])
+    away = radius * DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+    positions = np.concatenate([mark + far * away + half * DIRECTIONS * shares for far in (1.2, 2.0)])
     covered = (np.abs(positions[:, None] - taken) < half).all(axis=-1).sum(axis=1)
     is_free = ((positions - half >= bounds[0]) & (positions + half <= bounds[1])).all(axis=1)
     is_free &= ~(np.abs(positions[:, None] - boxes[:, 0]) < half + boxes[:, 1]).all(axis=-1).any(axis=1)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
-from crowdbench.core.geometry import dot, norm
+from crowdbench.core.dynamics import disc_centres
+from crowdbench.core.geometry import norm
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
 from crowdbench.metrics.info import describe, finite_or_nan, total
-
-Pairs = Int[np.ndarray, "pair"]
 
 HALL_ZONES = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
 """Outer bounds in metres of the zones of Hall (1966)."""
@@ -121,12 +120,25 @@ def group_intrusion(trace: Trace) -> Float[np.ndarray, "world"]:
     """
     if trace.group is None:
         return np.full(len(trace), np.nan)
-    first = trace.group[:, 0]
-    # Pedestrians that replace the members of a group form a group again.
-    mates = ((first[:, :, None] == first[:, None]) & (first >= 0)[:, :, None]).any(axis=0)
-    member, mate = np.nonzero(mates & ~np.eye(len(mates), dtype=bool))
-    within = _find_within(trace, trace.group[:, 1:], member, mate) if len(member) else np.zeros(trace.gap.shape, bool)
-    return np.where((first >= 0).any(axis=1), total(1.0 * within) / trace.steps, np.nan)
+    from shapely import convex_hull, distance, multipoints, points
+
+    group, position = trace.group[:, 1:], trace.position[:, 1:, 1:]
+    discs = disc_centres(trace.rules.body, trace.position[:, 1:, 0], trace.heading[:, 1:])
+    within = np.zeros(trace.gap.shape, bool)
+    for number in np.unique(group[group >= 0]):
+        is_member = (group == number) & np.isfinite(position[..., 0])
+        world, step = np.nonzero(is_member.sum(axis=2) > 1)
+        is_member, person = is_member[world, step], position[world, step]
+        hulls = convex_hull(multipoints(person[is_member], indices=np.nonzero(is_member)[0]))
+        gap = distance(hulls[:, None], points(discs[world, step])).min(axis=1) - trace.radius[world, step + 1, 0]
+        within[world, step] |= (gap < 0.0) & _are_together(np.where(is_member[..., None], person, np.nan))
+    return np.where((trace.group[:, 0] >= 0).any(axis=1), total(1.0 * within) / trace.steps, np.nan)
+
+
+def _are_together(member: Float[np.ndarray, "state pedestrian 2"]) -> Bool[np.ndarray, "state"]:
+    """Return whether no two members of a group, NaN for all others, are farther apart than Hall's social distance."""
+    are_near = [~(norm(member - other[:, None]) > HALL_ZONES["social"]).any(axis=1) for other in member.swapaxes(0, 1)]
+    return np.all(are_near, axis=0)
 
 
 def _in_zone(trace: Trace, zone: str) -> Float[np.ndarray, "world"]:
@@ -147,40 +159,3 @@ def _intrusions(trace: Trace) -> Float[np.ndarray, "world step"]:
         least = np.fmin.reduce(np.where(present, distance, np.inf), axis=2, initial=np.inf)
         nearest[:, known] = np.fmin(nearest[:, known], least)
     return np.where(nearest < INTRUSION_DISTANCE, nearest, np.inf)
-
-
-def _find_within(
-    trace: Trace, group: Int[np.ndarray, "world step pedestrian"], one: Pairs, two: Pairs
-) -> Bool[np.ndarray, "world step"]:
-    """Return whether a disc of the vehicle overlaps the hull of a group.
-
-    Args:
-        group: The groups after each step, see `Trace`.
-        one: Indices of pedestrians, in order, each once for each other member of its group.
-        two: Those members.
-    """
-    person = trace.position[:, 1:, 1:]
-    a, b = person[:, :, one], person[:, :, two]
-    mates = (group[:, :, one] == group[:, :, two]) & (group[:, :, one] >= 0) & np.isfinite(a + b).all(axis=3)
-    members, starts, of_one = np.unique(one, return_index=True, return_inverse=True)
-    of_two = np.searchsorted(members, two)
-
-    def by_all(holds: Bool[np.ndarray, "world step pair"]) -> Bool[np.ndarray, "world step member"]:
-        return np.logical_and.reduceat(~mates | holds, starts, axis=2)
-
-    near = by_all(norm(b - a) <= HALL_ZONES["social"])
-    together = near & by_all(near[:, :, of_two])
-    length = np.maximum(dot(b - a, b - a), np.finfo(float).tiny)
-    direction = np.stack([np.cos(trace.heading), np.sin(trace.heading)], axis=-1)
-    within = np.zeros(trace.gap.shape, bool)
-    for ahead in trace.rules.body:
-        centre = (trace.position[:, :, 0] + ahead * direction)[:, 1:, None]
-        # The centre is within the hull if no line through it has all members on one side.
-        left, right = a - centre, b - centre
-        clockwise = left[..., 0] * right[..., 1] - left[..., 1] * right[..., 0] < 0.0
-        follows = np.logical_or.reduceat(mates & clockwise, starts, axis=2)
-        inside = together & follows & by_all(follows[:, :, of_two])
-        share = np.clip(dot(centre - a, b - a) / length, 0.0, 1.0)
-        beside = norm(a + share[..., None] * (b - a) - centre) < trace.radius[:, 1:, :1]
-        within |= inside.any(axis=2) | (mates & beside & together[:, :, of_one]).any(axis=2)
-    return within

@@ -12,7 +12,7 @@ from crowdbench.core.dynamics import disc_centres
 from crowdbench.core.geometry import dot, norm
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
 from crowdbench.metrics.distances import HALL_ZONES
-from crowdbench.metrics.info import describe, finite_or_nan, total
+from crowdbench.metrics.info import describe, finite_or_nan, least_distance, total
 from crowdbench.utils.compiled import njit
 
 NEAR_TIME = 1.0
@@ -103,9 +103,7 @@ def _approach(trace: Trace) -> tuple[Pairs, Pairs]:
     velocity = (trace.velocity[:, 1:, 1:] - trace.velocity[:, 1:, :1])[..., None, :]
     reach = (trace.radius[:, :-1, 1:] + trace.radius[:, :-1, :1])[..., None]
     same = trace.person[:, :-1] == trace.person[:, 1:]
-    squared = dot(motion, motion)
-    nearest = np.clip(-dot(between, motion) / np.where(squared > 0.0, squared, 1.0), 0.0, 1.0)
-    gap = np.min(norm(between + nearest[..., None] * motion) - reach, axis=3)
+    gap = np.min(least_distance(between, motion) - reach, axis=3)
     a, b, c = dot(velocity, velocity), dot(between, velocity), dot(between, between) - reach**2
     root = b**2 - a * c
     meets = (b < 0) & (root >= 0) & same[..., None]

@@ -63,6 +63,7 @@ class Fault(enum.IntEnum):
 
 
 _Numbers = Float[np.ndarray, "touch"]
+_Indices = Int[np.ndarray, "touch"]
 
 
 class Contacts(NamedTuple):
@@ -83,40 +84,21 @@ class Contacts(NamedTuple):
     saw: Bool[np.ndarray, "world"]
 
 
-class _Touches(NamedTuple):
-    """First touches of the vehicle and pedestrians.
-
-    Attributes:
-        row: The row of each in the trace.
-        agent: Index of the pedestrian as an agent.
-        time: Time of the touch in steps.
-    """
-
-    row: Int[np.ndarray, "touch"]
-    agent: Int[np.ndarray, "touch"]
-    time: _Numbers
-
-
-def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Contacts:
-    """Return the contact that ended each episode, and the vehicle's share in it. See the top of this file.
-
-    Args:
-        row: The rows of the trace to evaluate; all if None. Other rows are returned without a contact.
-    """
+def find_contacts(trace: Trace) -> Contacts:
+    """Return the contact that ended each episode, and the vehicle's share in it. See the top of this file."""
     n = len(trace)
     fault, share, speed = np.full(n, Fault.NONE), np.full(n, np.nan), np.full(n, np.nan)
     contacts = Contacts(fault, share, np.zeros(n, np.int64), speed, np.zeros(n, bool))
-    row = np.arange(n) if row is None else row
-    wall = row[trace.outcome[row] == Outcome.WALL_COLLISION]
+    wall = trace.outcome == Outcome.WALL_COLLISION
     contacts.fault[wall], contacts.share[wall] = Fault.ALONE, 1.0
-    row = row[trace.outcome[row] == Outcome.COLLISION]
+    row = np.flatnonzero(trace.outcome == Outcome.COLLISION)
     if len(row) == 0:
         return contacts
-    touches = _first_touches(trace, row)
-    share, fault, speed = _attribute(trace, touches)
+    row, agent, time = _first_touches(trace, row)
+    share, fault, speed = _attribute(trace, row, agent, time)
     # Of several contacts in a world, the last one is kept: the one with the largest share.
     order = np.argsort(np.nan_to_num(share, nan=-1.0), kind="stable")
-    row, agent = touches.row[order], touches.agent[order]
+    row, agent = row[order], agent[order]
     contacts.fault[row] = fault[order]
     contacts.share[row] = share[order]
     contacts.speed[row] = speed[order]
@@ -126,10 +108,11 @@ def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Co
     return contacts
 
 
-def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> _Touches:
+def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> tuple[_Indices, _Indices, _Numbers]:
     """Return the first touches in the last step of episodes that ended in a collision with a pedestrian.
 
-    If no pedestrian touches the vehicle because of rounding errors, the nearest pedestrian counts as touching.
+    They are the row of each in the trace, the index of the pedestrian as an agent, and the time in steps. If no
+    pedestrian touches the vehicle because of rounding errors, the nearest pedestrian counts as touching.
     """
     ends = np.stack([trace.steps[row] - 1, trace.steps[row]], axis=1)
     position, person = trace.position[row[:, None], ends], trace.person[row[:, None], ends]
@@ -152,13 +135,12 @@ def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> _Touches:
     pedestrian, disc = np.divmod(flat, gap.shape[2])
     time[nobody, pedestrian] = nearest[nobody, pedestrian, disc]
     contact, pedestrian = np.nonzero(time <= time.min(axis=1, keepdims=True) + SAME_TIME)
-    return _Touches(row[contact], pedestrian + 1, ends[contact, 0] + time[contact, pedestrian])
+    return row[contact], pedestrian + 1, ends[contact, 0] + time[contact, pedestrian]
 
 
-def _attribute(trace: Trace, touches: _Touches) -> tuple[_Numbers, Int[np.ndarray, "touch"], _Numbers]:
+def _attribute(trace: Trace, row: _Indices, agent: _Indices, time: _Numbers) -> tuple[_Numbers, _Indices, _Numbers]:
     """Return the vehicle's share in each touch, its kind (a `Fault`), and the relative speed at the touch in m/s."""
-    row, agent, time = touches
-    length = _window(trace, touches)
+    length = _window(trace, row, agent, time)
     parts = length[:, None] * (np.arange(SAMPLES) + 0.5) / SAMPLES
     # The first sample is the touch.
     at = time[:, None] - np.concatenate([np.zeros((len(row), 1)), parts], axis=1)
@@ -203,9 +185,8 @@ def _integrate(values: Float[np.ndarray, "touch sample"], seconds: _Numbers) -> 
     return np.cumsum(values[:, 1:], axis=1)[:, -1] * seconds
 
 
-def _window(trace: Trace, touches: _Touches) -> _Numbers:
+def _window(trace: Trace, row: _Indices, agent: _Indices, time: _Numbers) -> _Numbers:
     """Return the length of the window before each touch in steps: a second, or less if the person arrived later."""
-    row, agent, time = touches
     most = WINDOW / trace.rules.dt
     last = trace.steps[row] - 1
     since = last.astype(float)

@@ -1,4 +1,4 @@
-"""Tools for metrics: their description, and a sum that does not depend on the batch.
+"""Tools for metrics: their description, a sum that does not depend on the batch, and a distance.
 
 The description contains the title, unit and direction of a metric, and its costly inputs. Tables and runs read nothing
 else.
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 import numpy as np
 from jaxtyping import Bool, Float
 
+from crowdbench.core.geometry import dot, norm
 from crowdbench.core.types import Outcome, Trace
 
 if TYPE_CHECKING:
@@ -113,21 +114,16 @@ def describe(title: str, better: Literal["more", "less", ""] = "", **facts: Any)
     """
 
     def attach(metric: M) -> M:
-        described = _over_successes(metric) if facts.get("of_successes") else metric
-        vars(described)["info"] = MetricInfo(title, read_unit(metric), better, **facts)
+        @functools.wraps(metric)
+        def measure(trace: Trace) -> Float[np.ndarray, "world"]:
+            return np.where(trace.outcome == Outcome.SUCCESS, metric(trace), np.nan)
+
+        info = MetricInfo(title, read_unit(metric), better, **facts)
+        described = cast(M, measure) if info.of_successes else metric
+        vars(described)["info"] = info
         return described
 
     return attach
-
-
-def _over_successes(metric: M) -> M:
-    """Return the metric with NaN in place of its values in failures."""
-
-    @functools.wraps(metric)
-    def measure(trace: Trace) -> Float[np.ndarray, "world"]:
-        return np.where(trace.outcome == Outcome.SUCCESS, metric(trace), np.nan)
-
-    return cast(M, measure)
 
 
 def read_unit(metric: object) -> str:
@@ -143,6 +139,20 @@ def total(values: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch
     if values.shape[-1] == 0:
         return np.zeros(values.shape[:-1])
     return np.cumsum(np.where(np.isnan(values), 0.0, values), axis=-1)[..., -1]
+
+
+def least_distance(
+    between: Float[np.ndarray, "*#batch 2"], motion: Float[np.ndarray, "*#batch 2"]
+) -> Float[np.ndarray, "..."]:
+    """Return the smallest distance in metres between two points during a step, in which both move in straight lines.
+
+    Args:
+        between: The vector between them at the start of the step in metres.
+        motion: Its change in the step in metres.
+    """
+    squared = dot(motion, motion)
+    nearest = np.clip(-dot(between, motion) / np.where(squared > 0.0, squared, 1.0), 0.0, 1.0)
+    return norm(between + nearest[..., None] * motion)
 
 
 def finite_or_nan(values: Float[np.ndarray, "world"]) -> Float[np.ndarray, "world"]:

@@ -6,15 +6,18 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
-from crowdbench.core.geometry import Discs, local_goals, nearest_in_step, norm, wrap_angle
+from crowdbench.core.arrays import Numbers, Vectors
+from crowdbench.core.geometry import local_goals, norm, wrap_angle
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
-from crowdbench.metrics.info import describe, total
+from crowdbench.metrics.info import describe, least_distance, total
 from crowdbench.metrics.outcomes import success_rate
 from crowdbench.sim.obstacles import touches_in_step
 from crowdbench.sim.routes import goals_in_trace
 from crowdbench.utils.compiled import njit
+
+States = Int[np.ndarray, "state"]
 
 STANDSTILL = 0.05
 """Speed in m/s below which the vehicle counts as standing."""
@@ -162,17 +165,18 @@ def frozen_time(trace: Trace) -> Float[np.ndarray, "world"]:
     ahead = math.ceil(OPEN_TIME / trace.rules.dt - 1e-9)
     stands = norm(trace.velocity[:, 1:, 0]) < STANDSTILL
     row, t = np.nonzero(stands & (np.arange(stands.shape[1]) + ahead <= trace.steps[:, None]))
-    to_goal = goals_in_trace(trace)[row, t] - trace.position[row, t, 0]
-    stride = trace.preferred_speed[row, 0] * trace.rules.dt
-    body = np.array(trace.rules.body)
-    radius = trace.radius[row, t]
-    person = np.ascontiguousarray(trace.person)
-    obstacles = np.ascontiguousarray(trace.obstacles)
+    start = trace.position[row, t, 0]
+    to_goal = goals_in_trace(trace)[row, t] - start
+    length = np.hypot(to_goal[:, 0], to_goal[:, 1])
+    direction = to_goal / np.where(length > 0.0, length, 1.0)[:, None]
+    is_open = (length > 0.0) & _find_clear(trace, row, t, direction, length, ahead)
+    if trace.obstacles.shape[1]:
+        far = np.minimum(length, ahead * trace.preferred_speed[row, 0] * trace.rules.dt)
+        body, obstacles = np.array(trace.rules.body), np.ascontiguousarray(trace.obstacles)
+        _keep_off_walls(
+            row, start, direction, far[:, None] * direction, body, trace.radius[row, t, 0], obstacles, is_open
+        )
     frozen = np.zeros(stands.shape, bool)
-    is_open = norm(to_goal) > 0.0
-    if obstacles.shape[1]:
-        _keep_off_walls(row, t, to_goal, stride, ahead, body, trace.position, radius, obstacles, is_open)
-    _keep_clear(row, t, to_goal, stride, ahead, body, trace.position, radius, person, is_open)
     frozen[row, t] = is_open
     return total(1.0 * frozen) * trace.rules.dt
 
@@ -185,74 +189,51 @@ def _shortest_way(trace: Trace) -> Float[np.ndarray, "world"]:
     return np.maximum(norm(ahead - start) - near, 0.0)
 
 
+def _find_clear(
+    trace: Trace, row: States, t: States, direction: Vectors, length: Numbers, ahead: int
+) -> Bool[np.ndarray, "state"]:
+    """Return True for states from which a straight motion at the preferred speed keeps clear of all pedestrians.
+
+    Args:
+        row: The world of each state.
+        t: Its time.
+        direction: The direction of the local goal, a unit vector.
+        length: The distance to the local goal in metres.
+        ahead: The number of steps for which the path must be clear.
+    """
+    stride = trace.preferred_speed[row, 0] * trace.rules.dt
+    is_clear = np.ones(len(row), bool)
+    for k in range(ahead):
+        first, last = k * stride, np.minimum((k + 1) * stride, length)
+        person, later = trace.position[row, t + k, 1:], trace.position[row, t + k + 1, 1:]
+        is_same = trace.person[row, t + k] == trace.person[row, t + k + 1]
+        motion = (later - person) - ((last - first)[:, None] * direction)[:, None]
+        for centre in trace.rules.body:
+            disc = trace.position[row, t, 0] + (centre + first)[:, None] * direction
+            distance = least_distance(person - disc[:, None], motion)
+            gap = distance - trace.radius[row, t, 1:] - trace.radius[row, t, :1]
+            is_near = (is_same & (gap < DISCOMFORT_GAP)).any(axis=1)
+            is_clear &= ~is_near | (first >= length)
+    return is_clear
+
+
 @no_type_check
 @njit
-def _keep_off_walls(row, t, to_goal, stride, ahead, body, position, radius, obstacles, is_open):
+def _keep_off_walls(row, start, direction, path, body, radius, obstacles, is_open):
     """Set `is_open` to False for states in which a wall blocks the path.
 
     Args:
         row: `[state]`, the world of each state.
-        t: `[state]`, its time.
-        to_goal: `[state, 2]`, the vector to the local goal in metres.
-        stride: `[state]`, the length of a step at the preferred speed in metres.
-        ahead: The number of steps for which the path must be free.
+        start: `[state, 2]`, the position in metres.
+        direction: `[state, 2]`, the direction of the path, a unit vector.
+        path: `[state, 2]`, the vector to its end in metres.
         body: `[disc]`, see `crowdbench.core.dynamics.body`.
-        position: `[world, time, agent, 2]`, in metres.
-        radius: `[state, agent]`, in metres.
+        radius: `[state]`, in metres.
         obstacles: `[world, polygon, corner, 2]`, in metres.
         is_open: `[state]`, changed.
     """
     for s in range(len(row)):
-        if is_open[s]:
-            w = row[s]
-            length = math.hypot(to_goal[s, 0], to_goal[s, 1])
-            ux, uy, far = to_goal[s, 0] / length, to_goal[s, 1] / length, min(length, ahead * stride[s])
-            x, y = position[w, t[s], 0, 0], position[w, t[s], 0, 1]
-            for centre in body:
-                if touches_in_step(x + centre * ux, y + centre * uy, far * ux, far * uy, radius[s, 0], obstacles[w]):
-                    is_open[s] = False
-
-
-@no_type_check
-@njit
-def _keep_clear(row, t, to_goal, stride, ahead, body, position, radius, person, is_open):
-    """Set `is_open` to False for states in which a pedestrian comes near.
-
-    Args:
-        row: `[state]`, the world of each state.
-        t: `[state]`, its time.
-        to_goal: `[state, 2]`, the vector to the local goal in metres.
-        stride: `[state]`, the length of a step at the preferred speed in metres.
-        ahead: The number of steps for which the path must be free.
-        body: `[disc]`, see `crowdbench.core.dynamics.body`.
-        position: `[world, time, agent, 2]`, in metres.
-        radius: `[state, agent]`, in metres.
-        person: `[world, time, pedestrian]`.
-        is_open: `[state]`, changed.
-    """
-    agents = radius.shape[1]
-    begin, motion, counts = np.empty((agents, 2)), np.empty((agents, 2)), np.zeros(agents, np.bool_)
-    for s in range(len(row)):
-        if not is_open[s]:
-            continue
-        w = row[s]
-        length = math.hypot(to_goal[s, 0], to_goal[s, 1])
-        ux, uy = to_goal[s, 0] / length, to_goal[s, 1] / length
-        x, y = position[w, t[s], 0, 0], position[w, t[s], 0, 1]
-        for k in range(ahead):
-            first, last = k * stride[s], min((k + 1) * stride[s], length)
-            if first >= length or not is_open[s]:
-                break
-            now = t[s] + k
-            for a in range(1, agents):
-                begin[a, 0], begin[a, 1] = position[w, now, a, 0], position[w, now, a, 1]
-                motion[a, 0] = position[w, now + 1, a, 0] - begin[a, 0]
-                motion[a, 1] = position[w, now + 1, a, 1] - begin[a, 1]
-                is_same = person[w, now, a - 1] == person[w, now + 1, a - 1]
-                counts[a] = is_same and not math.isnan(motion[a, 0])
-            motion[0, 0], motion[0, 1] = (last - first) * ux, (last - first) * uy
-            for centre in body:
-                begin[0, 0], begin[0, 1] = x + (centre + first) * ux, y + (centre + first) * uy
-                gap, _ = nearest_in_step(0, Discs(begin, motion, radius[s], counts))
-                if gap < DISCOMFORT_GAP:
-                    is_open[s] = False
+        for centre in body:
+            x, y = start[s, 0] + centre * direction[s, 0], start[s, 1] + centre * direction[s, 1]
+            if is_open[s] and touches_in_step(x, y, path[s, 0], path[s, 1], radius[s], obstacles[row[s]]):
+                is_open[s] = False

@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-
-class CardText(NamedTuple):
-    """The text of a card that depends on the training method.
-
-    Attributes:
-        summary: The training and the main figure, in one line.
-        rows: The rows of its table that only this method has.
-        figures: The figures, as lines of Markdown.
-    """
-
-    summary: str
-    rows: Mapping[str, str]
-    figures: Sequence[str]
+CardText = tuple[str, Mapping[str, str], Sequence[str]]
+"""The text of a card that depends on the training method: the training and the main figure in one line, further rows of
+its table, and the figures as lines of Markdown."""
 
 
 def headline(card: Mapping[str, Any]) -> str:
     """Return a card in one line."""
     trained = card["training"]
-    return f"{card['network']}, seed {trained['seed']}, {trained['minutes']:.1f} min {_text(card).summary}"
+    return f"{card['network']}, seed {trained['seed']}, {trained['minutes']:.1f} min {_text(card)[0]}"
 
 
 def markdown(card: Mapping[str, Any]) -> str:
@@ -32,13 +22,13 @@ def markdown(card: Mapping[str, Any]) -> str:
     Args:
         card: The card, as it is in JSON.
     """
-    trained, text = card["training"], _text(card)
+    trained, (_, rows, figures) = card["training"], _text(card)
     table = {
         "network": card["network"],
         "command": f"`{card['command']}`",
         "commit": card["commit"] or "not from a checkout",
         "data": card["data"],
-        **text.rows,
+        **rows,
         "seed": trained["seed"],
         "training time": f"{trained['minutes']:.1f} min",
         "machine": card["machine"],
@@ -48,7 +38,7 @@ def markdown(card: Mapping[str, Any]) -> str:
     }
     lines = [f"# {card['network']}, seed {trained['seed']}", "", "| | |", "|---|---|"]
     lines += [f"| {name} | {value} |" for name, value in table.items()]
-    lines += ["", *text.figures]
+    lines += ["", *figures]
     # Added to the JSON by hand: results in other crowds, measured after the training.
     lines += ["", card["finding"]] if "finding" in card else []
     return "\n".join(lines) + "\n"
@@ -56,9 +46,8 @@ def markdown(card: Mapping[str, Any]) -> str:
 
 def _text(card: Mapping[str, Any]) -> CardText:
     """Return the text of a planner's or of a predictor's card."""
-    if "ade" in card["figures"].get("validation", {}):
-        return _predicting_text(card)
-    return _driving_text(card)
+    is_predictor = "ade" in card["figures"].get("validation", {})
+    return _predicting_text(card) if is_predictor else _driving_text(card)
 
 
 def _driving_text(card: Mapping[str, Any]) -> CardText:
@@ -82,11 +71,8 @@ def _driving_text(card: Mapping[str, Any]) -> CardText:
     scenario = f"{crowd(trained['scenario'])} (digest {trained['scenario']['digest']})"
     split = "test" if "test" in figures else "validation"
     measured = f"Measured once, after training, in the same scenario{conditions} (95 % intervals):"
-    return CardText(
-        f"{setting}: {rate(figures[split]['metrics']['success_rate'])} success on {split} cases",
-        {"scenario": scenario, **rows, "checkpoint": chosen},
-        [measured, "", *driving_table(figures)],
-    )
+    summary = f"{setting}: {rate(figures[split]['metrics']['success_rate'])} success on {split} cases"
+    return summary, {"scenario": scenario, **rows, "checkpoint": chosen}, [measured, "", *driving_table(figures)]
 
 
 def _predicting_text(card: Mapping[str, Any]) -> CardText:
@@ -107,7 +93,7 @@ def _predicting_text(card: Mapping[str, Any]) -> CardText:
         "pedestrians of a window."
     )
     summary = f"on {card['data']}; {ade}, best of {modes}, on validation windows with {step} per step"
-    return CardText(summary, rows, [errors])
+    return summary, rows, [errors]
 
 
 def crowd(scenario: Mapping[str, Any]) -> str:
@@ -131,11 +117,6 @@ def rate(estimate: Mapping[str, Any]) -> str:
     return f"{100 * estimate['mean']:.1f} % ({100 * estimate['low']:.1f} to {100 * estimate['high']:.1f})"
 
 
-def seconds(estimate: Mapping[str, Any]) -> str:
-    """Format a mean time with its 95 % interval, in seconds; empty if nothing was measured."""
-    return f"{estimate['mean']:.2f} s ({estimate['low']:.2f} to {estimate['high']:.2f})" if estimate["n"] else ""
-
-
 def driving_table(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Format the figures of a network that drives, in Markdown: rates, time, and the jerk if it was measured.
 
@@ -146,8 +127,9 @@ def driving_table(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
     head = ["cases", "success", "collisions", "time-outs", "navigation time", *["jerk"] * has_jerk]
     rows = [head, ["---"] * len(head)]
     for split, figure in figures.items():
-        metrics = figure["metrics"]
+        metrics, time = figure["metrics"], figure["metrics"]["navigation_time"]
+        seconds = f"{time['mean']:.2f} s ({time['low']:.2f} to {time['high']:.2f})" if time["n"] else ""
         rates = [rate(metrics[f"{outcome}_rate"]) for outcome in ("success", "collision", "timeout")]
         jerk = [f"{metrics['jerk']['mean']:.2f} m/s³"] if has_jerk else []
-        rows.append([f"{split} {figure['cases']}", *rates, seconds(metrics["navigation_time"]), *jerk])
+        rows.append([f"{split} {figure['cases']}", *rates, seconds, *jerk])
     return [f"| {' | '.join(row)} |" for row in rows]

@@ -20,7 +20,7 @@ from crowdbench.core.dynamics import Holonomic, nose, outline, reach
 from crowdbench.core.geometry import polygons
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.drawing import CIRCLE, DARK, DASHES, GRID, Color
-from crowdbench.metrics.fault import find_contacts
+from crowdbench.metrics.contacts import contacts_of
 from crowdbench.record.blueprint import draw_logs, draw_plots
 from crowdbench.record.decisions import draw_decisions
 from crowdbench.record.explanation import legend_text, metrics_text, summary_text
@@ -138,10 +138,8 @@ def _draw_walls(walls: Sequence[Float[np.ndarray, "_ 2"]]) -> Chunk:
     outlines = [np.concatenate([wall, wall[:1]]) if len(wall) > 2 else wall for wall in walls]
     lines = [*outlines, *(line for wall in walls if len(wall) > 2 for line in _hatch(wall))]
     hatches = len(lines) - len(outlines)
-    widths, colors = (
-        width([2.0] * len(outlines) + [0.75] * hatches),
-        [DARK.wall] * len(outlines) + [DARK.faint] * hatches,
-    )
+    widths = width([2.0] * len(outlines) + [0.75] * hatches)
+    colors = [DARK.wall] * len(outlines) + [DARK.faint] * hatches
     return still("world/walls", rr.LineStrips2D(lines, colors=colors, radii=widths, draw_order=2))
 
 
@@ -233,7 +231,7 @@ def _draw_ending(agents: _Agents) -> Chunk:
     """Draw the outcome of the episode in the last state: rims, and a ring around them, or a star for a contact."""
     trace, row = agents.trace, agents.row
     steps, outcome = int(trace.steps[row]), Outcome(int(trace.outcome[row]))
-    involved = [0, *find_contacts(trace, np.array([row])).agent[[row]]][: 1 + (outcome is Outcome.COLLISION)]
+    involved = [0, *contacts_of(trace).agent[[row]]][: 1 + (outcome is Outcome.COLLISION)]
     position, radius = trace.position[row, steps, involved], trace.radius[row, steps, involved]
     is_contact = outcome in (Outcome.COLLISION, Outcome.WALL_COLLISION)
     around = drawing.burst(position, radius) if is_contact else position.mean(axis=0) + 3.0 * radius[0] * CIRCLE

@@ -9,7 +9,8 @@ from jaxtyping import Float
 
 from crowdbench.core.geometry import norm, turn
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.metrics.fault import SMALL_SHARE, WINDOW, find_contacts
+from crowdbench.metrics.contacts import contacts_of
+from crowdbench.metrics.fault import SMALL_SHARE, WINDOW
 from crowdbench.record import decisions, marks
 
 PREDICTED_LOG = "predicted"
@@ -35,7 +36,7 @@ def describe_failure(trace: Trace, row: int) -> list[str]:
     steps, dt, outcome = int(trace.steps[row]), trace.rules.dt, Outcome(int(trace.outcome[row]))
     speed = norm(trace.velocity[row, : steps + 1, 0])
     if outcome is Outcome.COLLISION:
-        contacts = find_contacts(trace, np.array([row]))
+        contacts = contacts_of(trace)
         agent, share, saw = (array[row].item() for array in (contacts.agent, contacts.share, contacts.saw))
         fault = (
             f"{'' if share >= SMALL_SHARE else 'not '}the vehicle's fault (φ = {share:.2f}, its share of the approach)"

@@ -70,7 +70,7 @@ class Config:
     training: ClassVar[str]
     """The subclass of `Training` that runs it, as `module:class`."""
 
-    always_written: ClassVar[Sequence[str]] = ()
+    always_written: ClassVar[Sequence[str]] = ("scenario",)
     """The fields that `command` has even with their defaults."""
 
     def __post_init__(self) -> None:
@@ -93,34 +93,26 @@ class Config:
     @property
     def command(self) -> str:
         """The command that trains with these options, without those that have their defaults."""
-        words = [self.program, *self._scenario_words()]
-        common = {field.name for field in dataclasses.fields(Config)}
+        words = [self.program]
         for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if field.name in common or field.name == self.length:
+            name, value = field.name, getattr(self, field.name)
+            if name in ("network", "seed", "minutes", self.length):
                 continue
             if isinstance(value, Mapping):
-                words += [f"{flag(field.name)} {shlex.quote(f'{key}={part}')}" for key, part in value.items()]
+                for key, part in value.items():
+                    text = part if isinstance(part, str) else json.dumps(part)
+                    words += [flag(name), shlex.quote(f"{key}={text}")]
             elif value is True:
-                words.append(flag(field.name))
-            elif value != field.default or field.name in self.always_written:
-                words += [flag(field.name), shlex.quote(str(value))]
+                words.append(flag(name))
+            elif value != field.default or name in self.always_written:
+                # Of a folder of recorded tracks, only the name: it may be elsewhere on another machine.
+                words += [flag(name), shlex.quote(Path(value).name if name == "data" else str(value))]
         words.append(f"--seed {self.seed}")
         if self.minutes is None:
             words.append(f"--{self.length} {getattr(self, self.length)}")
         else:
             words.append(f"--minutes {self.minutes:g}")
         return " ".join(words)
-
-    def _scenario_words(self) -> list[str]:
-        """Return the words of `command` for the scenario, with the name of the folder of recorded tracks."""
-        words = ["--scenario", self.scenario]
-        for key, value in self.overrides.items():
-            text = value if isinstance(value, str) else json.dumps(value)
-            words.append(f"--set '{key}={text}'")
-        if self.data is not None:
-            words += ["--data", Path(self.data).name]
-        return words
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,7 +148,7 @@ class ValueConfig(DrivingConfig):
 
     length: ClassVar[str] = "episodes"
     training: ClassVar[str] = "crowdbench.train.value:ValueTraining"
-    always_written: ClassVar[Sequence[str]] = ("predictor",)
+    always_written: ClassVar[Sequence[str]] = ("scenario", "predictor")
 
     def __post_init__(self) -> None:
         super().__post_init__()

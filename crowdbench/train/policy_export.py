@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +60,10 @@ def export_policy(model: Any, file: str | Path, env: Any, state: Sequence[tuple[
         warnings.simplefilter("ignore")  # the exporter's own deprecations
         is_training = module.training
         device = next((parameter.device for parameter in module.parameters()), torch.device("cpu"))
-        network = _Normalised(module, list(observations), _normaliser(layers), device).eval()
+        normalisers = (
+            layer for layer in layers if getattr(layer, "obs_rms", None) and getattr(layer, "norm_obs", True)
+        )
+        network = _Normalised(module, list(observations), next(normalisers, None), device).eval()
         program = _trace(network, shapes | memory, ["action", *(f"next_{name}" for name in memory)], device)
         program.model.metadata_props[METADATA] = json.dumps(_metadata(view))
         program.save(file, external_data=False)
@@ -80,38 +83,20 @@ def _trace(network: nn.Module, shapes: Mapping[str, tuple[int, ...]], outputs: l
     example = tuple(torch.zeros(EXAMPLES, *shape, device=device) for shape in shapes.values())
     network(*example)  # its errors are shorter than the errors of the exporter
     batch_axes = (tuple({0: torch.export.Dim("world")} for _ in shapes),)
-    return torch.onnx.export(
-        network,
-        example,
-        input_names=list(shapes),
-        output_names=outputs,
-        dynamic_shapes=batch_axes,
-        dynamo=True,
-        verbose=False,
-    )
+    names = {"input_names": list(shapes), "output_names": outputs}
+    return torch.onnx.export(network, example, **names, dynamic_shapes=batch_axes, dynamo=True, verbose=False)
 
 
 def _metadata(view: Any) -> dict[str, Any]:
     """Return the metadata of the file: observation, actions, and the scenario of the training."""
     scenario = view.scenario
     return {
-        "observation": view.observation,
-        "action": view.action,
-        "nearest": view.nearest,
-        "rays": view.rays,
+        **{name: getattr(view, name) for name in ("observation", "action", "nearest", "rays")},
         "scenario": scenario.name,
         "dynamics": scenario.rules.dynamics.name,
         "dt": scenario.rules.dt,
         "pedestrians": scenario.max_agents - 1,
     }
-
-
-def _normaliser(layers: Iterable[Any]) -> Any:
-    """Return the first wrapper that normalises observations; None if there is none."""
-    for layer in layers:
-        if getattr(layer, "obs_rms", None) and getattr(layer, "norm_obs", True):
-            return layer
-    return None
 
 
 def _layers(env: Any) -> Iterator[Any]:

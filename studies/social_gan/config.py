@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import ClassVar
 
 from crowdbench import InputError
@@ -47,8 +47,10 @@ class SocialGANConfig(Config):
         if self.dt is not None and not self.dt >= 0.01:
             raise InputError(f"--dt is {self.dt}, but must be a number, 0.01 or more")
 
-    def _scenario_words(self) -> list[str]:
-        return super()._scenario_words() if self.data is None else ["--data", Path(self.data).name]
+    @property
+    def always_written(self) -> Sequence[str]:  # type: ignore[override]
+        """See `Config`."""
+        return ("scenario",) if self.data is None else ()
 
 
 METHODS: dict[str, type[Config]] = {"sgan": SocialGANConfig}

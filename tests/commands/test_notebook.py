@@ -102,7 +102,7 @@ def test_a_kept_run_shows_its_failures_and_what_differs(tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.record.viewer.show", lambda file, *, web: opened.append((file.suffix, web)))
     orca.view("test/3", web=True)
     assert opened == [(".rrd", True)]
-    with pytest.raises(InputError, match="case test/40 is not recorded"):
+    with pytest.raises(InputError, match="case 40 is none of the cases test:0:12"):
         orca.render(40)
 
 

@@ -14,7 +14,7 @@ from golden.record import FOLDER, PLANNERS, POLICY, SEQUENCES, losses, outcomes,
 
 from crowdbench import load_planner, load_scenario
 from crowdbench.catalog import PLANNERS as SHIPPED
-from crowdbench.runs import SIMULATOR
+from crowdbench.sim import SIMULATOR
 
 TIE = 1e-5
 """Values that differ by less are a tie, which may fall either way: networks round by the shape of their batch."""

@@ -13,10 +13,10 @@ from crowdbench.predict.predictor import Prediction, Predictor
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
 from crowdbench.sim.simulator import crowd_velocities, step_pedestrians
-from crowdbench.utils.defaults import HORIZON
 from crowdbench.utils.errors import InputError
 from studies.social_gan import prediction_errors
 from studies.social_gan.evaluate import evaluate_predictor
+from studies.social_gan.horizons import HORIZON
 from studies.social_gan.prediction_errors import MEAN, displacement, on_scenario, on_tracks
 from studies.social_gan.recordings import read_folder
 

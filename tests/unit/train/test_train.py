@@ -84,7 +84,7 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
     card = read_card(path)
     assert card["command"] == (
         "crowdbench train cadrl --scenario circle_crossing_mixed --set 'pedestrians.number=[1, 3]' "
-        "--set 'time_limit=10.0' --card test --predictor oracle --seed 7 --episodes 40"
+        "--set time_limit=10.0 --card test --predictor oracle --seed 7 --episodes 40"
     )
     assert card["figures"]["test"]["cases"] == "test:0:5"
     assert card["figures"]["test"]["metrics"]["success_rate"]["n"] == 5
