@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from checks import PLACE, policy_faults
+from checks import policy_faults
 from helpers import drive, same
 
 from crowdbench.catalog import load_scenario
@@ -142,15 +142,10 @@ OFFENCES = {
 }
 
 
-def faults_with_memory(make):
-    """Check a policy in a scenario whose pedestrians it moves, so that the worlds have its memory."""
-    return policy_faults(make, place=dataclasses.replace(PLACE, policies={"orca": make()}))
-
-
 @pytest.mark.parametrize("name", OFFENCES)
 def test_a_fault_of_a_memory_is_found(name):
     change, check, expected = OFFENCES[name]
-    faults = faults_with_memory(lambda: Remembers(change))
+    faults = policy_faults(lambda: Remembers(change))
     assert set(faults) == {check}
     assert expected in faults[check]
 
@@ -164,13 +159,13 @@ def one_row(world):
 
 
 def test_a_memory_that_padding_changes_or_without_worlds_is_found():
-    assert "with 3 more absent pedestrians" in faults_with_memory(lambda: Remembers(first=wide))["independent"]
+    assert "with 3 more absent pedestrians" in policy_faults(lambda: Remembers(first=wide))["independent"]
     with pytest.raises(InputError, match="for 5 worlds, but the first axis must be the worlds"):
-        faults_with_memory(lambda: Remembers(first=one_row))
+        policy_faults(lambda: Remembers(first=one_row))
 
 
 def test_a_policy_with_memory_passes():
-    assert not faults_with_memory(Remembers)
+    assert not policy_faults(Remembers)
 
 
 def test_a_bad_memory_gets_one_sentence(tmp_path):
