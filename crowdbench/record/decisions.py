@@ -222,7 +222,7 @@ def read_paths(chunks: Sequence[Chunk], dt: float, *, commands: bool = False) ->
         batch = chunk.to_record_batch()
         if path:
             role, lines = path[1], [strips or [] for strips in batch["LineStrips2D:strips"].to_pylist()]
-        elif "Arrows2D:vectors" in batch.schema.names:
+        elif fan and "Arrows2D:vectors" in batch.schema.names:
             role, lines = "planned" if fan[1] else "considered", _arrows(batch)
         else:
             continue

@@ -74,10 +74,7 @@ def test_episodes_are_a_table_of_arrow_and_pandas(found):
         ({"planner": Halts(), "options": {"speed": 1.0}}, "options are for a planner that is named"),
         ({"planner": Halts}, "must be a name, a file or a Planner, such as MyPlanner()"),
         ({"planner": "orca", "metrics": {"jerk": crowd}}, "a column jerk exists already"),
-        ({"planner": "orca", "metrics": {"case": crowd}}, "a column case exists already"),
         ({"planner": "orca", "record": "everything", "out": "run"}, "everything"),
-        ({"planner": "orcaa"}, "orcaa"),
-        ({"planner": "orca", "cases": 0}, "0"),
     ],
 )
 def test_what_cannot_be_is_said_in_a_sentence(arguments, sentence, tmp_path, monkeypatch):
