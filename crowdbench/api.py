@@ -27,7 +27,7 @@ from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.defaults import RECORD
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, require
 from crowdbench.utils.progress_bars import announce_compilation
 from crowdbench.utils.progress_bars import progress as show_progress
 from crowdbench.utils.tables import markdown
@@ -171,8 +171,7 @@ def run(
     Raises:
         InputError: An input does not exist, a plug-in breaks its contract, or the run cannot be written.
     """
-    if not isinstance(planner, str | Planner):
-        raise InputError(f"planner is {planner!r}, but must be a name, a file or a Planner, such as MyPlanner()")
+    require("planner", planner, isinstance(planner, str | Planner), "a name, a file or a Planner, such as MyPlanner()")
     if options and not isinstance(planner, str):
         raise InputError("options are for a planner that is named: give them to the planner that you construct")
     if key is not None and isinstance(planner, str) and not metrics:

@@ -316,47 +316,38 @@ def burst(position: Float[np.ndarray, "agent 2"], radius: Float[np.ndarray, "age
     return middle + star(1.7 * reach, 1.25 * reach, 12)
 
 
-def bounds_with_bands(
-    bounds: Float[np.ndarray, "2 2"], side: float, *, has_title: bool = False
-) -> tuple[Float[np.ndarray, "2 2"], float]:
-    """Extend the bounds by a band below, and by a band above if there is a title.
+def draw_bands(
+    bounds: Float[np.ndarray, "2 2"], side: float, note: tuple[str, Color] | None = None, title: str = ""
+) -> tuple[list[Shape], Float[np.ndarray, "2 2"], float]:
+    """Draw a band below a picture, with the scale at the left and a note at the right, and one above for a title.
 
     Args:
         bounds: The smallest and the largest x and y in metres that are shown.
         side: Length of the longer side of the plane in the picture, in inches.
-        has_title: True if there is a title.
+        note: A text, such as the time or the outcome, and its colour.
+        title: A text above; without one there is no band above.
 
     Returns:
-        The bounds with the bands, and the number of metres per inch.
+        The shapes of the bands, the bounds with the bands, and the number of metres per inch.
     """
     inch = float((bounds[1] - bounds[0]).max()) / side
-    return bounds + BAND * inch * np.array([[0.0, -1.0], [0.0, float(has_title)]]), inch
-
-
-def draw_bands(
-    bounds: Float[np.ndarray, "2 2"], inch: float, note: tuple[str, Color] | None = None, title: str = ""
-) -> Iterator[Shape]:
-    """Yield the shapes of the bands: the scale at the left, a note at the right, and the title above.
-
-    Args:
-        bounds: The bounds from `bounds_with_bands`.
-        inch: The number of metres per inch from `bounds_with_bands`.
-        note: A text, such as the time or the outcome, and its colour.
-    """
+    bounds = bounds + BAND * inch * np.array([[0.0, -1.0], [0.0, float(bool(title))]])
     (left, bottom), (right, top) = bounds
     band = BAND * inch
+    shapes: list[Shape] = []
     for y in [bottom, top - band] if title else [bottom]:
         corners = np.array([(left, y), (right, y), (right, y + band), (left, y + band)])
-        yield Polygon(corners, LIGHT.background, LIGHT.background, 0.0)
+        shapes.append(Polygon(corners, LIGHT.background, LIGHT.background, 0.0))
     middle, pad = bottom + band / 2.0, 0.06 * inch
     length = next((each for each in (1.0, 2.0, 5.0, 10.0, 20.0) if each > 0.15 * inch), 50.0)
     end = np.array([left + pad + length, middle])
-    yield Line(np.stack([end - [length, 0.0], end]), LIGHT.text, 1.6)
-    yield Text(end + np.array([pad, 0.0]), f"{length:g} m", LIGHT.text, "l")
+    shapes.append(Line(np.stack([end - [length, 0.0], end]), LIGHT.text, 1.6))
+    shapes.append(Text(end + np.array([pad, 0.0]), f"{length:g} m", LIGHT.text, "l"))
     if note is not None:
-        yield Text(np.array([right - pad, middle]), *note, "r")
+        shapes.append(Text(np.array([right - pad, middle]), *note, "r"))
     if title:
-        yield Text(np.array([left + pad, top - band / 2.0]), title, LIGHT.text, "l")
+        shapes.append(Text(np.array([left + pad, top - band / 2.0]), title, LIGHT.text, "l"))
+    return shapes, bounds, inch
 
 
 def _arrow(start: Float[np.ndarray, "2"], vector: Float[np.ndarray, "2"], color: Color) -> list[Shape]:

@@ -14,7 +14,7 @@ from viewer_picture import take_picture
 import crowdbench
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Observation, Trace
-from crowdbench.drawing import LIGHT, Moment, bounds_with_bands, draw_bands, draw_moment
+from crowdbench.drawing import LIGHT, Moment, draw_bands, draw_moment
 from crowdbench.figures.episode_figure import WHOLE, Episode, Picture, draw_pictures, draw_start, draw_strip, film
 from crowdbench.metrics.fault import WINDOW, Fault, find_contacts
 from crowdbench.planners.driver import Driver
@@ -139,9 +139,9 @@ def draw_fault(title: str, kind: Fault, planner: str, case: int) -> Picture:
         seen=moment.seen[[pair[1] - 1]],
     )
     middle = moment.position[-1].mean(axis=0)
-    bounds, inch = bounds_with_bands(np.stack([middle - REACH, middle + REACH]), WHOLE / len(FAULTS), has_title=True)
     note = f"φ = {contacts.share[0]:.2f}", LIGHT.text
-    return [*draw_moment(moment), *draw_bands(bounds, inch, note, title)], bounds, inch
+    bands, bounds, inch = draw_bands(np.stack([middle - REACH, middle + REACH]), WHOLE / len(FAULTS), note, title)
+    return [*draw_moment(moment), *bands], bounds, inch
 
 
 def draw_decision(out: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from crowdbench.catalog import load_planner, load_scenario, scenarios
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Rules, Trace
-from crowdbench.drawing import LIGHT, Disc, Moment, Polygon, Shape, bounds_with_bands, draw_bands, draw_moment, extent
+from crowdbench.drawing import LIGHT, Disc, Moment, Polygon, Shape, draw_bands, draw_moment, extent
 from crowdbench.figures.episode_figure import draw_pictures
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.rollout import rollout
@@ -60,8 +60,8 @@ def draw_noticing(name: str, out: Path) -> None:
     vehicle = trace.position[0, state, 0]
     low, high = extent(trace.position[0, :1], trace.goal[0, :1, 0], trace.obstacles[0], 0.7)
     plane = np.stack([np.maximum(low, vehicle - REACH), np.minimum(high, vehicle + REACH)])
-    bounds, inch = bounds_with_bands(plane, SIDE)
-    draw_pictures([([*shapes(trace, state), *draw_bands(bounds, inch)], bounds, inch)], 1, out)
+    bands, bounds, inch = draw_bands(plane, SIDE)
+    draw_pictures([([*shapes(trace, state), *bands], bounds, inch)], 1, out)
 
 
 def sentence(rules: Rules) -> str:

@@ -1,5 +1,7 @@
 """Checks of plug-ins, and their results."""
 
+import dataclasses
+
 from crowdbench.catalog import load_scenario
 from crowdbench.check import check_plugin
 from crowdbench.check.checks import Subject
@@ -22,4 +24,5 @@ def broken(results):
 
 
 def policy_faults(make, neural=False, limit=60.0, place=PLACE):
+    place = dataclasses.replace(place, policies={"orca": make()})
     return broken(results_of(Subject(POLICY, make, "orca", {"": place}, limit, neural=neural)))

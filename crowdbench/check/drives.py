@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation, Outcome, Trace, World
 from crowdbench.envs.rewards import CheckedReward, Reward, Step
 from crowdbench.envs.stepping import drive as drive_step
-from crowdbench.metrics.registry import Metric
 from crowdbench.metrics.user_metrics import measure
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import OneStepOnly, Planner
@@ -44,9 +43,6 @@ PLAN_AHEAD = Replanning(8, look_first=1)
 
 INTERVAL, MAX_STEPS = 3, 8
 """A predictor is called at every third step, for 1, 2, ..., 8 steps and then from 1 again."""
-
-Futures = Float[np.ndarray, "world mode time pedestrian 4"]
-"""Positions in metres and velocities in m/s."""
 
 UNLIMITED = 1e5
 """Decision limit in seconds of planners that are not checked."""
@@ -94,7 +90,7 @@ class _RecordingDriver(Driver):
 Samples = Callable[[Scenario, Cases], Iterator[tuple[list[str], dict[str, Any]]]]
 """Yields arguments of a plug-in that is a function of a batch, each with the names of the rows."""
 
-CheckedCall = Callable[..., Sequence[np.ndarray]]
+CheckedCall = Callable[..., Iterable[np.ndarray]]
 """Calls a plug-in, given with its name, and returns an answer per row. Raises InputError if they are invalid."""
 
 
@@ -103,7 +99,7 @@ def _function_procedure(samples: Samples, call: CheckedCall, answers: str, paddi
 
     def drive(plugin: Any, name: str, scenario: Scenario, cases: Cases, log: AnswerLog) -> None:
         for names, arguments in samples(scenario, cases):
-            log.keep(names, log.query(functools.partial(call, name, plugin, **arguments), names, **arguments))
+            log.keep(names, list(log.query(functools.partial(call, name, plugin, **arguments), names, **arguments)))
 
     return Procedure(drive, answers, padding=padding)
 
@@ -196,12 +192,8 @@ def _call_predictor(name: str, predictor: Predictor, obs: Observation, steps: in
     return [future[:, :, seen] for future, seen in zip(futures, obs.pedestrians.seen, strict=True)]
 
 
-def _call_reward(name: str, reward: Reward, step: Step) -> list[np.ndarray]:
-    return list(CheckedReward(name, reward)(step))
-
-
-def _call_metric(name: str, metric: Metric, trace: Trace) -> list[np.ndarray]:
-    return list(measure(name, metric, trace))
+def _call_reward(name: str, reward: Reward, step: Step) -> Float[np.ndarray, "world"]:
+    return CheckedReward(name, reward)(step)
 
 
 def _drive_scenario(plugin: Scenario, name: str, scenario: Scenario, cases: Cases, log: AnswerLog) -> None:
@@ -273,4 +265,4 @@ PREDICTOR = _function_procedure(
     f"{PADDING}, and NaN in the rows of unseen pedestrians",
 )
 REWARD = _function_procedure(_sample_steps, _call_reward, "rewards")
-METRIC = _function_procedure(_sample_traces, _call_metric, "values")
+METRIC = _function_procedure(_sample_traces, measure, "values")

@@ -51,7 +51,7 @@ def check(
     options = assignments(option or [], "--option")
     subject = load_subject(kind, plugin, options, scenario, decision_limit, data)
     results = check_plugin(subject, Cases.parse(cases))
-    print_table(check_table(subject.name, results), {"passed": "green", "failed": "red", "?": "yellow"})
+    print_table(check_table(subject.name, results))
     if not all(result.passed for result in results):
         raise typer.Exit(1)
 

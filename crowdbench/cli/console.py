@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Iterator, Mapping
-from types import MappingProxyType
+from collections.abc import Iterator
 
 from typer.exceptions import TyperException
 
@@ -109,16 +108,10 @@ def flush_output() -> None:
         raise
 
 
-def print_table(table: Grid, colours: Mapping[str, str] = MappingProxyType({})) -> None:
-    """Print a table under its title.
-
-    Args:
-        table: The table.
-        colours: The colours of cells on a terminal, by their text.
-    """
+def print_table(table: Grid) -> None:
+    """Print a table under its title."""
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
 
     # On a line of its own, because rich wraps a title at the table's width.
     print(table.title)
@@ -126,6 +119,6 @@ def print_table(table: Grid, colours: Mapping[str, str] = MappingProxyType({})) 
     for heading, alignment in zip(table.header, table.align, strict=True):
         printed.add_column(heading, justify="left" if alignment == "l" else "right")
     for row in table.rows:
-        printed.add_row(*(Text(cell, colours[cell]) if cell in colours else cell for cell in row))
+        printed.add_row(*row)
     # A file or a pipe has no width to fit. Brackets are units, not rich's markup.
     Console(width=None if sys.stdout.isatty() else 200, markup=False).print(printed)

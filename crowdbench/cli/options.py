@@ -28,10 +28,8 @@ SHARED = {
     "overrides": "Change a key of the scenario, such as vehicle.visible=true. Repeatable.",
     "overwrite": "Replace the directory of an earlier run.",
     "planner": "Name of a planner, or a file of your own: ./mine.py, ./mine.py:factory or policy.onnx.",
-    "root": "The folder of boards and entries.",
     "scenario": "Name of a scenario, or a file of your own: ./mine.toml.",
     "threads": "Number of threads.",
-    "work": "Folder that keeps finished runs until an entry or a verdict is made.",
 }
 """Help of parameters that several commands have, by name, if the docstring of a command has none."""
 

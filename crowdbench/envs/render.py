@@ -22,7 +22,6 @@ from crowdbench.drawing import (
     Polygon,
     Shape,
     Text,
-    bounds_with_bands,
     draw_bands,
     draw_moment,
     extent,
@@ -62,7 +61,7 @@ class Renderer:
         if mode is not None and mode not in RENDER_MODES:
             raise InputError(f"render_mode is {mode!r}, but must be one of {', '.join(RENDER_MODES)}, or None")
         self.mode = mode
-        self._bounds, self._inch = np.zeros((2, 2)), 1.0
+        self._bounds = np.zeros((2, 2))
         self._states: list[World] = []
 
     def remember(self, world: World) -> None:
@@ -74,8 +73,7 @@ class Renderer:
             agents = np.stack([world.position[0], world.goal[0]])[:, world.present[0]]
             low, high = extent(agents, np.zeros((1, 2)), world.obstacles[0], MARGIN)
             middle, half = (low + high) / 2.0, (high - low).max() / 2.0
-            square = np.stack([middle - half, middle + half])
-            self._bounds, self._inch = bounds_with_bands(square, SIZE / POINT / 72.0, has_title=True)
+            self._bounds = np.stack([middle - half, middle + half])
         if not self._states or int(world.step[0]) > int(self._states[-1].step[0]):
             self._states.append(world)
 
@@ -93,18 +91,19 @@ class Renderer:
         pedestrians = agents[1:].tolist() if len(agents) <= CROWD else []
         goals = [Disc(world.goal[0, agent], float(world.radius[0, agent]), None, LIGHT.walked) for agent in pedestrians]
         moment = Moment.of_worlds(self._states)
-        numbers = [self._number(moment, agent) for agent in pedestrians]
         note = f"{float(world.step[0]) * world.rules.dt:.2f} s", LIGHT.text
-        bands = draw_bands(self._bounds, self._inch, note, case)
+        bands, bounds, inch = draw_bands(self._bounds, SIZE / POINT / 72.0, note, case)
+        numbers = [_number(moment, agent, inch) for agent in pedestrians]
         shapes = [*goals, *draw_moment(moment), *numbers, *bands]
-        return np.asarray(rasterize(shapes, self._bounds, self._inch, 72.0 * POINT))
+        return np.asarray(rasterize(shapes, bounds, inch, 72.0 * POINT))
 
-    def _number(self, moment: Moment, agent: int) -> Text:
-        """Return the number of a pedestrian: on its disc, or beside a disc that is small or an outline."""
-        here, radius = moment.position[-1, agent], float(moment.radius[agent])
-        if moment.seen[agent - 1] and radius > 0.75 * FONT_SIZE / 72.0 * self._inch:
-            return Text(here, str(agent - 1), LIGHT.background)
-        return Text(here + radius + 0.04 * self._inch, str(agent - 1), LIGHT.text, halo=LIGHT.background)
+
+def _number(moment: Moment, agent: int, inch: float) -> Text:
+    """Return the number of a pedestrian: on its disc, or beside a disc that is small or an outline."""
+    here, radius = moment.position[-1, agent], float(moment.radius[agent])
+    if moment.seen[agent - 1] and radius > 0.75 * FONT_SIZE / 72.0 * inch:
+        return Text(here, str(agent - 1), LIGHT.background)
+    return Text(here + radius + 0.04 * inch, str(agent - 1), LIGHT.text, halo=LIGHT.background)
 
 
 def rasterize(shapes: Iterable[Shape], bounds: Float[np.ndarray, "2 2"], inch: float, dpi: float) -> Image:

@@ -25,7 +25,6 @@ from crowdbench.drawing import (
     Line,
     Moment,
     Shape,
-    bounds_with_bands,
     draw_bands,
     draw_moment,
     extent,
@@ -126,12 +125,12 @@ class Episode:
         state = math.floor(at)
         moment = Moment.of_trace(trace, row, state, at - state)
         plane = self.bounds(None if step is None else moment.position[-1, 0])
-        bounds, inch = bounds_with_bands(plane, self.side, has_title=bool(self.title))
+        note = self.outcome if at == self.end else (f"{at * trace.rules.dt:.2f} s", LIGHT.text)
+        bands, bounds, inch = draw_bands(plane, self.side, note, self.title)
         shapes = [*self.paths.get(state, PlannedPaths()).shapes(), *draw_moment(moment)]
         if step is None:
             shapes += mark_times(trace, row, plane, inch)
-        note = self.outcome if at == self.end else (f"{at * trace.rules.dt:.2f} s", LIGHT.text)
-        return [*shapes, *draw_bands(bounds, inch, note, self.title)], bounds, inch
+        return [*shapes, *bands], bounds, inch
 
 
 def stored_episodes(runs: Sequence[RunResult], case: int, load: Loader, zoom: float | None = None) -> list[Episode]:
@@ -220,8 +219,8 @@ def draw_start(scenario: Scenario, split: str, number: int, out: Path) -> None:
     colors = [LIGHT.vehicle if agent == 0 else LIGHT.walked for agent in present]
     lines = [Line(route, color, 0.8) for route, color in zip(routes, colors, strict=False)]
     goals = [Disc(route[-1], 0.12, LIGHT.background, LIGHT.walked, 0.8) for route in routes[1:]]
-    bounds, inch = bounds_with_bands(plane, SIDE)
-    shapes = [*lines, *goals, *draw_moment(Moment.of_worlds([world])), *draw_bands(bounds, inch)]
+    bands, bounds, inch = draw_bands(plane, SIDE)
+    shapes = [*lines, *goals, *draw_moment(Moment.of_worlds([world])), *bands]
     draw_pictures([(shapes, bounds, inch)], 1, out)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-from typing import NoReturn
 
 
 class ForkGuard:
@@ -21,15 +20,11 @@ class ForkGuard:
         self._process = os.getpid()
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if os.getpid() != self._process:
-            _end_fork(self._who, error)
-
-
-def _end_fork(who: str, error: BaseException | None) -> NoReturn:
-    """End this process, without a message if it raised SystemExit."""
-    if isinstance(error, SystemExit) and isinstance(error.code, int | None):
-        os._exit(error.code or 0)
-    message = f"crowdbench: a process that {who} has forked went on with the run and was ended: use os._exit(0)\n"
-    with contextlib.suppress(OSError):  # the stream may be closed
-        os.write(2, message.encode(errors="backslashreplace"))
-    os._exit(1)
+        if os.getpid() == self._process:
+            return
+        if isinstance(error, SystemExit) and isinstance(error.code, int | None):
+            os._exit(error.code or 0)
+        sentence = f"a process that {self._who} has forked went on with the run and was ended: use os._exit(0)"
+        with contextlib.suppress(OSError):  # the stream may be closed
+            os.write(2, f"crowdbench: {sentence}\n".encode(errors="backslashreplace"))
+        os._exit(1)

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.types import Observation
 from crowdbench.isolation import sandbox
-from crowdbench.isolation.limits import Usage, describe_limits, usable_cores
+from crowdbench.isolation.limits import Exceeded, Usage, describe_limits
 from crowdbench.isolation.process import Process, TooSlow
 from crowdbench.isolation.protocol import (
     VERSION,
@@ -107,8 +107,6 @@ class IsolatedPlanner(AheadPlanner):
         self.usage: dict[str, Any] = {"level": sandbox.level(), "limits": describe_limits()}
         readable = [*_files_named_in(spec), *_files_named_in(options)] if readable is None else readable
         command = sandbox.command(program(spec), readable, folder, hidden)
-        if cores is None:
-            cores = usable_cores()
         usage = Usage(limits.memory, cores, sandbox.temporary())
         self.process = Process(self.name, command, sandbox.settings(), usage, folder)
         try:
@@ -196,10 +194,10 @@ class IsolatedPlanner(AheadPlanner):
             if not where:
                 raise TimeLimit from None
             raise self._fault(f"took longer than {limit:g} s", where) from None
-        except ProtocolError as error:
+        except (ProtocolError, Exceeded) as error:
             raise self._fault(str(error), where) from None
         finally:
-            self.usage["peak_memory_mb"] = self.process.memory / 1e6
+            self.usage["peak_memory_mb"] = self.process.usage.memory / 1e6
 
     def _fault(self, what: str, where: str, row: int | None = None) -> Exception:
         if where:

@@ -108,13 +108,13 @@ class Usage:
 
     Args:
         most_memory: The limit of memory in bytes.
-        cores: The processors that it may use; empty if the system cannot restrict them.
+        cores: The processors that it may use; None for those of this process.
         temporary: Folders in memory that only this process can access: their contents count as its memory.
     """
 
-    def __init__(self, most_memory: float, cores: Sequence[int], temporary: Sequence[str]) -> None:
+    def __init__(self, most_memory: float, cores: Sequence[int] | None, temporary: Sequence[str]) -> None:
         self.most_memory = most_memory
-        self.cores = list(cores)
+        self.cores = usable_cores() if cores is None else list(cores)
         self.temporary = temporary
         self.processors = len(self.cores) or os.cpu_count() or 1
         self.memory = 0

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from crowdbench.isolation.limits import SHORTEST, TICK, Exceeded, Usage
+from crowdbench.isolation.limits import SHORTEST, TICK, Usage
 from crowdbench.isolation.protocol import MessageKind, ProtocolError, receive, send
 from crowdbench.isolation.untrusted_text import one_line
 from crowdbench.utils.errors import InputError
@@ -72,11 +72,6 @@ class Process:
         for pipe in self._pipes:
             os.set_blocking(pipe.fileno(), False)
 
-    @property
-    def memory(self) -> int:
-        """The largest memory in bytes that was measured."""
-        return self.usage.memory
-
     def ask(self, limit: float, kind: MessageKind, *parts: bytes | memoryview) -> tuple[MessageKind, bytearray]:
         """Send a message and wait for the answer.
 
@@ -90,7 +85,8 @@ class Process:
 
         Raises:
             TooSlow: The process exceeded the time limit.
-            ProtocolError: The process has ended, exceeded its memory limit, or answered in another format.
+            Exceeded: The process exceeded another limit.
+            ProtocolError: The process has ended, or answered in another format.
         """
         self._start, self._before = time.monotonic(), None
         self._next_look = self._start + min(TICK, limit / 20)
@@ -98,9 +94,6 @@ class Process:
         try:
             send(self._write, kind, *parts)
             return receive(self._readinto)
-        except Exceeded as error:
-            self.end()
-            raise ProtocolError(str(error)) from None
         except ProtocolError as error:
             raise ProtocolError(self._status() or str(error)) from None
         except BaseException:

@@ -71,9 +71,6 @@ _HEADER = struct.Struct("<IQ")
 _LENGTH = struct.Struct("<Q")
 
 
-Write = Callable[[memoryview], int | None]
-"""Writes as many bytes as possible, and returns their number, as the method of a raw file does."""
-
 ReadInto = Callable[[memoryview], int | None]
 """Reads the available bytes, and returns their number; 0 at the end."""
 
@@ -82,11 +79,11 @@ class ProtocolError(Exception):
     """Raised if the other side closed the pipe or sent an invalid message. The text follows the planner's name."""
 
 
-def send(write: Write, kind: MessageKind, *parts: bytes | memoryview) -> None:
+def send(write: Callable[[memoryview], int | None], kind: MessageKind, *parts: bytes | memoryview) -> None:
     """Write a message.
 
     Args:
-        write: Writes to the other side.
+        write: Writes as many bytes as possible, and returns their number, as the method of a raw file does.
         parts: Its content, in pieces.
 
     Raises:

@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 
 from crowdbench.core.types import Observation
-from crowdbench.networks.chunks import in_chunks
+from crowdbench.networks.chunks import CHUNK, in_chunks
 from crowdbench.networks.encoders import POLICIES, make_policy
 from crowdbench.networks.features import Features, Vectors, clip_to_disc, direction, features, to_world
 from crowdbench.networks.features_ahead import RAYS, REACH, STEPS, features_ahead
@@ -27,9 +27,6 @@ from crowdbench.predict.predictor import Predictor, predict
 from crowdbench.predict.predictors import load_predictor
 from crowdbench.sim.lines_of_sight import wall_distances
 from crowdbench.utils.errors import InputError, is_integer
-
-CHUNK = 4096
-"""Largest number of worlds in one forward pass of the network."""
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ def draw_logs(trace: Trace, row: int) -> Iterator[Chunk]:
     for name, array in trace.logs.items():
         # Steps without a value are left out, because Rerun draws no curve between values separated by NaN.
         logged_at = decisions.steps_logged(trace, row, name)
-        if is_curve(array) and len(logged_at):
+        if array.ndim <= 3 and len(logged_at):
             curves = array[row, logged_at].reshape(len(logged_at), -1)
             yield _draw_curves(f"{PLANNER_PLOTS}/{name}", moments(logged_at, trace.rules.dt), curves)
 
@@ -142,8 +142,3 @@ def logged_curves(chunks: Iterable[Chunk]) -> dict[str, int]:
         if name != chunk.entity_path and not chunk.is_static and chunk.num_rows:
             curves[name] = len(chunk.to_record_batch().column("Scalars:scalars")[0])
     return dict(sorted(curves.items()))
-
-
-def is_curve(logged: np.ndarray) -> bool:
-    """Return True if a logged array `[world, step, ...]` is shown as curves over time."""
-    return logged.ndim <= 3

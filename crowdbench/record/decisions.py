@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -40,8 +41,6 @@ BEST = 12
 
 FAN = re.compile(r"/world/planner/\w+?(/best)?")
 """Entities of the arrows of commands, and of the best command, see `_draw_fan`."""
-
-STRIPS, VECTORS = "LineStrips2D:strips", "Arrows2D:vectors"
 
 
 class _Log(NamedTuple):
@@ -207,41 +206,34 @@ class PlannedPaths(NamedTuple):
             yield from (Line(path, _color(role, LIGHT), 0.6 * size) for path in getattr(self, role))
 
 
-def read_paths(chunks: Sequence[Chunk], dt: float) -> dict[int, PlannedPaths]:
+def read_paths(chunks: Sequence[Chunk], dt: float, *, commands: bool = False) -> dict[int, PlannedPaths]:
     """Read the paths that a planner predicted, considered and planned, by the number of the state.
 
     Args:
         chunks: All chunks of an episode.
         dt: Length of a step in seconds.
+        commands: True to add the commands that the planner compared, as paths of one second.
     """
-    paths: dict[int, PlannedPaths] = {}
+    paths: dict[int, PlannedPaths] = defaultdict(lambda: PlannedPaths([], [], []))
     for chunk in chunks:
-        match = PATHS.fullmatch(chunk.entity_path)
-        if match is None or chunk.is_static:
+        path = PATHS.fullmatch(chunk.entity_path)
+        fan = FAN.fullmatch(chunk.entity_path) if commands else None
+        if chunk.is_static or not (path or fan):
             continue
         batch = chunk.to_record_batch()
-        states = np.round(batch["time"].cast(pa.int64()).to_numpy() / (1e9 * dt)).astype(int)
-        for state, strips in zip(states.tolist(), batch[STRIPS].to_pylist(), strict=True):
-            role = getattr(paths.setdefault(state, PlannedPaths([], [], [])), match[1])
-            role.extend(np.array(strip, float) for strip in strips or [])
-    return paths
-
-
-def add_commands(paths: dict[int, PlannedPaths], chunks: Sequence[Chunk], dt: float) -> None:
-    """Add the commands that a planner compared, as paths of one second, to the paths of `read_paths`.
-
-    Args:
-        paths: The paths by the number of the state, which are extended.
-        chunks: All chunks of an episode.
-        dt: Length of a step in seconds.
-    """
-    for chunk in chunks:
-        match = FAN.fullmatch(chunk.entity_path)
-        if match is None or chunk.is_static or VECTORS not in (batch := chunk.to_record_batch()).schema.names:
+        if path:
+            role, lines = path[1], [strips or [] for strips in batch["LineStrips2D:strips"].to_pylist()]
+        elif fan and "Arrows2D:vectors" in batch.schema.names:
+            role, lines = "planned" if fan[1] else "considered", _arrows(batch)
+        else:
             continue
         states = np.round(batch["time"].cast(pa.int64()).to_numpy() / (1e9 * dt)).astype(int)
-        rows = zip(states.tolist(), batch["Arrows2D:origins"].to_pylist(), batch[VECTORS].to_pylist(), strict=True)
-        for state, [origin], vectors in rows:
-            ends = np.array(origin) + np.reshape(vectors, (-1, 2))
-            role = getattr(paths.setdefault(state, PlannedPaths([], [], [])), "planned" if match[1] else "considered")
-            role.extend(np.array([origin, end]) for end in ends)
+        for state, each in zip(states.tolist(), lines, strict=True):
+            getattr(paths[state], role).extend(np.array(line, float) for line in each)
+    return dict(paths)
+
+
+def _arrows(batch: pa.RecordBatch) -> list[list[np.ndarray]]:
+    """Return the arrows of each time as lines of two points."""
+    rows = zip(batch["Arrows2D:origins"].to_pylist(), batch["Arrows2D:vectors"].to_pylist(), strict=True)
+    return [[np.array([origin, np.add(origin, vector)]) for vector in vectors] for [origin], vectors in rows]

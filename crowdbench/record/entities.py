@@ -138,10 +138,8 @@ def _draw_walls(walls: Sequence[Float[np.ndarray, "_ 2"]]) -> Chunk:
     outlines = [np.concatenate([wall, wall[:1]]) if len(wall) > 2 else wall for wall in walls]
     lines = [*outlines, *(line for wall in walls if len(wall) > 2 for line in _hatch(wall))]
     hatches = len(lines) - len(outlines)
-    widths, colors = (
-        width([2.0] * len(outlines) + [0.75] * hatches),
-        [DARK.wall] * len(outlines) + [DARK.faint] * hatches,
-    )
+    widths = width([2.0] * len(outlines) + [0.75] * hatches)
+    colors = [DARK.wall] * len(outlines) + [DARK.faint] * hatches
     return still("world/walls", rr.LineStrips2D(lines, colors=colors, radii=widths, draw_order=2))
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from rerun.chunk import Chunk, RrdReader, StoreEntry
 
 from crowdbench.record import rrd
-from crowdbench.record.decisions import PlannedPaths, add_commands, read_paths
+from crowdbench.record.decisions import PlannedPaths, read_paths
 from crowdbench.scenario.cases import parse_case
 from crowdbench.utils.errors import InputError
 
@@ -49,10 +49,7 @@ class RecordedEpisode(NamedTuple):
             dt: Length of a step in seconds.
             commands: True to add the commands that the planner compared, as paths of one second.
         """
-        paths = read_paths(self.chunks, dt)
-        if commands:
-            add_commands(paths, self.chunks, dt)
-        return paths
+        return read_paths(self.chunks, dt, commands=commands)
 
 
 def recorded_outcomes(path: Path) -> dict[int, str]:
@@ -60,9 +57,7 @@ def recorded_outcomes(path: Path) -> dict[int, str]:
 
     Raises InputError if it cannot be read, or was not written by crowdbench.
     """
-    _, _, entries = _entries(path)
-    names = {case: NAME.fullmatch(entry.recording_id) for case, entry in sorted(entries.items())}
-    return {case: name[3] for case, name in names.items() if name}
+    return {case: outcome for case, (_, outcome) in sorted(_entries(path)[2].items())}
 
 
 def find_case(path: Path, case: str) -> int:
@@ -85,8 +80,9 @@ def read_recorded(path: Path, case: int) -> RecordedEpisode | None:
     reader, _, entries = _entries(path)
     if case not in entries:
         return None
-    with rrd.opening(path):
-        chunks = rrd.chunks_of(reader, entries[case])
+    entry, _ = entries[case]
+    with rrd.reading(path):
+        chunks = reader.store(store=entry).stream().to_chunks()
         properties: dict[str, Any] = {}
         for chunk in chunks:
             if chunk.entity_path == f"/__properties/{PROPERTIES}":
@@ -94,23 +90,22 @@ def read_recorded(path: Path, case: int) -> RecordedEpisode | None:
                 properties |= {
                     name: batch[name][0].as_py() for name in batch.schema.names if not name.startswith("rerun.")
                 }
-        return RecordedEpisode(entries[case], chunks, properties)
+        return RecordedEpisode(entry, chunks, properties)
 
 
-def _entries(path: Path) -> tuple[RrdReader, str, dict[int, StoreEntry]]:
-    """Return the reader of a recording, its split, and the entry of each case."""
+def _entries(path: Path) -> tuple[RrdReader, str, dict[int, tuple[StoreEntry, str]]]:
+    """Return the reader of a recording, its split, and the entry and the outcome of each case."""
     return _read_entries(path, path.stat().st_mtime_ns if path.is_file() else 0)
 
 
 @functools.lru_cache(maxsize=1)
-def _read_entries(path: Path, changed: int) -> tuple[RrdReader, str, dict[int, StoreEntry]]:
+def _read_entries(path: Path, changed: int) -> tuple[RrdReader, str, dict[int, tuple[StoreEntry, str]]]:
     """Return `_entries` of a file; `changed` is the time of its last change, a key of the cache."""
-    with rrd.opening(path):
+    with rrd.reading(path):
         reader = RrdReader(path)
         named = [(NAME.fullmatch(entry.recording_id), entry) for entry in reader.recordings()]
-    entries = {(match[1], int(match[2])): entry for match, entry in named if match}
-    splits = {split for split, _ in entries}
+    entries = {int(name[2]): (entry, name[3]) for name, entry in named if name}
+    splits = {name[1] for name, _ in named if name}
     if len(splits) != 1 or len(entries) != len(named):
-        raise rrd.foreign(path)
-    (split,) = splits
-    return reader, split, {case: entry for (_, case), entry in entries.items()}
+        raise InputError(f"{path} is a Rerun file but holds no episodes of crowdbench: give the run.rrd of a run")
+    return reader, splits.pop(), entries

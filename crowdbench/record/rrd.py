@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Int
-from rerun.chunk import Chunk, RrdReader, StoreEntry
+from rerun.chunk import Chunk, RrdReader
 
 from crowdbench.utils.errors import InputError
 
@@ -24,22 +24,6 @@ ERRORS = (RuntimeError, ValueError, OSError)
 
 CONTENT_ERRORS = (LookupError, TypeError, AttributeError, ArithmeticError)
 """Further exceptions for a Rerun file with other contents than crowdbench writes."""
-
-
-PARTLY = "only a part was written, as on a full disk or under a limit of the size of files (ulimit -f)"
-
-
-@contextlib.contextmanager
-def errors_as(sentence: str) -> Iterator[None]:
-    """Turn errors of Rerun and of the file system into an InputError with the given sentence."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Rerun warns of a missing end before it raises an error for it
-            yield
-    except InputError:
-        raise
-    except (*ERRORS, *CONTENT_ERRORS) as error:
-        raise InputError(sentence) from error
 
 
 @contextlib.contextmanager
@@ -59,26 +43,18 @@ def writing(what: str, advice: str = "") -> Iterator[None]:
         raise InputError(f"{what} could not be written: {reason or error}{advice}") from error
 
 
-def opening(path: Path) -> contextlib.AbstractContextManager[None]:
-    """Return a context for reading a file. Raises InputError if it is missing, damaged or not a Rerun file."""
+@contextlib.contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Open a context for reading a file. Raises InputError if it is missing, damaged or not a Rerun file."""
     if not path.is_file():
         raise InputError(f"there is no recording at {path}: give the run.rrd of a run with --record all or failures")
-    return errors_as(f"{path} is cut short, damaged or no Rerun file at all: give the run.rrd of a finished run")
-
-
-def foreign(path: Path) -> InputError:
-    """Return the error for a Rerun file that crowdbench did not write."""
-    return InputError(f"{path} is a Rerun file but holds no episodes of crowdbench: give the run.rrd of a run")
-
-
-def chunks_of(reader: RrdReader, entry: StoreEntry) -> list[Chunk]:
-    """Return all chunks of one recording in a file, also its properties.
-
-    Args:
-        reader: The reader of the file.
-        entry: The recording.
-    """
-    return reader.store(store=entry).stream().to_chunks()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Rerun warns of a missing end before it raises an error for it
+            yield
+    except (*ERRORS, *CONTENT_ERRORS) as error:
+        sentence = f"{path} is cut short, damaged or no Rerun file at all: give the run.rrd of a finished run"
+        raise InputError(sentence) from error
 
 
 def moments(steps: Int[np.ndarray, "time"], dt: float) -> list[rr.TimeColumn]:
@@ -131,8 +107,10 @@ def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Bl
     Raises:
         OSError: The file could not be written in full.
     """
-    with _switched_on():
-        blueprint.save(application, folder / "layout.rbl")
+    switch = os.environ.pop("RERUN", None)  # RERUN=off is for programs with optional output: this one is requested
+    blueprint.save(application, folder / "layout.rbl")
+    if switch is not None:
+        os.environ["RERUN"] = switch
     # `rrd route` copies the messages as they are: it is faster than `rrd merge` and needs less memory.
     command = [sys.executable, "-m", "rerun_cli", "rrd", "route", "-o", "whole.rrd", "layout.rbl", *parts]
     # In a new session, because Ctrl-C in a terminal interrupts all processes of the session's group.
@@ -143,7 +121,9 @@ def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Bl
         raise OSError(f"rerun rrd route ended with status {process.returncode}: {messages[-1]}")
     # On a full disk, rerun writes part of the file and exits with 0.
     if not _holds(whole, len(parts)):
-        raise OSError(errno.ENOSPC, PARTLY)
+        raise OSError(
+            errno.ENOSPC, "only a part was written, as on a full disk or under a limit of the size of files (ulimit -f)"
+        )
     return whole
 
 
@@ -153,15 +133,3 @@ def _holds(path: Path, recordings: int) -> bool:
         warnings.simplefilter("ignore")
         return len(RrdReader(path).recordings()) == recordings
     return False
-
-
-@contextlib.contextmanager
-def _switched_on() -> Iterator[None]:
-    """Ignore the variable RERUN=off, which is for programs with optional output: here a recording is requested."""
-    before = os.environ.get("RERUN")
-    os.environ["RERUN"] = "on"
-    try:
-        yield
-    finally:
-        del os.environ["RERUN"]
-        os.environ |= {} if before is None else {"RERUN": before}

@@ -25,7 +25,7 @@ from rerun.chunk import Chunk, LazyChunkStream
 
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.record import rrd
-from crowdbench.record.blueprint import blueprint, is_curve, logged_curves
+from crowdbench.record.blueprint import blueprint, logged_curves
 from crowdbench.record.entities import draw_episode, extent
 from crowdbench.record.explanation import describe_failure
 from crowdbench.record.recorded_cases import EXTENT, PROPERTIES, SPEED, VERDICT, read_recorded, recorded_outcomes
@@ -64,7 +64,6 @@ class Recorder:
         # The viewer lists the file under this name, and warns if it has other characters or more than 180.
         self._application = re.sub(r"[^A-Za-z0-9 _-]", "-", f"{self.planner[:100]} on {self.scenario}")[:180]
         self._version = importlib.metadata.version("crowdbench")
-        self._parts = 0
         self._extents: list[Float[np.ndarray, "2 2"]] = []
         self._plotted: dict[str, int] = {}
         self._fastest = 0.0
@@ -92,13 +91,8 @@ class Recorder:
                 *draw_episode(trace, row, title, self._with_units(measured)),
             ]
             name = f"{trace.split}-{trace.case[row]:04d}-{outcome.label}"
-            self._keep(chunks, f"{name}-{self.identity}" if self.identity else name)
-            self._frame(extent(trace, row), float(trace.preferred_speed[row, 0]))
-        self._plot({name: logged[0, 0].size for name, logged in trace.logs.items() if is_curve(logged)})
-
-    def _plot(self, curves: Mapping[str, int]) -> None:
-        """Store the names of logged curves and the largest number of curves under each name, because crowds differ."""
-        self._plotted |= {name: max(count, self._plotted.get(name, 0)) for name, count in curves.items()}
+            name = f"{name}-{self.identity}" if self.identity else name
+            self._keep(chunks, name, extent(trace, row), float(trace.preferred_speed[row, 0]))
 
     def _properties(self, trace: Trace, row: int, measured: Mapping[str, float | bool]) -> Iterator[Chunk]:
         """Yield the properties of one episode for tables of many recordings."""
@@ -147,30 +141,27 @@ class Recorder:
         for case in recorded_outcomes(path):
             episode = read_recorded(path, case)
             if episode is not None:
-                self._keep(episode.chunks, episode.entry.recording_id)
-                self._frame(np.reshape(episode.properties[EXTENT], (2, 2)), *episode.properties[SPEED])
-                self._plot(logged_curves(episode.chunks))
+                corners, [speed] = np.reshape(episode.properties[EXTENT], (2, 2)), episode.properties[SPEED]
+                self._keep(episode.chunks, episode.entry.recording_id, corners, speed)
                 number += 1
         return number
 
-    def _frame(self, extent: Float[np.ndarray, "2 2"], speed: float) -> None:
-        """Store the extent and the preferred speed of an episode, for the layout of the viewer."""
-        self._extents.append(extent)
-        self._fastest = max(self._fastest, speed)
-
-    def _keep(self, chunks: Sequence[Chunk], name: str) -> None:
-        """Write the file of one episode under a name."""
-        part = Path(self._folder.name) / f"{self._parts}.rrd"
-        self._parts += 1
+    def _keep(self, chunks: Sequence[Chunk], name: str, extent: Float[np.ndarray, "2 2"], speed: float) -> None:
+        """Write the file of one episode under a name, and store the numbers that the layout of the viewer needs."""
+        part = Path(self._folder.name) / f"{len(self._extents)}.rrd"
         with self._writing():
             LazyChunkStream.from_iter(chunks).write_rrd(part, application_id=self._application, recording_id=name)
+        self._extents.append(extent)
+        self._fastest = max(self._fastest, speed)
+        for curve, count in logged_curves(chunks).items():  # crowds differ in size, and so do their curves
+            self._plotted[curve] = max(count, self._plotted.get(curve, 0))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         with self._folder as folder:
-            if kind is None and self._parts:
-                parts = [f"{part}.rrd" for part in range(self._parts)]
+            if kind is None and self._extents:
+                parts = [f"{part}.rrd" for part in range(len(self._extents))]
                 layout = blueprint(self._extents, self._plotted, self._fastest)
                 with self._writing():
                     rrd.join(Path(folder), parts, self._application, layout).replace(self.path)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Int, Shaped
 
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.metrics.registry import Metric, MetricInfo, info_of, is_rate
+from crowdbench.metrics.registry import Metric, is_rate
 from crowdbench.metrics.summary import Estimate, summarize
 from crowdbench.metrics.user_metrics import LARGEST, measure
 from crowdbench.utils import files
@@ -83,11 +83,6 @@ class Episodes:
     def rates(self) -> list[str]:
         """The names of the metrics that are rates."""
         return [name for name, values in self.columns.items() if is_rate(values)]
-
-    @property
-    def infos(self) -> dict[str, MetricInfo]:
-        """The descriptions of the metrics, by name."""
-        return {name: info_of(name, is_rate(values)) for name, values in self.columns.items()}
 
     @property
     def blocks(self) -> dict[str, int]:
@@ -178,11 +173,9 @@ def _format_value(value: Any) -> str:
 
 
 def read_estimate(table: Mapping[str, Any]) -> Estimate:
-    """Read an estimate from the JSON table that `plain` returns. Raises KeyError if a number is missing."""
-    mean, low, high, largest = (
-        math.nan if table[name] is None else float(table[name]) for name in ("mean", "low", "high", "max")
-    )
-    return Estimate(mean, low, high, int(table["n"]), largest)
+    """Read an estimate from the JSON table that `plain` returns. `None` is NaN."""
+    numbers: dict[str, Any] = {name: math.nan if value is None else value for name, value in table.items()}
+    return Estimate(**numbers)
 
 
 def _texts(values: Shaped[np.ndarray, "case"]) -> list[str]:

@@ -126,10 +126,8 @@ def _compare_part(
     values = [table.columns[name][chosen].astype(float) for table in (pair.a, pair.b)]
     weights = [weigh(name, table.steps[chosen]) for table in (pair.a, pair.b)]
     a, b = (float(weighted_mean(x, w)) for x, w in zip(values, weights, strict=True))
-    difference, block = (
-        values[1] - values[0],
-        np.arange(len(values[0])) if pair.a.block is None else pair.a.block[chosen],
-    )
+    difference = values[1] - values[0]
+    block = np.arange(len(difference)) if pair.a.block is None else pair.a.block[chosen]
     if all(is_rate(table.columns[name]) for table in (pair.a, pair.b)):
         values = [np.append(x, more) for x, more in zip(values, ((1.0, 0.0), (0.0, 1.0)), strict=True)]
         weights, block = [np.append(w, (1.0, 1.0)) for w in weights], np.append(block, block.max() + np.arange(1, 3))

@@ -16,7 +16,7 @@ from crowdbench.core.types import Rules, Trace
 from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.results.episodes import BLOCK, EPISODES, RECORDING, Episodes, result_label
 from crowdbench.results.result_file import RESULT, check_result, digest_of, write_result
-from crowdbench.results.stored_commands import COMMANDS, StoredCommands, check_size, read_commands
+from crowdbench.results.stored_commands import COMMANDS, StoredCommands, read_commands
 from crowdbench.results.stored_tracks import TRACKS, read_tracks
 from crowdbench.scenario.cases import Cases, parse_case
 from crowdbench.scenario.digest import scenario_digest
@@ -95,18 +95,14 @@ class RunResult:
         run.check()
         return run
 
-    def check(self) -> None:
-        """Raise InputError with the file and the field if the files of the run contradict each other."""
-        self.check_rows()
-        self._raise_first(itertools.chain(self._wrong_fields(), self._wrong_files()))
+    def check(self, rows_only: bool = False) -> None:
+        """Raise InputError with the file and the field if the files of the run contradict each other.
 
-    def check_rows(self) -> None:
-        """Raise InputError if `episodes.csv` or the commands do not have one row for each case of the run."""
-        self._raise_first(self._wrong_rows())
-
-    def _raise_first(self, errors: Iterator[tuple[str, str]]) -> None:
-        """Raise InputError with the first of the errors, each a file and the rest of a sentence."""
-        for file, sentence in errors:
+        Args:
+            rows_only: True to check only `episodes.csv` and the commands, not `result.json`.
+        """
+        others = () if rows_only else (self._wrong_fields(), self._wrong_files())
+        for file, sentence in itertools.chain(self._wrong_rows(), *others):
             raise InputError(f"{self.directory / file}: {sentence}; make the run again")
 
     def _wrong_rows(self) -> Iterator[tuple[str, str]]:
@@ -123,9 +119,7 @@ class RunResult:
         for name in COUNTED.keys() & episodes.columns.keys():
             if not np.array_equal(episodes.columns[name], np.isin(episodes.outcome, COUNTED[name])):
                 yield EPISODES, f"{name} contradicts the outcomes"
-        commands = self.directory / COMMANDS
-        if commands.exists():
-            check_size(commands, len(self.cases), self.rules.max_steps)
+        if (self.directory / COMMANDS).exists():
             for name in ("case", "steps"):
                 if not np.array_equal(getattr(self.commands, name), getattr(self.episodes, name)):
                     yield COMMANDS, f"its {name} differ from {EPISODES}"

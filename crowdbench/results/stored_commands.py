@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 from jaxtyping import Float, Int
 
 from crowdbench.core.types import Trace
+from crowdbench.scenario.cases import Cases
 from crowdbench.utils.defaults import BATCH
 from crowdbench.utils.errors import InputError, describe_error
 
@@ -45,12 +46,12 @@ class StoredCommands:
         end = int(np.cumsum(self.steps)[rows[0]])
         return self.command[end - int(self.steps[rows[0]]) : end]
 
-    def pad(self, rows: Int[np.ndarray, "row"], steps: int) -> Float[np.ndarray, "row {steps} 2"]:
-        """Return the commands in m/s of the cases with these indices, cut or padded with zeros to a number of steps."""
-        ends = np.cumsum(self.steps)
-        padded = np.zeros((len(rows), steps, 2))
-        for commands, end, length in zip(padded, ends[rows], self.steps[rows], strict=True):
-            commands[:length] = self.command[end - length : end][:steps]
+    def pad(self, cases: Cases, steps: int) -> Float[np.ndarray, "case {steps} 2"]:
+        """Return the commands of some cases in m/s, padded with zeros to a number of steps."""
+        padded = np.zeros((len(cases), steps, 2))
+        for row, case in enumerate(cases.indices.tolist()):
+            commands = self.of(case)
+            padded[row, : len(commands)] = commands
         return padded
 
 
@@ -63,32 +64,6 @@ def read_commands(path: Path) -> StoredCommands:
         raise InputError(f"{path} is not a table of commands as crowdbench writes it: values are missing in it")
     steps = lengths.to_numpy().astype(np.int64) // 2
     return StoredCommands(table["case"].to_numpy(), steps, command.to_numpy().reshape(-1, 2))
-
-
-def check_size(path: Path, cases: int, steps: int) -> None:
-    """Check that a file of commands is not larger than a run allows, before it is decompressed.
-
-    Args:
-        path: The file. `read_commands` reports a file that is missing or not in Parquet format.
-        cases: Number of cases of the run.
-        steps: Largest number of steps of a case.
-
-    Raises:
-        InputError: It is larger.
-    """
-    try:
-        with path.open("rb") as file, pq.ParquetFile(file) as parquet:
-            groups = [parquet.metadata.row_group(index) for index in range(parquet.metadata.num_row_groups)]
-            rows = parquet.metadata.num_rows
-    except (pa.ArrowException, OSError, ValueError):
-        return
-    size = sum(group.column(index).total_uncompressed_size for group in groups for index in range(group.num_columns))
-    most = 1_000_000 + 2 * 16 * cases * (steps + 1)  # twice the size of two float64 numbers per step
-    if rows > cases or size > most:
-        raise InputError(
-            f"{path} holds {rows} cases in {size / 1e6:.0f} MB, but a run of {cases} cases has as many in "
-            f"{most / 1e6:.0f} MB at most"
-        )
 
 
 def join_commands(parts: Sequence[Path], path: Path) -> None:

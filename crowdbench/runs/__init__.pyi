@@ -2,7 +2,6 @@ from .each_scenario import make_each as make_each
 from .folder import is_complete as is_complete
 from .folder import make_in_folder as make_in_folder
 from .folder import run_directory as run_directory
-from .identity import SIMULATOR as SIMULATOR
 from .identity import PlannerId as PlannerId
 from .identity import RunId as RunId
 from .identity import code as code

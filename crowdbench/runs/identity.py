@@ -15,7 +15,7 @@ from typing import Any
 from crowdbench.plugins.kind import PACKAGE, ROOT
 from crowdbench.plugins.plugin_files import read_files
 from crowdbench.results.result_file import digest_of
-from crowdbench.sim.version import SIMULATOR as SIMULATOR  # exported for boards
+from crowdbench.sim.version import SIMULATOR
 from crowdbench.utils.files import sha256
 
 REACHED = (

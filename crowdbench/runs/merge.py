@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -101,7 +100,7 @@ def _join_recordings(parts: Sequence[RunResult], path: Path) -> int:
     most = most_failures(parts[0].result["scenario"]["pedestrians"].get("number", [0, 0])[1])
     with Recorder(path, **parts[0].header) as recorder:
         for part in recorded:
-            if number < most or part.result["stated"].get("record") == "all":
+            if number < most or part.result["stated"]["record"] == "all":
                 number += recorder.copy(part.directory / RECORDING)
     return number
 
@@ -109,10 +108,8 @@ def _join_recordings(parts: Sequence[RunResult], path: Path) -> int:
 def _timing(parts: Sequence[RunResult]) -> dict[str, float]:
     timings = [part.result["stated"]["timing"] for part in parts]
     steps = [int(part.episodes.steps.sum()) for part in parts]
-    decided = [timing.get("decision_ms_per_step", math.nan) for timing in timings]  # missing for robots
-    mean = float(np.average(decided, weights=steps))
-    known = {} if math.isnan(mean) else {"decision_ms_per_step": mean}
-    return {**known, "seconds": sum(timing["seconds"] for timing in timings)}
+    mean = float(np.average([timing["decision_ms_per_step"] for timing in timings], weights=steps))
+    return {"decision_ms_per_step": mean, "seconds": sum(timing["seconds"] for timing in timings)}
 
 
 def _join(tables: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

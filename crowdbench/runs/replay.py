@@ -26,9 +26,6 @@ from crowdbench.utils.errors import InputError
 Loader = Callable[[RunResult], Scenario]
 """Loads the scenario of a simulated run, see `loading.load_stored_scenario`."""
 
-Watch = Callable[[World], None]
-"""Called with the worlds before each step."""
-
 
 class Playback(Planner):
     """Planner that returns given commands, in one batch of cases.
@@ -56,7 +53,7 @@ def stored_traces(
     *,
     undisturbed: bool = False,
     progress: Progress | None = None,
-    watch: Watch | None = None,
+    watch: Callable[[World], None] | None = None,
 ) -> Iterator[Trace]:
     """Yield the traces of a stored run: one of its tracks, or batches that are simulated again from its commands.
 
@@ -77,8 +74,7 @@ def stored_traces(
         return
     scenario = load(run)
     for part in (cases or run.cases).batches(fit_batch(BATCH, scenario)):
-        rows = np.arange(part.start, part.stop) - run.cases.start
-        driver = Driver(Playback(run.commands.pad(rows, scenario.rules.max_steps)), "of the replay")
+        driver = Driver(Playback(run.commands.pad(part, scenario.rules.max_steps)), "of the replay")
         yield rollout(driver, scenario, part, undisturbed=undisturbed, progress=progress, watch=watch)
 
 

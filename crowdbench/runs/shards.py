@@ -23,7 +23,6 @@ from crowdbench.results.result_file import RESULT, check_result, read_result
 from crowdbench.runs.merge import merge
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import Run
-from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, NotWritten
@@ -70,28 +69,22 @@ class Parts:
     """The parts of a run.
 
     Attributes:
-        spec: The specification from which another process can load the run.
+        run: The run.
         out: The directory of the run.
         folder: The folder with a directory for each part, until all parts are finished.
-        is_resumable: True if another call can continue with finished parts.
         cases: The cases of each part, in order.
-        selected: The cases of each part that this process makes.
     """
 
-    spec: RunSpec
+    run: Run
     out: Path
     folder: Path
-    is_resumable: bool
     cases: Sequence[Cases]
-    selected: Sequence[Cases]
 
     @classmethod
-    def of(cls, run: Run, out: Path, shard: Shard = WHOLE) -> Parts:
-        """Return the parts of a run in the directory `out`, of which this process makes a shard."""
-        spec, id_ = run.spec, run.id
-        folder = out.with_name(f"{out.name}.parts-{id_.digest[:8]}-{spec.record}")
-        cases = tuple(spec.cases.batches(spec.batch))
-        return cls(spec, out, folder, id_.planner.is_resumable, cases, shard.select(cases))
+    def of(cls, run: Run, out: Path) -> Parts:
+        """Return the parts of a run in the directory `out`."""
+        folder = out.with_name(f"{out.name}.parts-{run.id.digest[:8]}-{run.spec.record}")
+        return cls(run, out, folder, tuple(run.spec.cases.batches(run.spec.batch)))
 
     def directory(self, part: Cases) -> Path:
         """Return the directory of a part."""
@@ -137,10 +130,11 @@ class Parts:
 
     def _add_notes(self, error: BaseException) -> None:
         if number := self.count_finished():
-            finished = f"{number} of {len(self.spec.cases)} cases are kept in {self.folder}"
-            resumes = "the same command goes on with them, and " if self.is_resumable else ""
+            is_resumable = self.run.planner.is_resumable
+            finished = f"{number} of {len(self.run.spec.cases)} cases are kept in {self.folder}"
+            resumes = "the same command goes on with them, and " if is_resumable else ""
             error.add_note(f"{finished}; {resumes}`crowdbench merge {self.folder}/* --out DIR` makes a run of them")
-            if not self.is_resumable:
+            if not is_resumable:
                 error.add_note("a planner object with a key, `run(..., key=...)`, goes on with what is kept")
 
     def make(self, part: Cases, drive: Drive) -> bool:
@@ -207,10 +201,10 @@ def make_run(
         KeyboardInterrupt: The user interrupted the run. Finished parts are stored.
     """
     check_out(run, out, overwrite)
-    parts = Parts.of(run, out, shard)
+    parts = Parts.of(run, out)
     drive = drive or functools.partial(run.drive, progress=progress)
     with parts.open():
-        for part in parts.selected:
+        for part in shard.select(parts.cases):
             if not parts.make(part, drive) and progress is not None:
                 progress(len(part))
         return parts.merge(overwrite)

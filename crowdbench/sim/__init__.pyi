@@ -32,3 +32,4 @@ from .simulator import limit_velocities as limit_velocities
 from .simulator import move as move
 from .simulator import step as step
 from .simulator import step_pedestrians as step_pedestrians
+from .version import SIMULATOR as SIMULATOR

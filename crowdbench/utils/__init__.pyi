@@ -1,7 +1,5 @@
 from .compiled import njit as njit
 from .defaults import BATCH as BATCH
-from .defaults import HORIZON as HORIZON
-from .defaults import MOST_AHEAD as MOST_AHEAD
 from .errors import MachineFault as MachineFault
 from .errors import describe_error as describe_error
 from .errors import find_named as find_named

@@ -6,12 +6,6 @@ DECISION_LIMIT = 60.0
 BATCH = 500
 """Cases that run in lock-step: enough for all cores, few enough for the memory."""
 
-HORIZON = 8
-"""Number of steps for which predictors are measured."""
-
-MOST_AHEAD = 1000
-"""The most steps for which predictors can be measured: more than any episode has at the usual time steps."""
-
 RECORD = ("failures", "all", "commands", "none")
 """Extents of recordings: the commands of all cases unless it is "none", and with `WITH_EPISODES` episodes for the
 viewer."""

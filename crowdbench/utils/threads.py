@@ -12,13 +12,8 @@ from typing import TypeVar
 Part = TypeVar("Part")
 
 
-class _ThreadState(threading.local):
-    """State of a thread."""
-
-    is_worker = False
-
-
-_state = _ThreadState()
+_state = threading.local()
+"""`is_worker` is True in the threads of the pool."""
 
 
 def share(work: Callable[[Part], None], parts: Iterable[Part], threads: int, start: Callable[[], None] | None) -> None:
@@ -31,7 +26,7 @@ def share(work: Callable[[Part], None], parts: Iterable[Part], threads: int, sta
         start: Called in each thread of the pool when it starts.
     """
     parts = list(parts)
-    if min(len(parts), threads) <= 1 or _state.is_worker:
+    if min(len(parts), threads) <= 1 or hasattr(_state, "is_worker"):
         for part in parts:
             work(part)
         return

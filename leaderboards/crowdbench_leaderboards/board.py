@@ -18,8 +18,9 @@ from pydantic import Field
 from crowdbench import METRICS, Cases, InputError, Scenario, load_scenario, scenario_path, suite_families
 from crowdbench.core import COLLISION_RULES
 from crowdbench.metrics import MAIN, Metric, scenario_weights
-from crowdbench.runs import LOOK_FIRST, SIMULATOR, Replanning
+from crowdbench.runs import LOOK_FIRST, Replanning
 from crowdbench.scenario import known_files
+from crowdbench.sim import SIMULATOR
 from crowdbench.utils import Flag, Location, Name, Names, TomlTable, choice, integer, parse_table, read_toml
 
 FILE = "board.toml"

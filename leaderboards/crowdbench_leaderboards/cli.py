@@ -52,6 +52,8 @@ def submit(
         card: Card that describes the planner. Its first author is the submitter of the entry.
         name: The name of the entry.
         network: Another network of the same method: key=value, such as weights=b.safetensors. Repeatable.
+        root: The folder of boards and entries.
+        work: Folder that keeps finished runs until an entry or a verdict is made.
         dry_run: Check planner and card, and estimate the time for the public cases, but make no entry.
     """
     use_threads(threads)
@@ -163,6 +165,7 @@ def verify(
         season: Drive the cases of the season, and record and sign the verdict.
         key: For --season, the private key of a maintainer, made by ssh-keygen.
         cases: Number of cases, if fewer than the board has; not with --season.
+        work: Folder that keeps finished runs until an entry or a verdict is made.
     """
     use_threads(threads)
     from crowdbench import Cases

@@ -95,6 +95,8 @@ def fill(
     Args:
         boards: Names of boards.
         key: The private key of a maintainer, from ssh-keygen, to sign verdicts. Without it no entry is verified.
+        root: The folder of boards and entries.
+        work: Folder that keeps finished runs until an entry or a verdict is made.
     """
     if key is not None:
         find_signer(key, root)

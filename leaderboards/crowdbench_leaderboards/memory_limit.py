@@ -6,6 +6,8 @@ import contextlib
 import sys
 from collections.abc import Iterator
 
+import psutil
+
 
 @contextlib.contextmanager
 def limit_memory(extra: float) -> Iterator[None]:
@@ -17,8 +19,6 @@ def limit_memory(extra: float) -> Iterator[None]:
         yield
         return
     import resource
-
-    import psutil
 
     before = resource.getrlimit(resource.RLIMIT_AS)
     limit = psutil.Process().memory_info().vms + int(extra)

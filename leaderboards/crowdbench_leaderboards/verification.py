@@ -14,11 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from crowdbench import Cases, Episodes, InputError, Scenario
 from crowdbench.isolation import PROCESS, describe_limits, level
-from crowdbench.results import EPISODES, RunResult, read_result
-from crowdbench.runs import SIMULATOR, Progress, code, replay_run
+from crowdbench.results import COMMANDS, EPISODES, RunResult, read_result
+from crowdbench.runs import Progress, code, replay_run
+from crowdbench.sim import SIMULATOR
 from crowdbench.utils import MachineFault, plain
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.board_runs import (
@@ -202,8 +205,9 @@ def _replay_public_runs(entry: Entry, board: Board, progress: Progress | None) -
 
 
 def _replay(entry: Entry, board: Board, scenario: Scenario, progress: Progress | None) -> None:
+    _check_size(entry.public / scenario.name / COMMANDS, len(board.public_cases), scenario.rules.max_steps)
     run = read_public_run(entry, board, scenario)
-    run.check_rows()
+    run.check(rows_only=True)
     reported, metrics = entry.spec.reported[scenario.name], run.result["metrics"]
     if reported.keys() != metrics.keys():
         raise InputError(f"the reported figures differ from {EPISODES}")
@@ -215,6 +219,32 @@ def _replay(entry: Entry, board: Board, scenario: Scenario, progress: Progress |
         raise InputError(f"the reported figures differ from {EPISODES}")
     if differences := replay_run(run, scenario, board.metrics, progress).differences:
         raise InputError(differences[0])
+
+
+def _check_size(path: Path, cases: int, steps: int) -> None:
+    """Check that a file of commands is not larger than a run allows, before it is decompressed.
+
+    Args:
+        path: The file. `read_commands` reports a file that is missing or not in Parquet format.
+        cases: Number of cases of the run.
+        steps: Largest number of steps of a case.
+
+    Raises:
+        InputError: It is larger.
+    """
+    try:
+        with path.open("rb") as file, pq.ParquetFile(file) as parquet:
+            groups = [parquet.metadata.row_group(index) for index in range(parquet.metadata.num_row_groups)]
+            rows = parquet.metadata.num_rows
+    except (pa.ArrowException, OSError, ValueError):
+        return
+    size = sum(group.column(index).total_uncompressed_size for group in groups for index in range(group.num_columns))
+    most = 1_000_000 + 2 * 16 * cases * (steps + 1)  # twice the size of two float64 numbers per step
+    if rows > cases or size > most:
+        raise InputError(
+            f"{path} holds {rows} cases in {size / 1e6:.0f} MB, but a run of {cases} cases has as many in "
+            f"{most / 1e6:.0f} MB at most"
+        )
 
 
 def read_public_run(entry: Entry, board: Board, scenario: Scenario) -> RunResult:

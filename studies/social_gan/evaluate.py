@@ -15,7 +15,8 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench import InputError
 from crowdbench.cli import announce_compilation, assignments, help_from_docstring, main, print_table, progress
-from crowdbench.utils import HORIZON, MOST_AHEAD, Grid
+from crowdbench.utils import Grid
+from studies.social_gan.horizons import HORIZON, MOST_AHEAD
 
 if TYPE_CHECKING:
     from crowdbench import Predictor

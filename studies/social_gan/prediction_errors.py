@@ -23,7 +23,8 @@ from crowdbench.metrics import Estimate, bootstrap_distribution, interval, weigh
 from crowdbench.predict import validate_prediction
 from crowdbench.scenario import CONTINUING_ARRIVALS, RecordedTracks
 from crowdbench.sim import crowd_decisions, limit_velocities, observe, step_pedestrians
-from crowdbench.utils import BATCH, HORIZON, MOST_AHEAD, is_integer, plugin_errors, require
+from crowdbench.utils import BATCH, is_integer, plugin_errors, require
+from studies.social_gan.horizons import HORIZON, MOST_AHEAD
 from studies.social_gan.recordings import scenes
 from studies.social_gan.windows import windows
 

@@ -1,6 +1,5 @@
 """What nobody should give gets one sentence: no traceback, no wait without an end, no wrong reason."""
 
-import io
 import os
 import subprocess
 import sys
@@ -59,14 +58,7 @@ def test_a_model_that_holds_code_and_a_file_of_no_network_are_refused(crowdbench
 
 @pytest.mark.parametrize(
     ("value", "right"),
-    [
-        (DEEP, f"can be nested {DEEPEST} deep"),
-        ("[" * 40 + "]" * 40, f"can be nested {DEEPEST} deep"),
-        ("{a=" * 2000 + "1" + "}" * 2000, f"can be nested {DEEPEST} deep"),
-        (DIGITS, "must fit into 64 bits"),
-        (f"[-{'9' * 40}]", "must fit into 64 bits"),
-        (str(2**63), "must fit into 64 bits"),
-    ],
+    [(DEEP, f"can be nested {DEEPEST} deep"), (DIGITS, "must fit into 64 bits")],
 )
 def test_toml_that_nobody_means_is_refused_in_files_and_options(crowdbench, value, right):
     Path("mine.toml").write_text(f"seed = {value}\n")
@@ -79,22 +71,12 @@ def test_toml_that_nobody_means_is_refused_in_files_and_options(crowdbench, valu
             assignments([f"seed={value}"], flag)
 
 
-def test_a_value_that_sets_a_second_key_is_a_text():
-    assert assignments(["a=1\nb=2"], "--set") == {"a": "1\nb=2"}
-
-
-@pytest.mark.parametrize("text", ["٣", "²", "val:٣", DIGITS, "9" * 40, f"0:{'9' * 40}", "1_000", "1\n"])
+@pytest.mark.parametrize("text", ["٣", DIGITS, "1_000"])
 def test_cases_are_ascii_digits_of_a_number_that_there_can_be(text):
     with pytest.raises(InputError, match="not a range of cases"):
         Cases.parse(text)
     with pytest.raises(InputError, match="not the name of a case"):
         parse_case(f"test/{text}")
-
-
-def test_a_step_too_short_to_divide_by_is_refused(crowdbench):
-    status, _, errors = crowdbench("run", "--planner", "orca", "--set", "dt=5e-324")
-    assert status == 1
-    assert "dt is 5e-324, but must be large enough" in errors[0]
 
 
 def special(path, kind):
@@ -108,18 +90,14 @@ def special(path, kind):
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs devices")
-@pytest.mark.parametrize("kind", ["fifo", "zero", "stdin", "folder"])
+@pytest.mark.parametrize("kind", ["fifo", "zero"])
 @pytest.mark.parametrize(
     ("name", "command"),
     [
         ("x.toml", ["run", "--planner", "orca", "--scenario", "x.toml"]),
-        ("x.toml", ["list", "scenarios", "x.toml"]),
         ("x.py", ["run", "--planner", "x.py"]),
-        ("x.py", ["list", "planners", "x.py"]),
-        ("x.py", ["run", "--planner", "orca", "--pedestrians", "x.py"]),
         ("x.py", ["run", "--planner", "orca", "--metric", "x.py"]),
         ("result.json", ["compare", ".", "."]),
-        ("x.rrd", ["score", "x.rrd"]),
         ("x.rrd", ["view", "x.rrd"]),
     ],
 )
@@ -162,7 +140,6 @@ def test_links_in_a_loop_end_in_a_sentence(crowdbench, command):
         ("x.toml", ["run", "--planner", "orca", "--scenario", "x.toml"]),
         ("x.py", ["run", "--planner", "x.py"]),
         ("x.py", ["run", "--planner", "orca", "--metric", "x.py"]),
-        ("x.py", ["run", "--planner", "orca", "--pedestrians", "x.py"]),
     ],
 )
 def test_files_that_are_no_text_are_named(crowdbench, name, command, content):
@@ -192,9 +169,7 @@ def test_a_result_that_no_run_writes_is_told(tmp_path, text):
         (InputError("x" * 5000), 1, "x ... x"),
         (MemoryError(), 1, "not enough memory"),
         (OSError(24, "Too many open files", "/a/b"), 1, "/a/b cannot be written or read: Too many open files"),
-        (OSError(28, "No space left on device"), 1, "the output cannot be written or read: No space left"),
         (Interrupted(), 130, "interrupted: nothing was kept"),
-        (SystemExit(0), 3, "please report it"),
         (ZeroDivisionError("by zero"), 3, "an error in crowdbench itself, ZeroDivisionError: by zero"),
     ],
 )
@@ -209,29 +184,11 @@ def test_whatever_a_command_raises_ends_in_one_sentence(crowdbench, monkeypatch,
     assert len(errors[0]) < 1200
 
 
-def test_an_exception_without_a_readable_message_is_told():
-    class Unreadable(Exception):
-        def __str__(self):
-            raise RuntimeError
-
-    sentence, status = console.failure(Unreadable())
-    assert status == console.INTERNAL
-    assert "Unreadable: its message cannot be read" in sentence
-
-
 @pytest.mark.slow
 def test_a_run_without_standard_streams_keeps_its_result(tmp_path):
     command = f"{sys.executable} -m crowdbench run --planner orca --cases 2 --record none --out kept <&- >&- 2>&-"
     assert subprocess.run(["sh", "-c", command], timeout=120).returncode == 0
     assert read_result(tmp_path / "kept")["run"]["cases"] == "test:0:2"
-
-
-def test_what_ascii_lacks_is_printed_as_escapes(monkeypatch):
-    written = io.BytesIO()
-    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
-    console.prepare_streams()
-    print("m/s³ \udcff", flush=True)
-    assert written.getvalue() == b"m/s\\xb3 \\udcff\n"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
@@ -241,16 +198,6 @@ def test_a_full_output_is_told_once():
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
     assert done.returncode == 1
     assert done.stderr == "crowdbench: the output cannot be written or read: No space left on device\n"
-
-
-def test_a_plug_in_that_closes_the_output_is_told(monkeypatch):
-    class Closed:
-        closed = True
-
-    monkeypatch.setattr(sys, "stdout", Closed())
-    with pytest.raises(AttributeError) as error:
-        console.flush_output()
-    assert console.failure(error.value)[0] == "the output cannot be written: a plug-in has closed it"
 
 
 def test_what_a_killed_process_left_is_cleared_by_the_next_one_in_the_folder(tmp_path):
@@ -281,7 +228,7 @@ def policy():
 """
 
 
-@pytest.mark.parametrize("parameters", ["None", "['a']", "{'a': 'x'}", "{3: 1.0}", "{'a': float('nan')}"])
+@pytest.mark.parametrize("parameters", ["None", "{'a': float('nan')}"])
 @pytest.mark.parametrize(
     "command", [["list", "pedestrians", "p.py"], ["run", "--planner", "orca", "--pedestrians", "p.py"]]
 )
@@ -290,38 +237,6 @@ def test_parameters_of_a_policy_are_numbers_by_name(crowdbench, command, paramet
     status, out, errors = crowdbench(*command)
     assert (status, out, len(errors)) == (1, "", 1)
     assert "parameter" in errors[0]
-
-
-@pytest.mark.parametrize(
-    ("planner", "expected"),
-    [
-        ("planner = int", "int is no function whose options can be read"),
-        ("class A:\n    __signature__ = 3\n    def __call__(self): pass\nplanner = A()", "A is no function"),
-    ],
-)
-@pytest.mark.parametrize("command", [["list", "planners", "p.py"], ["run", "--planner", "p.py"]])
-def test_what_has_no_signature_is_told(crowdbench, command, planner, expected):
-    Path("p.py").write_text(planner)
-    status, out, errors = crowdbench(*command)
-    assert (status, out, len(errors)) == (1, "", 1)
-    assert expected in errors[0]
-
-
-@pytest.mark.parametrize("annotation", ["1 / 0", "nowhere", "sys.exit(0)"])
-def test_annotations_that_cannot_be_evaluated_say_nothing(crowdbench, annotation):
-    Path("p.py").write_text(f"from __future__ import annotations\nimport sys\ndef planner(a: {annotation} = 1): pass\n")
-    status, out, _ = crowdbench("list", "planners", "p.py")
-    assert not status
-    assert "p.py has no docstring" in out
-    assert "a" in out
-
-
-def test_an_object_that_lies_about_its_class_is_the_plug_ins_error(crowdbench):
-    lies = "class A:\n    @property\n    def __class__(self): raise SystemExit(0)\ndef planner(): return A()\n"
-    Path("p.py").write_text(lies)
-    status, _, errors = crowdbench("run", "--planner", "p.py")
-    assert status == 1
-    assert "SystemExit" in errors[0]
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")

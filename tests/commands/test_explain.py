@@ -1,7 +1,6 @@
 """Every option that ships says what it is, and in which unit."""
 
 from dataclasses import dataclass
-from functools import partial
 
 import pytest
 
@@ -90,36 +89,13 @@ def test_options_are_read_from_signature_and_docstring():
     assert parse_docstring(vehicle.__doc__)[0].split() == ["A", "vehicle.", "It", "has", "wheels."]
 
 
-def test_what_a_docstring_leaves_out_is_noticed():
-    assert {row.name: lacks(row) for row in ROWS if lacks(row)} == {"  track": "a unit", "unsaid": "a meaning"}
-    # Whatever is given as a number needs a unit, however else it can be given.
-    assert {row.name for row in ROWS if lacks(row._replace(unit="")) == "a unit"} == {
-        "doors", "length", "  number", "  diameter", "  track",
-    }  # fmt: skip
-
-
-def test_a_partial_shows_its_own_defaults():
-    rows = {row.name: row.default for row in option_rows(partial(vehicle, name="Ada", wheels=Wheels(3, track=2.0)))}
-    assert rows["name"] == '"Ada"'
-    assert rows["wheels"] == "as below"
-    assert [rows[name] for name in ("  number", "  diameter", "  track")] == ["3", "0.7", "2"]
-
-
-def test_what_makes_no_policy_has_no_parameters():
-    with pytest.raises(InputError, match="vehicle: the factory made a int"):
-        parameter_rows("vehicle", lambda: 3)
-
-
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
         (["planners", "sarl_sgan_kce"], ["Li, Shan, Narula", "max_acceleration     6.4", "m/s^2"]),
-        (["planners", "orca_margin"], ["margin of 0.2 m"]),
-        (["predictors", "constant_velocity_sampled"], ["CVM-S", "degrees"]),
         (["pedestrians", "orca"], ["pedestrians.orca.time_horizon", "--set name=value"]),
         (["metrics", "spl"], ["Anderson"]),
         (["scenarios", "circle_crossing_5"], ["circle_radius = 4.0"]),
-        (["weights", "sarl"], ["| network | sarl |"]),
     ],
 )
 def test_one_thing_is_explained(arguments, expected, capsys):
@@ -133,10 +109,7 @@ def test_one_thing_is_explained(arguments, expected, capsys):
     ("arguments", "expected"),
     [
         (["planners", "orka"], "no planner is called 'orka' .did you mean orca.*; there are"),
-        (["predictors", "orka"], "no predictor is called 'orka' .did you mean oracle.*; there are"),
         (["metrics", "orka"], "no metric is called 'orka'; there are"),
-        (["scenarios", "orka"], "no scenario is called 'orka'; there are"),
-        (["weights", "orka"], "no file of weights is called 'orka'; there are"),
     ],
 )
 def test_what_is_not_there_gets_one_sentence(arguments, expected):

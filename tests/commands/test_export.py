@@ -90,7 +90,10 @@ def conforms(value, kind):
     return isinstance(value, kind) and not isinstance(value, bool)
 
 
-@pytest.fixture(scope="module", params=["doorway_10", "car_12", "restless_20"])
+@pytest.fixture(
+    scope="module",
+    params=["doorway_10", *(pytest.param(name, marks=pytest.mark.slow) for name in ("car_12", "restless_20"))],
+)
 def socnav(request, tmp_path_factory):
     """A scenario, a trace, and the content of the file of each of its cases."""
     folder = tmp_path_factory.mktemp("socnav")

@@ -29,7 +29,7 @@ LONGEST = 10.0
 """Seconds of processor time that an answer may take."""
 
 fuzz = settings(
-    max_examples=FUZZ or 12,
+    max_examples=FUZZ or 5,
     derandomize=not FUZZ,
     deadline=None,
     database=None,
@@ -37,40 +37,10 @@ fuzz = settings(
 )
 
 TOKENS = [
-    *(
-        "",
-        "0",
-        "-1",
-        "1",
-        "2",
-        "1e309",
-        "-1e308",
-        "1e-320",
-        "nan",
-        "inf",
-        "9" * 30,
-        "4611686018427387904",
-        "0.25",
-        "true",
-    ),
-    *(
-        "null",
-        "[]",
-        "{}",
-        "[[]]",
-        '""',
-        '"x"',
-        "[0.0, 0.0]",
-        "[" * 300,
-        "é",
-        "\0",
-        "\ud7ff",
-        "../x",
-        "/dev/zero",
-        ",",
-        "\n",
-    ),
-    *("orca", '"recorded"', "straight", "{ a = 1 }", "[x]", "a = 1", "test:0:1000000000000", "=", ".", '"', "-", "1_0"),
+    *("", "0", "-1", "1", "2", "1e309", "-1e308", "1e-320", "nan", "inf", "9" * 30, "4611686018427387904", "0.25"),
+    *("true", "null", "[]", "{}", "[[]]", '""', '"x"', "[0.0, 0.0]", "[" * 300, "é", "\0", "\ud7ff", "../x"),
+    *("/dev/zero", ",", "\n", "orca", '"recorded"', "straight", "{ a = 1 }", "[x]", "a = 1", "=", ".", '"', "-"),
+    *("test:0:1000000000000", "1_0"),
 ]
 VALUES = st.recursive(
     st.sampled_from(

@@ -80,6 +80,7 @@ def export(file, state=()):
     )
 
 
+@pytest.mark.slow
 def test_an_onnx_file_is_driven(done):
     export("policy.onnx")
     shown = done("run", "--planner", "policy.onnx", "--cases", "val:6")
@@ -88,6 +89,7 @@ def test_an_onnx_file_is_driven(done):
     assert "Kept in runs/policy-circle_crossing_5-val-6; " in shown
 
 
+@pytest.mark.slow
 def test_a_recurrent_policy_is_driven_alone_as_in_a_batch(done):
     export("policy.onnx", state=[(1,)])
     for cases in ("val:6", "val/4"):
@@ -149,14 +151,6 @@ def driven(done):
     """A run in which most cases are not recorded."""
     done("run", "--planner", "orca_margin", "--cases", "val:40", "--out", "run")
     return Episodes.read(Path("run/episodes.csv"))
-
-
-def test_the_worst_case_is_drawn(done, driven):
-    shown = done("render", "run", "--worst", "jerk", "--out", "worst.png")
-    worst = int(np.nanargmax(driven.columns["jerk"]))
-    assert worst not in recorded_outcomes(Path("run/run.rrd"))
-    assert shown == f"case val/{worst}\n"
-    assert Path("worst.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_first_failure_is_played_on_this_machine_alone(done, driven, monkeypatch):

@@ -61,14 +61,6 @@ def test_no_time_left_is_estimated_from_a_moment_or_without_progress(clock, caps
     assert capsys.readouterr().err.splitlines() == ["2 % of 100 cases", *3 * ["0 % trained"]]
 
 
-def test_all_that_is_done_has_no_time_left(clock, capsys):
-    with progress(3, "of 3 cases") as tell:
-        work(clock, tell, 0.4, 0.1, times=30)
-    *_, before, last = capsys.readouterr().err.splitlines()
-    assert before.endswith("about 1 s left")
-    assert last == "100 % of 3 cases"
-
-
 def test_work_that_is_done_at_once_shows_nothing(clock, capsys):
     with progress(3, "of 3 cases") as tell:
         work(clock, tell, 0.8, 1, times=3)
@@ -85,12 +77,6 @@ def test_a_line_comes_also_while_nothing_is_reported(monkeypatch, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_minutes_are_told_where_seconds_are_many(clock, capsys):
-    with progress(100, "of 100 cases") as tell:
-        work(clock, tell, 10.0, 1, times=2)
-    assert capsys.readouterr().err.splitlines()[-1] == "2 % of 100 cases, about 16 min left"
-
-
 def test_a_terminal_shows_the_same_estimate(clock, monkeypatch):
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
@@ -99,12 +85,6 @@ def test_a_terminal_shows_the_same_estimate(clock, monkeypatch):
         work(clock, tell, 60.0, 1)
         work(clock, tell, 1.0, 3, times=3)
     assert "10 % of 100 cases, about 30 s left" in terminal.getvalue()
-
-
-def test_work_of_no_pieces_is_done(monkeypatch):
-    monkeypatch.setattr(sys, "stderr", Terminal())
-    with progress(0, "of 0 cases"):
-        pass
 
 
 def driven(planner):
@@ -122,10 +102,3 @@ def test_parts_of_episodes_are_told_at_each_step_and_sum_to_the_episodes(planner
     assert len(told) == trace.steps.max()
     assert told.min() >= 0.0
     assert told.sum() == pytest.approx(30)
-
-
-def test_parts_of_episodes_are_in_proportion_to_the_steps_that_are_simulated():
-    trace, told = driven(load_planner("orca_margin")[1])
-    steps = np.array([(trace.steps > step).sum() for step in range(len(told))]).cumsum()
-    ratio = told.cumsum() / 30 / (steps / steps[-1])
-    assert 0.7 < ratio[3:].min() < ratio[3:].max() < 1.6

@@ -1,8 +1,6 @@
 """`crowdbench render`: cases from above, as pictures, strips and films."""
 
-import dataclasses
 import math
-import os
 import re
 import shutil
 import subprocess
@@ -16,10 +14,9 @@ from typer.testing import CliRunner
 from crowdbench.catalog import load_scenario
 from crowdbench.cli.app import app
 from crowdbench.core.types import Outcome
-from crowdbench.drawing import DASHES, LIGHT, Disc, Line, Moment, Polygon, Text, burst, draw_moment
+from crowdbench.drawing import LIGHT, Disc, Moment, Polygon, draw_moment
 from crowdbench.envs.render import rasterize
 from crowdbench.figures.episode_figure import FILMS, HOLD, RATE, Episode
-from crowdbench.figures.time_marks import mark_times
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
 from crowdbench.runs.rollout import rollout
@@ -55,27 +52,6 @@ def test_a_case_is_drawn_with_the_times_along_its_way(driven, tmp_path):
     assert {"0 s", "2 s", "1 m"} <= set(words(tmp_path / "a.svg"))
 
 
-def test_a_vehicle_that_waits_is_marked_once(driven):
-    trace = stored_trace(driven)
-    bounds = np.array([[-6.0, -6.0], [6.0, 6.0]])
-
-    def texts(position):
-        shapes = mark_times(dataclasses.replace(trace, position=position), 1, bounds, 3.0)
-        return [shape for shape in shapes if isinstance(shape, Text)]
-
-    assert [shape.text for shape in texts(trace.position)][:2] == ["0 s", "2 s"]
-    waits = trace.position.copy()
-    waits[1, :, 0] = waits[1, 0, 0]
-    (once,) = texts(waits)
-    last = (int(trace.steps[1]) - 1) // 8 * 2
-    assert once.text == f"0 to {last} s"
-    assert np.linalg.norm(once.at - waits[1, 0, 0]) > trace.radius[1, 0, 0]
-    beside = waits.copy()
-    beside[1, int(trace.steps[1]), 1] = once.at  # a pedestrian ends where the time was
-    (moved,) = texts(beside)
-    assert np.linalg.norm(moved.at - once.at) > trace.radius[1, 1, 0]
-
-
 def test_a_vehicle_that_has_hit_an_obstacle_has_the_mark_of_a_contact():
     scenario = load_scenario("corridor_8", {"pedestrians.number": 1})
     trace = rollout(Driver(Sideways(), "sideways"), scenario, Cases("test", 0, 1))
@@ -88,18 +64,6 @@ def test_a_vehicle_that_has_hit_an_obstacle_has_the_mark_of_a_contact():
 
     assert LIGHT.contact in colors(end)
     assert LIGHT.contact not in colors(end - 1)
-
-
-def test_a_pedestrian_has_no_contact_that_takes_the_place_of_somebody_across_the_vehicle():
-    scenario = load_scenario("circle_crossing_5", {"pedestrians.number": 1})
-    trace = rollout(Driver(Sideways(), "sideways"), scenario, Cases("test", 0, 1))
-    vehicle = trace.position[0, 3, 0]
-    position, person = trace.position.copy(), trace.person.copy()
-    position[0, 2:4, 1] = vehicle + np.array([[-5.0, 0.0], [5.0, 0.0]])
-    moment = Moment.of_trace(dataclasses.replace(trace, position=position), 0, 3)
-    assert moment.hit == [1]
-    person[0, 3] += 1
-    assert Moment.of_trace(dataclasses.replace(trace, position=position, person=person), 0, 3).hit == []
 
 
 def test_a_picture_shows_what_is_around_the_vehicle(driven, tmp_path):
@@ -127,8 +91,6 @@ def test_a_scenario_is_drawn_before_anything_is_run(tmp_path):
     [
         (["blind_corner_5", "--strip", "3"], "a scenario has its start alone"),
         (["eth_recorded"], "give the folder that holds them"),
-        (["blind_corner_5", "--data", "."], "which has no table"),
-        (["nowhere"], "no scenario is called 'nowhere'"),
     ],
 )
 def test_a_start_that_cannot_be_drawn_gets_one_sentence(arguments, sentence, tmp_path):
@@ -161,6 +123,7 @@ def test_a_film_has_20_pictures_a_second_and_ends_with_the_contact(suffix, drive
     assert (np.abs(last - LIGHT.contact).sum(axis=2) < 60).any()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg is not installed")
 def test_a_film_for_talks_has_all_pictures_in_their_colours(driven, tmp_path):
     film = tmp_path / "a.mp4"
@@ -176,43 +139,7 @@ def test_a_film_for_talks_has_all_pictures_in_their_colours(driven, tmp_path):
     assert pictures[-1, last.height :].min() > 245  # the rim that makes sizes even
 
 
-def test_what_ffmpeg_says_of_a_failure_is_told(driven, tmp_path, monkeypatch):
-    ffmpeg = tmp_path / "ffmpeg"
-    ffmpeg.write_text("#!/bin/sh\necho no encoder >&2\nexit 1\n")
-    ffmpeg.chmod(0o755)
-    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
-    given = ["render", str(driven), "--case", "1", "--out", str(tmp_path / "a.mp4")]
-    with pytest.raises(InputError, match=r"ffmpeg could not make .*a\.mp4: no encoder"):
-        raise CliRunner().invoke(app, given).exception
-    assert not (tmp_path / "a.mp4").exists()
-
-
-def test_between_two_states_agents_are_between_and_newcomers_are_where_they_come(driven):
-    trace = stored_trace(driven)
-    before, between, after = (Moment.of_trace(trace, 1, *at) for at in ((3,), (3, 0.25), (4,)))
-    expected = 0.75 * before.position[-1] + 0.25 * after.position[-1]
-    np.testing.assert_allclose(between.position[-1], expected)
-    assert between.step.tolist() == [0, 1, 2, 3, 3.25]
-    assert between.hit == []
-    person = trace.person.copy()
-    person[1, 4:, 0] += 1
-    other = Moment.of_trace(dataclasses.replace(trace, person=person), 1, 3, 0.25)
-    np.testing.assert_array_equal(other.position[-1, 1], before.position[-1, 1])
-
-
-def test_a_pedestrian_that_is_not_seen_has_a_dashed_outline_and_a_contact_a_star(driven):
-    trace = stored_trace(driven)
-    moment = Moment.of_trace(trace, 1, int(trace.steps[1]))
-    unseen = dataclasses.replace(moment, seen=np.arange(5) != 2)
-    for each, dashes in ((moment, 0), (unseen, len(DASHES))):
-        shapes = list(draw_moment(each))
-        assert sum(isinstance(shape, Line) and shape.color == LIGHT.pedestrian for shape in shapes) == dashes
-    contact = [0, *moment.hit]
-    corners = burst(moment.position[-1, contact], moment.radius[contact])
-    (found,) = [shape.corners for shape in draw_moment(moment) if isinstance(shape, Polygon) and shape.face is None]
-    np.testing.assert_array_equal(found, corners)
-
-
+@pytest.mark.slow
 def test_several_runs_are_drawn_side_by_side(driven, tmp_path):
     other = tmp_path / "orca"
     given = ["--planner", "orca", "--cases", "2", "--record", "all", "--out", str(other)]
@@ -244,12 +171,7 @@ def test_several_runs_are_drawn_side_by_side(driven, tmp_path):
     ("arguments", "sentence"),
     [
         (["--case", "7"], "case 7 is none of the cases test:0:2 of"),
-        (["--case", "1", "--strip", "3", "--out", "a.gif"], "--strip draws a figure"),
         (["--case", "1", "--out", "a.avi"], "with the ending .pdf, .png or .svg, not a.avi"),
-        (
-            ["--case", "1", "--out", "nowhere/a.gif"],
-            "in an existing folder, with the ending .gif, .webp or .mp4, not nowhere",
-        ),
         (["--case", "1", "--out", "a.mp4"], "needs the program ffmpeg"),
     ],
 )

@@ -11,13 +11,15 @@ from typer.testing import CliRunner
 
 from crowdbench.cli.app import app
 from crowdbench.core.types import Outcome
-from crowdbench.export.replay_page import COARSE, PAGE, QUANTUM, pack
+from crowdbench.export.replay_page import COARSE, PAGE, QUANTUM
 from crowdbench.record.recorded_cases import read_recorded
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.loading import load_run
 from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
+
+pytestmark = pytest.mark.slow
 
 RUNS = [
     ("orca", "doorway_10", 10),
@@ -191,20 +193,6 @@ def test_a_failure_has_a_verdict_and_a_button_that_leads_to_it(runs, visit):
     assert page.locator("figcaption .c").inner_text() == f"✗ collision, {end:.2f} s"
 
 
-def test_keys_step_and_change_cases_and_planners(visit):
-    page = visit("#suite/doorway_10/val/0/orca@1")
-    for key, clock in (("ArrowRight", "1.25 s"), ("ArrowLeft", "1.00 s"), ("Home", "0.00 s")):
-        page.keyboard.press(key)
-        assert page.locator("#clock").inner_text() == clock
-    page.keyboard.press("n")
-    page.wait_for_function("document.title.includes('val/1')")
-    page.keyboard.press("2")
-    page.wait_for_function("'mppi' in replay.episodes")
-    assert page.get_by_role("button", name="mppi").get_attribute("aria-pressed") == "true"
-    page.locator("#scenario").select_option("restless_20")
-    page.wait_for_function("'orca_margin' in replay.episodes")
-
-
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 720)])
 def test_the_page_fits_and_each_control_has_a_name(visit, width, height, theme):
@@ -237,12 +225,6 @@ def test_the_page_and_its_data_are_small(runs):
         episodes = json.loads(path.read_text().partition(",")[2][:-2])
         assert path.stat().st_size / len(episodes) < 5_000
     assert not re.search(r"https?://", "".join(path.read_text() for path in folder.iterdir() if path.is_file()))
-
-
-def test_integers_are_packed_as_in_source_maps():
-    assert pack(np.array([0, 1, -1]), np.array([[16], [-16]])) == "ACDgBhB"
-    assert pack(np.array([123, 456, 789])) == "2HwcqxB"
-    assert pack() == ""
 
 
 def test_runs_that_cannot_share_a_page_are_refused(runs, tmp_path, call):

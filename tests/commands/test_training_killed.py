@@ -230,24 +230,13 @@ def test_a_full_disk_leaves_the_checkpoint_before(tmp_path):
     [
         ("{", "cannot be continued: it is damaged"),
         ("[" * 100_000, "cannot be continued: it is damaged, .*RecursionError"),
-        ("9" * 5000, "cannot be continued: it is damaged, .*ValueError"),
-        ("[]", "cannot be continued: it is damaged"),
-        (
-            '{"config": {"network": "counting"}, "threads": 1, "amount": 0, "seconds": 0.0, "curve": 3}',
-            "cannot be continued: it is ",
-        ),
         (
             '{"config": {"network": "counting"}, "threads": null, "amount": 0, "seconds": 0.0, "curve": []}',
             "cannot be continued: it is damaged",
         ),
-        ('{"config": {}, "threads": 1, "amount": 0, "seconds": 0.0, "curve": []}', "cannot be continued: .*network"),
         (
             '{"config": {"network": "mlp"}, "threads": 1, "amount": 0, "seconds": 0.0, "curve": []}',
             "cannot be continued: no network is called 'mlp'",
-        ),
-        (
-            '{"config": {"network": ["a"]}, "threads": 1, "amount": 0, "seconds": 0.0, "curve": []}',
-            "cannot be continued: ",
         ),
         (
             '{"config": {"network": "counting", "depth": 1}, "threads": 1, "amount": 0, "seconds": 0.0, "curve": []}',
@@ -255,10 +244,6 @@ def test_a_full_disk_leaves_the_checkpoint_before(tmp_path):
         ),
         (
             '{"config": {"network": "counting"}, "threads": 0, "amount": 0, "seconds": 0.0, "curve": []}',
-            "cannot be continued: .* damaged",
-        ),
-        (
-            '{"config": {"network": "counting"}, "threads": 1, "amount": 0, "seconds": 0.0, "curve": [3]}',
             "cannot be continued: .* damaged",
         ),
     ],

@@ -21,7 +21,7 @@ import numpy as np
 
 from crowdbench import METRICS, Cases, Driver, Outcome, load_planner, load_scenario, rollout
 from crowdbench.catalog import PLANNERS, scenario_path, scenarios
-from crowdbench.runs import SIMULATOR
+from crowdbench.sim import SIMULATOR
 from crowdbench.utils import read_toml
 
 FILE = Path(__file__).with_suffix(".json")

@@ -7,7 +7,6 @@ import math
 import sys
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -149,6 +148,7 @@ def test_people_with_different_parameters_do_too(fork):
     assert env.step(ActionXY(0.0, 0.0)) == "a step of its own"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("query_env", [True, False])
 def test_a_batched_lookahead_decides_as_one_action_after_the_other(fork, monkeypatch, query_env):
     batched = importlib.import_module("batched_lookahead")
@@ -196,27 +196,6 @@ def test_a_lookahead_explores_in_training_with_crowdnavs_generator(fork, monkeyp
     policy.phase = None
     with pytest.raises(AttributeError, match="set_phase and set_device"):
         batched.predict(policy, state)
-
-
-def test_the_rest_of_gym_is_gymnasium(fork):
-    import gym
-    from gym import spaces
-
-    assert gym.Env is gymnasium.Env
-    assert spaces.Box is gymnasium.spaces.Box
-    assert gym.make("crowdbench/Vehicle-v0").unwrapped.spec.id == "crowdbench/Vehicle-v0"
-
-
-def test_a_fingerprint_is_that_of_the_code_alone(fork, tmp_path):
-    texts = "def f(x):\n    return x + 1\n", "def f(x):  # adds\n\n  return  x+1\n", "def f(x):\n    return x + 2\n"
-    prints = []
-    for i, text in enumerate(texts):
-        (tmp_path / f"part{i}.py").write_text(text)
-        scope = {}
-        exec(compile(text, tmp_path / f"part{i}.py", "exec"), scope)
-        prints.append(fork.fingerprint(scope["f"]))
-    assert prints[0] == prints[1] != prints[2]
-    assert fork.fingerprint(len) == ""
 
 
 INPUTS = "position", "velocity", "preferred_velocity", "radius", "max_speed"

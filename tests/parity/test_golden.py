@@ -14,7 +14,7 @@ from golden.record import FOLDER, PLANNERS, POLICY, SEQUENCES, losses, outcomes,
 
 from crowdbench import load_planner, load_scenario
 from crowdbench.catalog import PLANNERS as SHIPPED
-from crowdbench.runs import SIMULATOR
+from crowdbench.sim import SIMULATOR
 
 TIE = 1e-5
 """Values that differ by less are a tie, which may fall either way: networks round by the shape of their batch."""
@@ -64,11 +64,13 @@ def decides_as_recorded(name, **options):
     return bool((found < TIE).all())
 
 
-LONG = ("sarl_sgan_kce_bounded", SEQUENCES)
+QUICK = ("cadrl", "sarl_sgan", POLICY)
+"""Planners that are driven by every run of the tests; with those whose names begin alike they share the code."""
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in (*PLANNERS, POLICY, SEQUENCES)]
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in (*PLANNERS, POLICY, SEQUENCES)],
 )
 def test_golden_cases_end_as_recorded(name, threads):
     assert outcomes(name) == golden(name)["outcomes"]
@@ -91,10 +93,12 @@ def test_golden_commands_notice_a_change_of_any_part(name, options):
 
 
 RECORDED = json.loads(episodes.FILE.read_text())
+DRIVEN_LONG = episodes.SLOW | {"hybrid", "mppi", "cadrl", "lstm_rl", "sarl", "sarl_lin", "brne"}
 
 
 @pytest.mark.parametrize(
-    "planner", [pytest.param(name, marks=[pytest.mark.slow] * (name in episodes.SLOW)) for name in episodes.shipped()]
+    "planner",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name in DRIVEN_LONG)) for name in episodes.shipped()],
 )
 def test_every_shipped_planner_drives_as_recorded(planner):
     found = {"simulator": SIMULATOR, "scenarios": {}, "episodes": {}, "metrics": {}}

@@ -104,8 +104,3 @@ def test_works_that_are_compared_take_turns():
     ours, theirs = measurement.in_turns(3, lambda: work("ours"), lambda: work("theirs"))
     assert order == ["ours", "theirs"] * 4
     assert (ours, theirs) == (4.0, 5.0)
-
-
-def test_the_ratio_is_to_crowdnavs_time():
-    assert measurement.Measurement("deciding", 2.0, "ms", 37.0).row() == ("deciding", "2 ms", "37 ms", "18.5x")
-    assert measurement.Measurement("alone", 1.0, "s").row() == ("alone", "1 s", "", "")

@@ -8,7 +8,6 @@ import pytest
 
 from crowdbench.catalog import PLANNERS
 from crowdbench.plugins.kind import load_module
-from crowdbench.utils.tables import printed_by
 from studies.publish import publish
 
 ROOT = Path(__file__).parents[2]
@@ -48,49 +47,13 @@ def test_every_folder_beside_the_package_is_on_the_map():
     assert set(re.findall(r"^\| `([\w.]+/)", second_table, re.MULTILINE)) == beside
 
 
-TABLES = ("suite", "learned", "policies", "crowds", "kce", "recorded", "crowdnav_plus")
-PRINTED = {f"studies/{name}/README.md": f"python studies/run.py studies/{name}/study.toml" for name in TABLES}
-PRINTED["studies/recorded/README.md"] += " --data DIR"
-SCRIPTS = {
-    "published": " NETWORKS",
-    "validity": "",
-    "transfer": " --data DIR",
-    "ladder": "",
-    "dials": "",
-    "li2020": "",
-    "learn_together": "",
-    "reactions": "",
-}
-PRINTED |= {f"studies/{name}/README.md": f"python studies/{name}/run.py{data}" for name, data in SCRIPTS.items()}
-PRINTED["studies/validity/motion.md"] = "python studies/validity/motion.py --data DIR"
-PRINTED["docs/noticing.md"] = "python docs/noticing_page.py"
-"""The pages that a command prints from the first to the last line, and the command."""
-
 PAGES = sorted([*DOCS.glob("*.md"), *ROOT.glob("studies/*/*.md")])
-
-
-@pytest.mark.parametrize("page", PRINTED)
-def test_a_page_that_a_command_prints_names_the_command_on_its_first_lines(page):
-    assert printed_by(PRINTED[page]) in (ROOT / page).read_text().splitlines()[:3]
-
-
-def test_no_other_page_says_that_a_command_printed_it():
-    first, last = printed_by("|").split("|")
-    said = [page for page in PAGES if first in page.read_text() and last in page.read_text()]
-    assert sorted(page.relative_to(ROOT).as_posix() for page in said) == sorted(PRINTED)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_links_between_the_pages_of_docs_and_of_studies_lead_to_files(page):
     linked = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
     assert [link for link in linked if not (page.parent / link).exists()] == []
-
-
-@pytest.mark.parametrize("folder", [path.name for path in sorted(ROOT.glob("studies/*/"))])
-def test_the_readme_of_a_study_names_its_command(folder):
-    assert re.search(
-        rf"`python (studies/run.py )?studies/{folder}/", (ROOT / "studies" / folder / "README.md").read_text()
-    )
 
 
 @pytest.mark.parametrize("file", sorted(ROOT.glob("studies/*/study.toml")), ids=lambda file: file.parent.name)
@@ -102,20 +65,6 @@ def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(f
     titles = [table["title"] for kind in kinds for table in study.get(kind, [])]
     assert re.findall("^## (.+)$", page, re.MULTILINE) == titles
     assert [source for source in study.get("sources", []) if source not in page] == []
-
-
-@pytest.mark.parametrize(
-    ("page", "study"), [("suite", "suite"), ("recorded", "recorded"), ("crowdnav", "crowdnav_plus")]
-)
-def test_the_tables_and_what_they_show_link_to_each_other(page, study):
-    assert f"(../studies/{study}/README.md)" in (DOCS / f"{page}.md").read_text()
-    assert f"(../../docs/{page}.md" in (ROOT / "studies" / study / "README.md").read_text()
-
-
-def test_the_page_of_tables_links_the_pages_of_every_study():
-    text = (DOCS / "results.md").read_text()
-    pages = [f"../{page.relative_to(ROOT).as_posix()}" for page in ROOT.glob("studies/*/*.md")]
-    assert [page for page in pages if f"({page})" not in text] == []
 
 
 def test_every_page_is_in_the_menu_once():
@@ -134,16 +83,6 @@ def test_the_heat_table_is_drawn_from_its_script():
     assert float(re.search(r'width="(\d+)"', figure.figure())[1]) <= 1000
 
 
-def test_the_parts_from_the_code_are_there():
-    reference = load_module(DOCS / "reference.py")
-    marked = re.findall(r"<!-- generated: (\w+) -->", "".join(page.read_text() for page in DOCS.glob("*.md")))
-    assert len(set(marked)) > 8
-    for name in marked:
-        assert len(getattr(reference, name)()) > 50
-    assert "`--replan-every N`" in reference.commands()
-    assert "obs.pedestrians" in reference.observation_fields()
-
-
 def test_a_printed_page_is_split_into_an_overview_and_tables():
     printed = (
         "Printed\n\n## Crowds\n\n| success | a |\n| --- | --- |\n| one | 1.0 % |\n\n"
@@ -157,11 +96,6 @@ def test_a_printed_page_is_split_into_an_overview_and_tables():
     assert files["crowds.csv"] == "scenario,planner,success,wall\none,a,1.0 %,\ntwo,a,2.0 %,3\n"
     assert files["crowds_pairs.csv"] == 'scenario,planner,other planner,better,worse,note\none,b,a,time,"jerk, gap",\n'
     assert publish(page) == (page, {})
-
-
-@pytest.mark.parametrize("file", sorted(ROOT.glob("studies/*/tables/*.csv")), ids=lambda file: file.stem)
-def test_a_table_is_linked_by_the_page_of_its_study(file):
-    assert f"(tables/{file.name})" in (file.parents[1] / "README.md").read_text()
 
 
 CITATION = re.compile(
@@ -193,11 +127,6 @@ def test_every_work_that_is_cited_is_among_the_references(folder):
     known = re.findall(r"^- \*\*(.+?)\.?\*\*", (DOCS / "references.md").read_text(), re.MULTILINE)
     assert files
     assert cited - set(known) == set()
-
-
-def test_a_missing_reference_would_be_seen():
-    text = "(Nobody et al. 1999), Ada and Bob (2001), (Hall\n# 1966)"
-    assert list(citations(text)) == ["Nobody et al. (1999)", "Ada and Bob (2001)", "Hall (1966)"]
 
 
 def test_the_citation_file_has_the_version_of_the_project():

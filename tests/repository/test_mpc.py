@@ -59,17 +59,6 @@ def test_it_drives_around_a_block():
     assert min(gaps) > 0.0
 
 
-def test_the_nearest_edges_come_first_and_polygons_are_closed():
-    wall = [[5.0, -1.0], [5.0, 1.0], [np.nan] * 2, [np.nan] * 2]
-    block = [[1.0, 1.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0]]
-    edges = mpc._edges(np.array([wall, block]), np.zeros(2))
-    assert edges.shape == (mpc.WALLS, 4)
-    assert sorted(map(tuple, edges[:2].tolist())) == [(1.0, 1.0, 2.0, 1.0), (1.0, 2.0, 1.0, 1.0)]
-    assert [5.0, -1.0, 5.0, 1.0] in edges.tolist()
-    assert [5.0, 1.0, 5.0, -1.0] not in edges.tolist()
-    assert (edges[5, :2] == mpc.FAR).all()
-
-
 def test_wrong_options_and_a_missing_casadi_are_told_in_a_sentence(monkeypatch):
     with pytest.raises(InputError, match="near is -1, but must be a number, 0 or more"):
         load_planner("mpc", {"terms": {"near": -1}})

@@ -7,17 +7,16 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench import load_scenario
-from crowdbench.cli.app import app, build_script
+from crowdbench.cli.app import build_script
 from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
 from crowdbench.predict.predictor import Prediction, Predictor
-from crowdbench.predict.predictors import PREDICTORS
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
 from crowdbench.sim.simulator import crowd_velocities, step_pedestrians
-from crowdbench.utils.defaults import HORIZON
 from crowdbench.utils.errors import InputError
 from studies.social_gan import prediction_errors
 from studies.social_gan.evaluate import evaluate_predictor
+from studies.social_gan.horizons import HORIZON
 from studies.social_gan.prediction_errors import MEAN, displacement, on_scenario, on_tracks
 from studies.social_gan.recordings import read_folder
 
@@ -48,28 +47,6 @@ def means(estimates):
     return [estimate.mean for estimate in estimates]
 
 
-def test_ade_is_the_mean_up_to_a_step_and_fde_the_error_at_it():
-    truth = np.zeros((1, 3, 2, 2))
-    position = np.zeros((1, 1, 3, 2, 2))
-    position[0, 0, :, 0] = [[3.0, 4.0], [0.0, 1.0], [0.0, 0.0]]
-    position[0, 0, :, 1] = [[1.0, 0.0], [2.0, 0.0], [6.0, 0.0]]
-    found = displacement(Prediction(position, position), truth, np.ones((1, 2), bool))
-    np.testing.assert_allclose(found[0, 0, 0], [[5.0, 3.0, 2.0], [5.0, 1.0, 0.0]])
-    np.testing.assert_allclose(found[0, 1, 0], [[1.0, 1.5, 3.0], [1.0, 2.0, 6.0]])
-
-
-def test_the_best_mode_is_one_for_all_who_count_and_another_for_each_measure_and_step():
-    off = np.array([[[1.0, 1.0, 9.0], [4.0, 4.0, 0.0]], [[3.0, 0.0, 0.0], [1.0, 2.0, 0.0]]])  # [mode, time, pedestrian]
-    position = np.stack([off, np.zeros_like(off)], axis=-1)[None]
-    found = displacement(Prediction(position, position), np.zeros((1, 2, 3, 2)), np.array([[True, True, False]]))
-    np.testing.assert_allclose(
-        found[0, :2, TOGETHER, 1], [[1.0, 1.0], [1.0, 2.0]]
-    )  # FDE: the first mode, then the second
-    np.testing.assert_allclose(found[0, :2, TOGETHER, 0], [[1.0, 2.0], [1.0, 1.0]])
-    everybody = displacement(Prediction(position, position), np.zeros((1, 2, 3, 2)), np.ones((1, 3), bool))
-    np.testing.assert_allclose(everybody[0, :, TOGETHER, 1, 0], [3.0, 0.0, 0.0])
-
-
 def displacement_slowly(position, truth, counted):
     worlds, modes, steps, pedestrians, _ = position.shape
     found = np.zeros((worlds, pedestrians, 3, 2, steps))
@@ -98,21 +75,6 @@ def test_first_together_and_each_are_what_a_slow_version_finds(modes, pedestrian
     moved = position[..., order, :]
     other = displacement(Prediction(moved, moved), truth[:, :, order], counted[:, order])
     np.testing.assert_allclose(other, found[:, order])
-
-
-def test_together_is_better_than_the_first_mode_and_each_better_than_together():
-    found = on_tracks("cvm_s", ConstantVelocitySampled(), [recording([40] * 4, step=0.5)])["mine"]
-    assert found.modes == 20
-    assert list(found.choices()) == ["best of 1", "best of 20 together", "best of 20 each"]
-    first, together, each = (means(curves.ade + curves.fde) for curves in found.choices().values())
-    assert np.all(np.array(together) < first)
-    assert np.all(np.array(each) < together)
-
-
-def test_one_mode_is_the_first_the_best_together_and_the_best_for_each():
-    found = on_tracks("cvm", ConstantVelocity(), [recording([20, 30])])["mine"]
-    assert found.first == found.together == found.each
-    assert list(found.choices()) == ["best of 1"]
 
 
 class LeaveOneOut(ConstantVelocity):
@@ -156,13 +118,6 @@ def test_each_scene_weighs_the_same_in_the_mean():
     assert means(found["one"].first.ade) == pytest.approx(np.arange(8.0) / 2)
     assert means(found["two"].first.fde) == pytest.approx(np.ones(8))
     assert means(found[MEAN].first.fde) == pytest.approx((np.arange(8.0) + 1) / 2)
-
-
-def test_scenes_are_resampled_apart_from_each_other():
-    number = Off(lambda obs: np.repeat(obs.pedestrians.position[:, None, None, :, 1], HORIZON, axis=2))
-    found = on_tracks("number", number, [recording([16] * 50, name) for name in ("one", "two")])
-    one, mean = found["one"].first.fde[0], found[MEAN].first.fde[0]
-    assert (mean.high - mean.low) / (one.high - one.low) == pytest.approx(0.5**0.5, rel=0.1)
 
 
 def slowly(predict, scenario, cases, ahead):
@@ -231,14 +186,6 @@ def test_the_oracle_is_right_for_one_step():
 
 
 @pytest.mark.slow
-def test_constant_velocity_on_orca_crowds_is_off_as_measured_before():
-    found = on_scenario("cvm", ConstantVelocity(), load_scenario("circle_crossing_5"), Cases.parse("val:100"))
-    assert found.first.fde[0].mean == pytest.approx(0.0143, abs=0.001)
-    assert found.first.fde[0].low < found.first.fde[0].mean < found.first.fde[0].high
-    assert found.first.fde[7].mean == pytest.approx(0.366, abs=0.02)
-
-
-@pytest.mark.slow
 def test_the_errors_on_eth_ucy_are_the_known_ones(shared):
     recordings = read_folder(shared / "data" / "eth_ucy")
     constant = on_tracks("cvm", ConstantVelocity(), recordings)
@@ -247,13 +194,6 @@ def test_the_errors_on_eth_ucy_are_the_known_ones(shared):
     assert round(constant[MEAN].first.ade[7].mean, 3) == 0.339
     assert round(linear[MEAN].first.ade[7].mean, 3) == 0.460
     assert [round(found.first.ade[7].mean, 2) for found in constant.values()] == [0.67, 0.26, 0.31, 0.25, 0.21, 0.34]
-
-
-@pytest.mark.slow
-def test_sampled_headings_on_eth_ucy_are_off_as_measured_before(shared):
-    found = on_tracks("cvm_s", ConstantVelocitySampled(), read_folder(shared / "data" / "eth_ucy"))[MEAN]
-    assert found.together.ade[7].mean == pytest.approx(0.398, abs=0.003)
-    assert found.each.ade[7].mean == pytest.approx(0.250, abs=0.002)
 
 
 def raises(obs):
@@ -265,7 +205,6 @@ def raises(obs):
     [
         (raises, "predictor mine raised ZeroDivisionError: nothing there"),
         (lambda obs: np.zeros((len(obs), 1, 7, 5)), r"of shape \[6, 1, 7, 5, 2\], but they must be \[world, mode"),
-        (lambda obs: np.zeros((len(obs), 0, 8, 5)), r"of shape \[6, 0, 8, 5, 2\], but"),
         (lambda obs: np.full((len(obs), 1, 8, 5), np.nan), "returned positions that are not finite"),
         (lambda obs: obs.true_next(), r"raised PermissionError: true_next\(\)"),
     ],
@@ -273,15 +212,6 @@ def raises(obs):
 def test_a_broken_predictor_is_told_in_one_sentence(off, expected):
     with pytest.raises(InputError, match=expected):
         on_scenario("mine", Off(off), load_scenario("circle_crossing_5"), CASES)
-
-
-def test_what_is_no_prediction_is_told():
-    class Wrong(Predictor):
-        def predict(self, obs, steps):
-            return np.zeros(3)
-
-    with pytest.raises(InputError, match="predictor mine returned a ndarray instead of a Prediction"):
-        on_scenario("mine", Wrong(), load_scenario("circle_crossing_5"), CASES)
 
 
 def test_where_nothing_can_be_predicted_it_is_told():
@@ -294,11 +224,6 @@ def test_where_nothing_can_be_predicted_it_is_told():
         on_tracks("cvm", ConstantVelocity(), [recording([20, 20], "uni_examples")])
     with pytest.raises(InputError, match="predictor oracle is privileged"):
         on_tracks("oracle", Oracle(), [recording([20, 20])])
-
-
-def crowdbench(*arguments):
-    # In this process, because importing torch takes longer than most of these.
-    return CliRunner().invoke(app, arguments, catch_exceptions=False)
 
 
 def evaluate(*arguments):
@@ -324,42 +249,11 @@ def test_the_command_prints_a_column_for_every_scene_and_json_has_every_horizon(
     assert result["overrides"] == {"vehicle.visible": True}
 
 
-@pytest.mark.slow
-def test_several_predictors_share_a_table():
-    command = ["constant_velocity", "constant_velocity_sampled", "--cases", "val:5"]
-    shown = evaluate(*command, "--ahead", "12")
-    assert shown.exit_code == 0, shown.stderr
-    lines = shown.stdout.splitlines()
-    assert lines[0] == "ADE / FDE in metres, 12 steps of 0.25 s ahead, on circle_crossing_5, cases val:0:5"
-    assert lines[1].split() == ["predictor", "1", "step", "6", "steps", "12", "steps"]
-    place = load_scenario("circle_crossing_5")
-    found = on_scenario("cvm", ConstantVelocity(), place, Cases.parse("val:5"), ahead=12).first
-    cells = [f"{found.ade[n].mean:.3f} / {found.fde[n].mean:.3f}" for n in (0, 5, 11)]
-    assert lines[2].split() == f"constant_velocity best of 1 {' '.join(cells)}".split()
-    assert [line.split()[:4] for line in lines[4:6]] == [["best", "of", "20", "together"], ["best", "of", "20", "each"]]
-
-
-@pytest.mark.slow
-def test_a_predictor_of_several_modes_has_a_row_for_each_choice(tmp_path):
-    rows = [(10 * t, p, 0.5 * t, p) for p in range(2) for t in range(20)]
-    (tmp_path / "street.txt").write_text("\n".join("\t".join(map(str, row)) for row in rows))
-    command = ["constant_velocity_sampled", "--option", "modes=3", "--data", str(tmp_path)]
-    first, *others = evaluate(*command).stdout.splitlines()[2:5]
-    assert first.startswith("constant_velocity_sampled (modes=3)  best of 1 ")
-    assert [line.split("  0.")[0].strip() for line in others] == ["best of 3 together", "best of 3 each"]
-    told = json.loads(evaluate(*command, "--json").stdout)["predictors"]["constant_velocity_sampled"]
-    assert (told["options"], told["errors"]["street"]["modes"]) == ({"modes": 3}, 3)
-
-
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
         (["linear", "oracle", "--option", "modes=3"], "--option does not go with 2 predictors"),
-        (["linear", "linear"], "two predictors are called linear"),
-        (["linear", "--option", "modes=3"], "linear has no option 'modes'"),
-        (["linaer"], "no predictor is called 'linaer'"),
         (["linear", "--data", "nowhere"], "there is no folder nowhere"),
-        (["linear", "--data", ".", "--scenario", "square_crossing_5"], "--data does not go with square_crossing_5"),
         (["linear", "--data", ".", "--set", "dt=1"], "--set goes with --scenario only"),
     ],
 )
@@ -367,8 +261,3 @@ def test_the_command_answers_bad_input_with_one_sentence(arguments, expected):
     with pytest.raises(InputError, match=f"^{re.escape(expected)}") as refused:
         evaluate(*arguments)
     assert "\n" not in str(refused.value)
-
-
-def test_predictors_are_listed():
-    listed = crowdbench("list", "predictors").stdout
-    assert [line.split()[0] for line in listed.splitlines()[2:]] == list(PREDICTORS.functions)

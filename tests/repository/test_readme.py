@@ -109,6 +109,7 @@ COMMANDS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_runs_that_are_shown_run(command, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)

@@ -1,6 +1,5 @@
 """The scripts of studies/ start, and their files are in order; what each measures has tests of its own."""
 
-import ast
 import subprocess
 import sys
 import tomllib
@@ -41,6 +40,7 @@ SPECS = {
 }
 
 
+@pytest.mark.slow
 def test_the_scripts_start_in_any_folder(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", HELP, *(str(ROOT / script) for script in SCRIPTS)],
@@ -61,11 +61,3 @@ def test_the_tables_of_a_study_are_in_order(name):
 @pytest.mark.parametrize("name", SPECS)
 def test_the_file_of_a_study_is_in_order(name):
     assert read_file(ROOT / "studies" / name / "study.toml", SPECS[name]).description
-
-
-def test_nothing_in_the_package_imports_the_studies():
-    for path in ROOT.glob("crowdbench/**/*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            assert not [name for name in names if name.partition(".")[0] == "studies"], path

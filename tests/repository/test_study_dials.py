@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import norm
 from typer.testing import CliRunner
 
-from crowdbench.catalog import PLANNERS, load_scenario
+from crowdbench.catalog import load_scenario
 from crowdbench.cli.app import build_script
 from crowdbench.scenario.cases import Cases
 from studies.dials import estimate, table
@@ -101,19 +101,6 @@ def test_dials_that_ship_have_nine_levels_and_the_same_people_at_all():
                 np.testing.assert_array_equal(getattr(easier, part), getattr(harder, part)[:, :both])
 
 
-def test_levels_are_said_in_words(tmp_path):
-    (tmp_path / "own.toml").write_text(OWN)
-    own = load_dial(str(tmp_path / "own.toml"))
-    assert [own.say(own.level(number)) for number in (0.5, 2.0, -math.inf, math.inf)] == [
-        "2.5",
-        "9",
-        "below 1",
-        "above 9",
-    ]
-    sight = load_dial("sight")
-    assert [sight.say(level) for level in (-math.inf, math.inf)] == ["above 6", "below 0.5"]
-
-
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -122,8 +109,6 @@ def test_levels_are_said_in_words(tmp_path):
             ("[1, 4, 9]", "[1, 9, 4]"),
             "dial.levels is [1, 9, 4], but must be a list of three or more numbers that rise or fall",
         ),
-        (("[1, 4, 9]", "[1, 4]"), "dial.levels is [1, 4], but must be a list of three or more numbers"),
-        (("{} people", "people"), "dial.label is 'people on a circle', but must be a text with {} for the level"),
         (('key = "pedestrians.number"', 'key = "pedestrians.count"'), "pedestrians.count"),
     ],
 )
@@ -170,15 +155,6 @@ def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
     files[0].write_text(files[0].read_text().replace('"own"', '"other"'))
     result = CliRunner().invoke(build_script(plot), [*map(str, files), "--out", str(figure)])
     assert "is of another dial than" in str(result.exception)
-
-
-@pytest.mark.slow
-def test_a_planner_in_a_file_named_as_a_rung_is_a_planner(few, tmp_path):
-    (tmp_path / "own.toml").write_text(OWN)
-    (tmp_path / "C.py").write_text((PLANNERS.folder / "straight.py").read_text())
-    command = [str(tmp_path / "own.toml"), "--planner", str(tmp_path / "C.py"), "--out", str(tmp_path / "runs")]
-    (row,) = json.loads(CliRunner().invoke(DIAL, [*command, "--format", "json"]).stdout)["rows"]
-    assert (row["planner"], row["is_rung"], row["cases"]) == ("C", False, [20, 20, 20])
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ circle_crossing_20 = [2]
 """
 
 
+@pytest.mark.slow
 def test_a_scenario_has_a_row_as_it_is_and_one_for_each_level(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("few.toml").write_text(STUDY)

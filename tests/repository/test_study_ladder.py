@@ -17,7 +17,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.certified import Certified
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import InputError
-from studies.ladder.futures import AWAY, FUTURES, Knowledge, Simulated, adds_nothing, has_chance
+from studies.ladder.futures import FUTURES, Knowledge, Simulated, adds_nothing, has_chance
 from studies.ladder.plot import plot
 from studies.ladder.run import ladder
 from studies.ladder.table import find_certified, paired_gain
@@ -114,15 +114,7 @@ def test_futures_without_knowledge_of_attention_differ_where_people_may_notice_t
     assert adds_nothing(load_scenario("circle_crossing_20"), Knowledge.ATTENTION)
 
 
-def test_those_who_stand_go_on_standing():
-    world, predicted, _ = foreseen("groups_12", Knowledge.GOALS)
-    stands = load_scenario("groups_12").crowd.stands[world.policy] & world.present[:, 1:]
-    assert stands.any()
-    position = np.broadcast_to(world.position[:, None, None, 1:], predicted.shape)
-    np.testing.assert_array_equal(predicted[:, 0, :].swapaxes(1, 2)[stands], position[:, 0].swapaxes(1, 2)[stands])
-
-
-@pytest.mark.parametrize(("gained", "lost"), [(0.01, 0.01), (0.02, 0.0), (0.04, 0.0), (0.1, 0.02), (0.2, 0.1)])
+@pytest.mark.parametrize(("gained", "lost"), [(0.01, 0.01), (0.2, 0.1)])
 def test_an_interval_of_a_gain_contains_the_true_gain_in_95_percent_of_studies(gained, lost):
     draws, covered = np.random.default_rng(7), []
     for _ in range(3000):
@@ -132,21 +124,6 @@ def test_an_interval_of_a_gain_contains_the_true_gain_in_95_percent_of_studies(g
         covered.append(estimate.low <= gained - lost <= estimate.high)
     print(f"coverage {np.mean(covered):.3f}")
     assert np.mean(covered) > 0.94
-
-
-def test_a_gain_of_nothing_has_a_width():
-    both = np.ones(200, bool)
-    estimate = paired_gain(both, both)
-    assert estimate.mean == 0.0
-    assert estimate.high == -estimate.low == pytest.approx(1.96 * np.sqrt(2) / 202)
-
-
-def test_who_leaves_is_far_away():
-    world, predicted, _ = foreseen("circle_crossing_20", Knowledge.ALL, start=30)
-    here = world.present[:, 1:]
-    away = np.linalg.norm(predicted[:, 0, -1] - world.position[:, :1], axis=2) > 0.9 * AWAY
-    assert (away & here).any()
-    assert not (away & here).all()
 
 
 @pytest.mark.slow
@@ -184,10 +161,8 @@ def test_a_ladder_is_kept_and_drawn(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["own.toml", "own.toml"], "scenarios is .*own.toml.*, but must be a list of texts .* none of them twice"),
         (["own.toml", "other/own.toml"], "scenarios is own, own, but must be scenarios of different names"),
         (["own.toml", "--cases", "many"], "'many' are not a range of cases"),
-        (["own.toml", "--planner", "nobody"], "no planner is called 'nobody'"),
     ],
 )
 def test_what_is_no_ladder_is_refused(arguments, sentence, tmp_path, monkeypatch):

@@ -20,6 +20,7 @@ def onnx():
     return pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed: pip install 'crowdbench[onnx]'")
 
 
+@pytest.mark.slow
 def test_the_crowd_acts_as_the_network_of_the_vehicle_does(onnx):
     env = parallel_env(study.SCENARIO, **VIEW)
     seen, _ = env.reset(options={"case": "val/3"})
@@ -61,9 +62,3 @@ def test_both_networks_learn_and_the_page_has_a_row_for_each_vehicle(onnx, tmp_p
     rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
     assert [row[0] for row in rows[2:5]] == ["| with_orca", "| together", "| straight"]
     assert rows[0][1:] == ["pedestrians=orca", "pedestrians=social_force", "pedestrians=learned |"]
-
-
-def test_the_page_is_that_of_the_command():
-    page = (study.HERE / "README.md").read_text()
-    assert page.startswith("Printed by `python studies/learn_together/run.py`.")
-    assert study.DESCRIPTION in page

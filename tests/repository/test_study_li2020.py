@@ -3,15 +3,10 @@ import re
 from pathlib import Path
 
 import pytest
-from typer.exceptions import TyperException
 
 from crowdbench.cli.app import build_script
-from crowdbench.runs.spec import Replanning
 from studies.li2020 import table
-from studies.li2020.claims import OURS
 from studies.li2020.run import reproduce as command
-from studies.li2020.table import ReproductionSpec, read_reproduction
-from studies.pages import read_file
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
@@ -132,55 +127,3 @@ def test_a_quick_look_at_one_table_says_that_it_is_one_and_runs_no_more(tiny, ca
     assert "## Table 2" not in printed
     assert sorted("margin" in name for name in finished()) == [False, True]
     assert all("weights=one" in name for name in finished())
-
-
-def test_there_are_four_tables_to_choose_from(tiny):
-    with pytest.raises(TyperException, match="less than or equal to 4"):
-        reproduce("--table", "5")
-
-
-@pytest.fixture(scope="module")
-def shipped():
-    return read_reproduction(None, quick=False).tables
-
-
-@pytest.mark.slow
-def test_the_shipped_file_has_the_paper_s_tables_first(shipped):
-    assert [table.spec.title[:7] for table in shipped[:5]] == [f"Table {n}" for n in (1, 2, 3, 3, 4)]
-    assert {str(table.spec.cases) for table in shipped} == {"test:0:500"}
-    assert [table.rows[0].runs[0].spec.replanning for table in shipped[1:5]] == [
-        Replanning(), Replanning(8, 8), Replanning(8, 1), Replanning(),
-    ]  # fmt: skip
-    assert [len(table.rows) for table in shipped] == [6, 4, 6, 6, 7, 3, 3, 3]
-    assert [bool(table.spec.variant) for table in shipped] == [True] + [False] * 7
-    assert {len(row.weights) for table in shipped for row in table.rows} == {0, 5}
-    reported = [{row.label: row.reported for row in table.rows if row.reported} for table in shipped]
-    assert [len(rows) for rows in reported] == [6, 4, 5, 5, 2, 0, 0, 0]
-    assert reported[4]["sarl_sgan_kce"] == {
-        "success_rate": 0.98, "navigation_time": 10.94, "max_velocity_change": 1.16,
-    }  # fmt: skip
-
-
-@pytest.mark.slow
-def test_the_page_lists_nine_differences_from_the_paper_and_the_tables_have_its_claims(shipped):
-    description = read_file(table.FILE, ReproductionSpec).description
-    assert re.findall(r"^\| (\d) \|", description, re.MULTILINE) == [*"123456789"]
-    claims = [[claim for claim in each.spec.claims if claim.source != OURS] for each in shipped]
-    assert [len(each) for each in claims] == [2, 6, 7, 7, 4, 0, 0, 0]
-    qualitative = [claim for each in claims for claim in each if not claim.source.startswith("Experiment")]
-    assert {claim.measure for claim in qualitative} == {"stopped_time", "success_path_length"}
-
-
-@pytest.mark.slow
-def test_both_readings_of_the_papers_third_table_are_one_choice():
-    assert [table.spec.look_first for table in read_reproduction(3, quick=False).tables] == [8, 1]
-
-
-@pytest.mark.slow
-def test_every_headline_is_read_again_on_cases_that_no_table_has(shipped):
-    again = [row.second_reading for table in shipped for row in table.rows if row.second_reading]
-    assert [run.driver.name for run in again] == [
-        "sarl_sgan", "sarl_sgan", "sarl_sgan", "sarl_sgan_seq", "sarl_sgan", "sarl_sgan_kce", "sarl_sgan_kce_bounded",
-        "sarl_sgan", "sarl_sgan", "sarl_sgan",
-    ]  # fmt: skip
-    assert {str(run.spec.cases) for run in again} == {"test:5000:7000"}

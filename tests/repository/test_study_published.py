@@ -38,6 +38,7 @@ def networks(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_networks_trained_among_others_are_compared_with_those_trained_among_orca(networks, tmp_path):
     scenarios = ["circle_crossing_5", "square_crossing_5"]
     spec = ScenariosSpec(title="Mine", scenarios=scenarios, predictor="constant_velocity", cases=f"val:{CASES}")

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from crowdbench.cli.app import build_script
@@ -15,6 +16,7 @@ planners = ["straight", "orca", "orca_margin"]
 """
 
 
+@pytest.mark.slow
 def test_people_of_each_type_have_a_column_and_each_pair_of_types_a_tau(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("few.toml").write_text(STUDY)

@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import itertools
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +10,12 @@ import pytest
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from studies.validity import door, experiments, page
-from studies.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, spread, walk
+from studies.validity.corridor import corridor, forward_speed, lane_order, people_of, spread, walk
 from studies.validity.door import STILL, Passages
 from studies.validity.experiments import DEFAULT, MEASURED, POINTS, Setting, crowd, run_experiment
-from studies.validity.page import single_file_speed, weidmann_speed
+from studies.validity.page import weidmann_speed
 from studies.validity.run import validity
 
-DOCS = Path(__file__).parents[2] / "docs"
 FEW = dataclasses.replace(DEFAULT, densities=(0.5,), per_metre=(0.8,))
 
 
@@ -69,12 +67,6 @@ def test_who_walks_alone_has_its_preferred_speed():
     np.testing.assert_allclose(forward_speed(last), last.preferred_speed[:, 1:2])
 
 
-def test_half_of_the_people_walk_in_each_direction():
-    world, _ = start(20, 10.0, worlds=5)
-    assert (direction(world).sum(axis=1) == 0).all()
-    assert len(np.unique(direction(world), axis=0)) == 5
-
-
 def test_in_single_file_nobody_leaves_the_middle():
     world, policies = start(10, 10.0, people=DEFAULT, backward=0.0, policy="social_force")
     for after in walk(world, policies, 10.0, 10, single_file=True):
@@ -106,10 +98,6 @@ def test_mixed_directions_have_order_0_on_average():
     assert orders.mean() == pytest.approx(0.0, abs=1e-12)
 
 
-def test_lanes_of_one_person_have_no_order():
-    assert np.isnan(lane_order(np.array([[0.0, 1.0]]), np.array([[1.0, -1.0]]), 0.2)).all()
-
-
 def test_the_flow_goes_from_the_first_passage_to_the_last():
     all_through, one_left, nobody = [4, 8, 12, 16], [4, 8, 12, -1], [-1, -1, -1, -1]
     passages = Passages(np.array([all_through, one_left, nobody]), 0.25, 480)
@@ -118,13 +106,6 @@ def test_the_flow_goes_from_the_first_passage_to_the_last():
     assert passages.blocked.tolist() == [False, True, True]
     late = Passages(np.array([[4, 479 - int(STILL), -1]]), 0.25, 480)
     assert not late.blocked[0]
-
-
-def test_published_figures():
-    assert weidmann_speed(1.0) == pytest.approx(1.058, abs=1e-3)
-    assert weidmann_speed(5.4) == 0.0
-    assert weidmann_speed(2.0, free_speed=1.0) == pytest.approx(weidmann_speed(2.0) / 1.34)
-    assert single_file_speed(1.0) == pytest.approx(0.604, abs=1e-3)
 
 
 def speed(policy, people, density):
@@ -159,24 +140,3 @@ def test_the_command_prints_the_page(monkeypatch, capsys):
     assert "**social_force**: " not in printed
     assert [line.count("|") for line in printed.splitlines() if line.startswith("| 0.5 |")] == [5]
     assert [line.split(" | ")[1:3] for line in printed.splitlines() if " 1.6 m " in line] == [["1.6 m", "-"]]
-
-
-def test_a_policy_that_does_not_exist_is_refused_at_once(monkeypatch):
-    monkeypatch.setattr(experiments, "run_experiment", None)
-    with pytest.raises(InputError, match="nobody"):
-        validity(["orca", "nobody"])
-
-
-def test_the_page_is_of_this_code():
-    printed = (DOCS.parent / "studies" / "validity" / "README.md").read_text()
-    tables = dict.fromkeys(("printed", "one_way", "single_file", "lanes", "doors"), "")
-    text = page.fill(
-        worlds=experiments.WORLDS, limits="".join(f"{limit}\n\n" for limit in page.LIMITS.values()), **tables
-    )
-    assert [part for part in text.split("\n\n") if part not in printed] == []
-    sources = page.SOURCES.read_text()
-    assert sources in printed
-    references = (DOCS / "references.md").read_text()
-    assert [each for each in sources.split("\n- ") if each.strip().lstrip("- ") not in references] == []
-    widths = [row.split(" | ")[1] for row in printed.splitlines() if row.startswith("| radius") and " m | " in row]
-    assert set(widths) == {f"{width:g} m" for width in experiments.DOORS}

@@ -73,7 +73,7 @@ def _public_runs(board: Board, entry: Entry, scenarios: Mapping[str, Scenario]) 
     for scenario in scenarios.values():
         if (entry.public / scenario.name).is_dir():
             run = read_public_run(entry, board, scenario)
-            run.check_rows()
+            run.check(rows_only=True)
             runs.append(_described(run, entry, scenario))
     return runs
 

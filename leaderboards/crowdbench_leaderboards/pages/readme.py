@@ -47,7 +47,11 @@ FILLING = "The boards are being filled: there are no entries yet."
 
 @help_from_docstring
 def readme(root: Path = ROOT) -> None:
-    """Write README.md of the folder of boards, with the standings of each board."""
+    """Write README.md of the folder of boards, with the standings of each board.
+
+    Args:
+        root: The folder of boards and entries.
+    """
     print(f"wrote {write_readme(root)}")
 
 

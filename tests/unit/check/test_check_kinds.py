@@ -1,5 +1,6 @@
 """`crowdbench check` on policies, predictors and metrics: each fault is found."""
 
+import functools
 import time
 
 import numpy as np
@@ -8,9 +9,10 @@ from checks import CASES, PLACE, broken, policy_faults, results_of
 
 from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.check.checks import Subject
-from crowdbench.check.drives import METRIC, PREDICTOR
+from crowdbench.check.drives import METRIC, PREDICTOR, _function_procedure, _sample_traces
 from crowdbench.check.kinds import limited_sight
 from crowdbench.metrics.registry import METRICS
+from crowdbench.metrics.user_metrics import measure
 from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Oracle
 from crowdbench.predict.predictor import Prediction, Predictor
 from crowdbench.scenario.cases import Cases
@@ -240,8 +242,8 @@ def test_a_predictor_that_depends_on_the_hidden_is_found(name):
     assert expected in "".join(faults.values())
 
 
-def metric_faults(metric, cases=CASES):
-    return broken(results_of(Subject(METRIC, lambda: metric, "mine", {"": PLACE}, neural=False), cases))
+def metric_faults(metric, cases=CASES, procedure=METRIC):
+    return broken(results_of(Subject(procedure, lambda: metric, "mine", {"": PLACE}, neural=False), cases))
 
 
 def speed(trace):
@@ -285,6 +287,12 @@ def test_a_metric_with_a_state_or_dice_of_its_own_is_found():
     assert set(metric_faults(lambda trace: np.random.default_rng().random(len(trace)))) == {"repeatable", "independent"}
 
 
+@functools.cache
+def traces(cases):
+    return list(_sample_traces(PLACE, cases))
+
+
 def test_all_metrics_of_crowdbench_pass():
+    procedure = _function_procedure(lambda place, cases: traces(cases), measure, "values")
     for metric in (speed, *METRICS.values()):
-        assert not metric_faults(metric, Cases.parse("val:2"))
+        assert not metric_faults(metric, Cases.parse("val:2"), procedure)

@@ -1,6 +1,5 @@
 """Policies as planners: functions, and networks in ONNX files."""
 
-import json
 import shutil
 import sys
 from pathlib import Path
@@ -16,11 +15,9 @@ from stable_baselines3.common.vec_env import VecNormalize
 from torch import nn
 
 from crowdbench import InputError, Planner, PolicyPlanner, export_policy, load_planner, load_scenario
-from crowdbench.catalog import planner_files
 from crowdbench.envs import stepping
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.sim.sensor import observe
-from crowdbench.utils.files import sha256
 from examples.stable_baselines import CrowdVecEnv
 
 NEAREST = 3
@@ -76,9 +73,7 @@ def test_a_state_belongs_to_its_world_and_is_zero_where_an_episode_starts():
     ("function", "said"),
     [
         (constant(np.nan, 0.0), "must be finite .case 0, step 0"),
-        (constant(np.inf, 0.0), "returned .inf, 0.0., but a command must be finite"),
         (constant(1.0, 0.0, 0.0), "returned shape .1, 3. instead of .1, 2."),
-        (lambda observed: "left", "returned a str"),
         (lambda observed: 1 / 0, "raised ZeroDivisionError"),
     ],
 )
@@ -92,20 +87,6 @@ def test_a_policy_for_other_dynamics_is_refused():
     with pytest.raises(InputError, match=r"trained with dynamics holonomic.*unicycle: --option dynamics=unicycle"):
         PolicyPlanner(constant(0.0, 0.0), "flat", "world", dynamics="holonomic").plan(obs)
     PolicyPlanner(constant(0.0, 0.0), "flat", "world", dynamics="unicycle").plan(obs)
-
-
-def test_a_model_with_code_is_answered_with_the_line_that_exports_it():
-    with pytest.raises(InputError, match=r"export_policy\(PPO.load\('runs/a.zip'\), 'runs/a.onnx', env\)"):
-        load_planner("runs/a.zip")
-    with pytest.raises(InputError, match=r"export_policy\(model, 'a.onnx', env\)"):
-        load_planner("a.pt")
-
-
-def test_the_options_of_a_policy_are_listed(call):
-    listed = call("list", "planners", "a.onnx").stdout
-    assert listed.startswith("Drives with the policy in an ONNX file")
-    for option in ("observation", "action", "nearest", "dynamics"):
-        assert f"\n{option} " in listed
 
 
 def test_without_onnxruntime_a_sentence_says_how_it_is_installed(monkeypatch):
@@ -178,8 +159,7 @@ def make_recurrent():
 
 
 UNICYCLE = {"vehicle.dynamics": "unicycle"}
-OTHERS = make_normalised, make_squashed, make_sac, make_recurrent
-MODELS = [make_ppo, *(pytest.param(make, marks=pytest.mark.slow) for make in OTHERS)]
+MODELS = make_ppo, make_normalised, make_squashed, make_sac, make_recurrent
 
 
 def reference(model, env, state):
@@ -212,6 +192,7 @@ class Both(Planner):
         return command
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make_model", MODELS)
 def test_an_exported_model_drives_as_the_model_does_and_alone_as_in_a_batch(make_model, onnx, tmp_path):
     model, env, state = make_model()
@@ -229,7 +210,9 @@ def test_an_exported_model_drives_as_the_model_does_and_alone_as_in_a_batch(make
         np.testing.assert_array_equal(alone.command[0], trace.command[case, :steps])
 
 
-@pytest.mark.parametrize("observation", ["flat", "goal_frame", "dict"])
+@pytest.mark.parametrize(
+    "observation", ["flat", *(pytest.param(each, marks=pytest.mark.slow) for each in ("goal_frame", "dict"))]
+)
 def test_a_torch_module_is_exported_as_it_is_trained(observation, onnx, tmp_path):
     env = VehicleEnv(observation=observation, action="goal_frame", nearest=NEAREST)
     module = Linear(spaces.flatdim(env.observation_space)).train()
@@ -303,32 +286,11 @@ def test_a_file_without_metadata_asks_for_the_options_by_name(onnx, exported):
     [
         ("[1", "cannot be read as an ONNX file: JSONDecodeError"),
         ('{"observation": "radar", "action": "world"}', "observation is 'radar', but must be one of"),
-        ('{"observation": "flat", "action": 3}', "action is 3, but must be one of"),
-        ('{"observation": "flat", "action": "world", "dt": "long"}', "could not convert string to float: 'long'"),
     ],
 )
 def test_wrong_metadata_get_one_sentence(onnx, exported, text, said):
     with pytest.raises(InputError, match=said):
         load_planner(with_metadata(onnx, exported, text))
-
-
-def test_a_broken_or_missing_file_gets_one_sentence(onnx, tmp_path):
-    (tmp_path / "a.onnx").write_text("network")
-    with pytest.raises(InputError, match="cannot be read as an ONNX file"):
-        load_planner(str(tmp_path / "a.onnx"))
-    with pytest.raises(InputError, match="No such file"):
-        load_planner(str(tmp_path / "b.onnx"))
-
-
-def test_the_file_identifies_a_policy(exported):
-    assert planner_files(str(exported), {}) == {"planner": {"a.onnx": sha256(exported)}}
-
-
-def test_the_metadata_say_how_a_policy_was_trained(onnx, exported):
-    (entry,) = onnx.load(exported).metadata_props
-    view = {"observation": "goal_frame", "action": "goal_frame", "nearest": NEAREST, "rays": 0}
-    trained = {"scenario": "circle_crossing_5", "dynamics": "holonomic", "dt": 0.25, "pedestrians": 5}
-    assert json.loads(entry.value) == view | trained
 
 
 def test_what_cannot_be_exported_gets_one_sentence(onnx, tmp_path):

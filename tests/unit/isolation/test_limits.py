@@ -82,7 +82,7 @@ def test_idle_children_take_what_they_do_not_share(tmp_path):
     with made(
         tmp_path, "forked(100, lambda: time.sleep(99))\ntime.sleep(1)\nreturn Probe()", ResourceLimits(memory=1e9)
     ) as one:
-        assert one.process.memory < 5e8
+        assert one.process.usage.memory < 5e8
 
 
 @pytest.mark.usefixtures("_groups")
@@ -107,7 +107,7 @@ def test_threads_count_as_processes_do(tmp_path):
 def test_empty_files_are_limited_and_count(tmp_path):
     makes = "for number in range(COUNT):\n    os.close(os.open(f'/dev/shm/{number}', os.O_CREAT))\n"
     with made(tmp_path, makes.replace("COUNT", "40_000") + "time.sleep(0.5)\nreturn Probe()") as planner:
-        assert planner.process.memory > 4e7
+        assert planner.process.usage.memory > 4e7
     with (
         pytest.raises(InputError, match="made more than 50000 files"),
         made(tmp_path, makes.replace("COUNT", "10 ** 9")),

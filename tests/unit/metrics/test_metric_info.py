@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from helpers import drive
 
-from crowdbench.metrics import contacts
 from crowdbench.metrics.registry import METRICS, UNDISTURBED, MetricInfo, describe, info_of
 from crowdbench.metrics.summary import Estimate
 from crowdbench.runs.loading import load_run
@@ -36,12 +35,6 @@ class Guarded:
 @pytest.fixture(scope="module")
 def episodes():
     return drive("orca", "6", "circle_crossing_5_visible")
-
-
-def test_every_metric_has_a_title_of_its_own():
-    titles = [info.title for info in INFOS.values()]
-    assert len(set(titles)) == len(titles)
-    assert all(titles)
 
 
 @pytest.mark.parametrize("name", METRICS)
@@ -119,16 +112,6 @@ def test_the_crowd_is_simulated_a_second_time_for_those_who_need_it(names, own, 
         run.drive(run.spec.cases, out)
     assert asked == [expected]
     assert not out.exists()
-
-
-def test_contacts_are_found_once_for_all_metrics(episodes, monkeypatch):
-    calls, found = [], contacts.find_contacts
-    monkeypatch.setattr(contacts, "find_contacts", lambda trace: calls.append(trace) or found(trace))
-    one, two = (dataclasses.replace(episodes) for _ in range(2))
-    for trace in (one, two, one):
-        for metric in METRICS.values():
-            metric(trace)
-    assert [trace is each for trace, each in zip(calls, (one, two), strict=True)] == [True, True]
 
 
 def test_values_are_shown_with_the_digits_and_the_unit_of_their_metric():

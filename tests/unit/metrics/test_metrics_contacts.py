@@ -51,12 +51,10 @@ def ends_at(ways, gap=0.5):
         ([1, 0], [0, 0], 0.0, Fault.ALONE, 1.0),
         ([1, 0], [-1, 0], 0.0, Fault.BOTH, 0.5),
         ([0.5, 0], [-1.0, 0], 0.0, Fault.BOTH, 1 / 3),
-        ([1, 0], [0.4, 0], 0.0, Fault.ALONE, 1.0),  # it runs into a back
+        ([1, 0], [0.4, 0], 0.0, Fault.ALONE, 1.0),
         ([-0.4, 0], [-1, 0], np.pi, Fault.STRUCK_BEHIND, 0.0),
-        ([-0.4, 0], [-1, 0], np.radians(125), Fault.STRUCK_BEHIND, 0.0),
         ([-0.4, 0], [-1, 0], np.radians(115), Fault.STRUCK, 0.0),
         ([0.05, 0], [-1, 0], 0.0, Fault.STRUCK_STANDING, 1 / 21),
-        ([0.06, 0], [-1, 0], 0.0, Fault.STRUCK, 0.06 / 1.06),
         ([0.0, 0.1], [0.0, 0.1], 0.0, Fault.UNDETERMINED, np.nan),
     ],
 )
@@ -81,18 +79,6 @@ def test_only_the_last_second_counts_and_braking_at_its_end_changes_little():
     # What was before the window does not count.
     waits = walk([0, 0], *[[1, 0]] * 2, *[[0, 0]] * 6, steps=8)
     assert found(collided(*ends_at((waits, walk([0, 0], [-1, 0], steps=8)))))[0] == Fault.STRUCK_STANDING
-
-
-def test_the_window_begins_with_the_episode_or_when_the_person_comes():
-    short = ends_at((walk([0, 0], [1, 0], steps=2), walk([0, 0], [-0.5, 0], steps=2)))
-    assert found(collided(*short)) == (Fault.BOTH, pytest.approx(2 / 3, abs=0.01))
-    # Somebody else was there until three steps ago: what that one did is not his.
-    vehicle, pedestrian = ends_at((walk([0, 0], [0.5, 0]), walk([0, 0], [-0.5, 0])))
-    pedestrian[:3] += 40.0
-    episode = collided(vehicle, pedestrian)
-    person = episode.person.copy()
-    person[:, 3:, 0] += 1
-    assert found(dataclasses.replace(episode, person=person)) == (Fault.BOTH, pytest.approx(0.5, abs=0.01))
 
 
 def test_impact_speed_is_the_relative_speed_of_those_who_touch():
@@ -165,6 +151,7 @@ def test_who_is_swapped_has_the_other_share_and_mirrors_and_turns_change_nothing
         assert fault != Fault.NONE
 
 
+@pytest.mark.slow
 def test_many_episodes_have_the_shares_that_each_has_alone():
     batch = drive("straight", "test:60", "circle_crossing_20")
     whole = find_contacts(batch)

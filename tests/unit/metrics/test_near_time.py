@@ -1,6 +1,7 @@
 """Recompute the bound on the time to collision of near misses from encounters of people in ETH/UCY."""
 
 import numpy as np
+import pytest
 
 from crowdbench.metrics.encounters import NEAR_TIME
 
@@ -35,6 +36,7 @@ def encounters(table):
     return least, nearest, slow / steps
 
 
+@pytest.mark.slow
 def test_two_in_a_hundred_encounters_of_people_have_a_shorter_time_to_collision(shared):
     scenes = [encounters(np.loadtxt(shared / "data" / "eth_ucy" / f"{scene}.txt")) for scene in SCENES]
     least, nearest, slow = np.concatenate(scenes, axis=1)

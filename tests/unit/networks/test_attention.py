@@ -152,6 +152,7 @@ def test_actions_are_velocities_in_the_frame_of_the_goal_no_faster_than_preferre
     )
 
 
+@pytest.mark.slow
 def test_it_is_trained_and_drives(tmp_path, monkeypatch):
     trainings.shorten(monkeypatch, ppo, 4, CASES=16, CHUNK=2, VALIDATIONS=2)
     overrides = {"pedestrians.number": [1, 3], "time_limit": 4.0}

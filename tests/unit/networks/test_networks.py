@@ -187,45 +187,8 @@ def test_gradients_are_those_of_each_world_without_the_absent(name):
 
 
 @EVERY
-def test_empty_crowds_alone_have_no_gradient(name):
-    joint, present = crowds()
-    for values in gradients(network(name), joint, torch.zeros_like(present)).values():
-        assert (values == 0.0).all()
-
-
-@EVERY
-def test_three_steps_of_adam_reduce_the_loss(name):
-    net, (joint, present) = network(name).float(), crowds()
-    joint, target = joint.float(), 0.5 + 0.1 * joint[:, 0, 4].float()
-    optimizer = torch.optim.Adam(net.parameters(), 1e-3)
-    losses = []
-    for _ in range(4):
-        loss = nn.functional.mse_loss(net(joint, present), target)
-        losses.append(loss.item())
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-    assert np.isfinite(losses).all()
-    assert losses[3] < 0.9 * losses[0]
-
-
-@EVERY
-@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
-def test_products_are_the_same_where_nothing_is_learned(name, kind):
-    network = NETWORKS[name]().to(kind)
-    joint, present = crowds()
-    joint = joint.to(kind)
-    with torch.no_grad():
-        expected = network.attend(joint, present)
-    with torch.inference_mode():
-        found = network.attend(joint, present)
-    for one, other in zip(found, expected, strict=True):
-        torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-6)
-
-
-@EVERY
 @pytest.mark.parametrize("everybody", [True, False])
-@pytest.mark.parametrize("number", [1, 3, 40, 67])
+@pytest.mark.parametrize("number", [1, 67])
 def test_a_network_is_asked_for_few_numbers_of_rows_and_answers_for_all_that_were_given(name, everybody, number):
     net, given = network(name), []
     joint, present = crowds((max(number, 2),))

@@ -6,11 +6,10 @@ import torch
 from safetensors.torch import save_file
 
 from crowdbench import InputError, load_network, load_predictor
-from crowdbench.networks.card import headline, markdown
-from crowdbench.networks.encoders import POLICIES
+from crowdbench.networks.card import markdown
 from crowdbench.networks.social_gan import Generator
 from crowdbench.networks.value import NETWORKS
-from crowdbench.networks.weights import built_in, read_card, save_network, weights_digest
+from crowdbench.networks.weights import read_card, save_network, weights_digest
 
 FIGURES = {
     f"{name}_rate": {"mean": 0.5, "low": 0.4, "high": 0.6, "n": 10} for name in ("success", "collision", "timeout")
@@ -57,29 +56,6 @@ def test_the_card_is_rendered_for_people(saved):
     assert "| test test:0:10 | 50.0 % (40.0 to 60.0) |" in text
 
 
-@pytest.mark.parametrize("path", built_in(), ids=lambda path: path.stem)
-def test_cards_that_ship_say_for_people_what_they_say_in_json(path):
-    card, shipped = read_card(path), path.with_suffix(".md").read_text()
-    text = markdown(card)
-    for line in text.splitlines():
-        if line.startswith(("| test ", "| validation ", "| sha256 ", "| command ", "| machine ")):
-            assert line in shipped.splitlines()
-    trained = card["training"]
-    if card["network"] == "sgan":
-        figure = f"ADE {card['figures']['validation']['ade']:.3f} m"
-        chosen = f"epoch {trained['kept_after_epochs']} of {trained['epochs']}"
-        assert f"{figure} and FDE" in text
-        assert f"{figure} and FDE" in shipped
-    else:
-        split = "test" if "test" in card["figures"] else "validation"
-        figure = f"{100 * card['figures'][split]['metrics']['success_rate']['mean']:.1f} %"
-        unit = "step" if card["network"] in POLICIES else "episode"
-        chosen = f"{unit} {trained[f'kept_after_{unit}s']} of {trained[f'{unit}s']}"
-        assert text.count(f"| {split} ") == 1
-    assert f"| checkpoint | chosen at {chosen}" in text
-    assert figure in headline(card)
-
-
 def refused(path, network="sarl", device="cpu"):
     with pytest.raises(InputError) as error:
         load_network(network, str(path), device)
@@ -104,16 +80,8 @@ def test_weights_without_a_card_are_refused(saved):
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "{",
-        "[]",
-        "[" * 100_000,
-        "9" * 5000,
-        '{"network": "sarl"}',
-        '{"network": "sarl", "sha256": 1}',
-        '{"network": "sarl", "sha256": "1", "training": [1]}',
-    ],
-    ids=["cut", "list", "deep", "digits", "no sha256", "number", "training"],
+    ["{", "[" * 100_000, '{"network": "sarl"}'],
+    ids=["cut", "deep", "no sha256"],
 )
 def test_a_card_that_is_none_is_refused(saved, text):
     saved.with_suffix(".json").write_text(text)
@@ -122,10 +90,6 @@ def test_a_card_that_is_none_is_refused(saved, text):
 
 def test_weights_of_another_network_are_refused(saved):
     assert refused(saved, "cadrl").endswith("are of the network sarl, but must be of cadrl")
-
-
-def test_a_network_that_does_not_exist_is_told(saved):
-    assert refused(saved, "mlp") == "no value network is called 'mlp'; there are cadrl, lstm_rl, sarl"
 
 
 @pytest.mark.parametrize("suffix", [".safetensors", ".json"])
@@ -176,12 +140,6 @@ def test_a_pickle_is_never_opened(saved):
     assert "cannot be loaded" in refused(saved)
 
 
-def test_a_device_that_is_not_there_is_refused(saved):
-    if torch.cuda.is_available():
-        pytest.skip("there is a CUDA device")
-    assert "cannot be loaded on cuda" in refused(saved, device="cuda")
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -213,10 +171,7 @@ def test_a_card_that_does_not_say_where_a_social_gan_was_trained_is_refused(tmp_
     ("training", "message"),
     [
         ({"dt": 0}, "must say of the training: dt, seconds above 0 and up to 60"),
-        ({"dt": -0.4}, "must say of the training: dt, seconds"),
         ({"dt": float("nan")}, "must say of the training: dt, seconds"),
-        ({"dt": "0.4"}, "must say of the training: dt, seconds"),
-        ({"dt": 10**400}, "must say of the training: dt, seconds"),
         ({"scenes": "eth"}, "must say of the training: scenes, a list of names"),
         ({"pooling": "yes"}, "must say of the training: pooling, true or false"),
     ],

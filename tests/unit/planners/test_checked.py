@@ -13,7 +13,7 @@ from crowdbench.predict.linear import ConstantVelocity
 from crowdbench.predict.predictor import Prediction, Predictor, validate_prediction
 from crowdbench.runs.rollout import rollout
 from crowdbench.sim.sensor import observe
-from crowdbench.utils.defaults import MOST_AHEAD
+from studies.social_gan.horizons import MOST_AHEAD
 from studies.social_gan.prediction_errors import on_scenario
 
 

@@ -109,6 +109,7 @@ def drive(planner, obs, steps=60):
     raise AssertionError(f"at {vehicle.position} after {steps} steps")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dynamics", [Holonomic(), Holonomic(1.0), Unicycle(), Bicycle(1.0)])
 def test_without_anybody_it_drives_to_the_goal(dynamics):
     obs = lone_vehicle()

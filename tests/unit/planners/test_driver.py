@@ -68,10 +68,8 @@ def foreseeing(obs):
 
 BROKEN = {
     "not a number": (nan_for_case_3, "returned [0.0, nan], but a command must be finite (case 3, step 2)"),
-    "one number per world": (lambda obs: np.zeros(len(obs)), "returned shape [5] instead of [5, 2]"),
     "a world too few": (lambda obs: np.zeros((len(obs) - 1, 2)), "returned shape [4, 2] instead of [5, 2]"),
     "a string": (lambda obs: "north", "returned a str instead of a float array"),
-    "integers": (lambda obs: np.zeros((len(obs), 2), int), "returned a int64 array instead of a float array"),
     "too fast": (fast_for_case_4, "asked for 1.04403 m/s, but the vehicle's maximum is 1 m/s (case 4, step 2)"),
     "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero, in line "),
     "peeking": (lambda obs: obs.true_next(), "raised PermissionError: true_next()"),
@@ -127,14 +125,11 @@ BROKEN_AHEAD = {
         ahead(3, 13, [0.0, np.nan]),
         "returned [0.0, nan], but a command must be finite (case 3, step 13)",
     ),
-    "too fast": (ahead(4, 15, [0.0, 1.5]), "asked for 1.5 m/s, but the vehicle's maximum is 1 m/s (case 4, step 15)"),
     "one step": (
         lambda obs: np.zeros((len(obs), 2)),
         "returned shape [5, 2] instead of [5, 8, 2], a command per world",
     ),
-    "a step too few": (lambda obs: np.zeros((len(obs), 7, 2)), "returned shape [5, 7, 2] instead of [5, 8, 2]"),
     "time first": (lambda obs: np.zeros((8, len(obs), 2)), "returned shape [8, 5, 2] instead of [5, 8, 2]"),
-    "a list": (lambda obs: [], "returned a list instead of a float array of shape [world, time, 2]"),
     "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero, in line "),
     "no end": (forever, "took longer than the limit of 0.2 s (step 8, one of 5 cases)"),
 }
@@ -154,15 +149,6 @@ def test_a_broken_plan_of_several_steps_gets_one_sentence(name):
 def test_a_planner_of_single_steps_is_told_that_it_plans_none_ahead(planner):
     with pytest.raises(InputError, match=r"^planner \w+ has no plan_ahead"):
         drive(planner, "2", replan_every=8)
-
-
-def test_a_speed_within_rounding_is_no_offence():
-    trace = drive(Says(lambda obs: np.tile([1.0 + 5e-7, 0.0], (len(obs), 1))), "3")
-    assert (trace.velocity[:, 3, 0, 0] == 1.0 + 5e-7).all()
-
-
-def test_single_precision_commands_are_taken():
-    assert (drive(Says(lambda obs: np.zeros((len(obs), 2), np.float32)), "3").steps > 2).all()
 
 
 def test_the_decision_limit_leaves_other_threads_alone():
@@ -191,16 +177,6 @@ def test_a_planner_for_one_world_is_lifted_to_batches():
     lifted, batched = drive(OneWorldPlanner(straight), "10"), drive(Straight(), "10")
     assert np.allclose(lifted.position, batched.position, equal_nan=True)
     assert set(seen[:10]) == {((2,), (8, 5, 2), (5, 3), 0.0)}
-
-
-def test_a_planner_that_breaks_in_one_world_is_told_its_case():
-    def one(obs):
-        if obs.row == 3 and obs.step == 4:
-            raise ValueError("lost")
-        return np.zeros(2)
-
-    with pytest.raises(InputError, match=r"raised ValueError: lost, in line \d+ of test_driver\.py \(case 3, step 4\)"):
-        drive(OneWorldPlanner(one), "5")
 
 
 def test_a_planner_cannot_move_the_world():
@@ -264,16 +240,6 @@ def test_impossible_shapes_of_noise_are_refused(shape):
     obs = observe(load_scenario("circle_crossing_5").worlds(Cases("val", 0, 1)))
     with pytest.raises(InputError, match="cannot be drawn: it must have at most 5 axes"):
         obs.noise("x", shape)
-
-
-def test_a_log_has_a_plain_name():
-    class Mine(Still):
-        def plan(self, obs):
-            obs.log("my/values", np.zeros(len(obs)))
-            return super().plan(obs)
-
-    with pytest.raises(InputError, match="letters, digits and underscores"):
-        drive(Mine(), "1")
 
 
 @pytest.mark.parametrize(("number", "said"), [(10, ""), (12, "was trained with 10 pedestrians at most, but")])

@@ -214,6 +214,7 @@ def test_a_vehicle_that_can_follow_no_command_brakes_as_hard_as_it_can():
 # Planners' options.
 
 
+@pytest.mark.slow
 def test_all_of_kce_keeps_its_bound_in_whole_episodes_and_arrives():
     trace = drive(load_planner("sarl_sgan_kce_bounded", {"predictor": "constant_velocity"})[1], "val:5")
     assert METRICS["success_rate"](trace).mean() >= 0.8
@@ -255,17 +256,11 @@ def test_of_the_papers_method_each_part_can_be_changed_or_left_out():
     [
         ({"kce": "all"}, "sarl_cvm has no option 'kce'; its options are: .*limits, shaping, explore"),
         ({"explore": {"epsilon": 0}}, "in explore, epsilon is 0, but must be a number above 0"),
-        ({"explore": {"n": 0}}, "in explore, n is 0, but must be a whole number, 1 or more"),
-        ({"explore": 0.1}, "explore is 0.1, but must be false or a table with epsilon, n"),
         ({"explore": True}, "explore is True, but must be false or a table with epsilon, n"),
-        ({"shaping": {"cost": -1}}, "in shaping, cost is -1, but must be a number, 0 or more"),
-        ({"shaping": {"threshold": math.nan}}, "in shaping, threshold is nan, but must be a number"),
-        ({"shaping": {}}, "shaping is {}, but must be false or a table with cost or a table with threshold"),
         ({"shaping": {"cost": 1, "threshold": 1}}, "but must be false or a table with cost or a table with threshold"),
         ({"limits": {"max_velocity_change": -1.0}}, "in limits, max_velocity_change is -1.0, but must be a number abo"),
         ({"limits": {"max_speed": 1.0}}, "limits is {'max_speed': 1.0}, but must be false or a table with max_accele"),
         ({"shortlist": 0}, "shortlist is 0, but must be a whole number, 1 or more"),
-        ({"modes": 5}, "constant_velocity has no option 'modes'"),
     ],
 )
 def test_an_impossible_option_gets_one_sentence(options, message):

@@ -21,7 +21,7 @@ from lookahead_scenes import (
 
 from crowdbench.core.dynamics.dynamics import speeds_and_headings
 from crowdbench.core.types import Observation, Outcome
-from crowdbench.networks.value import NETWORKS, ValueNetwork
+from crowdbench.networks.value import NETWORKS
 from crowdbench.planners import lookahead
 from crowdbench.planners.lookahead import SHOWN, ValuePlanner
 from crowdbench.predict import ConstantVelocity, Oracle
@@ -244,49 +244,3 @@ def test_each_later_step_starts_where_the_one_before_ended(change):
         velocity = plan[:, ahead]
         position = position + DT * velocity
     assert (plan[:, 0] != plan[:, 2]).any()
-
-
-def test_each_mode_goes_on_by_itself():
-    obs, net = crowded(4), network()
-    made = ValuePlanner(Forks(3), net)
-    later = scene(obs, made.predictor.predict(obs, 2), 1)
-    commands = speeds_and_headings(obs.vehicle.preferred_speed)
-    values, outcomes = slow_values(later, commands, net)
-    assert (outcomes == Outcome.COLLISION).any()
-    np.testing.assert_allclose(made.score(later, commands).values, values, rtol=0.0, atol=1e-5)
-
-
-def test_the_crowd_of_a_later_step_comes_from_where_it_was_predicted():
-    obs = observe(world([[0.0, 0.0], [5.0, 5.0]], goal=[[5.0, 0.0], [0.0, 0.0]]))
-    # First it passes the goal, then it runs from there through the vehicle, who cannot get out of its way.
-    made = ValuePlanner(Says([[[5.0, -5.0]], [[-5.0, 5.0]]]), Nearer())
-    assert np.array_equal(made.plan_ahead(obs, 2), [[[1.0, 0.0], [0.0, 0.0]]])
-
-
-class Counting(ValueNetwork):
-    """Any network; it counts the states that it is given."""
-
-    def __init__(self, network):
-        super().__init__()
-        self.network, self.name, self.states = network, network.name, 0
-
-    def crowd(self, joint, present):
-        self.states += len(joint)
-        return self.network.crowd(joint, present)
-
-
-@pytest.mark.parametrize("shortlist", [None, 3])
-def test_commands_that_are_equal_are_evaluated_once(shortlist):
-    obs, once, thrice = crowded(), Counting(network()), Counting(network())
-
-    def around(scene, best):
-        return np.stack([best, best + 1e-12, 0.5 * best], axis=1)
-
-    def repeated(speed):
-        return np.repeat(speeds_and_headings(speed), 3, axis=1)
-
-    plain = ValuePlanner(Forks(2), once, explore=lambda scene, best: 0.5 * best[:, None], shortlist=shortlist)
-    made = ValuePlanner(Forks(2), thrice, repeated, explore=around, shortlist=shortlist and 3 * shortlist)
-    np.testing.assert_allclose(made.plan(obs), plain.plan(obs), rtol=0.0, atol=1e-9)
-    # The numbers of states are rounded up.
-    assert thrice.states <= 1.2 * once.states

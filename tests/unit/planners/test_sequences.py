@@ -1,10 +1,9 @@
 import dataclasses
-import math
 
 import numpy as np
 import pytest
 import torch
-from lookahead_scenes import Forks, Nearer, Says, crowded, network, scene, slow_step
+from lookahead_scenes import Forks, Nearer, crowded, network, scene, slow_step
 
 from agents.planners.sarl_sgan_seq import CrossEntropy, SequencePlanner
 from crowdbench import InputError, load_planner
@@ -76,15 +75,6 @@ def value_of(net, joint, present):
         return float(net(torch.tensor(np.array(joint), dtype=torch.float32)[None], torch.from_numpy(present)[None]))
 
 
-def test_a_sequence_of_one_step_is_worth_what_the_lookahead_says():
-    obs = crowded()
-    lookahead = ValuePlanner(ConstantVelocity(), network())
-    prediction = ConstantVelocity().predict(obs, 1)
-    commands = lookahead.actions(obs.vehicle.preferred_speed)
-    found = SequencePlanner(lookahead).values(scene_of(obs, prediction, 0, obs.vehicle), commands[:, :, None])
-    np.testing.assert_allclose(found, lookahead.score(scene(obs, prediction), commands).values, atol=1e-5)
-
-
 def test_the_best_sequence_is_at_least_as_good_as_the_lookahead_s_and_as_any_constant_one():
     obs = crowded()
     lookahead = ValuePlanner(Forks(3), network())
@@ -127,30 +117,6 @@ def test_commands_are_no_faster_than_the_vehicle_and_the_first_is_what_is_planne
     assert made.plan_ahead(obs, 11).shape == (len(obs), 11, 2)
 
 
-def test_a_larger_margin_keeps_a_later_pedestrian_farther_away():
-    """A pedestrian stands beside the straight way, where the vehicle will be after two steps."""
-    obs = crowded(worlds=3, pedestrians=1).take(slice(1, 2))
-    vehicle = dataclasses.replace(
-        obs.vehicle,
-        position=np.zeros((1, 2)),
-        velocity=np.zeros((1, 2)),
-        goal=np.array([[5.0, 0.0]]),
-        radius=np.array([0.3]),
-        preferred_speed=np.array([1.0]),
-    )
-    crowd = dataclasses.replace(
-        obs.pedestrians, position=np.array([[[1.0, 0.85]]]), radius=np.array([[0.3]]), seen=np.array([[True]])
-    )
-    obs = dataclasses.replace(obs, vehicle=vehicle, pedestrians=crowd)
-    says = Says(np.tile([[[1.0, 0.85]]], (8, 1, 1)))
-    nearest = []
-    for margin in (0.0, 0.1):
-        made = SequencePlanner(ValuePlanner(says, Nearer()), margin=margin)
-        way = (made.plan_ahead(obs, 8)[0] * obs.dt).cumsum(axis=0)
-        nearest.append(min(math.dist(point, (1.0, 0.85)) for point in way))
-    assert nearest[1] > nearest[0] + 0.1
-
-
 def test_a_case_does_not_depend_on_its_batch():
     obs = crowded(worlds=30)
     made = SequencePlanner(ValuePlanner(Forks(3), network()), CrossEntropy(samples=20, elites=5))
@@ -172,10 +138,8 @@ def test_what_was_planned_is_logged():
     ("options", "message"),
     [
         ({"horizon": 0}, "horizon is 0, but must be a whole number, 1 or more"),
-        ({"margin": -0.1}, "margin is -0.1, but must be a number, 0 or more"),
         ({"search": {"rounds": 0}}, "in search, rounds is 0, but must be a whole number, 1 or more"),
         ({"search": {"elites": 200}}, "in search, elites is 200, but must be 96 at most, which is samples"),
-        ({"search": {"spread": 0}}, "in search, spread is 0, but must be a number above 0"),
         ({"search": False}, "search is False, but must be a table with samples, rounds, elites, spread"),
     ],
 )

@@ -1,20 +1,17 @@
 """Vehicles on wheels in the simulator: scenarios, rollouts, planners, recordings."""
 
 import math
-import re
-from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import advance, check_step, drive, fixture, same, world
+from helpers import advance, check_step, drive, same, world
 
-from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.catalog import load_scenario
 from crowdbench.core.dynamics import Bicycle, State, Unicycle, chain, hull
 from crowdbench.core.geometry import wrap_angle
 from crowdbench.core.types import Outcome, Rules
 from crowdbench.envs.step_outcomes import outcomes_of_agents
 from crowdbench.envs.vehicle import VehicleEnv
-from crowdbench.metrics.registry import spl
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import along_walls
@@ -277,22 +274,6 @@ def test_stored_tracks_of_a_vehicle_have_its_dynamics_its_body_and_its_tolerance
     assert same(found, trace)
 
 
-def test_spl_counts_the_way_to_where_the_vehicle_arrives():
-    trace = drive("straight", "1", pedestrians__number=0, vehicle__goal_tolerance=2.0)
-    assert spl(trace)[0] == pytest.approx(6.0 / 6.25)
-
-
-def test_the_planner_of_the_page_about_vehicles_commands_unicycles_only(tmp_path):
-    page = (Path(__file__).parents[3] / "docs" / "observation.md").read_text()
-    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    (tmp_path / "turning.py").write_text(code)
-    _, planner = load_planner(str(tmp_path / "turning.py"))
-    trace = drive(planner, "5", fixture("blind_corner"), vehicle__dynamics="unicycle", pedestrians__number=0)
-    assert (trace.outcome == Outcome.SUCCESS).all()
-    with pytest.raises(InputError, match="has native = 'unicycle', but the vehicle of the scenario is holonomic"):
-        drive(planner, "1")
-
-
 class Wandering(Planner):
     """Gives a direction for a second, then another one, corrected along walls."""
 
@@ -302,6 +283,7 @@ class Wandering(Planner):
         return along_walls(obs, obs.vehicle.preferred_speed[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("acceleration", [0.5, 1.0])
 def test_no_vehicle_on_wheels_drives_into_a_wall_whatever_velocities_are_wanted(acceleration):
     overrides = {"pedestrians.number": 0, "vehicle.max_acceleration": acceleration}

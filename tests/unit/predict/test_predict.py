@@ -86,15 +86,6 @@ def test_constant_velocity_goes_on_as_in_the_last_step():
         np.testing.assert_allclose(found.velocity[:, 0, step], moved / DT)
 
 
-@BOTH
-def test_straight_tracks_are_continued(predictor):
-    time = DT * np.arange(1 - HISTORY, 4)[:, None, None]
-    track = np.array([[3.0, -2.0]]) + time * np.array([[0.7, 1.1]])
-    found = predictor.predict(observation(track[None, :HISTORY], [5]), 3)
-    np.testing.assert_allclose(found.position[0, 0], track[HISTORY:])
-    np.testing.assert_allclose(found.velocity[0, 0, :, 0], [[0.7, 1.1]] * 3)
-
-
 @EVERY
 def test_who_was_seen_once_stands_still(predictor):
     tracks = bent()
@@ -133,16 +124,6 @@ def test_a_crowd_may_be_one_or_nobody(predictor, pedestrians):
 
 
 @BOTH
-def test_every_pedestrian_counts_the_points_that_were_seen_of_it(predictor):
-    tracks, observed = bent(worlds=1), [[2, 5, 8]]
-    together = predictor.predict(observation(tracks, observed), 3)
-    for p, seen in enumerate(observed[0]):
-        alone = predictor.predict(observation(tracks[:, :, p : p + 1], [seen]), 3)
-        np.testing.assert_array_equal(together.position[:, :, :, p], alone.position[:, :, :, 0])
-        np.testing.assert_array_equal(together.velocity[:, :, :, p], alone.velocity[:, :, :, 0])
-
-
-@BOTH
 def test_the_order_of_pedestrians_does_not_matter(predictor):
     order = [2, 0, 1]
     found, other = predictor.predict(observation(bent()), 3), predictor.predict(observation(bent()[:, :, order]), 3)
@@ -166,12 +147,6 @@ def test_sampled_headings_turn_the_last_velocity_by_normal_angles():
     own = np.corrcoef(turned[0, :, 0, :2].T)
     assert abs(own[0, 1]) < 0.4  # each pedestrian has an angle of its own
     np.testing.assert_allclose(np.diff(found.position, axis=2), DT * found.velocity[:, :, 1:])
-
-
-def test_headings_that_are_not_turned_are_those_of_constant_velocity():
-    obs = observation(bent())
-    found = ConstantVelocitySampled(modes=1, angle=0).predict(obs, 3)
-    np.testing.assert_allclose(found.position, ConstantVelocity().predict(obs, 3).position)
 
 
 def test_fewer_sampled_modes_are_the_first_of_more():

@@ -9,7 +9,6 @@ from crowdbench import InputError
 from crowdbench.core.types import HISTORY
 from crowdbench.networks.social_gan import SGAN_HIDDEN, SGAN_NOISE, Generator
 from crowdbench.predict.social_gan import SocialGAN, extrapolated_history
-from studies.social_gan.training import make_discriminator
 
 BOTH = pytest.mark.parametrize("pooling", [False, True])
 
@@ -101,14 +100,6 @@ def test_fewer_modes_are_the_first_of_more_and_steps_differ():
     assert np.abs(predictor(modes=5).predict(obs, 4).position - few).max() > 1e-3
 
 
-def test_positions_follow_from_velocities():
-    obs = crowds(3, 2)
-    found = predictor(modes=2).predict(obs, 5)
-    start = np.broadcast_to(obs.pedestrians.history[:, None, None, -1], (3, 2, 1, 2, 2))
-    steps = np.diff(np.concatenate([start, found.position], axis=2), axis=2)
-    np.testing.assert_allclose(steps, found.velocity * obs.dt, atol=1e-9)
-
-
 @pytest.mark.parametrize("absent", [0, 1])
 @pytest.mark.parametrize("pooling", [False, True])
 def test_whoever_is_absent_changes_nothing_and_is_given_finite_numbers(pooling, absent):
@@ -158,19 +149,3 @@ def test_it_is_scored_only_where_it_was_not_trained():
     assert "eth" not in other.about["scenes"]
     with pytest.raises(InputError, match="were trained on eth, and so cannot be scored there"):
         predictor(weights="mine").for_held_out_scene("eth")
-
-
-@pytest.mark.parametrize("modes", [0, -1])
-def test_impossible_numbers_of_modes_are_refused(modes):
-    with pytest.raises(InputError, match="must be a whole number, 1 or more"):
-        predictor(modes=modes)
-
-
-def test_a_discriminator_scores_each_track_by_itself():
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(0)
-        discriminator = make_discriminator()
-    tracks = torch.randn((5, 15, 2), generator=torch.Generator().manual_seed(0))
-    together = discriminator(tracks)
-    assert together.shape == (5,)
-    torch.testing.assert_close(together[2:3], discriminator(tracks[2:3]))

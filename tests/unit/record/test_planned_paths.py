@@ -7,7 +7,7 @@ import pytest
 from helpers import drive
 
 from crowdbench.drawing import LIGHT
-from crowdbench.record.decisions import BEST, add_commands, draw_decisions, read_paths
+from crowdbench.record.decisions import BEST, draw_decisions, read_paths
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_commands_are_paths_of_one_second_and_the_best_one_is_planned(said):
     fan = np.zeros((1, said.position.shape[1] - 1, 4, 3)) + np.arange(12.0).reshape(4, 3)
     fan[:, :, 1, 2] = np.nan  # cannot be chosen
     logged = dataclasses.replace(said, logs={"commands": fan})
-    add_commands(paths := {}, list(draw_decisions(logged, 0)), said.rules.dt)
+    paths = read_paths(list(draw_decisions(logged, 0)), said.rules.dt, commands=True)
     assert sorted(paths) == list(range(int(said.steps[0])))
     for state, found in paths.items():
         starts = np.array([path[0] for path in (*found.considered, *found.planned)])

@@ -14,7 +14,7 @@ from crowdbench.core.types import Outcome
 from crowdbench.metrics.fault import find_contacts
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
-from crowdbench.record import rrd, viewer
+from crowdbench.record import viewer
 from crowdbench.record.blueprint import draw_logs
 from crowdbench.record.decisions import draw_decisions
 from crowdbench.record.marks import draw_approach, time_to_closest
@@ -264,5 +264,5 @@ def test_decisions_are_kept_of_all_that_is_recorded(driven, tmp_path):
         recorder.add(said, np.array([success, failure]), {})
     reader = RrdReader(tmp_path / "run.rrd")
     for entry in reader.recordings():
-        paths = {chunk.entity_path for chunk in rrd.chunks_of(reader, entry)}
+        paths = {chunk.entity_path for chunk in reader.store(store=entry).stream().to_chunks()}
         assert {"/plots/planner/value", "/world/planner/commands"} <= paths

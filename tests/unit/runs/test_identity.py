@@ -77,6 +77,7 @@ def test_a_planner_object_is_resumed_by_its_key_alone(tmp_path, key):
         assert not kept.exists()
 
 
+@pytest.mark.slow
 def test_a_finished_run_leaves_the_kept_parts_of_others(tmp_path):
     interrupted(tmp_path / "a", Mine(1.0, stops=True), key="mine")
     crowdbench.run("orca", cases=501, out=tmp_path / "a", record="none")
@@ -96,6 +97,7 @@ print(crowdbench.run(Still(), cases=1).cases)
 """
 
 
+@pytest.mark.slow
 def test_a_class_without_a_file_is_driven():
     done = subprocess.run([sys.executable, "-"], input=FROM_STDIN, capture_output=True, text=True)
     assert done.stdout == "test:0:1\n", done.stderr
@@ -183,6 +185,7 @@ print(*(module.__file__ for name, module in sys.modules.items() if name.startswi
 """
 
 
+@pytest.mark.slow
 def test_the_digest_of_code_covers_what_shipped_planners_and_a_rollout_load():
     loaded = subprocess.run([sys.executable, "-c", DRIVE], capture_output=True, text=True, check=True).stdout.split()
     names = {Path(file).relative_to(identity.PACKAGE).as_posix() for file in loaded}

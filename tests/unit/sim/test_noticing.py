@@ -215,7 +215,7 @@ def test_a_case_does_not_depend_on_its_batch():
     ("changes", "error"),
     [
         ({"pedestrians.attention.ignores": 1.5}, r"attention\.ignores is 1\.5, but must be a share from 0 to 1"),
-        ({"pedestrians.attention.ignores": 0.6, "pedestrians.attention.attracted": 0.6}, r"add up to 1 at most"),
+        ({"pedestrians.attention.ignores": 0.6, "pedestrians.attention.attracted": 0.6}, r"sum to 1 at most"),
         ({"pedestrians.attention.sees": 0.6}, r"attention\.sees"),
     ],
 )

@@ -155,6 +155,7 @@ def crowd(area, agents=300, dynamics=FREE):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dynamics", [FREE, Unicycle()])
 @pytest.mark.parametrize("area", [4.0, 40.0, 400.0])
 def test_the_step_of_all_agents_is_checked_from_cells_as_among_all(area, dynamics, monkeypatch):

@@ -136,6 +136,7 @@ def test_only_the_time_limit_leaves_the_value_of_what_would_have_followed(monkey
     assert ended.all()
 
 
+@pytest.mark.slow
 def test_a_training_in_several_scenarios_shares_its_worlds(tmp_path):
     config = dataclasses.replace(
         CONFIG, also_train_in="doorway_10,square_crossing_5", validation="circle_crossing_5,doorway_10", steps=130

@@ -1,9 +1,6 @@
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
-from study_folders import TABLE, cells, fill, print_page, read_page, refused, table
+from study_folders import TABLE, cells, fill, read_page, table
 
 from crowdbench.metrics.summary import bootstrap, wilson
 
@@ -51,32 +48,3 @@ def test_failures_count_for_success_alone(tmp_path):
     for row in found.rows:
         assert [row.measured[name].mean for name in ("max_velocity_change", "jerk")] == [1.0, 2.0]
         assert row.measured["success_rate"].mean == 0.5
-
-
-def test_what_nobody_reports_has_no_column(tmp_path):
-    asked = read_page(re.sub("reported.*", "", TABLE))
-    found = fill(asked, tmp_path, mine=[table([1] * 20)] * 2, other=[table([1] * 20)] * 2, orca=[table([1] * 20)])
-    headings = ["planner", "networks", "success, %", "time, s", "largest change of velocity, m/s", "jerk, m/s^3"]
-    assert cells(found.markdown())[0] == headings
-
-
-@pytest.mark.slow
-def test_a_study_may_have_such_a_table(capsys):
-    print_page(TABLE.replace('"20"', '"3"').replace("replan_every = 2", ""))
-    assert "| mine | 2 | 97.2 |" in capsys.readouterr().out
-    assert len(list(Path("runs/study-tiny").iterdir())) == 5
-
-
-BROKEN = {
-    TABLE.replace('"other"', '"mine"'): ["networks[1].rows", "rows of different labels"],
-    TABLE.replace("navigation_time", "time"): ["unknown key networks[1].rows[1].reported.time", "navigation_time"],
-    TABLE.replace("0.972", "'97 %'"): ["reported.success_rate is '97 %'", "a number of at least 0"],
-    TABLE.replace('["one", "two"]', "[]"): ["rows[1].weights is []", "list of texts"],
-    TABLE.replace('scenario = "circle_crossing_5"', ""): ["networks[1].scenario is missing", "text in quotes"],
-    TABLE.partition("[[networks.rows]]")[0]: ["networks[1].rows is missing", "one table or more"],
-}
-
-
-@pytest.mark.parametrize("text", BROKEN)
-def test_a_broken_table_gets_one_sentence(text):
-    refused(text, BROKEN[text], read_page)

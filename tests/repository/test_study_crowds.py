@@ -13,10 +13,9 @@ from crowdbench.results.compare import compare
 from crowdbench.results.paired import LEAST_SHARED
 from crowdbench.results.result_file import read_result
 from crowdbench.results.run_result import RunResult
-from crowdbench.results.table import RunTable
 from crowdbench.runs.folder import make_in_folder, run_directory
 from crowdbench.utils.tables import printed_by
-from studies.side_by_side import OVER_SOLVED, FilledCrowd, comparisons, verdict_grid
+from studies.side_by_side import OVER_SOLVED, comparisons, verdict_grid
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
@@ -155,12 +154,6 @@ def test_a_planner_with_several_networks_is_their_mean_over_networks_and_cases(t
     assert "A planner with several networks" in study.markdown(filled, "")
 
 
-def test_a_planner_may_have_options():
-    runs = read_page(CROWDS.replace('"orca_margin"', '{ planner = "orca", options = { safety_space = 0.2 } }')).runs
-    assert [run.label for run in runs[:2]] == ["orca", "orca (safety_space=0.2)"]
-    assert runs[1].spec.options == {"safety_space": 0.2}
-
-
 @pytest.mark.slow
 def test_a_pair_differs_as_crowdbench_compare_says(tmp_path):
     table = read_page(CROWDS.replace('"8"', '"40"')).tables[0]
@@ -174,17 +167,3 @@ def test_a_pair_differs_as_crowdbench_compare_says(tmp_path):
         assert found.rows == {name: expected.rows[name] for name in ("success_rate", *MEASURES)}
         rates = [row["success_rate"].mean for row in crowd.planners]
         assert rates == [read_result(run_directory(one, tmp_path))["metrics"]["success_rate"]["mean"] for one in runs]
-
-
-def test_collisions_with_walls_are_shown_where_there_are_any():
-    columns = {name: np.ones(12) for name in MEASURES}
-    walls = np.arange(12) >= 9
-    for hit, header in [
-        (walls, "| collisions, % | at fault, % | collisions with obstacles, % | timeouts, % |"),
-        (walls & ~walls, "| collisions, % | at fault, % | timeouts, % |"),
-    ]:
-        table = episodes([1] * 9 + [0] * 3, **columns)
-        table.columns["wall_collision_rate"] = hit
-        text = FilledCrowd.of(RunTable({"doorway": {"orca": result("orca", table)}})).markdown()
-        assert header in text
-        assert ("| 25.0 | 0.0 | 25.0 |" in text) == hit.any()
