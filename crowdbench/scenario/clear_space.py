@@ -2,33 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.arrays import Agents, PerAgent, WayPoints
-from crowdbench.core.dynamics import Body
 from crowdbench.core.geometry import dot, norm
 from crowdbench.utils.toml import TomlTable, number
-
-
-class MovingVehicle(NamedTuple):
-    """A vehicle in motion.
-
-    Attributes:
-        position: In metres.
-        heading: In radians.
-        velocity: In m/s.
-        radius: Radius of each of its discs in metres.
-        body: Offsets of the discs ahead of the position, in metres.
-    """
-
-    position: Float[np.ndarray, "2"]
-    heading: float
-    velocity: Float[np.ndarray, "2"]
-    radius: float
-    body: Body
 
 
 class ClearSpace(TomlTable):
@@ -42,33 +21,32 @@ class ClearSpace(TomlTable):
     distance: float = number(least=0.0, below=1e3)
     time: float = number(least=0.0, below=1e3)
 
-    def is_entered(self, discs: Float[np.ndarray, "disc 2"], position: Agents, radius: PerAgent, reach: float) -> bool:
-        """Return whether a pedestrian is nearer to the vehicle than `distance`, regardless of velocities.
+    def is_entered(self, discs: Float[np.ndarray, "disc 2"], position: Agents, reach: PerAgent) -> bool:
+        """Return whether a pedestrian is nearer to the vehicle than `distance`; see `holds`."""
+        return bool((norm(position[:, None] - discs) - reach[:, None] < self.distance).any())
 
-        Args:
-            discs: Centres of discs of the vehicle, in metres.
-            position: Positions of pedestrians in metres.
-            radius: Radii of pedestrians in metres.
-            reach: The radius of each of the vehicle's discs, in metres.
-        """
-        return bool((norm(position[:, None] - discs) - (radius + reach)[:, None] < self.distance).any())
-
-    def holds(self, vehicle: MovingVehicle, position: Agents, velocity: Agents, radius: PerAgent) -> bool:
+    def holds(
+        self,
+        discs: Float[np.ndarray, "disc 2"],
+        vehicle_velocity: Float[np.ndarray, "2"],
+        position: Agents,
+        velocity: Agents,
+        reach: PerAgent,
+    ) -> bool:
         """Return whether all pedestrians keep `distance` and `time` from a vehicle.
 
         Args:
-            vehicle: The vehicle.
+            discs: Centres of the discs of the vehicle in metres.
+            vehicle_velocity: In m/s.
             position: Positions of pedestrians in metres.
             velocity: Velocities of pedestrians in m/s.
-            radius: Radii of pedestrians in metres.
+            reach: Radius of each pedestrian plus the radius of the discs of the vehicle, in metres.
         """
-        ahead = np.array([np.cos(vehicle.heading), np.sin(vehicle.heading)])
-        discs = vehicle.position + np.array(vehicle.body)[:, None] * ahead
-        if self.is_entered(discs, position, radius, vehicle.radius):
+        if self.is_entered(discs, position, reach):
             return False
-        offset, reach = position[:, None] - discs, (radius + vehicle.radius)[:, None]
-        motion = np.broadcast_to((velocity - vehicle.velocity)[:, None], offset.shape)
-        a, b, c = dot(motion, motion), dot(offset, motion), dot(offset, offset) - reach**2
+        offset = position[:, None] - discs
+        motion = np.broadcast_to((velocity - vehicle_velocity)[:, None], offset.shape)
+        a, b, c = dot(motion, motion), dot(offset, motion), dot(offset, offset) - reach[:, None] ** 2
         touches = (b < 0.0) & (b**2 >= a * c)
         when = (-b - np.sqrt(np.maximum(b**2 - a * c, 0.0))) / np.where(a > 0.0, a, 1.0)
         return not (touches & (when <= self.time)).any()

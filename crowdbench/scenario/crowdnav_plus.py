@@ -7,7 +7,6 @@ builds an ORCA simulator once for each pedestrian, which retains the radii of pe
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.core.types import Rules, World
-from crowdbench.scenario.layouts.crossings import NOISE, PLUS_CLEARANCE, draw_beside, draw_vehicle_trip, is_clear
+from crowdbench.scenario.layouts.crossings import NOISE, PLUS_CLEARANCE, draw_beside, draw_vehicle_trip
 from crowdbench.scenario.layouts.placer import Point
 from crowdbench.scenario.placement import Placement
 from crowdbench.scenario.population import Population, Traits
@@ -88,8 +87,11 @@ class _CaseStream:
         noise: float = NOISE,
     ) -> Point:
         """Draw a start or a goal, at least as far as `reach` from other points in metres. See `draw_beside`."""
-        clear = functools.partial(is_clear, others=others, reach=reach)
-        point = draw_beside(self.draw, self._circle_radius, low, noise, clear)
+
+        def is_clear(point: Point) -> bool:
+            return bool((np.hypot(*(others - point).T) >= reach).all())
+
+        point = draw_beside(self.draw, self._circle_radius, low, noise, is_clear)
         if point is None:
             raise InputError(f"a circle of {self._circle_radius:g} m radius has no room: raise layout.circle_radius")
         return point
@@ -103,8 +105,8 @@ class CrowdNavPlusStarts(LayoutStarts):
         """See `LayoutStarts`."""
         if not self.uses_crowdnav_seed(case):
             return super().start(case, crowd, vehicle, rules)
-        stream = _CaseStream(case.number, crowd, self.layout.options["circle_radius"])
-        trips = [draw_vehicle_trip(stream.draw, self.layout.options["half_width"])]
+        stream = _CaseStream(case.number, crowd, self.layout.keywords["circle_radius"])
+        trips = [draw_vehicle_trip(stream.draw, self.layout.keywords["half_width"])]
         radii = [vehicle.radius]
         people = []
         for _ in range(crowd.number[1]):
@@ -132,7 +134,7 @@ class CrowdNavPlusStarts(LayoutStarts):
         others = super().post_step_rule(crowd)
         if others is None or crowd.arrival != "respawn":
             return others
-        return _CrowdNavPlusRule(crowd, self.layout.options["circle_radius"], others)
+        return _CrowdNavPlusRule(crowd, self.layout.keywords["circle_radius"], others)
 
 
 @dataclass(frozen=True)

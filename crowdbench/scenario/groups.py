@@ -14,9 +14,6 @@ from crowdbench.scenario.respawn import Surroundings
 GAP = 0.2
 """Distance in metres between the rims of neighbours in a group at the start."""
 
-LARGEST = 5
-"""Largest number of pedestrians in a group."""
-
 TRIES = 100
 """Largest number of draws for the position of a standing group."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import warnings
 from pathlib import Path
@@ -13,7 +12,7 @@ import shapely
 import yaml
 from jaxtyping import Bool
 from PIL import Image
-from pydantic import AfterValidator, Field
+from pydantic import Field
 from shapely import affinity
 
 from crowdbench.utils import files
@@ -35,9 +34,6 @@ MOST_CORNERS = 2000
 MOST_TURNS = 30_000
 """Largest number of corners of pixel outlines: the time to simplify them grows with the square of their number."""
 
-STRIP = 256
-"""Rows of an image whose brightness is computed at once: the brightness of all rows takes a gigabyte."""
-
 WHITE = {"L": 255.0, "RGB": 255.0, "RGBA": 255.0, "I;16": 65535.0, "I": 65535.0}
 """The value of white, by the mode of an image as Pillow reads it. Pillow scales a PGM of more than 8 bits to 16."""
 
@@ -49,12 +45,6 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"), [*"-+0123456789"]
 )
-
-
-def _pose(origin: list[float]) -> list[float]:
-    if len(origin) not in (2, 3) or not all(map(math.isfinite, origin)):
-        raise ValueError
-    return origin
 
 
 class GridSpec(TomlTable):
@@ -73,8 +63,8 @@ class GridSpec(TomlTable):
 
     image: Name
     resolution: float = number(above=0.0, below=1000.0)
-    origin: Annotated[list[float], AfterValidator(_pose)] = Field(
-        description="two or three numbers: x and y in metres, and an angle in radians"
+    origin: list[float] = Field(
+        min_length=2, max_length=3, description="two or three numbers: x and y in metres, and an angle in radians"
     )
     mode: str = choice(["trinary", "scale", "raw"], "trinary")
     occupied_thresh: float = number(0.65, least=0.0, below=1.0)
@@ -138,9 +128,7 @@ def _read_image(path: Path, spec: GridSpec) -> Bool[np.ndarray, "row column"]:
             with Image.open(file) as image:
                 if max(image.size) > LARGEST:
                     raise InputError(large)
-                width, height = image.size
-                strips = [image.crop((0, top, width, min(top + STRIP, height))) for top in range(0, height, STRIP)]
-                occupied = np.concatenate([_find_occupied(strip, spec) for strip in strips])
+                occupied = _find_occupied(image, spec)
     except (Image.DecompressionBombWarning, Image.DecompressionBombError):
         raise InputError(large) from None
     except (OSError, ValueError, SyntaxError) as error:  # the last two: Pillow, for a broken header

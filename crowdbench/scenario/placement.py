@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -57,29 +58,21 @@ Layout = Callable[..., Placement]
 It raises InputError if there is no room for an agent."""
 
 
-@dataclass(frozen=True)
-class LayoutCall:
-    """A layout with its options."""
-
-    function: Layout
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __call__(self, rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent) -> Any:
-        """Return a `Placement`, or an object of any type if a user's layout is wrong."""
-        return self.function(rng, radius, preferred_speed, **self.options)
+LayoutCall = functools.partial[Any]
+"""A layout with its options: a function `(rng, radius, preferred_speed) -> Placement`."""
 
 
-def complete_placement(answer: object, radius: PerAgent) -> Placement:
+def complete_placement(placement: Placement, radius: PerAgent) -> Placement:
     """Complete the placement of a layout: with routes if there are obstacles, and solid polygons counter-clockwise.
 
     Args:
-        answer: Return value of the layout, of any type.
+        placement: Return value of the layout, with arrays of the right shapes.
         radius: Radii in metres.
 
     Raises:
         InputError: It is not a valid placement of these agents.
     """
-    return add_routes(check_obstacles(check_finite(check_shape(answer, len(radius))), radius), radius)
+    return add_routes(check_obstacles(check_finite(placement), radius), radius)
 
 
 def check_shape(answer: object, agents: int) -> Placement:
@@ -144,7 +137,7 @@ def check_obstacles(placement: Placement, radius: PerAgent) -> Placement:
 
 
 def add_routes(placement: Placement, radius: PerAgent) -> Placement:
-    """Return a placement with routes if there are obstacles. Last waypoints that equal the goal are removed.
+    """Return a placement with routes if there are obstacles and the layout gives no routes.
 
     Args:
         placement: The placement.
@@ -153,18 +146,9 @@ def add_routes(placement: Placement, radius: PerAgent) -> Placement:
     Raises:
         InputError: There is no path from the start of an agent to its goal.
     """
-    route = placement.route
-    if route is None:
-        if placement.obstacles is None:
-            return placement
-        route = find_routes(placement.start, placement.goal, radius, placement.obstacles)
-        return dataclasses.replace(placement, route=route)
-    route = route.copy()
-    for points, goal in zip(route, placement.goal, strict=True):
-        last = len(_points(points)) - 1
-        while last >= 0 and np.array_equal(points[last], goal):
-            points[last] = np.nan
-            last -= 1
+    if placement.route is not None or placement.obstacles is None:
+        return placement
+    route = find_routes(placement.start, placement.goal, radius, placement.obstacles)
     return dataclasses.replace(placement, route=route)
 
 

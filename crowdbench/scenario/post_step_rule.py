@@ -9,9 +9,10 @@ from jaxtyping import Bool, Int
 
 from crowdbench.core import rng
 from crowdbench.core.arrays import PedestrianFlags
+from crowdbench.core.dynamics import disc_centres
 from crowdbench.core.geometry import norm, pad_points
 from crowdbench.core.types import World
-from crowdbench.scenario.clear_space import MovingVehicle, velocities_ahead
+from crowdbench.scenario.clear_space import velocities_ahead
 from crowdbench.scenario.groups import group_reach, member_offsets
 from crowdbench.scenario.placement import LayoutCall, Position
 from crowdbench.scenario.population import Population, Traits
@@ -95,10 +96,8 @@ class LayoutPostStepRule:
             crowd = rng.generator(world.key[row], "crowd again", *of_this)
             traits = self.crowd.walking().draw(crowd, len(members)).with_traits_of(np.zeros_like(members))
             radius, speed = traits.radius, float(traits.preferred_speed[0])
-        surroundings, stream = (
-            Surroundings.of(world, row, agents),
-            rng.generator(world.key[row], "places again", *of_this),
-        )
+        surroundings = Surroundings.of(world, row, agents)
+        stream = rng.generator(world.key[row], "places again", *of_this)
         middle = None if is_new else start.mean(axis=0)
         trip = redraw(self.layout, stream, surroundings, group_reach(radius), speed, middle)
         if trip is None:
@@ -110,10 +109,10 @@ class LayoutPostStepRule:
         if len(routes) < len(agents):
             return world
         if is_new and self.crowd.clear_space is not None:
-            motion = world.position[row, 0], float(world.heading[row]), world.velocity[row, 0]
-            vehicle = MovingVehicle(*motion, float(world.radius[row, 0]), world.rules.body)
+            discs = disc_centres(world.rules.body, world.position[[row], 0], world.heading[[row]])[0]
+            reach = radius + world.radius[row, 0]
             velocity = velocities_ahead(start, goal, pad_points(routes), np.full(len(members), speed))
-            if not self.crowd.clear_space.holds(vehicle, start, velocity, radius):
+            if not self.crowd.clear_space.holds(discs, world.velocity[row, 0], start, velocity, reach):
                 return world
         world.origin[row, agents], world.goal[row, agents] = start, goal
         if traits is not None:

@@ -20,7 +20,7 @@ from crowdbench.scenario.schema import VehicleSpec
 from crowdbench.scenario.starts import Case, Start
 from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
 from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, interpolate, recorded_pedestrians, split_windows
-from crowdbench.scenario.tracks.scenes import RecordedScene
+from crowdbench.scenario.tracks.scenes import SceneRecording
 from crowdbench.sim.presence import come_and_go
 from crowdbench.sim.simulator import PostStepRule
 from crowdbench.utils.errors import InputError
@@ -123,26 +123,27 @@ class TrackedCrowd:
     has_cars: bool
 
     @classmethod
-    def of(cls, scene: RecordedScene, distance: float, rules: Rules) -> TrackedCrowd:
+    def of(cls, scene: str, recordings: Sequence[SceneRecording], distance: float, rules: Rules) -> TrackedCrowd:
         """Cut a scene into the windows of a scenario, each as long as an episode that times out.
 
         Args:
-            scene: The scene.
+            scene: The name of the scene.
+            recordings: Its recordings.
             distance: Smallest distance in metres from the vehicle's start to its goal; unused if cars are recorded.
             rules: The rules of the scenario.
 
         Raises:
             InputError: No recording with pedestrians is as long as the longest episode.
         """
-        windows = cut_windows(scene, rules.max_steps, rules.dt)
+        windows = cut_windows(recordings, rules.max_steps, rules.dt)
         if not windows:
             raise InputError(
-                f"no recording of the scene {scene.name} holds people for the {rules.max_steps * rules.dt:g} s that an "
+                f"no recording of the scene {scene} holds people for the {rules.max_steps * rules.dt:g} s that an "
                 "episode may take: lower time_limit"
             )
-        has_cars = any(recording.cars for recording in scene.recordings)
-        free = {recording.tracks.name: FreeSpace(recording.tracks) for recording in scene.recordings if not has_cars}
-        return cls(scene.name, distance, split_windows(windows), free, has_cars)
+        has_cars = any(recording.cars for recording in recordings)
+        free = {recording.tracks.name: FreeSpace(recording.tracks) for recording in recordings if not has_cars}
+        return cls(scene, distance, split_windows(windows), free, has_cars)
 
     @property
     def number(self) -> tuple[int, int]:

@@ -151,9 +151,9 @@ def redraw(layout: LayoutCall, *arguments: Any) -> Trip | None:
     Raises:
         InputError: The layout raises, or returns neither None nor two points.
     """
-    draw = layout.function.again if isinstance(layout.function, LayoutWithRespawn) else None
+    draw = layout.func.again if isinstance(layout.func, LayoutWithRespawn) else None
     with plugin_errors("the layout raised"):
-        answer = draw(*arguments, **layout.options) if draw else _respawn_by_layout(layout, *arguments)
+        answer = draw(*arguments, **layout.keywords) if draw else _respawn_by_layout(layout, *arguments)
     if answer is None:
         return None
     if not isinstance(answer, tuple) or len(answer) != 2 or not all(map(_is_point, answer)):

@@ -64,11 +64,6 @@ class Scenario:
         """Twelve hexadecimal digits that change with the cases, see `scenario_digest`."""
         return scenario_digest(self.table)
 
-    @property
-    def seed(self) -> int:
-        """Seed of the random streams."""
-        return int(self.table["seed"])
-
     @functools.cached_property
     def post_step_rule(self) -> PostStepRule | None:
         """Rule applied after each step: arrivals, respawn, goal changes; None if pedestrians only walk."""
@@ -118,7 +113,7 @@ class Scenario:
         Raises:
             InputError: A layout has no room, raises, or returns an invalid placement, or a policy returns no memory.
         """
-        keys = rng.case_keys(self.seed, split, cases)
+        keys = rng.case_keys(int(self.table["seed"]), split, cases)
         drawn = [
             Case(Location(self.source, f"case {split}/{case}"), split, case, key)
             for case, key in zip(cases.tolist(), keys, strict=True)

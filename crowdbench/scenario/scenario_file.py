@@ -17,14 +17,15 @@ from crowdbench.scenario.schema import (
     DISTANCE,
     SHOWN,
     SHOWN_IN,
-    AnyScenarioSpec,
     LayoutScenarioSpec,
     NamesSpec,
     PedestriansSpec,
     PoliciesSpec,
     ScenarioSpec,
     SimulatedPedestriansSpec,
+    Spec,
     TracksScenarioSpec,
+    TracksSpec,
     VehicleSpec,
     additional_keys,
     scenario_spec,
@@ -71,20 +72,38 @@ def parse_scenario(
     file = Location(source)
     names = parse_table(NamesSpec, table, file)
     policies = _load_policies(names.pedestrians, load_policy, file.at("pedestrians"))
-    spec: ScenarioSpec
-    starts: LayoutStarts | TrackedCrowd
+    parameters = {name: part.policy.parameters for name, part in policies.items()}
     if "tracks" in table:
-        spec, starts = _parse_with_tracks(table, names, policies, data, file)
+        layout = None
+        model = scenario_spec(names.vehicle.dynamics, parameters)
+    else:
+        with file.at("layout", "generator").named():
+            generator, layout, digest = load_layout(names.layout.generator)
+            model = scenario_spec(names.vehicle.dynamics, parameters, layout)
+        _check_digest(names.layout.generator_file, digest, file.at("layout", "generator_file"))
+    spec = parse_table(model, table, file)
+    # Names of plug-ins replace their files, whose digests are added.
+    shares = {name: part.share for name, part in policies.items()}
+    digests = {name: part.digest for name, part in policies.items() if part.digest is not None}
+    spec = _with(spec, "pedestrians", policy=shares, policy_files=digests)
+    rules = rules_of(spec, file)
+    starts: LayoutStarts | TrackedCrowd
+    if isinstance(spec, LayoutScenarioSpec):
+        assert layout is not None
+        spec = _with(spec, "layout", generator=generator, generator_file=digest)
+        starts = _layout_starts(spec, layout, file)
+    else:
+        assert isinstance(spec, TracksScenarioSpec)
+        starts, files = _recorded_starts(spec.tracks, rules, data, file.at("tracks"))
+        spec = _with(spec, "tracks", files=files)
         if starts.has_cars and RECORDED not in policies:
             policies[RECORDED] = _Policy(Recorded(), 0.0, None)  # moves the other cars
-    else:
-        spec, starts = _parse_with_layout(table, names, policies, load_layout, file)
     return Scenario(
         name=name,
         source=source,
         table=spec.complete(),
         vehicle=_without_limits(spec.vehicle),
-        rules=rules_of(spec, file),
+        rules=rules,
         crowd=_population(spec.pedestrians, policies, starts),
         starts=starts,
         policies={name: part.policy for name, part in policies.items()},
@@ -96,69 +115,49 @@ def _without_limits(vehicle: VehicleSpec) -> VehicleSpec:
     return VehicleSpec(**vehicle.model_dump(include=set(VehicleSpec.model_fields)))
 
 
-def _parse_with_layout(
-    table: Mapping[str, Any],
-    names: NamesSpec,
-    policies: Mapping[str, _Policy],
-    load_layout: LoadLayout,
-    file: Location,
-) -> tuple[LayoutScenarioSpec, LayoutStarts]:
-    """Return the model of a scenario with a layout, and the starts of its cases."""
-    at_layout, at_pedestrians = file.at("layout"), file.at("pedestrians")
-    with at_layout.at("generator").named():
-        generator, layout, digest = load_layout(names.layout.generator)
-        model = scenario_spec(LayoutScenarioSpec, names.vehicle.dynamics, _parameters(policies), layout)
-    _check_digest(names.layout.generator_file, digest, at_layout.at("generator_file"))
-    spec = _with_policies(parse_table(model, table, file), policies)
-    if RECORDED in policies:
+def _with(spec: Spec, key: str, **values: object) -> Spec:
+    """Return the model of a scenario with other values in one of its tables."""
+    return spec.model_copy(update={key: getattr(spec, key).model_copy(update=values)})
+
+
+def _layout_starts(spec: LayoutScenarioSpec, layout: Layout, file: Location) -> LayoutStarts:
+    """Return the starts of cases by a layout: the first test cases as in CrowdNav, or as in CrowdNav++ with its
+    layout."""
+    pedestrians, cases = file.at("pedestrians"), spec.crowdnav_cases
+    if RECORDED in spec.pedestrians.policy:
         right = "another policy, or there must be a table [tracks]"
-        raise at_pedestrians.at("policy").wrong(RECORDED, right)
-    if spec.seed and spec.crowdnav_cases:
+        raise pedestrians.at("policy").wrong(RECORDED, right)
+    if spec.seed and cases:
         raise InputError(
-            f"{file.file}: seed is {spec.seed}, which changes no test case below crowdnav_cases = "
-            f"{spec.crowdnav_cases}, because these are drawn with CrowdNav's seeds: set crowdnav_cases = 0 too"
+            f"{file.file}: seed is {spec.seed}, which changes no test case below crowdnav_cases = {cases}, because "
+            "these are drawn with CrowdNav's seeds: set crowdnav_cases = 0 too"
         )
-    if spec.crowdnav_cases and spec.pedestrians.clear_space:
+    if cases and spec.pedestrians.clear_space:
         right = "left out where crowdnav_cases is not 0: those cases start as in CrowdNav"
-        raise at_pedestrians.at("clear_space").wrong("given", right)
-    starts = _layout_starts(LayoutCall(layout, additional_keys(spec.layout)), spec.crowdnav_cases)
-    table_of_layout = spec.layout.model_copy(update={"generator": generator, "generator_file": digest})
-    return spec.model_copy(update={"layout": table_of_layout}), starts
+        raise pedestrians.at("clear_space").wrong("given", right)
+    call = LayoutCall(layout, **additional_keys(spec.layout))
+    if not cases or layout is not crowdnav_plus:
+        return LayoutStarts(call, cases)
+    from crowdbench.scenario.crowdnav_plus import CrowdNavPlusStarts
+
+    return CrowdNavPlusStarts(call, cases)
 
 
-def _parse_with_tracks(
-    table: Mapping[str, Any], names: NamesSpec, policies: Mapping[str, _Policy], data: Path | None, file: Location
-) -> tuple[TracksScenarioSpec, TrackedCrowd]:
-    """Return the model of a scenario with recorded tracks, and its recorded crowd."""
+def _recorded_starts(
+    tracks: TracksSpec, rules: Rules, data: Path | None, location: Location
+) -> tuple[TrackedCrowd, dict[str, str]]:
+    """Return the recorded crowd of a scenario, and the digests of the files with its tracks."""
     # Imported here, because most scenarios do without.
     from crowdbench.scenario.recorded import TrackedCrowd
     from crowdbench.scenario.tracks.scenes import load_scene
 
-    model = scenario_spec(TracksScenarioSpec, names.vehicle.dynamics, _parameters(policies))
-    spec = _with_policies(parse_table(model, table, file), policies)
-    tracks, location = spec.tracks, file.at("tracks")
-    rules = rules_of(spec, file)
     with location.named():
-        scene = load_scene(tracks.scene, data, tracks.files)
-        crowd = TrackedCrowd.of(scene, tracks.distance, rules)
+        recordings, files = load_scene(tracks.scene, data, tracks.files)
+        crowd = TrackedCrowd.of(tracks.scene, recordings, tracks.distance, rules)
     if crowd.has_cars and tracks.distance != DISTANCE:
         right = "left out where cars say where the vehicle starts and goes"
         raise location.at("distance").wrong(f"{tracks.distance:g}", right)
-    return spec.model_copy(update={"tracks": tracks.model_copy(update={"files": dict(scene.files)})}), crowd
-
-
-def _parameters(policies: Mapping[str, _Policy]) -> dict[str, Mapping[str, float]]:
-    """Return the default parameters of policies by name."""
-    return {name: part.policy.parameters for name, part in policies.items()}
-
-
-def _with_policies(spec: AnyScenarioSpec, policies: Mapping[str, _Policy]) -> AnyScenarioSpec:
-    """Return a scenario with the names of the policies instead of their files, and the digests of these."""
-    changes = {
-        "policy": {name: part.share for name, part in policies.items()},
-        "policy_files": {name: part.digest for name, part in policies.items() if part.digest is not None},
-    }
-    return spec.model_copy(update={"pedestrians": spec.pedestrians.model_copy(update=changes)})
+    return crowd, files
 
 
 def _population(
@@ -177,7 +176,7 @@ def _population(
             **common,
             number=spec.number,
             preferred_speed=spec.preferred_speed,
-            groups={int(size): share for size, share in (spec.groups or {}).items()},
+            groups={int(size): share for size, share in sorted((spec.groups or {}).items())},
             arrival=spec.arrival,
             goal_change=spec.goal_change,
             clear_space=spec.clear_space,
@@ -185,16 +184,6 @@ def _population(
     assert not isinstance(starts, LayoutStarts)
     speed = Distribution.model_validate(starts.top_speed)
     return Population(**common, number=starts.number, preferred_speed=speed)
-
-
-def _layout_starts(layout: LayoutCall, crowdnav_cases: int) -> LayoutStarts:
-    """Return the starts of cases by a layout: the first test cases as in CrowdNav, or as in CrowdNav++ with its
-    layout."""
-    if not crowdnav_cases or layout.function is not crowdnav_plus:
-        return LayoutStarts(layout, crowdnav_cases)
-    from crowdbench.scenario.crowdnav_plus import CrowdNavPlusStarts
-
-    return CrowdNavPlusStarts(layout, crowdnav_cases)
 
 
 def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
@@ -213,7 +202,9 @@ def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
         raise delay.wrong(f"{spec.sensor.delay:g}", f"{MAX_DELAY * spec.dt:g} s or less, {MAX_DELAY} steps")
     sensor = spec.sensor
     if isinstance(pedestrians, SimulatedPedestriansSpec):
-        _check_goal_change(pedestrians, spec.dt, file.at("pedestrians", "goal_change", "period"))
+        change, period = pedestrians.goal_change, file.at("pedestrians", "goal_change", "period")
+        if change is not None and not _count_steps(change.period, spec.dt, period):
+            raise period.wrong(f"{change.period:g}", f"a multiple of dt, {spec.dt:g} s")
         if sensor.nearest is None and pedestrians.number[1] > SHOWN_IN:
             sensor = sensor.model_copy(update={"nearest": SHOWN})
     attention = pedestrians.attention
@@ -239,13 +230,6 @@ def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
         sensor=sensor,
         walking=None if walking is None else WalkingLimits(**walking.complete(), exempt=recorded),
     )
-
-
-def _check_goal_change(pedestrians: SimulatedPedestriansSpec, dt: float, period: Location) -> None:
-    """Raise InputError if the period of goal changes is not one or more steps."""
-    change = pedestrians.goal_change
-    if change is not None and not _count_steps(change.period, dt, period):
-        raise period.wrong(f"{change.period:g}", f"a multiple of dt, {dt:g} s")
 
 
 def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:

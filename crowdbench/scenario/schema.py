@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_model
 
@@ -19,7 +19,6 @@ from crowdbench.core.types.attention import Attention
 from crowdbench.core.types.rules import MAX_PEDESTRIANS
 from crowdbench.plugins.options import PLAIN, REQUIRED, Option, read_options
 from crowdbench.scenario.clear_space import ClearSpace
-from crowdbench.scenario.groups import LARGEST
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import Layout
 from crowdbench.scenario.population import ARRIVALS, Distribution, GoalChange, WalkingLimitsSpec, WholeDistribution
@@ -27,7 +26,6 @@ from crowdbench.utils.errors import InputError, is_integer
 from crowdbench.utils.toml import Flag, Name, Text, TomlTable, choice, integer, number, table
 
 Spec = TypeVar("Spec", bound=TomlTable)
-AnyScenarioSpec = TypeVar("AnyScenarioSpec", bound="ScenarioSpec")
 
 SHOWN, SHOWN_IN = 20, 100
 """Planners observe the nearest 20 pedestrians in scenarios with more than 100, and all pedestrians in others."""
@@ -56,6 +54,11 @@ def quantity(default: float, least: float = 0.0) -> Any:
     )
 
 
+def table_like(example: str) -> Any:
+    """Return the field of a table that may be left out, with an example in TOML."""
+    return Field(default=None, description=f"a table with the keys of {example}")
+
+
 def _as_pair(value: Any) -> Any:
     return (value, value) if is_integer(value) else tuple(value) if isinstance(value, list) else value
 
@@ -70,13 +73,8 @@ def _as_shares(value: Any) -> Any:
     return {value: 1.0} if isinstance(value, str) else value
 
 
-def _of_sizes(shares: dict[str, float]) -> dict[str, float]:
-    if not shares or not all(size in _SIZES for size in shares):
-        raise ValueError
-    return dict(sorted(shares.items()))
-
-
-_SIZES = [str(size) for size in range(1, LARGEST + 1)]
+GroupSize = Literal["1", "2", "3", "4", "5"]
+"""Numbers of pedestrians in a group, as keys of a table."""
 
 
 class LayoutSpec(TomlTable, extra="allow"):
@@ -136,12 +134,8 @@ class PedestriansSpec(PoliciesSpec):
     """`[pedestrians]`, with an additional table for each policy; see `scenario_spec`."""
 
     radius: Size = quantity(0.3, MIN_SIZE)
-    attention: Attention | None = Field(
-        default=None, description="a table [pedestrians.attention] with the keys of { ignores = 0.1, delay = 0.4 }"
-    )
-    limits: WalkingLimitsSpec | None = Field(
-        default=None, description="a table with the keys of { acceleration = 1.5, braking = 3.0, sideways = 2.0 }"
-    )
+    attention: Attention | None = table_like("{ ignores = 0.1, delay = 0.4 }")
+    limits: WalkingLimitsSpec | None = table_like("{ acceleration = 1.5, braking = 3.0, sideways = 2.0 }")
 
 
 class SimulatedPedestriansSpec(PedestriansSpec):
@@ -156,17 +150,13 @@ class SimulatedPedestriansSpec(PedestriansSpec):
         description=f"a whole number from 0 to {MAX_PEDESTRIANS}, or a pair of them, [least, most]",
     )
     preferred_speed: Size = quantity(1.0, MIN_SIZE)
-    groups: Annotated[dict[str, Annotated[float, Field(gt=0, lt=1e9)]], AfterValidator(_of_sizes)] | None = Field(
+    groups: Annotated[dict[GroupSize, Annotated[float, Field(gt=0, lt=1e9)]], Field(min_length=1)] | None = Field(
         default=None,
-        description=f"the shares of groups by their size, from 1 to {LARGEST}, such as {{ 1 = 0.4, 2 = 0.4, 3 = 0.2 }}",
+        description="the shares of groups by their size, from 1 to 5, such as { 1 = 0.4, 2 = 0.4, 3 = 0.2 }",
     )
     arrival: str = choice(ARRIVALS, default="walk_on")
-    goal_change: GoalChange | None = Field(
-        default=None, description="a table with the keys of { period = 5.0, chance = 0.5 }"
-    )
-    clear_space: ClearSpace | None = Field(
-        default=None, description="a table with the keys of { distance = 1.5, time = 1.5 }"
-    )
+    goal_change: GoalChange | None = table_like("{ period = 5.0, chance = 0.5 }")
+    clear_space: ClearSpace | None = table_like("{ distance = 1.5, time = 1.5 }")
 
 
 class TracksSpec(TomlTable):
@@ -209,17 +199,13 @@ class TracksScenarioSpec(ScenarioSpec):
 
 
 def scenario_spec(
-    base: type[AnyScenarioSpec],
-    dynamics: str,
-    parameters: Mapping[str, Mapping[str, float]],
-    layout: Layout | None = None,
-) -> type[AnyScenarioSpec]:
+    dynamics: str, parameters: Mapping[str, Mapping[str, float]], layout: Layout | None = None
+) -> type[ScenarioSpec]:
     """Return the pydantic model of a complete file.
 
     A limit of the vehicle that is infinite by default is None in the model.
 
     Args:
-        base: `LayoutScenarioSpec` or `TracksScenarioSpec`.
         dynamics: The vehicle's dynamics.
         parameters: By pedestrian policy, the defaults of its parameters.
         layout: The layout that the file names; None with recorded tracks.
@@ -231,27 +217,23 @@ def scenario_spec(
         field.name: (float | None, number(None if field.default == math.inf else field.default, above=0.0, below=1e6))
         for field in dataclasses.fields(DYNAMICS[dynamics])
     }
-    policies = {
-        name: (_parameters_spec(defaults), table(f"pedestrians.{name}")) for name, defaults in parameters.items()
-    }
-    pedestrians = PedestriansSpec if layout is None else SimulatedPedestriansSpec
-    tables: dict[str, Any] = {
-        "vehicle": _extended(VehicleSpec, limits),
-        "pedestrians": _extended(pedestrians, policies),
-    }
-    if layout is not None:
+    policies = {}
+    for name, defaults in parameters.items():
+        quantities = {
+            key: (WholeDistribution if isinstance(default, int) else Distribution, quantity(default))
+            for key, default in defaults.items()
+        }
+        policies[name] = _extended(TomlTable, quantities), table(f"pedestrians.{name}")
+    tables: dict[str, Any] = {"vehicle": _extended(VehicleSpec, limits)}
+    base: type[ScenarioSpec] = TracksScenarioSpec
+    if layout is None:
+        tables["pedestrians"] = _extended(PedestriansSpec, policies)
+    else:
+        base = LayoutScenarioSpec
+        tables["pedestrians"] = _extended(SimulatedPedestriansSpec, policies)
         tables["layout"] = layout_spec(layout)
     fields: dict[str, Any] = {name: (model, table(name)) for name, model in tables.items()}
     return create_model(base.__name__, __base__=base, **fields)
-
-
-def _parameters_spec(defaults: Mapping[str, float]) -> type[TomlTable]:
-    """Return the table with the parameters of a pedestrian policy, from their defaults."""
-    fields = {}
-    for name, default in defaults.items():
-        kind = WholeDistribution if isinstance(default, int) else Distribution
-        fields[name] = kind, quantity(default)
-    return _extended(TomlTable, fields)
 
 
 def layout_spec(layout: Layout) -> type[LayoutSpec]:

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Int
 
 from crowdbench.core import rng
-from crowdbench.core.dynamics import reach
+from crowdbench.core.dynamics import Body, disc_centres, reach
 from crowdbench.core.types import Rules, World
-from crowdbench.scenario.clear_space import ClearSpace, MovingVehicle, velocities_ahead
+from crowdbench.scenario.clear_space import ClearSpace, velocities_ahead
 from crowdbench.scenario.groups import draw_groups, group_numbers, place_groups
 from crowdbench.scenario.placement import LayoutCall, PerAgent, Placement, check_shape, complete_placement
 from crowdbench.scenario.population import Population, Traits
@@ -96,7 +96,8 @@ class LayoutStarts:
                 return self.layout(stream, radius, speed)
 
         standing = rng.generator(case.key, "standing")
-        walkers = traits._replace(preferred_speed=np.where(stands, 0.0, traits.preferred_speed))
+        space, apart = crowd.clear_space, traits.radius + vehicle.radius
+        walking_speed = np.append(vehicle.preferred_speed, np.where(stands, 0.0, traits.preferred_speed))
         with case.location.named():
             for _ in range(TRIES):
                 if crowd.groups or stands.any():
@@ -105,14 +106,16 @@ class LayoutStarts:
                     answer = call_layout(radius, speed)
                 try:
                     placement = check_shape(answer, len(radius))
-                    # Before the search for routes around obstacles, which takes longest.
-                    if crowd.clear_space and _is_entered(crowd.clear_space, placement, vehicle, rules, walkers):
+                    # Before the search for routes around obstacles, which takes longest: the middle disc of the
+                    # vehicle, whose position does not depend on the heading.
+                    middle, others = placement.start[:1], placement.start[1:]
+                    if space and 0.0 in rules.body and space.is_entered(middle, others, apart):
                         continue
                     placement = complete_placement(placement, radius)
                 except InputError as error:
                     moved = "the layout placed its group; members stand side by side around that place"
                     raise InputError(f"{error} ({moved})" if crowd.groups else str(error)) from None
-                if crowd.clear_space is None or _is_clear(crowd.clear_space, placement, vehicle, rules, walkers):
+                if space is None or _is_clear(space, placement, walking_speed, apart, rules.body):
                     return Start(traits, placement, group)
             raise InputError(f"somebody is in the clear_space in all {TRIES} placements: make it smaller, or the crowd")
 
@@ -127,22 +130,13 @@ class LayoutStarts:
         return LayoutPostStepRule(crowd, self.layout)
 
 
-def _is_entered(space: ClearSpace, placement: Placement, vehicle: VehicleSpec, rules: Rules, people: Traits) -> bool:
-    """Return whether a pedestrian starts in the clear space of the vehicle's middle disc, whose position does not
-    depend on the heading."""
-    start = placement.start
-    return 0.0 in rules.body and space.is_entered(start[:1], start[1:], people.radius, vehicle.radius)
-
-
-def _is_clear(space: ClearSpace, placement: Placement, vehicle: VehicleSpec, rules: Rules, people: Traits) -> bool:
+def _is_clear(space: ClearSpace, placement: Placement, speed: PerAgent, reach: PerAgent, body: Body) -> bool:
     """Return whether no pedestrian starts in the clear space, or on a course on which it soon touches the vehicle."""
-    start, goal = placement.start, placement.goal
-    velocity = velocities_ahead(
-        start, goal, placement.route, np.append(vehicle.preferred_speed, people.preferred_speed)
-    )
+    start = placement.start
+    velocity = velocities_ahead(start, placement.goal, placement.route, speed)
     heading = math.atan2(velocity[0, 1], velocity[0, 0])
-    moving = MovingVehicle(start[0], heading, velocity[0], vehicle.radius, rules.body)
-    return space.holds(moving, start[1:], velocity[1:], people.radius)
+    discs = disc_centres(body, start[:1], np.array([heading]))[0]
+    return space.holds(discs, velocity[0], start[1:], velocity[1:], reach)
 
 
 def seed_legacy(seed: int) -> np.random.MT19937:

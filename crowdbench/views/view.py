@@ -230,9 +230,9 @@ def layout_bound(scenario: Scenario) -> float:
     if scenario.tracks:
         return scenario.tracks.extent
     layout = scenario.layout
-    if layout is None or layout.function not in LAYOUTS.values():
+    if layout is None or layout.func not in LAYOUTS.values():
         return EXTENT
-    options = layout.options.values()
+    options = layout.keywords.values()
     if any(isinstance(option, list | Mapping) for option in options):
         return EXTENT
     return 2 * sum(abs(option) for option in options if is_number(option)) + _max_speed(scenario)

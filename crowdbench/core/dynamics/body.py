@@ -58,8 +58,6 @@ def hull(body: Body, position: Vectors, heading: Numbers, radius: Numbers) -> tu
     Returns:
         The centre and the radius of the disc around each vehicle, in metres.
     """
-    if body == DISC:
-        return position, radius
     direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     return position + (body[0] + body[-1]) / 2.0 * direction, radius + (body[-1] - body[0]) / 2.0
 

@@ -207,10 +207,8 @@ def speeds_and_turns(slowest: Numbers, fastest: Numbers, right: Numbers, left: N
     Returns:
         All combinations of speeds and turns. The turn nearest to straight ahead is straight ahead if it is reachable.
     """
-    speed, turns = (
-        np.linspace(slowest, fastest, REACHABLE_SPEEDS, axis=1),
-        np.linspace(right, left, REACHABLE_TURNS, axis=1),
-    )
+    speed = np.linspace(slowest, fastest, REACHABLE_SPEEDS, axis=1)
+    turns = np.linspace(right, left, REACHABLE_TURNS, axis=1)
     world, straightest = np.arange(len(turns)), np.abs(turns).argmin(axis=1)
     turns[world, straightest] = np.clip(0.0, right, left)
     return np.stack(np.broadcast_arrays(speed[:, :, None], turns[:, None]), axis=-1).reshape(len(turns), -1, 2)

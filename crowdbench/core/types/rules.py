@@ -16,7 +16,6 @@ from pydantic import Field
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, FREE, Body, Dynamics
 from crowdbench.core.types.attention import Attention
-from crowdbench.utils.errors import InputError
 from crowdbench.utils.toml import Flag, TomlTable, integer, number, table
 
 MAX_PEDESTRIANS = 10_000
@@ -178,9 +177,6 @@ class Rules:
         body: The discs that the vehicle consists of.
         sensor: Limits of the vehicle's sight.
         walking: The limits of pedestrians; None if only their speed is limited.
-
-    Raises:
-        InputError: `collision` is not one of `COLLISION_RULES`.
     """
 
     dt: float = 0.25
@@ -193,10 +189,6 @@ class Rules:
     body: Body = DISC
     sensor: Sensor = PERFECT_SENSOR
     walking: WalkingLimits | None = None
-
-    def __post_init__(self) -> None:
-        if self.collision not in COLLISION_RULES:
-            raise InputError(f"collision is {self.collision!r}, but must be one of {', '.join(COLLISION_RULES)}")
 
     # Computed once, because they are read in every step.
     @cached_property

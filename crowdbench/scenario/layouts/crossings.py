@@ -6,14 +6,12 @@ with the same seeds they return the same cases.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
 
-from crowdbench.scenario.layouts.placer import ATTEMPTS, MAX_DRAWS, Placer, Point, no_room
+from crowdbench.scenario.layouts.placer import MAX_DRAWS, Placer, Point
 from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.utils.errors import InputError
 
@@ -154,21 +152,20 @@ def crowdnav_plus(
     """
     if 2.0 * math.sqrt(2.0) * half_width <= MIN_TRIP:
         raise InputError(f"a square of {2.0 * half_width:g} m has no way of {MIN_TRIP:g} m: raise layout.half_width")
-    first = draw_vehicle_trip(rng.random, half_width)
-    for _ in range(ATTEMPTS):
-        trips = [first]
-        for agent in range(1, len(radius)):
-            reach = np.repeat(radius[:agent] + (radius[agent] + PLUS_CLEARANCE), 2)
-            clear = functools.partial(is_clear, others=np.array(trips).reshape(-1, 2), reach=reach)
-            start = draw_beside(rng.random, circle_radius, 0.0, NOISE, clear)
-            if start is None:
-                break
-            trips.append((start, (-start[0], -start[1])))
-        else:
-            starts, goals = np.array(trips).swapaxes(0, 1)
-            return Placement(start=starts, goal=goals)
-    area = f"a circle of {circle_radius:g} m radius"
-    raise InputError(no_room(len(trips), len(radius), area, "layout.circle_radius"))
+    placer = Placer(radius, clearance=PLUS_CLEARANCE)
+    placer.add(*draw_vehicle_trip(rng.random, half_width))
+
+    def is_clear(point: Point) -> bool:
+        return placer.start.is_clear(*point) and placer.goal.is_clear(*point)
+
+    def place_next() -> bool:
+        start = draw_beside(rng.random, circle_radius, 0.0, NOISE, is_clear)
+        if start is None:
+            return False
+        placer.add(start, (-start[0], -start[1]))
+        return True
+
+    return placer.fill(place_next, f"a circle of {circle_radius:g} m radius", "layout.circle_radius")
 
 
 def draw_vehicle_trip(draw: Draw, half_width: float) -> tuple[Point, Point]:
@@ -198,8 +195,3 @@ def draw_beside(
         if clear(point):
             return point
     return None
-
-
-def is_clear(point: Point, others: Float[np.ndarray, "other 2"], reach: Float[np.ndarray, "other"]) -> bool:
-    """Return whether a point is at least as far as `reach` from each of the others, all in metres."""
-    return bool((np.hypot(others[:, 0] - point[0], others[:, 1] - point[1]) >= reach).all())

@@ -8,11 +8,9 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-import shapely
-from jaxtyping import Bool, Float
 from numpy.random import Generator
 
-from crowdbench.core.geometry import norm, pad_points
+from crowdbench.core.geometry import pad_points
 from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.sim.obstacles import touches_in_step
 from crowdbench.utils.errors import InputError
@@ -26,10 +24,6 @@ wall keeps pedestrians away from their goals."""
 
 MAX_DRAWS = 10_000
 """Number of draws for one pedestrian after which the layout counts as full."""
-
-ALONE, TOGETHER = 20, 998
-"""The first `ALONE` draws are checked one by one. If none of them is clear, the rest of `MAX_DRAWS` are checked in ten
-batches of `TOGETHER`, which is faster if hardly any draw is clear."""
 
 ATTEMPTS = 10
 """Number of attempts to place all pedestrians: in a layout with room for all, the first ones may block the
@@ -50,13 +44,14 @@ class Points:
 
     Args:
         radius: Radii in metres of all agents.
+        clearance: Smallest distance in metres between the discs around two points.
     """
 
-    def __init__(self, radius: Sequence[float]) -> None:
-        self.radius = radius
+    def __init__(self, radius: Sequence[float], clearance: float = CLEARANCE) -> None:
+        self.radius, self.clearance = radius, clearance
         self.all: list[Point] = []
         # Two points that are too close to each other are in the same cell or in neighbouring cells, despite rounding.
-        self._side = 1.001 * (2 * max(radius) + CLEARANCE)
+        self._side = 1.001 * (2 * max(radius) + clearance)
         self._cells: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
 
     def __len__(self) -> int:
@@ -74,22 +69,14 @@ class Points:
             self._cells[cell].pop()
 
     def is_clear(self, x: float, y: float) -> bool:
-        """Return whether the next agent, at a point in metres, keeps `CLEARANCE` from the disc around each of the
+        """Return whether the next agent, at a point in metres, keeps the clearance from the disc around each of the
         points."""
-        reach = self.radius[len(self.all)] + CLEARANCE
+        reach = self.radius[len(self.all)] + self.clearance
         for i in self._cells.get(self._cell(x, y), ()):
             px, py = self.all[i]
             if math.hypot(x - px, y - py) < reach + self.radius[i]:
                 return False
         return True
-
-    def may_be_clear(self, points: Float[np.ndarray, "point 2"]) -> Bool[np.ndarray, "point"]:
-        """Return the points that may be clear: all that `is_clear` accepts, and possibly some that are 1e-9 m too
-        near."""
-        if not self.all:
-            return np.ones(len(points), bool)
-        least = np.array(self.radius[: len(self.all)]) + self.radius[len(self.all)] + CLEARANCE - 1e-9
-        return np.asarray((norm(points[:, None] - np.array(self.all)) >= least).all(axis=1))
 
     def _cells_around(self, x: float, y: float) -> Iterator[tuple[int, int]]:
         column, row = self._cell(x, y)
@@ -105,15 +92,15 @@ class Placer:
     Args:
         radius: Radii in metres of all agents, the vehicle first.
         obstacles: The corners of the obstacles in metres: walls with two corners, solid polygons with more.
+        clearance: Smallest distance in metres between the rims of two agents at starts, and at goals.
     """
 
-    def __init__(self, radius: PerAgent, obstacles: Sequence[Sequence[Point]] = ()) -> None:
+    def __init__(
+        self, radius: PerAgent, obstacles: Sequence[Sequence[Point]] = (), clearance: float = CLEARANCE
+    ) -> None:
         self.radius: list[float] = radius.tolist()
         self.obstacles = pad_points(obstacles) if obstacles else None
-        shapes = [shapely.LineString(each) if len(each) == 2 else shapely.Polygon(each) for each in obstacles]
-        self.walls = shapely.GeometryCollection(shapes) if shapes else None
-        shapely.prepare(self.walls)
-        self.start, self.goal = Points(self.radius), Points(self.radius)
+        self.start, self.goal = Points(self.radius, clearance), Points(self.radius, clearance)
 
     def add(self, start: Point, goal: Point) -> None:
         """Place the next agent with a start and a goal in metres."""
@@ -170,45 +157,18 @@ class Placer:
             unplaced = len(self.start)
             while len(self.start) > before:
                 self.pop()
-        raise InputError(no_room(unplaced, agents, area, key))
+        raise InputError(
+            f"pedestrian {unplaced} of {agents - 1} finds no room on {area}, in {ATTEMPTS} attempts of {MAX_DRAWS} "
+            f"draws: lower pedestrians.number or raise {key}"
+        )
 
     def _draw_point(self, rng: Generator, area: Area, others: Points) -> Point | None:
         distance, ((left, low), (right, high)) = self.radius[len(self.start)] + WALL_CLEARANCE, area
-        for _ in range(ALONE):  # equals `rng.uniform(*area)`, which takes ten times as long
+        for _ in range(MAX_DRAWS):  # equals `rng.uniform(*area)`, which takes ten times as long
             x, y = left + (right - left) * rng.random(), low + (high - low) * rng.random()
             if others.is_clear(x, y) and not self._is_near_wall(x, y, distance):
                 return x, y
-        for _ in range((MAX_DRAWS - ALONE) // TOGETHER):
-            before = rng.bit_generator.state
-            points = rng.uniform(*area, (TOGETHER, 2))
-            rows = np.flatnonzero(others.may_be_clear(points))
-            for row in rows[~self._are_near_wall(points[rows], distance)].tolist():
-                x, y = points[row].tolist()
-                if others.is_clear(x, y):
-                    rng.bit_generator.state = before
-                    rng.uniform(size=(row + 1, 2))  # the stream continues after the accepted point
-                    return x, y
         return None
 
     def _is_near_wall(self, x: float, y: float, distance: float) -> bool:
         return self.obstacles is not None and bool(touches_in_step(x, y, 0.0, 0.0, distance, self.obstacles))
-
-    def _are_near_wall(self, points: Float[np.ndarray, "point 2"], distance: float) -> Bool[np.ndarray, "point"]:
-        if self.walls is None:
-            return np.zeros(len(points), bool)
-        return np.asarray(shapely.dwithin(self.walls, shapely.points(points), distance))
-
-
-def no_room(agent: int, agents: int, area: str, key: str) -> str:
-    """Return the message for a pedestrian without room.
-
-    Args:
-        agent: Index of the pedestrian in the last attempt.
-        agents: Number of agents.
-        area: Description of the area.
-        key: The key of the scenario to raise for more room.
-    """
-    return (
-        f"pedestrian {agent} of {agents - 1} finds no room on {area}, in {ATTEMPTS} attempts of {MAX_DRAWS} draws: "
-        f"lower pedestrians.number or raise {key}"
-    )

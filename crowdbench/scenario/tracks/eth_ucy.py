@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -143,13 +142,9 @@ def _read_line(where: str, fields: list[str]) -> list[float]:
             number = float(text)
         except ValueError:
             raise InputError(f"{where}: {text!r} is not a number") from None
-        if not math.isfinite(number):
-            is_right, right = False, "a finite number"
-        elif column in ("x", "y"):
-            is_right, right = abs(number) <= FARTHEST, f"in metres, from {-FARTHEST:g} to {FARTHEST:g}"
-        else:
-            is_right, right = number.is_integer() and abs(number) <= 2**53, "a whole number"
-        if not is_right:
+        is_length = column in ("x", "y")
+        right = f"in metres, from {-FARTHEST:g} to {FARTHEST:g}" if is_length else "a whole number"
+        if not abs(number) <= (FARTHEST if is_length else 2**53) or not (is_length or number.is_integer()):
             raise InputError(f"{where}: {column} is {number}, but must be {right}")
         numbers.append(number)
     return numbers

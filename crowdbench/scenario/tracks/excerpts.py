@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from crowdbench.core.geometry import pad_points
 from crowdbench.scenario.tracks.dut import Car
 from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, RecordedTracks
-from crowdbench.scenario.tracks.scenes import RecordedScene, SceneRecording
+from crowdbench.scenario.tracks.scenes import SceneRecording
 
 TRAIN_SHARE, VAL_SHARE = 0.4, 0.1
 """Shares of a scene's blocks for training (the first blocks) and for validation (the next blocks)."""
@@ -116,14 +116,14 @@ class Excerpt:
     replaced_car: CarMotion | None
 
 
-def cut_windows(scene: RecordedScene, steps: int, dt: float) -> list[Excerpt]:
+def cut_windows(recordings: Sequence[SceneRecording], steps: int, dt: float) -> list[Excerpt]:
     """Return the windows of a scene that contain pedestrians, in order.
 
     Without cars, windows follow each other without a gap. With cars, a window starts when a car appears, and
     others follow it until the car disappears. No window extends beyond the recording.
 
     Args:
-        scene: The scene.
+        recordings: The recordings of the scene.
         steps: The number of steps of a window.
         dt: The length of a step in seconds.
 
@@ -131,7 +131,7 @@ def cut_windows(scene: RecordedScene, steps: int, dt: float) -> list[Excerpt]:
         The excerpts in the order of the recordings and of time.
     """
     excerpts: list[Excerpt] = []
-    for recording in scene.recordings:
+    for recording in recordings:
         pedestrians = list(recorded_pedestrians(recording.tracks))
         of_recording: list[Excerpt] = []
         first_block = excerpts[-1].block + 1 if excerpts else 0

@@ -23,22 +23,9 @@ class SceneRecording:
     cars: Sequence[Car] = ()
 
 
-@dataclass(frozen=True)
-class RecordedScene:
-    """The recordings of one location.
-
-    Attributes:
-        name: Name of the scene.
-        recordings: Its recordings.
-        files: The sha256 of each of their files, by name.
-    """
-
-    name: str
-    recordings: tuple[SceneRecording, ...]
-    files: Mapping[str, str]
-
-
-def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> RecordedScene:
+def load_scene(
+    name: str, folder: Path | None, pinned: Mapping[str, str]
+) -> tuple[list[SceneRecording], dict[str, str]]:
     """Read the recordings of a scene, and check the digests of their files.
 
     Args:
@@ -48,7 +35,8 @@ def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Rec
         pinned: The sha256 that files must have, by name. The digests of ETH/UCY and DUT are built in.
 
     Returns:
-        The scene.
+        recordings: The recordings of the scene.
+        digests: The sha256 of each of their files, by name.
 
     Raises:
         InputError: There is no folder, or a file is missing, has another digest, or has another format.
@@ -68,10 +56,8 @@ def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Rec
             )
     if name in DUT_SCENES:
         clips = [file.removesuffix(CARS) for file in known if file.endswith(CARS)]
-        recordings = tuple(SceneRecording(*read_clip(folder, clip)) for clip in clips)
-    else:
-        recordings = tuple(SceneRecording(read_tracks(folder / file)) for file in digests)
-    return RecordedScene(name, recordings, digests)
+        return [SceneRecording(*read_clip(folder, clip)) for clip in clips], digests
+    return [SceneRecording(read_tracks(folder / file)) for file in digests], digests
 
 
 def known_files(scene: str) -> dict[str, str]:

@@ -5,7 +5,7 @@ import pytest
 from helpers import drive
 
 from crowdbench import load_scenario
-from crowdbench.scenario.clear_space import ClearSpace, MovingVehicle
+from crowdbench.scenario.clear_space import ClearSpace
 from crowdbench.utils.errors import InputError
 
 SPACE = {"distance": 1.5, "time": 1.5}
@@ -61,16 +61,14 @@ def test_nobody_comes_in_near_the_vehicle():
     ],
 )
 def test_there_is_space_where_nobody_is_near_or_soon_touches(position, velocity, clear):
-    vehicle = MovingVehicle(np.zeros(2), 0.0, np.array([1.0, 0.0]), 0.3, (0.0,))
-    people = np.array([[20.0, 20.0], position]), np.array([[0.0, 0.0], velocity]), np.array([0.3, 0.3])
-    assert ClearSpace(**SPACE).holds(vehicle, *people) == clear
+    people = np.array([[20.0, 20.0], position]), np.array([[0.0, 0.0], velocity]), np.array([0.6, 0.6])
+    assert ClearSpace(**SPACE).holds(np.zeros((1, 2)), np.array([1.0, 0.0]), *people) == clear
 
 
 def test_the_whole_body_counts():
-    vehicle = MovingVehicle(np.zeros(2), np.pi / 2, np.zeros(2), 0.3, (0.0, 2.0))
-    person = np.array([[0.0, 3.9]]), np.zeros((1, 2)), np.array([0.3])
-    assert not ClearSpace(distance=1.5, time=0.0).holds(vehicle, *person)
-    assert ClearSpace(distance=1.2, time=0.0).holds(vehicle, *person)
+    given = np.array([[0.0, 0.0], [0.0, 2.0]]), np.zeros(2), np.array([[0.0, 3.9]]), np.zeros((1, 2)), np.array([0.6])
+    assert not ClearSpace(distance=1.5, time=0.0).holds(*given)
+    assert ClearSpace(distance=1.2, time=0.0).holds(*given)
 
 
 def test_what_cannot_be_gets_one_sentence():

@@ -71,7 +71,7 @@ def test_a_function_of_the_file_can_be_named_also_on_the_command_line(door):
 
 def test_options_have_the_types_of_their_defaults(door):
     for options in ({"walls": False}, {"people": 3}, {"width": 2}, {"side": "right"}, {"at": [1, "x"]}, {"more": {}}):
-        assert scenario(**options).layout.options.items() >= options.items()
+        assert scenario(**options).layout.keywords.items() >= options.items()
     for option, value, right in (
         ("walls", 1, "true or false"),
         ("people", 1.5, "a whole number"),
@@ -199,11 +199,11 @@ def test_an_option_that_no_file_could_set_is_refused(option, sentence, door):
         scenario()
 
 
-def test_a_route_of_the_layouts_own_is_kept_without_the_goal_at_its_end(door):
-    route = "np.array([[[5.0, 5.0], each, each] for each in -start])"
+def test_a_route_of_the_layouts_own_is_kept(door):
+    route = "np.array([[[5.0, 5.0], [np.nan] * 2] for each in start])"
     (door / "door.py").write_text(DOOR.replace("obstacles=wall", f"route={route}, obstacles=wall"))
     start = scenario().worlds(Cases.parse("1"))
-    assert np.nan_to_num(start.route[0, 0], nan=-1.0).tolist() == [[5.0, 5.0], [-1.0, -1.0], [-1.0, -1.0]]
+    assert np.nan_to_num(start.route[0, 0], nan=-1.0).tolist() == [[5.0, 5.0], [-1.0, -1.0]]
 
 
 def test_obstacles_in_single_precision_and_none_at_all_have_routes(door):

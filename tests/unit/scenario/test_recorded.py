@@ -28,7 +28,7 @@ from crowdbench.scenario.recorded import TrackedCrowd
 from crowdbench.scenario.tracks.dut import Car, read_clip
 from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
 from crowdbench.scenario.tracks.excerpts import MIN_TRIP, cut_windows, split_windows
-from crowdbench.scenario.tracks.scenes import RecordedScene, SceneRecording, load_scene
+from crowdbench.scenario.tracks.scenes import SceneRecording, load_scene
 from crowdbench.sim.presence import come_and_go, track_at
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step_pedestrians
@@ -286,13 +286,13 @@ def crossing():
     time = frame / 24.0
     car = Car(time, np.stack([2.0 * time, np.zeros(240)], axis=1), np.zeros(240), 4.0, 1.6)
     parked = Car(time, np.tile([10.0, -4.0], (240, 1)), np.full(240, np.pi / 2), 4.0, 1.6)
-    return RecordedScene("clip", (SceneRecording(tracks, (car, parked)),), {})
+    return [SceneRecording(tracks, (car, parked))]
 
 
 def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
     place = recordings.scenario(tmp_path)
     rules = dataclasses.replace(place.rules, time_limit=4.75)
-    crowd = TrackedCrowd.of(crossing, 8.0, rules)
+    crowd = TrackedCrowd.of("clip", crossing, 8.0, rules)
     assert {split: len(windows) for split, windows in crowd.windows.items()} == {"train": 0, "val": 0, "test": 2}
     window = crowd.window("test", 1)
     assert np.allclose(window.replaced_car.start, [8.0, 0.0])
@@ -404,7 +404,7 @@ def test_a_run_on_eth_uses_the_network_that_has_not_seen_it(shared):
 
 
 def test_the_splits_of_windows_keep_blocks_together(shared):
-    found = cut_windows(load_scene("dut", shared / "data" / "dut", {}), 25, 0.25)
+    found = cut_windows(load_scene("dut", shared / "data" / "dut", {})[0], 25, 0.25)
     splits = split_windows(found)
     names = [{window.recording for window in windows} for windows in splits.values()]
     assert not names[0] & names[1]

@@ -7,7 +7,6 @@ from helpers import drive, fixture
 
 from crowdbench.catalog import load_scenario
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.layouts.placer import MAX_DRAWS, Placer
 from crowdbench.utils.errors import InputError
 
 WALLED = ("blind_corner", "corridor", "doorway", "intersection", "room", "traffic")
@@ -99,22 +98,6 @@ def test_a_way_has_a_waypoint_at_least_every_metre():
             way = np.concatenate([start.position[w, agent, None], start.route[w, agent], start.goal[w, agent, None]])
             legs = np.diff(way[np.isfinite(way[:, 0])], axis=0)
             assert np.hypot(*legs.T).max() <= 1.0 + 1e-9
-
-
-@pytest.mark.parametrize("side", [2.5, 2.2])  # room for all nine, though hard to find; and not for all
-def test_draws_together_place_as_draws_one_by_one(side, monkeypatch):
-    area, wall = ((0.0, 0.0), (side, side)), [(-1.0, 1.0), (side + 1.0, 1.0)]
-
-    def place():
-        rng = np.random.default_rng(3)
-        placer = Placer(np.full(9, 0.2), [wall])
-        found = [placer.draw(rng, area, area) for _ in range(9)]
-        return found, placer.start.all, placer.goal.all, rng.random()
-
-    together = place()
-    assert all(together[0]) == (side == 2.5)
-    monkeypatch.setattr("crowdbench.scenario.layouts.placer.ALONE", MAX_DRAWS)
-    assert together == place()
 
 
 def faces_around(points, obstacles):

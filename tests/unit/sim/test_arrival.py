@@ -275,7 +275,7 @@ def draw_corner(rng, room, radius, preferred_speed, position, *, circle_radius=4
 def test_a_layout_can_say_how_people_come_again():
     layout = LayoutWithRespawn(LAYOUTS["circle_crossing"], draw_corner)
     place = load_scenario("circle_crossing_5", {"pedestrians.arrival": "respawn", "pedestrians.preferred_speed": 2.0})
-    starts = dataclasses.replace(place.starts, layout=LayoutCall(layout, place.layout.options))
+    starts = dataclasses.replace(place.starts, layout=LayoutCall(layout, **place.layout.keywords))
     place = dataclasses.replace(place, starts=starts)
     world = place.worlds(Cases.parse("1"))
     for _ in range(24):
