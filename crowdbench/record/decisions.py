@@ -216,13 +216,14 @@ def read_paths(chunks: Sequence[Chunk], dt: float, *, commands: bool = False) ->
     """
     paths: dict[int, PlannedPaths] = defaultdict(lambda: PlannedPaths([], [], []))
     for chunk in chunks:
-        path, fan = PATHS.fullmatch(chunk.entity_path), FAN.fullmatch(chunk.entity_path)
-        if chunk.is_static or not (path or (commands and fan)):
+        path = PATHS.fullmatch(chunk.entity_path)
+        fan = FAN.fullmatch(chunk.entity_path) if commands else None
+        if chunk.is_static or not (path or fan):
             continue
         batch = chunk.to_record_batch()
         if path:
             role, lines = path[1], [strips or [] for strips in batch["LineStrips2D:strips"].to_pylist()]
-        elif "Arrows2D:vectors" in batch.schema.names:
+        elif fan and "Arrows2D:vectors" in batch.schema.names:
             role, lines = "planned" if fan[1] else "considered", _arrows(batch)
         else:
             continue
