@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core.dynamics import disc_centres
 from crowdbench.core.geometry import dot, norm
 from crowdbench.core.types import Outcome, Trace
+from crowdbench.metrics.info import least_distance
 
 WINDOW = 1.0
 """Seconds before a contact over which the shares are measured."""
@@ -124,16 +125,11 @@ def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> tuple[_Indi
     reach = (radius[:, :1] + radius[:, 1:])[..., None]
     here = np.isfinite(offset).all(axis=(1, 3, 4)) & (person[:, 0] == person[:, 1])
     a, b, c = dot(motion, motion), dot(between, motion), dot(between, between) - reach**2
-    safe = np.where(a > 0.0, a, 1.0)
-    nearest = np.clip(-b / safe, 0.0, 1.0)
-    gap = np.where(here[..., None], norm(between + nearest[..., None] * motion) - reach, np.inf)
-    first = np.where(c <= 0.0, 0.0, (-b - np.sqrt(np.maximum(b**2 - a * c, 0.0))) / safe)
-    touches = (c <= 0.0) | ((b**2 >= a * c) & (b < 0.0) & (first <= 1.0))
-    time = np.where(here[..., None] & touches, first, np.inf).min(axis=2, initial=np.inf)
-    nobody = np.flatnonzero(np.isinf(time).all(axis=1))
-    flat = gap[nobody].reshape(len(nobody), gap.shape[1] * gap.shape[2]).argmin(axis=1)
-    pedestrian, disc = np.divmod(flat, gap.shape[2])
-    time[nobody, pedestrian] = nearest[nobody, pedestrian, disc]
+    root = np.sqrt(np.maximum(b**2 - a * c, 0.0))
+    first = np.where(c <= 0.0, 0.0, np.clip((-b - root) / np.where(a > 0.0, a, 1.0), 0.0, 1.0))
+    gap = np.where(here[..., None], least_distance(between, motion) - reach, np.inf)
+    is_touch = gap <= np.maximum(gap.min(axis=(1, 2), keepdims=True), 0.0)
+    time = np.where(is_touch, first, np.inf).min(axis=2)
     contact, pedestrian = np.nonzero(time <= time.min(axis=1, keepdims=True) + SAME_TIME)
     return row[contact], pedestrian + 1, ends[contact, 0] + time[contact, pedestrian]
 

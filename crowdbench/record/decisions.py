@@ -216,8 +216,9 @@ def read_paths(chunks: Sequence[Chunk], dt: float, *, commands: bool = False) ->
     """
     paths: dict[int, PlannedPaths] = defaultdict(lambda: PlannedPaths([], [], []))
     for chunk in chunks:
-        path, fan = PATHS.fullmatch(chunk.entity_path), FAN.fullmatch(chunk.entity_path)
-        if chunk.is_static or not (path or (commands and fan)):
+        path = PATHS.fullmatch(chunk.entity_path)
+        fan = FAN.fullmatch(chunk.entity_path) if commands else None
+        if chunk.is_static or not (path or fan):
             continue
         batch = chunk.to_record_batch()
         if path:

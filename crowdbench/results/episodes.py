@@ -174,8 +174,8 @@ def _format_value(value: Any) -> str:
 
 def read_estimate(table: Mapping[str, Any]) -> Estimate:
     """Read an estimate from the JSON table that `plain` returns. `None` is NaN."""
-    values: dict[str, Any] = {name: math.nan if value is None else value for name, value in table.items()}
-    return Estimate(**values)
+    numbers: dict[str, Any] = {name: math.nan if value is None else value for name, value in table.items()}
+    return Estimate(**numbers)
 
 
 def _texts(values: Shaped[np.ndarray, "case"]) -> list[str]:

@@ -107,7 +107,7 @@ def test_a_strip_shows_moments_up_to_the_end(driven, tmp_path):
     assert times[0] < times[1] < times[2]
 
 
-@pytest.mark.parametrize("suffix", ["gif", "webp"])
+@pytest.mark.parametrize("suffix", ["gif", pytest.param("webp", marks=pytest.mark.slow)])
 def test_a_film_has_20_pictures_a_second_and_ends_with_the_contact(suffix, driven, tmp_path):
     film = tmp_path / f"a.{suffix}"
     assert CliRunner().invoke(app, ["render", str(driven), "--case", "1", "--out", str(film)]).exit_code == 0

@@ -87,7 +87,14 @@ def test_golden_commands_of_a_policy_are_as_recorded(weights, is_same, threads):
     assert np.allclose(commands, golden(POLICY)["commands"], rtol=0.0, atol=1e-5) == is_same
 
 
-@pytest.mark.parametrize(("name", "options"), [(name, options) for name in PLANNERS for options in CHANGES[name]])
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        pytest.param(name, options, marks=[pytest.mark.slow] * name.startswith("sarl_sgan_kce"))
+        for name in PLANNERS
+        for options in CHANGES[name]
+    ],
+)
 def test_golden_commands_notice_a_change_of_any_part(name, options):
     assert not decides_as_recorded(name, **options)
 

@@ -89,6 +89,7 @@ def test_a_difference_is_paired():
     assert high - low < 0.5 * (found.high - found.low)
 
 
+@pytest.mark.slow
 def test_dials_that_ship_have_nine_levels_and_the_same_people_at_all():
     found = [load_dial(name) for name, _ in dials()]
     assert len(found) >= 6

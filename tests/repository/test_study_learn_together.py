@@ -36,6 +36,7 @@ def test_the_crowd_acts_as_the_network_of_the_vehicle_does(onnx):
         seen = after[0]
 
 
+@pytest.mark.slow
 def test_the_crowd_is_one_by_name():
     scenario = load_scenario(study.SCENARIO, pedestrians="learned")
     world = scenario.draw("val", np.arange(40))

@@ -82,6 +82,7 @@ def test_power_grows_with_tau_and_with_the_planners():
     assert power(0.6, few, cases, criterion, studies) < taus[1]
 
 
+@pytest.mark.slow
 def test_a_true_tau_of_the_criterion_meets_it_as_rarely_as_the_bound_says():
     assert power(0.3, np.arange(11), [1500, 500, 500], 0.3) <= 0.05
 

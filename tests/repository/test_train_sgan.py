@@ -83,6 +83,7 @@ def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(reco
         made.for_held_out_scene("eth")
 
 
+@pytest.mark.slow
 def test_the_held_out_scene_is_in_no_sample(recordings):
     both = trainings.start(dataclasses.replace(TRACKS, data=str(recordings)))
     one = trainings.start(dataclasses.replace(TRACKS, data=str(recordings), held_out="eth"))

@@ -21,7 +21,7 @@ from crowdbench.envs.rewards import (
     progress,
 )
 from crowdbench.networks.encoders import make_policy
-from crowdbench.networks.features import features, to_world
+from crowdbench.networks.features import features
 from crowdbench.networks.policy import Seen
 from crowdbench.planners.trained_policy import NetworkPlanner, PolicyInterface
 from crowdbench.scenario.cases import Cases
@@ -53,25 +53,6 @@ def test_features_are_the_same_in_a_scene_that_is_turned():
     np.testing.assert_allclose(one.vehicle, other.vehicle, atol=1e-12)
     np.testing.assert_allclose(one.pedestrians, other.pedestrians, atol=1e-12)
     np.testing.assert_array_equal(one.which, other.which)
-
-
-def test_the_nearest_pedestrians_come_first_and_others_are_left_out():
-    start = worlds()
-    found = features(observe(start), 3)
-    assert (np.diff(found.pedestrians[..., 6], axis=1) >= 0).all()
-    distance = np.linalg.norm(start.position[:, 1:] - start.position[:, :1], axis=2)
-    np.testing.assert_array_equal(found.which, np.argsort(distance, axis=1, kind="stable")[:, :3])
-    np.testing.assert_allclose(found.pedestrians[..., 6] + 0.6, np.sort(distance, axis=1)[:, :3])
-
-
-def test_an_action_along_the_goal_leads_there():
-    start = worlds()
-    found = features(observe(start), 3)
-    way = start.goal[:, 0] - start.position[:, 0]
-    ahead = to_world(np.tile([1.0, 0.0], (len(start), 1)), found.axis)
-    np.testing.assert_allclose(ahead, way / np.linalg.norm(way, axis=1, keepdims=True))
-    left = to_world(np.tile([0.0, 1.0], (len(start), 1)), found.axis)
-    np.testing.assert_allclose(left, np.stack([-ahead[:, 1], ahead[:, 0]], axis=1))
 
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)

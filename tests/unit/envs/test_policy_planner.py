@@ -210,6 +210,7 @@ def test_an_exported_model_drives_as_the_model_does_and_alone_as_in_a_batch(make
         np.testing.assert_array_equal(alone.command[0], trace.command[case, :steps])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "observation", ["flat", *(pytest.param(each, marks=pytest.mark.slow) for each in ("goal_frame", "dict"))]
 )
@@ -237,6 +238,7 @@ class Remembers(nn.Module):
         return torch.cat([speed, 0.0 * observed[:, :1]], 1), speed
 
 
+@pytest.mark.slow
 def test_a_recurrent_module_remembers_until_the_reset(onnx, tmp_path):
     env = VehicleEnv(observation="goal_frame", action="goal_frame")
     export_policy(Remembers(), tmp_path / "a.onnx", env, state=[(1,)])

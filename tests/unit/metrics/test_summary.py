@@ -1,5 +1,3 @@
-import subprocess
-import sys
 from statistics import NormalDist
 
 import numpy as np
@@ -69,11 +67,6 @@ def test_a_pooled_metric_weighs_episodes_by_their_steps():
 def test_the_same_episodes_have_the_same_interval():
     values = np.random.default_rng(1).normal(size=3000)
     assert bootstrap(values, np.ones(3000)) == bootstrap(values, np.ones(3000))
-
-
-def test_scipys_statistics_are_imported_only_when_something_is_summarized():
-    code = "import sys, crowdbench.runs.run, crowdbench.results.compare\nprint('scipy.stats' in sys.modules)"
-    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "False\n"
 
 
 def test_rounding_leaves_no_mean_outside_its_interval():

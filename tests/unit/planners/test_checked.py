@@ -65,13 +65,6 @@ def test_a_wrong_prediction_is_named_in_a_run(change, message, monkeypatch):
         rollout(Driver(planner, "mine"), load_scenario("circle_crossing_5"), Cases("val", 0, 3))
 
 
-@pytest.mark.parametrize(("change", "message"), WRONG)
-def test_a_wrong_prediction_is_named_where_predictors_are_measured(change, message, monkeypatch):
-    monkeypatch.setattr(Prediction, "__init__", plain)
-    with pytest.raises(InputError, match=f"predictor mine returned .*{message}"):
-        on_scenario("mine", Mine(change), load_scenario("circle_crossing_5"), Cases("val", 0, 3))
-
-
 def plain(self, position, velocity):
     """The constructor of `Prediction` without the checks of the tests."""
     object.__setattr__(self, "position", position)
@@ -87,12 +80,6 @@ def test_what_is_predicted_for_the_absent_does_no_harm():
     found = validate_prediction(wrong, "mine", obs, 3)
     assert np.isfinite(found.position).all()
     assert np.array_equal(found.position[1], right.position[1])
-
-
-def test_a_right_prediction_is_not_copied():
-    obs = observe(load_scenario("circle_crossing_5").draw("val", np.arange(2)))
-    right = ConstantVelocity().predict(obs, 3)
-    assert validate_prediction(right, "mine", obs, 3).position is right.position
 
 
 def test_a_network_that_gives_nan_is_named():

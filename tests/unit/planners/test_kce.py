@@ -178,20 +178,6 @@ def test_the_refined_set_is_a_grid_around_the_command_within_the_speeds(epsilon,
                 assert np.abs(refined[w] - turned).max(axis=1).min() < 1e-12
 
 
-@pytest.mark.parametrize(
-    ("velocity", "to_goal", "heading"),
-    [([0.0, 0.5], [9.0, 9.0], math.pi / 2), ([0.0, 0.0], [-3.0, 0.0], math.pi), ([0.0, 0.0], [0.0, 0.0], 0.0)],
-)
-def test_around_standing_still_it_explores_where_the_vehicle_heads_or_else_its_goal(velocity, to_goal, heading):
-    seen = moving([velocity])
-    seen.vehicle.goal[0] = seen.vehicle.position[0] + to_goal
-    refined = Exploration(0.1, 1)(seen, np.zeros((1, 2)))[0]
-    np.testing.assert_allclose(refined.mean(axis=0) / np.linalg.norm(refined.mean(axis=0)),
-                               [math.cos(heading), math.sin(heading)], atol=1e-12)  # fmt: skip
-    assert (refined[:6] == 0.0).all()
-    np.testing.assert_allclose(np.linalg.norm(refined[6:], axis=1), 0.1)
-
-
 @pytest.mark.parametrize("limits", [*LIMITS, Limits(max_acceleration=0.2, max_turn=0.05, max_velocity_change=0.03)])
 @pytest.mark.parametrize("explore", [None, Exploration(0.1, 2), Exploration(0.5, 1)])
 def test_what_is_commanded_is_within_the_limits_for_any_velocity(limits, explore):
@@ -271,13 +257,3 @@ def test_an_impossible_option_gets_one_sentence(options, message):
 def test_a_turn_of_more_than_half_a_circle_is_refused():
     with pytest.raises(InputError, match=r"max_turn is 3\.2, but must be pi at most"):
         Limits(max_turn=3.2)
-
-
-def test_the_papers_method_has_twenty_futures():
-    method, plain = load_planner("sarl_sgan_kce")[1], load_planner("sarl_sgan")[1]
-    assert method.predictor.modes == plain.predictor.modes == 20
-    assert method.shortlist == plain.shortlist == 8
-    assert load_planner("sarl_sgan_kce", {"modes": 5})[1].predictor.modes == 5
-    obs = crowded(3)
-    assert np.isfinite(method.plan(obs)).all()
-    assert np.isfinite(plain.plan(obs)).all()

@@ -11,7 +11,6 @@ from crowdbench.core.dynamics import Bicycle, State, Unicycle, chain, hull
 from crowdbench.core.geometry import wrap_angle
 from crowdbench.core.types import Outcome, Rules
 from crowdbench.envs.step_outcomes import outcomes_of_agents
-from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import along_walls
@@ -183,15 +182,6 @@ def test_native_commands_are_executed_and_kept_in_the_trace():
     assert trace.heading[0, 10] - trace.heading[0, 0] == pytest.approx(10 * 0.25 * 0.1)
 
 
-def test_a_planner_must_say_whether_it_is_native_and_of_which_dynamics():
-    planner = Native(0.0, 0.0)
-    planner.native = "yes"
-    with pytest.raises(
-        InputError, match="planner mine has native = 'yes', but it must be True, False or one of 'holonomic'"
-    ):
-        Driver(planner, "mine")
-
-
 def test_velocities_ahead_are_followed_step_by_step():
     class Turn(Planner):
         def plan(self, obs):
@@ -243,20 +233,6 @@ def test_sequences_are_rolled_by_the_dynamics():
         now = advance(now, commands[:, 0, t][:, None])
         assert np.array_equal(motion[:, 0, t + 1, :2], now.position[:, 0])
         assert np.array_equal(motion[:, 0, t + 1, 4], now.heading)
-
-
-def test_actions_of_environments_are_velocities_or_commands():
-    actions = {"world": (0.0, 1.0), "native": (1.0, 0.0)}
-    ends = []
-    for action, value in actions.items():
-        env = VehicleEnv(load_scenario("circle_crossing_5", {"vehicle.dynamics": "unicycle"}), action=action)
-        env.reset(options={"case": "test/0"})
-        env.step(np.array(value))
-        ends.append(env._world.position[0, 0])
-    # The vehicle faces its goal, which is at the top: its velocity upwards is a command straight on.
-    assert ends[0] == pytest.approx(ends[1])
-    assert env.action_space.low.tolist() == [0.0, -2.0]
-    assert env.action_space.high.tolist() == [1.0, 2.0]
 
 
 def test_a_pedestrian_is_checked_against_the_whole_body_of_a_vehicle_that_it_sees():

@@ -165,24 +165,6 @@ def test_a_metric_of_ones_own_has_its_files_name(tmp_path):
         load_metrics([str(tmp_path / "jerk.py")])
 
 
-def test_a_plug_in_may_have_dataclasses_and_files_beside_it(tmp_path):
-    (tmp_path / "paces_beside_mine.py").write_text("PACE = 0.25\n")
-    path = tmp_path / "mine.py"
-    path.write_text(
-        "from __future__ import annotations\n"
-        "from dataclasses import dataclass\n"
-        "from paces_beside_mine import PACE\n"
-        "from crowdbench import Planner\n"
-        "@dataclass\n"
-        "class Mine(Planner):\n"
-        "    pace: float\n"
-        "    def plan(self, obs): ...\n"
-        "def planner():\n"
-        "    return Mine(PACE)\n"
-    )
-    assert catalog.load_planner(str(path))[1].pace == 0.25
-
-
 @pytest.mark.parametrize("folder", ["plain", "2026-01-01T10:00"])
 def test_a_policy_is_found_from_where_one_stands_or_from_its_scenario(tmp_path, monkeypatch, folder):
     here = tmp_path / folder

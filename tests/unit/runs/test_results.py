@@ -438,6 +438,7 @@ def test_labels_show_options_as_they_are_written_in_toml():
     assert planner_label("orca", {}) == "orca"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc, where nobody can make a file")
 def test_where_nothing_can_be_written_a_run_says_so_and_does_not_wait():
     command = [sys.executable, "-m", "crowdbench", "run", "--planner", "orca", "--cases", "2", "--out", "/proc/x"]

@@ -18,7 +18,7 @@ def gaps(world):
     return np.where(world.present[:, 1:], far - world.radius[:, 1:] - world.radius[:, :1], np.inf)
 
 
-@pytest.mark.parametrize("name", ["circle_crossing_20", "intersection_16", "groups_12", "doorway_10", "blocks_12"])
+@pytest.mark.parametrize("name", ["circle_crossing_20", "doorway_10"])
 def test_nobody_starts_in_it(name):
     cases = np.arange(15)
     without, there = (load_scenario(name, changes).draw("test", cases) for changes in ({KEY: None}, {KEY: SPACE}))

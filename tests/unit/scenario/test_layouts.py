@@ -116,6 +116,7 @@ def test_a_recorded_scenario_has_the_layout_only_if_the_user_gives_its_file(door
         load_recorded_scenario(table, "result.json", layout="door.py")
 
 
+@pytest.mark.slow
 def test_check_and_list_know_layouts_in_files(door):
     checked = CliRunner().invoke(app, ["check", "./door.py", "--option", "width=2.0", "--cases", "val:2"])
     assert checked.exit_code == 0, checked.output

@@ -69,6 +69,7 @@ def test_some_are_not_seen_and_may_be_far_away():
     assert agree(position, seen)
 
 
+@pytest.mark.slow
 def test_walls_hide_others_in_cells_too():
     wall, position, seen = np.array([[[12.0, 0.0], [12.0, 20.0]]]), CROWDS["even"][None].copy(), np.ones((1, 1), bool)
     cells = cells_of(position, seen)

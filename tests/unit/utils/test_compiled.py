@@ -125,6 +125,7 @@ def test_an_edit_of_a_file_beside_a_plug_in_acts_at_once(tmp_path, old, new):
     assert run(CALL, folder) == ["6.0", "0"]
 
 
+@pytest.mark.slow
 def test_constants_of_kernels_are_defined_in_files_that_count():
     counted = set(kernel_files())
     for path in counted:
