@@ -59,7 +59,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
 
     Args:
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
-        render_mode: `rgb_array` or None.
+        render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
         observation: `flat` or `goal_frame`.
         action: `world` or `goal_frame`, the axes of a velocity, or `native`, commands of the vehicle's dynamics.

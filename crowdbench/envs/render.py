@@ -31,8 +31,7 @@ from crowdbench.utils.errors import InputError
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-RENDER_MODES = ["rgb_array"]
-"""In mode `human`, `gymnasium.make` shows these pictures in a window."""
+RENDER_MODES = ["human", "rgb_array"]
 
 SIZE = 600
 """Width and height of the picture in pixels."""
@@ -51,7 +50,7 @@ class Renderer:
     """Renderer of one world in a mode; without a mode it does nothing.
 
     Args:
-        mode: `rgb_array` or None.
+        mode: `human`, `rgb_array` or None.
 
     Raises:
         InputError: There is no such mode.

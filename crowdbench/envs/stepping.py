@@ -16,6 +16,7 @@ from crowdbench.core.types import Outcome, World
 from crowdbench.envs.compiled_step import CompiledStep
 from crowdbench.envs.render import Renderer
 from crowdbench.envs.rewards import Reward, Step, load_reward
+from crowdbench.envs.window import Window
 from crowdbench.scenario.cases import parse_case
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
@@ -78,7 +79,7 @@ class OneWorld:
 
     Args:
         view: The scenario, the observations of a policy, and the interpretation of its actions.
-        render_mode: `rgb_array` or None.
+        render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
 
     Raises:
@@ -92,6 +93,7 @@ class OneWorld:
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1 / self.scenario.rules.dt)}  # type: ignore[misc]
         self._renderer = Renderer(render_mode)
+        self._window = Window()
         self._case = ""
         self._world: World
         self._compiled: CompiledStep | None = None
@@ -106,15 +108,21 @@ class OneWorld:
     def _enter(self, world: World) -> None:
         self._world = world
         self._renderer.remember(world)
+        if self.render_mode == "human" and (picture := self._renderer.picture(self._case)) is not None:
+            self._window.show(picture, world.rules.dt)
 
     def _check_reset(self) -> None:
         if not self._case:
             raise error.ResetNeeded("call reset() first")
 
     def render(self) -> np.ndarray | None:
-        """Return the picture `[height, width, 3]`, uint8, in mode `rgb_array`; None without a mode."""
+        """Return the picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""
         self._check_reset()
-        return self._renderer.picture(self._case)
+        return None if self.render_mode == "human" else self._renderer.picture(self._case)
+
+    def close(self) -> None:
+        """Close the window of mode `human`."""
+        self._window.close()
 
 
 def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*shape"]:

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from gymnasium import error
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
 from crowdbench.envs.rewards import Reward, Step, load_reward
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
-from crowdbench.views.view import NEAREST, Observed, View
+from crowdbench.views.view import NEAREST, Observed, View, row_of
 
 LABELS = np.array(stepping.LABELS, object)
 
@@ -29,8 +29,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
     """The vehicle in many worlds of a scenario, `crowdbench/Vehicle-v0` for `gymnasium.make_vec`.
 
     Observations, actions, rewards, terminations, truncations and infos of each world equal the ones of a `VehicleEnv`
-    with the same seed. A world whose episode is over is reset in the next step; Gymnasium's other modes need
-    `vectorization_mode="sync"`.
+    with the same seed.
 
     All worlds are simulated at once. `vectorization_mode="sync"` steps them one after the other: with 128 worlds this
     takes about twice as long if observations are `flat`, and otherwise eight times as long. Only that mode renders.
@@ -39,6 +38,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
     Args:
         num_envs: Number of worlds.
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
+        autoreset_mode: When worlds whose episode is over are reset, as in Gymnasium's `SyncVectorEnv`.
         reward: As for `VehicleEnv`, and so are the next four.
         observation: `flat`, `goal_frame` or `dict`.
         action: `world`, `goal_frame` or `native`.
@@ -49,12 +49,11 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         InputError: Scenario, reward, observation or action do not exist.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # type: ignore[misc]
-
     def __init__(
         self,
         num_envs: int = 1,
         scenario: str | Path | Scenario = "circle_crossing_5",
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         reward: str | Reward = "crowdnav",
         observation: str = "flat",
         action: str = "world",
@@ -63,13 +62,15 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
     ) -> None:
         self.num_envs = num_envs
         self.scenario = stepping.as_scenario(scenario)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self.view = View(self.scenario, observation, action, nearest, rays)
         self.reward = load_reward(reward)
         self.single_observation_space = self.view.observation_space
         self.single_action_space = self.view.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._cases = np.full(num_envs, None, object)
         self._over = np.zeros(num_envs, bool)
         self._worlds: World | None = None
@@ -83,6 +84,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             seed: A seed per world, or the seed of the first world; the others get the following integers. Each world
                 draws training cases from its seed. None continues with the same generators.
             options: `case`, the name of a case for all worlds or a list with one per world, instead of drawn ones.
+                `reset_mask`, a bool per world: only these worlds are reset.
 
         Returns:
             Observations and infos.
@@ -90,18 +92,21 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         Raises:
             InputError: A seed or an option is wrong.
         """
-        cases = stepping.check_options(options, "case").get("case")
+        given = stepping.check_options(options, "case", "reset_mask")
+        mask = self._mask(given.get("reset_mask"))
         if isinstance(seed, int | np.integer):
             seed = [int(seed) + row for row in range(self.num_envs)]
+        cases = given.get("case")
         if isinstance(cases, str):
             cases = [cases] * self.num_envs
+        cases = self._one_each("case", cases)
         for row, world_seed in enumerate(self._one_each("seed", seed)):
-            if world_seed is not None:
+            if mask[row] and world_seed is not None:
                 self._generators[row], _ = seeding.np_random(world_seed)
-        self._worlds = self._start(np.arange(self.num_envs), self._one_each("case", cases))
-        self._over = np.zeros(self.num_envs, bool)
+        self._worlds = self._restart(self._worlds, mask, cases)
+        self._over[mask] = False
         infos: dict[str, Any] = {}
-        _add(infos, ~self._over, case=self._cases)
+        _add(infos, mask, case=self._cases)
         return self.view.observe(self._worlds), infos
 
     def step(self, actions: np.ndarray) -> tuple[Observed, Float[np.ndarray, "world"], _Flags, _Flags, dict[str, Any]]:
@@ -111,27 +116,32 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             actions: The vehicles' velocities `[world, 2]` in m/s.
 
         Returns:
-            Observations, rewards, terminations, truncations and infos.
+            Observations, rewards, terminations, truncations and infos. In mode `SAME_STEP`, the last observations and
+            infos of episodes that ended are in infos as `final_obs` and `final_info`.
 
         Raises:
             InputError: The actions are not finite velocities.
-            gymnasium.error.ResetNeeded: There was no reset yet.
+            gymnasium.error.ResetNeeded: There was no reset yet or, in mode `DISABLED`, an episode is over.
         """
-        if self._worlds is None:
-            raise error.ResetNeeded("call reset() first")
+        if self._worlds is None or (self.autoreset_mode == AutoresetMode.DISABLED and self._over.any()):
+            raise error.ResetNeeded("call reset() first, for all worlds or for those whose episode is over")
         step = stepping.drive(self.view, self._worlds, stepping.check_actions(actions, (self.num_envs, 2)))
         worlds, outcome, gap = step.after, step.outcome, step.gap
         restarted = self._over
         rewards = self._rewards(step)
         if restarted.any():
-            # This step is the reset of these worlds. The result of their simulated step is discarded.
-            rows = np.flatnonzero(restarted)
-            worlds = worlds.put(rows, self._start(rows, [None] * len(rows)))
+            # NEXT_STEP: this step is the reset of these worlds. The result of their simulated step is discarded.
+            worlds = self._restart(worlds, restarted)
             outcome[restarted], gap[restarted] = Outcome.RUNNING, np.inf
         truncated = outcome == Outcome.TIMEOUT
         terminated = (outcome != Outcome.RUNNING) & ~truncated
         self._over = terminated | truncated
         infos: dict[str, Any] = {}
+        if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():
+            restarted = self._over
+            self._over = np.zeros(self.num_envs, bool)
+            infos = self._final(step, restarted)
+            worlds = self._restart(worlds, restarted)
         _add(infos, ~restarted, outcome=LABELS[outcome], gap=gap)
         _add(infos, np.ones(self.num_envs, bool), case=self._cases)
         self._worlds = worlds
@@ -146,11 +156,39 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             rewards[rows] = self.reward(step.take(rows))
         return rewards
 
-    def _start(self, rows: Int[np.ndarray, "row"], cases: Sequence[str | None]) -> World:
-        """Return new episodes for some rows, each of the given case, or of a random training case if that is None."""
-        chosen = [stepping.choose_case(case, self._generators[row]) for case, row in zip(cases, rows, strict=True)]
-        self._cases[rows] = chosen
-        return stepping.start(self.scenario, chosen)
+    def _restart(self, worlds: World | None, mask: _Flags, cases: Sequence[str | None] | None = None) -> World:
+        """Return all worlds, with new episodes in the masked ones: of the given cases, or else of random training
+        cases."""
+        rows = np.flatnonzero(mask)
+        names = []
+        for row in rows.tolist():
+            generator = self._generators[row]
+            if generator is None:
+                generator = self._generators[row] = seeding.np_random()[0]
+            case = None if cases is None else cases[row]
+            names.append(stepping.choose_case(case, generator))
+        fresh = stepping.start(self.scenario, names)
+        self._cases[rows] = names
+        return fresh if worlds is None or mask.all() else worlds.put(rows, fresh)
+
+    def _final(self, step: Step, ended: _Flags) -> dict[str, Any]:
+        """Return the infos about episodes that ended in this step, before their worlds are reset."""
+        final_obs = np.full(self.num_envs, None, object)
+        seen = self.view.observe(step.after.take(ended))
+        for index, row in enumerate(np.flatnonzero(ended)):
+            final_obs[row] = row_of(seen, index)
+        final_info: dict[str, Any] = {}
+        _add(final_info, ended, outcome=LABELS[step.outcome], gap=step.gap, case=self._cases)
+        return {"final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended.copy()}
+
+    def _mask(self, mask: object) -> _Flags:
+        if mask is None:
+            return np.ones(self.num_envs, bool)
+        if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
+            raise InputError(f"reset_mask is {mask!r}, but must be an array of {self.num_envs} bools, one of them True")
+        if self._worlds is None and not mask.all():
+            raise InputError("reset_mask leaves worlds out that were never reset: reset all of them first")
+        return mask
 
     def _one_each(self, name: str, values: Sequence[Any] | None) -> Sequence[Any]:
         if values is None:

@@ -32,7 +32,7 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
 
     Args:
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
-        render_mode: `rgb_array` or None. `gymnasium.make` also has `human`, a window.
+        render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
         observation: `flat`, `goal_frame` or `dict`.
         action: `world` or `goal_frame`: the axes of a velocity; or `native`: commands of the vehicle's dynamics.

@@ -130,8 +130,9 @@ def draw_panel(
                 axes.add_patch(Patch(corners, facecolor=_rgb(face), edgecolor=_rgb(edge), lw=width, zorder=order))
             case Text(at, text, color, anchor, halo, size):
                 side = {"l": "left", "m": "center", "r": "right"}[anchor]
-                written = axes.text(at[0], at[1], text, color=_rgb(color), fontsize=size, ha=side, zorder=order)
-                written.set(va="center")
+                written = axes.text(
+                    at[0], at[1], text, color=_rgb(color), fontsize=size, ha=side, va="center", zorder=order
+                )
                 if halo:
                     written.set(bbox={"facecolor": _rgb(halo), "edgecolor": "none", "alpha": 0.75, "pad": 0.5})
 

@@ -83,8 +83,15 @@ def _trace(network: nn.Module, shapes: Mapping[str, tuple[int, ...]], outputs: l
     example = tuple(torch.zeros(EXAMPLES, *shape, device=device) for shape in shapes.values())
     network(*example)  # its errors are shorter than the errors of the exporter
     batch_axes = (tuple({0: torch.export.Dim("world")} for _ in shapes),)
-    names: dict[str, Any] = {"input_names": list(shapes), "output_names": outputs}
-    return torch.onnx.export(network, example, **names, dynamic_shapes=batch_axes, dynamo=True, verbose=False)
+    return torch.onnx.export(
+        network,
+        example,
+        input_names=list(shapes),
+        output_names=outputs,
+        dynamic_shapes=batch_axes,
+        dynamo=True,
+        verbose=False,
+    )
 
 
 def _metadata(view: Any) -> dict[str, Any]:

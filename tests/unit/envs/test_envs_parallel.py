@@ -4,9 +4,11 @@ import warnings
 import numpy as np
 import pytest
 from helpers import world
+from pettingzoo.utils import parallel_to_aec
 
 from crowdbench.catalog import load_scenario, simulated_scenarios
 from crowdbench.core.types import Outcome, Rules
+from crowdbench.drawing import LIGHT
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.step_outcomes import outcomes_of_agents
 from crowdbench.scenario.layouts import LAYOUTS
@@ -19,7 +21,7 @@ from crowdbench.views.view import layout_bound
 with warnings.catch_warnings():
     # pettingzoo's tests import one of its own games in a way that it deprecates.
     warnings.simplefilter("ignore", DeprecationWarning)
-    from pettingzoo.test import parallel_api_test, parallel_seed_test
+    from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 
 QUICK = {"circle_crossing_5", "circle_crossing_mixed", "car_12", "doorway_10", "groups_12", "restless_20"}
 SCENARIOS = [
@@ -39,6 +41,27 @@ def standing(scenario, command=STILL, **options):
 def test_it_passes_pettingzoos_tests():
     parallel_api_test(parallel_env(), num_cycles=200)
     parallel_seed_test(parallel_env, num_cycles=60)
+
+
+def test_it_renders_as_pettingzoo_expects(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    render_test(lambda render_mode: parallel_to_aec(parallel_env(render_mode=render_mode)))
+
+
+def test_the_picture_shows_vehicle_and_pedestrians_where_they_are():
+    env = parallel_env(render_mode="rgb_array")
+    env.reset(options={"case": "test/0"})
+    picture = env.render()
+    # The vehicle starts 4 m below the middle of a picture that shows about 5 m in each direction.
+    below = picture[300:, 250:350].reshape(-1, 3).tolist()
+    assert below.count(list(LIGHT.vehicle)) > 500
+    assert picture.reshape(-1, 3).tolist().count(list(LIGHT.pedestrian)) > 2500
+
+
+@pytest.mark.parametrize("mode", ["ansi", "HUMAN"])
+def test_an_unknown_render_mode_is_refused(mode):
+    with pytest.raises(InputError, match="human, rgb_array"):
+        parallel_env(render_mode=mode)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
-from gymnasium.vector import SyncVectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from helpers import drive
 from stable_baselines3 import PPO
 
@@ -75,14 +75,19 @@ def episodes(envs, seed, options=None, steps=140, toward=0.9):
         step = envs.step(np.clip(obs[:, :2], -1, 1) * toward * pace)
         returned.append(step)
         obs = step[0]
+        over = step[2] | step[3]
+        if envs.metadata["autoreset_mode"] == AutoresetMode.DISABLED and over.any():
+            obs, infos = envs.reset(options={"reset_mask": over})
+            returned.append((obs, infos))
     return returned
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("mode", list(AutoresetMode))
 @pytest.mark.parametrize("seed", [7, [5, 4, 3, 2]])
-def test_it_resets_worlds_as_gymnasiums_own_vector_environment_does(seed):
-    ours = episodes(VehicleVectorEnv(N), seed)
-    theirs = episodes(SyncVectorEnv([VehicleEnv] * N), seed)
+def test_the_autoreset_modes_do_what_gymnasiums_own_vector_environment_does(mode, seed):
+    ours = episodes(VehicleVectorEnv(N, autoreset_mode=mode), seed)
+    theirs = episodes(SyncVectorEnv([VehicleEnv] * N, autoreset_mode=mode), seed)
     assert len(ours) == len(theirs)
     for one, other in zip(ours, theirs, strict=True):
         assert data_equivalence(one, other, exact=True)
@@ -110,9 +115,24 @@ def test_options_that_do_not_fit_are_refused():
     for options, said in [
         ({"case": ["test/1"]}, "1 values, but there are 3"),
         ({"case": "37"}, "not the name of a case"),
+        ({"reset_mask": np.array([True, False, False])}, "never reset"),
+        ({"reset_mask": np.zeros(3, bool)}, "one of them True"),
+        ({"reset_mask": [True, True, True]}, "must be an array"),
     ]:
         with pytest.raises(InputError, match=said):
             envs.reset(options=options)
+
+
+def test_where_autoreset_is_disabled_an_ended_world_waits_for_its_reset():
+    envs = VehicleVectorEnv(2, autoreset_mode="Disabled")
+    envs.reset(seed=0)
+    for _ in range(envs.scenario.rules.max_steps):
+        *_, truncated, _ = envs.step(np.zeros((2, 2)))
+    assert truncated.all()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        envs.step(np.zeros((2, 2)))
+    envs.reset()
+    envs.step(np.zeros((2, 2)))
 
 
 def exported(example, folder, *arguments, **settings):

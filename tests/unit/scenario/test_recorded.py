@@ -245,7 +245,7 @@ def test_a_run_says_its_blocks_and_can_be_replayed_with_the_same_files_alone(tmp
     rows = (tmp_path / "one" / "episodes.csv").read_text()
     (tmp_path / "one" / "episodes.csv").write_text(rows.replace(",6,", ",7,", 1))
     assert run(monkeypatch, "score", "one", "--data", tmp_path) == 1
-    assert "1 of 12 cases are of another block of time in episodes.csv: test/0 (block)" in capsys.readouterr().out
+    assert "episodes.csv is not the file that the run wrote" in capsys.readouterr().err
     (tmp_path / "one" / "episodes.csv").write_text(rows)
     assert run(monkeypatch, "score", "one") != 0
     assert "--data DIR" in capsys.readouterr().err
