@@ -86,7 +86,7 @@ def _expected(trace: Trace, row: int, agent: int) -> str:
             gaps.append(f"{distance - trace.radius[row, steps, [0, agent]].sum():.2f} m at {state * dt:g} s")
     how = "constant velocity; the planner logs no prediction" if logged is None else "the planner's prediction"
     expected = ", ".join(gaps) or "none, the pedestrian was not seen"
-    return f"Gap expected for that moment ({how}): {expected}. Gap that came about: {trace.gap[row, steps - 1]:.2f} m."
+    return f"Gap expected for that moment ({how}): {expected}. Actual gap: {trace.gap[row, steps - 1]:.2f} m."
 
 
 def _prediction(

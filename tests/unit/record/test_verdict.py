@@ -31,7 +31,7 @@ def test_a_collision_names_whom_when_and_whose_fault():
     gap = f"{0.55 - radii:.2f} m"
     moments = ", ".join(f"{gap} at {when} s" for when in ("1", "1.5", "1.75"))
     how = "constant velocity; the planner logs no prediction"
-    assert expected == f"Gap expected for that moment ({how}): {moments}. Gap that came about: -0.05 m."
+    assert expected == f"Gap expected for that moment ({how}): {moments}. Actual gap: -0.05 m."
     assert "pedestrian 1 turned by 0° and went from 1.0 to 1.0 m/s, the vehicle from 1.0 to 1.0 m/s" in done
     assert "had seen the pedestrian all the time" in done
 
