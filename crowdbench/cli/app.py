@@ -32,7 +32,7 @@ COMMANDS = {
     "view": ("Look", "cases:view"),
     "render": ("Look", "figures:render"),
     "plot": ("Look", "figures:plot"),
-    "table": ("Look", "figures:table"),
+    "table": ("Look", "table:table"),
     "compare": ("Look", "results:compare"),
     "score": ("Look", "results:score"),
     "export": ("Look", "results:export"),

@@ -34,8 +34,6 @@ class Discs(NamedTuple):
 def nearest_in_step(i, discs):
     """Return the smallest distance between an agent's rim and any other agent's during a step. Compiled.
 
-    No other function tests moving discs.
-
     Args:
         i (int): Index of the agent.
         discs (Discs): All agents.

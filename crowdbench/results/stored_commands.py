@@ -21,7 +21,7 @@ from crowdbench.utils.errors import InputError, describe_error
 COMMANDS = "commands.parquet"
 
 _SCHEMA = pa.schema([("case", pa.int64()), ("command", pa.list_(pa.float64()))])
-"""A row per case: its number, and x and y of the command of each of its steps, in m/s."""
+"""A row per case: its number, and both numbers of the command of each step, in the units of the dynamics."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class StoredCommands:
     Attributes:
         case: Number of each case.
         steps: Number of its commands.
-        command: The commands of the first case in m/s, then of the second, ...
+        command: The commands of the first case, then of the second, ...
     """
 
     case: Int[np.ndarray, "case"]

@@ -134,7 +134,10 @@ class RunTable:
         return self._with_note(Grid(grid.title, ["metric", *found], rows, records))
 
     def cross(self, metric: str) -> Grid:
-        """Return one metric with a row for each planner. Raises InputError as `grid` does."""
+        """Return one metric with a row for each planner, and a column for each scenario or value of an option.
+
+        Raises InputError as `grid` does.
+        """
         info, cases = self.infos([metric])[metric], len(self.runs[0].episodes)
         records: dict[str, dict[str, Any]] = {}
         cells: dict[str, dict[str, str]] = {}

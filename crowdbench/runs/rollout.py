@@ -225,7 +225,7 @@ class _TraceBuilder:
         Args:
             rows: The rows of the worlds that were running in the step.
             t: Number of the step, from 0.
-            command: The planner's command, in m/s.
+            command: The planner's command, in the units of the vehicle's dynamics.
             after: The worlds after the step.
             check: The gaps and the outcomes of the step.
         """

@@ -83,7 +83,7 @@ def check_step(rules, before, after, check):
 @no_type_check
 @njit(inline="always")
 def check_disc(rules, before, after, check):
-    """Do the same for a disc without walls; see `check_step`."""
+    """Compute the gaps of a vehicle that is a disc, without walls; see `check_step`."""
     position = before.position
     motion = np.empty(position.shape[1:])
     for w in range(len(position)):

@@ -143,7 +143,7 @@ class Observation:
         return len(self.row)
 
     def take(self, rows: np.ndarray | slice) -> Observation:
-        """Return a copy of the given rows (a mask, indices or a slice). Its `log` records nothing."""
+        """Return a copy of the given rows (a mask, indices or a slice). Calls of `log` on the copy are not recorded."""
         return self.rows(lambda array: array[rows].copy(), logs=None)
 
     def rows(self, chosen: Callable[[np.ndarray], np.ndarray], logs: dict[str, np.ndarray] | None) -> Observation:

@@ -209,7 +209,7 @@ class Trace:
         position: Centres in metres.
         velocity: Velocities in m/s during the step before each state.
         heading: Direction in which the vehicle faces, in radians.
-        command: The planner's command in each step, in m/s.
+        command: The planner's command in each step, in the units of the vehicle's dynamics: m/s for a holonomic one.
         gap: Smallest distance in metres between the rims of the vehicle and any pedestrian during each step, as the
             simulator's collision check measured it; infinite without pedestrians.
         wall_gap: The same between the vehicle's rim and the obstacles; infinite without obstacles.
