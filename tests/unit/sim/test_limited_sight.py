@@ -161,7 +161,7 @@ def test_pictures_show_whom_the_vehicle_does_not_see():
     env = vehicle_env("flat", render_mode="rgb_array")
     env.reset(options={"case": "val/0"})
     before = env.render()
-    env._world = env._world.replace(sight={**env._world.sight, "unseen": env._world.sight["unseen"] * 0})
+    env._enter(env._world.replace(sight={**env._world.sight, "unseen": env._world.sight["unseen"] * 0}))
     assert not np.array_equal(env.render(), before)
 
 
