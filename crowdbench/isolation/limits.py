@@ -108,7 +108,7 @@ class Usage:
 
     Args:
         most_memory: The limit of memory in bytes.
-        cores: The processors that it may use; None for those of this process.
+        cores: The processors that it may use; None for the processors of this process.
         temporary: Folders in memory that only this process can access: their contents count as its memory.
     """
 

@@ -148,7 +148,7 @@ class ValuePlanner(PredictingPlanner, AheadPlanner):
         return vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, dt)
 
     def are_allowed(self, vehicle: Vehicle, commands: Commands, dt: float) -> Bool[np.ndarray, "world action"]:
-        """Return which commands are within the limits; the arguments are those of `commands`."""
+        """Return which commands are within the limits, with the arguments of `commands`."""
         if self.limits is None:
             return np.ones(commands.shape[:2], bool)
         velocities = vehicle.dynamics.velocities(vehicle.state, commands, vehicle.preferred_speed, dt)
