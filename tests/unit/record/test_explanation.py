@@ -48,7 +48,7 @@ def test_the_planners_own_prediction_is_compared_with_what_happened():
     radii = float(made.radius[0, -1, [0, 2]].sum())
     told = describe_failure(dataclasses.replace(made, logs={"predicted": predicted}), 0)[1]
     assert f"(the planner's prediction): {1.2 - radii:.2f} m at 1 s, {1.2 - radii:.2f} m at 1.5 s, " in told
-    assert f"{0.55 - radii:.2f} m at 1.75 s. Gap" in told
+    assert f"{0.55 - radii:.2f} m at 1.75 s. Actual gap" in told
     predicted[:] = np.nan
     told = describe_failure(dataclasses.replace(made, logs={"predicted": predicted}), 0)[1]
     assert "none, the pedestrian was not seen" in told
