@@ -83,7 +83,7 @@ def measure(command: str, rounds: int, folder: Path, progress: Callable[[float],
             clone = folder / name
             environment = {"PATH": path, "PYTHONPATH": str(clone), "NUMBA_CACHE_DIR": str(cache)}
             usage = run_timed(["sh", "-c", command], command, clone, **environment)
-            kept = sum(file.is_file() for file in cache.rglob("*"))
+            kept = len(list(cache.rglob("*.nbc")))
             found[state].append((usage, kept - before))
             before = kept
             progress(1)

@@ -7,7 +7,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Self
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -98,6 +98,9 @@ class AheadPlanner(Planner):
         return self.plan_ahead(obs, 1)[:, 0]
 
 
+AnyPredictingPlanner = TypeVar("AnyPredictingPlanner", bound="PredictingPlanner")
+
+
 @dataclass(eq=False)
 class PredictingPlanner(Planner):
     """Planner with predicted pedestrians, which returns commands of the vehicle's dynamics.
@@ -115,7 +118,7 @@ class PredictingPlanner(Planner):
     def __post_init__(self) -> None:
         self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
 
-    def for_held_out_scene(self, scene: str) -> Self:
+    def for_held_out_scene(self: AnyPredictingPlanner, scene: str) -> AnyPredictingPlanner:
         """See `Planner`: with the predictor that was not trained on the scene."""
         return dataclasses.replace(self, predictor=self.predictor.for_held_out_scene(scene))
 

@@ -8,7 +8,8 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
 from studies.validity.motion import ETH_UCY_DT, HEADER, Walks, measure, motion, recorded, simulate
 
-SUITE = sorted(path.stem for folder in ("suite", "generalisation") for path in (SCENARIOS / folder).glob("*.toml"))
+FILES = [path for folder in ("suite", "generalisation") for path in (SCENARIOS / folder).glob("*.toml")]
+SUITE = sorted(path.stem for path in FILES if path.stem != "suite")  # which lists the others
 
 
 def walks(*paths, radius=0.2, dt=ETH_UCY_DT):
