@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from crowdbench.core import rng
 from crowdbench.core.dynamics import Body, disc_centres, reach
@@ -130,7 +130,9 @@ class LayoutStarts:
         return LayoutPostStepRule(crowd, self.layout)
 
 
-def _is_clear(space: ClearSpace, placement: Placement, speed: PerAgent, reach: PerAgent, body: Body) -> bool:
+def _is_clear(
+    space: ClearSpace, placement: Placement, speed: PerAgent, reach: Float[np.ndarray, "pedestrian"], body: Body
+) -> bool:
     """Return whether no pedestrian starts in the clear space, or on a course on which it soon touches the vehicle."""
     start = placement.start
     velocity = velocities_ahead(start, placement.goal, placement.route, speed)

@@ -135,7 +135,11 @@ class Board:
     def overrides(self, seed: int | None) -> dict[str, Any]:
         """Return the scenario keys that the board sets, for the cases of a seed; None for the public cases."""
         rules: dict[str, Any] = {"collision": self.spec.collision}
-        return rules if seed is None else {**rules, "seed": seed, "crowdnav_cases": 0}
+        if seed is not None:
+            rules["seed"] = seed
+            if not self.spec.recorded:
+                rules["crowdnav_cases"] = 0
+        return rules
 
     def load(self, seed: int | None) -> Sequence[Scenario]:
         """Load the scenarios with the rules of the board and the cases of a seed, see `overrides`.

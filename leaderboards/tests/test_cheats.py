@@ -119,10 +119,9 @@ def test_commands_whose_size_is_a_lie_do_not_take_the_memory_of_the_verifier(fol
     monkeypatch.setattr("crowdbench_leaderboards.verification.MAX_MEMORY", 2e8)
     path = folder / "public" / "circle_crossing_5" / "commands.parquet"
     values = pa.array(np.zeros(60_000_000), pq.read_schema(path).field("command").type.value_type)
-    lists = pa.ListArray.from_arrays(pa.array([0, len(values)], pa.int32()), values)
-    pq.write_table(
-        pa.table([pa.array([0]), lists], pq.read_schema(path)), path, compression="zstd", use_dictionary=False
-    )
+    cases = pq.read_table(path, columns=["case"])["case"].combine_chunks()
+    lists = pa.ListArray.from_arrays(pa.array([0, *[len(values)] * len(cases)], pa.int32()), values)
+    pq.write_table(pa.table([cases, lists], pq.read_schema(path)), path, compression="zstd", use_dictionary=False)
     column = pq.read_metadata(path).row_group(0).column(1)
     true = zigzag(column.total_uncompressed_size)
     content = path.read_bytes()
