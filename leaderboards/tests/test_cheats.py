@@ -1,6 +1,7 @@
 """What an entrant can try against a board: each attempt is refused, or changes nothing."""
 
 import json
+import re
 
 import numpy as np
 import pyarrow as pa
@@ -130,7 +131,8 @@ def test_commands_whose_size_is_a_lie_do_not_take_the_memory_of_the_verifier(fol
     forge(folder)
     found = verify(read_entry(folder), read_board(folder.parents[1]), work=tmp_path / "work")
     assert found.verdict == Verdict.NOT_REPRODUCED
-    assert "memory" in found.reason.lower()
+    # Either reading them takes too much memory, or they are refused before they are padded to the longest case.
+    assert re.search("memory|its steps differ", found.reason.lower())
 
 
 LAZY = """
