@@ -22,6 +22,7 @@ from .pedestrians.social_force import SocialForce as SocialForce
 from .pedestrians.social_force import social_force_velocities as social_force_velocities
 from .routes import goals_on_way as goals_on_way
 from .sensor import observe as observe
+from .simulator import advance as advance
 from .simulator import crowd_decisions as crowd_decisions
 from .simulator import crowd_velocities as crowd_velocities
 from .simulator import finish_step as finish_step

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from crowdbench import Observation, PedestrianPolicy, Prediction, Rules, World
 from crowdbench.core import WalkingLimits, continuation_keys
-from crowdbench.sim import crowd_decisions, init_memories, move
+from crowdbench.sim import advance, crowd_decisions, init_memories
 from crowdbench.utils import require
 
 Goals = Float[np.ndarray, "world mode pedestrian 2"]
@@ -56,7 +56,9 @@ def roll_out(
         require("shape of goals", list(points.shape), points.shape == (*shape, 2), "[world, mode, pedestrian, 2]")
         goal[:, 1:] = points.reshape(-1, pedestrians, 2)
         crowd, world = crowd_decisions(world.replace(goal=goal), names)
-        world, _ = move(world, np.zeros((len(row), 2)) if plan is None else plan[row, t], crowd)
+        # Without `move`, which would find other routes: the goals already are the next points.
+        after, _ = advance(world, np.zeros((len(row), 2)) if plan is None else plan[row, t], crowd)
+        world = world.replace(**after._asdict())
         position[:, :, t], velocity[:, :, t] = (
             each[:, 1:].reshape(*shape, 2) for each in (world.position, world.velocity)
         )
