@@ -78,9 +78,9 @@ def drive(code, limits, before, command, max_speed, dt):
 @no_type_check
 @njit(nogil=True)
 def drive_without_heading(code, limits, before, command, max_speed, dt):
-    """Drive as `drive` does, but keep the heading of a holonomic vehicle, with a turn rate of 0. Compiled.
+    """Drive with the arguments of `drive`, but keep the heading of a holonomic vehicle. Compiled.
 
-    The computation of the heading of a holonomic vehicle takes most of the time, and no planner needs it.
+    Its turn rate is 0. The computation of this heading takes most of the time, and no planner needs it.
     """
     if code == HOLONOMIC:
         x, y, vx, vy, heading, _ = before
