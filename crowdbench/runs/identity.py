@@ -132,6 +132,13 @@ def new_key() -> str:
     return f"{UNKNOWN}{secrets.token_hex(8)}"
 
 
+def without_random_key(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parts of an identity with the same key for all planner objects whose author gives none."""
+    planner = parts["planner"]
+    key = UNKNOWN if planner["key"].startswith(UNKNOWN) else planner["key"]
+    return {**parts, "planner": {**planner, "key": key}}
+
+
 def source_of(thing: type | Callable[..., Any]) -> str:
     """Return 16 hexadecimal digits that change with the source of a class or a function.
 
