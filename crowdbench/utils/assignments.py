@@ -43,7 +43,8 @@ def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
     for text in texts:
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
-            raise InputError(f"{flag} {text!r} sets nothing: write key=value")
+            option = f"{flag} " if flag.startswith("--") else ""
+            raise InputError(f"{flag} {text!r} sets nothing: write {option}key=value")
         try:
             pairs[key.strip()] = _parse_value(value)
         except InputError as error:

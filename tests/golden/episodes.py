@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crowdbench import METRICS, Cases, Outcome, load_scenario, rollout
+from crowdbench import METRICS, Cases, Outcome, load_planner, load_scenario, rollout
 from crowdbench.catalog import PLANNERS, scenario_path, scenarios
 from crowdbench.sim import SIMULATOR
 from crowdbench.utils import read_toml
@@ -75,8 +75,9 @@ def load(name):
 
 def episode(planner, scenario, cases):
     """Return what is recorded of some episodes: the digest of their trace, or outcomes and positions after a while."""
-    trace = rollout(planner, scenario, cases)
-    if not driver.facts and planner not in ROUNDED:
+    made = load_planner(planner)
+    trace = rollout(made, scenario, cases)
+    if not made.facts and planner not in ROUNDED:
         return digest(trace)
     after = trace.position[:, min(STEPS, trace.position.shape[1] - 1), 0]
     return {"outcomes": [Outcome(outcome).label for outcome in trace.outcome], "after": after.round(6).tolist()}
