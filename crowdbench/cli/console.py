@@ -109,7 +109,7 @@ def flush_output() -> None:
 
 
 def print_table(table: Grid) -> None:
-    """Print a table under its title."""
+    """Print a table under its title, and its note below."""
     from rich.console import Console
     from rich.table import Table
 
@@ -122,3 +122,5 @@ def print_table(table: Grid) -> None:
         printed.add_row(*row)
     # A file or a pipe has no width to fit. Brackets are units, not rich's markup.
     Console(width=None if sys.stdout.isatty() else 200, markup=False).print(printed)
+    if table.note:
+        print(f"\n{table.note}")

@@ -39,10 +39,6 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
         print(format_tables([grid], format))
         return
     print_table(grid)
-    print("\nRates (p: McNemar's exact test) and metrics that include failures are over all shared cases, the others")
-    print("over the cases that both runs solve. Intervals are of the paired difference, and go with p.")
-    if len(comparisons) > 1:
-        print("p corrected: for the number of tests of a metric (Holm 1979), separately for all scenarios together.")
     several = len({comparison.scenario for comparison in comparisons}) > 1
     for comparison in comparisons:
         for line in comparison.list_changed_cases():
@@ -87,7 +83,7 @@ def score(
         print(json.dumps({**about, **result}, indent=2))
     else:
         title = f"{stored.label} on {stored.result['scenario']['name']}, computed again from {run}"
-        print_table(metric_grid(title, summary, episodes.rates, metrics, all_metrics=False))
+        print_table(metric_grid(title, summary, episodes.rates, metrics, False, episodes.blocks.get("blocks")))
         print(f"\n{replay}")
     if replay.differences:
         sys.exit(1)
