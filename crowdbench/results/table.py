@@ -208,7 +208,7 @@ def metric_grid(
     functions: Mapping[str, Metric] = MappingProxyType({}),
     all_metrics: bool = True,
 ) -> Grid:
-    """Return the estimates of one run with a row for each metric, under its name in commands.
+    """Return the estimates of one run with a row for each metric.
 
     Args:
         title: Its title.
@@ -224,7 +224,7 @@ def metric_grid(
         if estimate.n:
             largest = "" if name in rates else info.number(estimate.max)
             interval = info.interval(estimate.low, estimate.high)
-            rows.append((name, info.amount(estimate.mean), interval, largest, str(estimate.n)))
+            rows.append((info.title, info.amount(estimate.mean), interval, largest, str(estimate.n)))
     return Grid(title, ("metric", "mean", "95 % interval", "max", "n"), rows, align="lrlrr")
 
 
