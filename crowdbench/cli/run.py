@@ -114,8 +114,8 @@ def make_one_run(spec: RunSpec, out: Path | None, shard: str | None, overwrite: 
     with exit_on_interrupt(), progress(len(spec.cases)) as report, open_run(spec) as run:
         run.scenario.check_data(spec.data)
         warn_if_trained_otherwise(run)
-        if run.scenario.certificates is not None:
-            say(f"crowdbench: {run.scenario.certificates.sentence(spec.cases)}")
+        if run.scenario.certificates and (note := run.scenario.certificates.sentence(spec.cases)):
+            say(f"crowdbench: {note}")
         directory = out or Path("runs") / directory_name(run.driver.name, run.scenario.name, spec)
         if make_run(run, directory, shard=share, overwrite=overwrite, progress=report):
             return run, directory
@@ -186,7 +186,7 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
     estimates = {name: read_estimate(table) for name, table in result["metrics"].items()}
     print_table(metric_grid(title, estimates, result["rates"], metrics, all_metrics))
     if not all_metrics:
-        write(f"{len(result['metrics'])} metrics in all: --all-metrics; `crowdbench list metrics` has their names")
+        write(f"{len(result['metrics'])} metrics in all: --all-metrics")
     if "tracks" in result["scenario"]:
         from crowdbench.scenario.population import RECORDED
 

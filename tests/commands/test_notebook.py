@@ -52,7 +52,7 @@ def test_it_is_shown_as_a_table_with_units(found):
     success = found.metrics["success_rate"]
     assert shown.startswith("**orca** on circle_crossing_5, cases test:0:20\n\n| metric |")
     assert (
-        f"| success_rate | {100 * success.mean:.1f} % | {100 * success.low:.1f} to {100 * success.high:.1f} |  | 20 |"
+        f"| success | success_rate | {100 * success.mean:.1f} % | {100 * success.low:.1f} to {100 * success.high:.1f} |  | 20 |"
         in shown
     )
     assert re.search(r"\| jerk \| [\d.]+ m/s\^3 \| [\d.]+ to [\d.]+ \| [\d.]+ \| 20 \|", shown)
