@@ -145,7 +145,7 @@ def driven(planner):
     return trace, np.array(told)
 
 
-@pytest.mark.parametrize("planner", [load_planner("orca")[1], Still()])
+@pytest.mark.parametrize("planner", [load_planner("orca"), Still()])
 def test_parts_of_episodes_are_told_at_each_step_and_sum_to_the_episodes(planner):
     trace, told = driven(planner)
     assert len(told) == trace.steps.max()

@@ -28,9 +28,7 @@ OVERRIDES = {"vehicle.visible": True}
 
 def go(out, record="all", cases="4", **options):
     scenario = load_scenario("circle_crossing_5", OVERRIDES)
-    make(
-        out, load_planner("orca")[1], scenario, cases, metrics=SOME, record=record, options=options, overrides=OVERRIDES
-    )
+    make(out, load_planner("orca"), scenario, cases, metrics=SOME, record=record, options=options, overrides=OVERRIDES)
     return out
 
 

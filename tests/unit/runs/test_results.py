@@ -420,7 +420,7 @@ def test_runs_that_cannot_be_compared_are_told_why(tmp_path):
 @pytest.mark.slow
 def test_a_pooled_metric_is_compared_pooled(tmp_path):
     go(tmp_path / "a", cases="40")
-    go(tmp_path / "b", load_planner("orca", {"safety_space": 0.1})[1], cases="40")
+    go(tmp_path / "b", load_planner("orca", {"safety_space": 0.1}), cases="40")
     row = compare(tmp_path / "a", tmp_path / "b").rows["discomfort_frequency"]
     tables = [Episodes.read(tmp_path / name / "episodes.csv") for name in "ab"]
     solved = tables[0].columns["success_rate"] & tables[1].columns["success_rate"]
