@@ -74,7 +74,7 @@ def run(
             "commands".
         overwrite: True to replace an earlier run in `out`.
         progress: Called after each step with the progress of the step, as a fractional number of episodes, such as
-            `tqdm(total=500, unit_scale=True).update`; None to show a line of progress every few seconds.
+            `tqdm(total=500, unit_scale=True).update`; None to show a bar, or lines without a terminal.
 
     Raises:
         InputError: An input does not exist, a plug-in breaks its contract, or the run cannot be written.

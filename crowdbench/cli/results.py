@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import typer
 
 from crowdbench.cli.cases import make_loader
-from crowdbench.cli.console import announce_compilation, print_table, progress, say
+from crowdbench.cli.console import BAD, GOOD, announce_compilation, print_table, progress, say, write
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, format_tables, plain
 
@@ -27,22 +27,29 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
         metric: A metric. Repeatable. By default, all metrics for two runs, and some for more runs.
         format: Write only the comparison, as a table; latex needs the package booktabs.
     """
-    from crowdbench.results.compare import compare_to, comparison_grid
-    from crowdbench.results.result_file import STATED
+    from crowdbench.metrics.registry import info_of
+    from crowdbench.results.compare import DIFFERENCE, compare_to, comparison_grid
 
     comparisons = compare_to(reference, others)
     for warning in dict.fromkeys(warning for comparison in comparisons for warning in comparison.warnings):
         say(f"crowdbench: {warning}")
-    say(STATED)
     grid = comparison_grid(comparisons, metric or [])
     if format is not None:
         print(format_tables([grid], format))
         return
-    print_table(grid)
+    cell, colors = grid.header.index(DIFFERENCE), {}
+    for row, record in zip(grid.rows, grid.records, strict=True):
+        if record["significant"]:
+            gain = info_of(record["metric"]).sign * record["difference"].mean
+            colors[row[cell]] = GOOD if gain > 0.0 else BAD if gain < 0.0 else ""
+    print_table(grid, colors)
     several = len({comparison.scenario for comparison in comparisons}) > 1
     for comparison in comparisons:
         for line in comparison.list_changed_cases():
-            print(f"{comparison.scenario}: {line}" if several else line)
+            before, _, after = line.partition(" (")[0].partition(", ")
+            colors = {after: GOOD, before: BAD}
+            color = next((color for text, color in colors.items() if text.endswith(" success")), "")
+            write(f"{comparison.scenario}: {line}" if several else line, color)
 
 
 def score(
@@ -84,7 +91,7 @@ def score(
     else:
         title = f"{stored.label} on {stored.result['scenario']['name']}, computed again from {run}"
         print_table(metric_grid(title, summary, episodes.rates, metrics, False, episodes.blocks.get("blocks")))
-        print(f"\n{replay}")
+        write(f"\n{replay}")
     if replay.differences:
         sys.exit(1)
 

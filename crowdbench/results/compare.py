@@ -20,11 +20,14 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid, flatten, markdown
 
+DIFFERENCE = "difference (95 % interval)"
+"""Heading of a column."""
+
 SIGNIFICANT = " *"
 """Mark of a significant difference."""
 
 CASES = (
-    "n: the number of cases of a row. Rates (p: McNemar's exact test) and metrics that include failures are over all\n"
+    "n: the number of cases of a row. Rates (p: McNemar's exact test) and metrics that include failures are over all "
     "shared cases, the others over the cases that both runs solve. Intervals are of the paired difference, and go "
     "with p."
 )
@@ -34,7 +37,7 @@ CORRECTED = (
     "goes by it."
 )
 NO_INTERVAL = (
-    f"No interval: fewer than {LEAST_SHARED} independent cases of a scenario, in which a difference of the same sign\n"
+    f"No interval: fewer than {LEAST_SHARED} independent cases of a scenario, in which a difference of the same sign "
     "in every case is likely by chance."
 )
 
@@ -163,7 +166,7 @@ def comparison_grid(comparisons: Sequence[Comparison], metrics: Sequence[str] = 
         rows.append([info.heading, *(record[label] for label in labels), *values])
         facts = {"n": row.difference.n, "significant": row.is_significant}
         records.append({**record, "cases": comparison.cases, **vars(row), **facts})
-    header = ["metric", *labels, a, b, "difference (95 % interval)", "p", *([] if single else ["p corrected"]), "n"]
+    header = ["metric", *labels, a, b, DIFFERENCE, "p", *([] if single else ["p corrected"]), "n"]
     align = ("l" * (1 + len(labels))).ljust(len(header), "r")
     has_short = any(record["n"] and math.isnan(record["difference"].low) for record in records)
     notes = [CASES, MARKED, "" if single else CORRECTED, NO_INTERVAL * has_short]

@@ -223,14 +223,15 @@ def metric_grid(
     all_metrics: bool = True,
     blocks: int | None = None,
 ) -> Grid:
-    """Return the estimates of one run with a row for each metric, under its name in commands.
+    """Return the estimates of one run with a row for each metric.
 
     Args:
         title: Its title.
         estimates: The estimates by metric.
         rates: The metrics that are rates.
         functions: Metrics of a user by name, whose units are shown.
-        all_metrics: False for only `MAIN` and the metrics of the user.
+        all_metrics: True for all metrics, with their names in commands; False for only `MAIN` and the metrics of the
+            user.
         blocks: The number of blocks of recorded time; None if no pedestrians are recorded.
     """
     estimates = {name: estimate.for_display(blocks) for name, estimate in estimates.items()}
@@ -242,9 +243,11 @@ def metric_grid(
         if estimate.n:
             largest = "" if name in rates else info.number(estimate.max)
             interval = "" if math.isnan(estimate.low) else info.interval(estimate.low, estimate.high)
-            rows.append((name, info.amount(estimate.mean), interval, largest, str(estimate.n)))
-    header = ("metric", "mean", "95 % interval", "max", "n")
-    return Grid(title, header, rows, align="lrlrr", note=_left_out(estimates[name] for name in names))
+            labels = (info.title, name) if all_metrics else (info.title,)
+            rows.append((*labels, info.amount(estimate.mean), interval, largest, str(estimate.n)))
+    labels = ("metric", "name") if all_metrics else ("metric",)
+    header, note = (*labels, "mean", "95 % interval", "max", "n"), _left_out(estimates[name] for name in names)
+    return Grid(title, header, rows, align="l" * len(labels) + "rlrr", note=note)
 
 
 def _row_names(runs: Sequence[RunResult], places: Sequence[tuple[str, str]]) -> list[str]:

@@ -55,10 +55,8 @@ def test_it_is_shown_as_a_table_with_units(found):
     shown = found._repr_markdown_()
     success = found.metrics["success_rate"]
     assert shown.startswith("**orca** on circle_crossing_5, cases test:0:20\n\n| metric |")
-    assert (
-        f"| success_rate | {100 * success.mean:.1f} % | {100 * success.low:.1f} to {100 * success.high:.1f} |  | 20 |"
-        in shown
-    )
+    mean, low, high = (f"{100 * value:.1f}" for value in (success.mean, success.low, success.high))
+    assert f"| success | success_rate | {mean} % | {low} to {high} |  | 20 |" in shown
     assert re.search(r"\| jerk \| [\d.]+ m/s\^3 \| [\d.]+ to [\d.]+ \| [\d.]+ \| 20 \|", shown)
 
 

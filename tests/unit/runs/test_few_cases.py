@@ -51,9 +51,8 @@ def test_a_comparison_shows_n_and_no_interval_over_few_cases():
     assert [record["n"] for record in few.records] == [10, 5]
     (_, time) = json.loads(format_tables([few], Format.JSON))
     assert (time["difference"]["low"], time["difference"]["high"], time["n"]) == (None, None, 5)
-    for kind in (Format.CSV, Format.LATEX, Format.MARKDOWN):
-        text = format_tables([few], kind)
-        assert "5" in text.splitlines()[2 if kind is Format.CSV else -5 if kind is Format.LATEX else 3]
+    for kind, ending in ((Format.CSV, "5,False"), (Format.LATEX, r" 5 \\"), (Format.MARKDOWN, " | 5 |")):
+        assert any(line.endswith(ending) for line in format_tables([few], kind).splitlines())
 
 
 def test_a_significant_difference_is_marked_and_the_note_says_so():
@@ -103,9 +102,9 @@ def test_tables_of_runs_show_no_interval_over_few_cases(folders):
     assert [row[1].count("†") for row in grid.rows] in ([0, 1], [1, 0])
     assert "or these are fewer than 6" in grid.note
     shown = metric_grid("", {"jerk": Estimate(1.0, 0.5, 1.5, 5, 2.0)}, [])
-    assert (shown.rows[0][2], bool(shown.note)) == ("", True)
+    assert (shown.rows[0][3], bool(shown.note)) == ("", True)
     shown = metric_grid("", {"jerk": Estimate(1.0, 0.5, 1.5, 50, 2.0)}, [], blocks=5)
-    assert (shown.rows[0][2], bool(shown.note)) == ("", True)
+    assert (shown.rows[0][3], bool(shown.note)) == ("", True)
     shown = metric_grid("", {"jerk": Estimate(1.0, 0.5, 1.5, 6, 2.0)}, [])
-    assert (shown.rows[0][2], bool(shown.note)) == ("0.500 to 1.500", False)
+    assert (shown.rows[0][3], bool(shown.note)) == ("0.500 to 1.500", False)
     assert info_of("jerk").estimate(Estimate(1.0, 0.5, 1.5, 5, 2.0)) == "1.000"
