@@ -21,9 +21,9 @@ from crowdbench.results.run_result import RunResult
 from crowdbench.results.table import metric_grid
 from crowdbench.runs.identity import new_key
 from crowdbench.runs.loading import load_run, load_stored_scenario
+from crowdbench.runs.make import make_run
 from crowdbench.runs.replay import recording_of, stored_case
 from crowdbench.runs.rollout import Progress
-from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.defaults import RECORD

@@ -73,18 +73,46 @@ def join_commands(parts: Sequence[Path], path: Path) -> None:
         parts: The files of the runs. Raises InputError if one is missing or has other contents.
         path: The file to write.
     """
-    table = pa.concat_tables([_read_table(part) for part in parts])
     with open_writer(path) as writer:
-        for start in range(0, len(table), BATCH):
-            writer.write_table(table.slice(start, BATCH).combine_chunks())
+        for part in parts:
+            writer.add(_read_table(part))
+
+
+class CommandsWriter:
+    """Writer of a file of commands. Its row groups have `BATCH` cases, however the cases arrive.
+
+    Args:
+        writer: Writer of the Parquet file.
+    """
+
+    def __init__(self, writer: pq.ParquetWriter) -> None:
+        self._writer = writer
+        self._waiting = _SCHEMA.empty_table()
+
+    def add(self, table: pa.Table) -> None:
+        """Write a table of commands."""
+        self._waiting = pa.concat_tables([self._waiting, table])
+        while len(self._waiting) >= BATCH:
+            self._write(BATCH)
+
+    def close(self) -> None:
+        """Write the last cases."""
+        if len(self._waiting):
+            self._write(len(self._waiting))
+
+    def _write(self, cases: int) -> None:
+        self._writer.write_table(self._waiting.slice(0, cases).combine_chunks())
+        self._waiting = self._waiting.slice(cases)
 
 
 @contextlib.contextmanager
-def open_writer(path: Path) -> Iterator[pq.ParquetWriter]:
+def open_writer(path: Path) -> Iterator[CommandsWriter]:
     """Open a context for writing a file of commands, batch by batch."""
     # Opened here, because Arrow accepts only paths in UTF-8.
-    with path.open("wb") as file, pq.ParquetWriter(file, _SCHEMA, compression="zstd") as writer:
+    with path.open("wb") as file, pq.ParquetWriter(file, _SCHEMA, compression="zstd") as parquet:
+        writer = CommandsWriter(parquet)
         yield writer
+        writer.close()
 
 
 def commands_table(trace: Trace) -> pa.Table:

@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow.parquet as pq
 
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics.registry import Metric, info_of
 from crowdbench.results.episodes import RECORDING, Episodes
-from crowdbench.results.stored_commands import COMMANDS, commands_table, open_writer
+from crowdbench.results.stored_commands import COMMANDS, CommandsWriter, commands_table, open_writer
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.defaults import FIRST_RECORDED, MOST_FAILURES, RECORDED_CROWD, WITH_EPISODES
 
@@ -40,7 +39,7 @@ class RunRecorder:
 
     cases: Cases
     most_failures: int | None
-    commands: pq.ParquetWriter | None = None
+    commands: CommandsWriter | None = None
     recorder: Recorder | None = None
     failures: int = 0
     number: int = 0
@@ -48,7 +47,7 @@ class RunRecorder:
     def add(self, trace: Trace, episodes: Episodes) -> None:
         """Record the commands of a batch of episodes, and the episodes that are chosen for recording."""
         if self.commands is not None:
-            self.commands.write_table(commands_table(trace))
+            self.commands.add(commands_table(trace))
         if self.recorder is None:
             return
         chosen = np.ones(len(trace), bool)

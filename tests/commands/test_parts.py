@@ -17,8 +17,9 @@ from crowdbench.catalog import load_scenario
 from crowdbench.planners.planner import Planner
 from crowdbench.record.recorded_cases import read_recorded, recorded_outcomes
 from crowdbench.runs import shards
+from crowdbench.runs.make import make_run
 from crowdbench.runs.merge import merge
-from crowdbench.runs.shards import Shard, make_run
+from crowdbench.runs.shards import Shard
 from crowdbench.utils.errors import InputError, Interrupted
 
 SAME = ("episodes.csv", "commands.parquet")
