@@ -241,7 +241,7 @@ def test_of_the_papers_method_each_part_can_be_changed_or_left_out():
     ("options", "message"),
     [
         ({"kce": "all"}, "sarl_cvm has no option 'kce'; its options are: .*limits, shaping, explore"),
-        ({"explore": {"epsilon": 0}}, "in explore, epsilon is 0, but must be a number above 0"),
+        ({"explore": {"epsilon": 0}}, "in explore, epsilon is 0.0, but must be a number above 0"),
         ({"explore": True}, "explore is True, but must be false or a table with epsilon, n"),
         ({"shaping": {"cost": 1, "threshold": 1}}, "but must be false or a table with cost or a table with threshold"),
         ({"limits": {"max_velocity_change": -1.0}}, "in limits, max_velocity_change is -1.0, but must be a number abo"),
