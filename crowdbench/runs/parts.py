@@ -1,8 +1,8 @@
 """The parts of a run on disk, until they are merged: finished work that an interrupt or a kill does not lose.
 
-The parts of a run `runs/a` are directories in `runs/a.parts-<id of the run>-<extent of the recording>`. Each is a run of
-some of the cases, such as `val-0-500`. Any process can add parts of any size; a process holds the lock of a part while
-it makes the part.
+The parts of a run `runs/a` are directories in `runs/a.parts-<id of the run>-<extent of the recording>`. Each is a run
+of some of the cases, such as `val-0-500`. Any process can add parts of any size; a process holds the lock of a part
+while it makes the part.
 """
 
 from __future__ import annotations
