@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import json
 import math
 import os
 import shutil
@@ -17,6 +18,7 @@ from crowdbench.runs.parts import Drive, Parts
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import Run
 from crowdbench.runs.shards import WHOLE, Shard
+from crowdbench.runs.trial import try_plugins
 from crowdbench.runs.worker import INTERVAL, PartReport, PartTask, make_part
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, MachineFault, NotWritten, describe_error
@@ -59,6 +61,8 @@ def make_run(
     drive = drive or functools.partial(run.drive, progress=progress)
     with parts.open():
         missing = parts.missing(share)
+        if missing:
+            try_plugins(run.scenario, share, run.metrics)
         report(len(share) - sum(map(len, missing)))
         for gap in missing:
             for part in gap.batches(run.spec.batch):
@@ -83,6 +87,12 @@ def is_made(run: Run, out: Path, overwrite: bool = False) -> bool:
                     _remove_parts(Parts.of(run, out))
                     return True
                 error.add_note(f"it is this run, made with --record {result['stated']['record']}")
+            elif result["run"] | {"metrics": {}} == json.loads(json.dumps(run.id.parts)) | {"metrics": {}}:
+                lacking = [name for name in run.id.metrics if name not in result["run"]["metrics"]]
+                error.add_note(
+                    f"it is this run {f'without metric {lacking[0]}' if lacking else 'with other metrics'}: "
+                    f"`crowdbench score {out} --metric FILE --out DIR` computes it without driving again"
+                )
             before = result["run"]["planner"]["files"].get("planner", {})
             for name, digest in run.planner.files.get("planner", {}).items():
                 if before.get(name, digest) != digest:
@@ -149,6 +159,8 @@ def make_with(
             if not each.is_complete:
                 stack.enter_context(each.parts.open())
             missing.append([] if each.is_complete else each.parts.missing(each.parts.run.spec.cases))
+            if missing[-1]:
+                try_plugins(each.parts.run.scenario, each.parts.run.spec.cases, each.parts.run.metrics)
             report(len(each.parts.run.spec.cases) - sum(map(len, missing[-1])))
         share = math.ceil(sum(len(gap) for gaps in missing for gap in gaps) / executor.workers)
         try:
