@@ -102,7 +102,7 @@ def run(
     changes = "".join(f", {key}={value}" for key, value in spec.changes.items())
     title = f"{loaded.label} on {loaded.scenario.name}{changes}"
     print_result(title, directory, loaded.metrics, as_json, all_metrics)
-    check_metrics(loaded, directory, spec.metrics)
+    check_whole(loaded, directory, spec.metrics)
 
 
 def make_one_run(
@@ -168,8 +168,8 @@ def describe_parts(parts: Parts, shard: Shard) -> str:
     return f"{own}; {number} of {len(cases)} cases are finished{where}, and the last process to finish merges the run"
 
 
-def check_metrics(run: Run, directory: Path, files: Sequence[str]) -> None:
-    """Raise InputError if a metric of the user failed in some case, so that the run does not have it.
+def check_whole(run: Run, directory: Path, files: Sequence[str]) -> None:
+    """Raise InputError if a complete run lacks something: a metric of the user that failed, or its recording.
 
     Args:
         run: The run.
@@ -186,6 +186,8 @@ def check_metrics(run: Run, directory: Path, files: Sequence[str]) -> None:
             f"{reason}: the run is kept without it; correct the metric, and compute it with "
             f"`crowdbench score {shlex.quote(str(directory))} {given} --out DIR`"
         )
+    if run.lost:
+        raise InputError(f"{run.lost[0]}; the results are kept, and `crowdbench view` simulates a case again")
 
 
 def warn_if_trained_otherwise(run: Run) -> None:

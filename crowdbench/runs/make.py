@@ -214,6 +214,7 @@ def _take(run: WorkersRun, task: PartTask, future: Future[PartReport]) -> None:
     except Exception as error:
         raise MachineFault(f"a worker failed: {describe_error(error)}") from error
     run.parts.run.failed.update(report.failed)
+    run.parts.run.lost.extend(report.lost)
     if isinstance(report.error, MachineFault):
         raise report.error
     if report.error is not None:

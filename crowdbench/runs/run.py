@@ -19,10 +19,11 @@ from crowdbench.core.types import Trace, World
 from crowdbench.metrics.registry import METRICS, Metric, need_undisturbed
 from crowdbench.metrics.user_metrics import measure
 from crowdbench.planners.driver import Driver
-from crowdbench.results.episodes import Episodes, planner_label
+from crowdbench.results.episodes import RECORDING, Episodes, planner_label
 from crowdbench.results.run_result import write_run
+from crowdbench.results.stored_commands import COMMANDS, write_commands
 from crowdbench.runs.identity import PlannerId, RunId, code, source_of
-from crowdbench.runs.recording import open_recorder, units_of
+from crowdbench.runs.recording import RunRecorder, open_recorder, units_of
 from crowdbench.runs.rollout import LogsTooLarge, Progress, rollout
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
@@ -53,6 +54,7 @@ class Run:
         foresee: Called with the worlds before each step, for planners that measure the value of foresight.
         is_named: True if any process can load the same run from its specification, see `load_run`.
         failed: The errors of the user's metrics that failed, by name. Their columns are missing in the run.
+        lost: The errors of recordings that could not be written.
     """
 
     spec: RunSpec
@@ -64,6 +66,7 @@ class Run:
     foresee: Callable[[World], None] | None = None
     is_named: bool = False
     failed: dict[str, str] = field(default_factory=dict)
+    lost: list[str] = field(default_factory=list)
 
     def drive(self, part: Cases, directory: Path, progress: Progress | None = None) -> None:
         """Drive some of the cases, measure and record them, and write the directory of a run of these cases.
@@ -90,7 +93,17 @@ class Run:
                     recorder.add(trace, measured[-1])
                     del trace  # two traces at a time would take twice the memory
             episodes = Episodes.join([each.without(self.failed) for each in measured])
-            self._write(folder, part, episodes, recorder.number, time.perf_counter() - start)
+            seconds = time.perf_counter() - start
+            try:
+                self._write(folder, part, episodes, recorder, seconds)
+            except OSError as error:
+                if not recorder.number:
+                    raise
+                (folder / RECORDING).unlink()
+                recorder.drop(f"the recording {RECORDING} was removed to keep the results: {error.strerror or error}")
+                self._write(folder, part, episodes, recorder, seconds)
+            if recorder.lost:
+                self.lost.append(recorder.lost)
         if interrupts.pending and part != self.spec.cases:
             raise Interrupted
 
@@ -168,8 +181,10 @@ class Run:
             code=code(),
         )
 
-    def _write(self, folder: Path, part: Cases, episodes: Episodes, recorded: int, seconds: float) -> None:
-        """Write the files of a run of some of the cases."""
+    def _write(self, folder: Path, part: Cases, episodes: Episodes, recorder: RunRecorder, seconds: float) -> None:
+        """Write the files of a run of some of the cases, apart from the recording."""
+        if recorder.commands is not None:
+            write_commands(recorder.commands, folder / COMMANDS)
         decision_ms = 1e3 * self.driver.seconds / int(episodes.steps.sum())
         torch = {"torch": importlib.metadata.version("torch")} if "torch" in sys.modules else {}
         stated = {
@@ -184,7 +199,7 @@ class Run:
         metrics = {name: digest for name, digest in self.id.metrics.items() if name not in self.failed}
         run = self.id.parts | {"cases": str(part), "metrics": metrics}
         scenario = {"name": self.scenario.name, **self.scenario.table}
-        write_run(folder, episodes, run=run, scenario=scenario, recorded=recorded, stated=stated)
+        write_run(folder, episodes, run=run, scenario=scenario, recorded=recorder.number, stated=stated)
 
 
 def read_versions() -> dict[str, str]:

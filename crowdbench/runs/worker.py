@@ -9,7 +9,7 @@ import os
 import platform
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -73,12 +73,14 @@ class PartReport:
         machine: The name of the worker's machine.
         is_made: True if the worker has made the part; False if it was finished, or another process is making it.
         failed: The errors of the user's metrics that failed, by name.
+        lost: The errors of recordings that could not be written.
         error: The error that stopped the part.
     """
 
     machine: str
     is_made: bool = False
     failed: Mapping[str, str] = field(default_factory=dict)
+    lost: Sequence[str] = ()
     error: InputError | None = None
 
 
@@ -97,7 +99,7 @@ def make_part(task: PartTask) -> PartReport:
         with _lock, _enter(task.working_directory):
             run = _load(task)
             is_made = Parts.of(run, task.out).make(task.cases, functools.partial(_drive, run, task))
-            return PartReport(machine, is_made, dict(run.failed))
+            return PartReport(machine, is_made, dict(run.failed), tuple(run.lost))
     except InputError as error:
         return PartReport(machine, error=error)
 
