@@ -16,7 +16,9 @@ from docstring_parser import DocstringStyle, parse
 from crowdbench.utils.errors import InputError
 
 ThreadsOption = Annotated[int | None, typer.Option(min=1, show_default="one per core")]
-WorkersOption = Annotated[int | None, typer.Option(min=1, show_default="none, or those of the engine")]
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, show_default="all of the engine, or none")
+]
 
 SHARED = {
     "as_json": "Print the result as JSON instead of a table.",

@@ -1,4 +1,4 @@
-"""Workers for independent tasks: processes of this machine, or those of a Ray or a Dask cluster.
+"""Workers for independent tasks: processes of this machine, or the workers of a Ray or a Dask cluster.
 
 All three run tasks through the futures of `concurrent.futures`, and start a task again whose worker was killed. joblib
 offers them behind one call, but its processes all end when one of them is killed, its backend for Ray ends with the
@@ -49,7 +49,7 @@ def open_executor(engine: str | None, workers: int | None, threads: int | None) 
     Args:
         engine: One of `ENGINES`. Ray connects to `RAY_ADDRESS`, and Dask to `DASK_SCHEDULER_ADDRESS`; without the
             address they start workers on this machine. None for processes of this machine.
-        workers: Number of workers, or None for those of the cluster; without an engine, None for no workers.
+        workers: Number of workers, or None for all workers of the cluster; without an engine, None for no workers.
         threads: Number of threads of each worker; None to share the cores of this machine among its processes.
 
     Yields:
@@ -157,7 +157,7 @@ def _open_ray(workers: int | None, threads: int) -> Iterator[Executor]:
 
         def submit(function: Callable[..., Any], *arguments: Any) -> Future[Any]:
             remote = ray.remote(**options)(function)
-            return remote.remote(*arguments).future()  # type: ignore[no-any-return]
+            return remote.remote(*arguments).future()
 
         yield Executor(submit, workers or max(1, cores // threads))
     finally:
