@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.console import announce_compilation, exit_on_interrupt, print_table, progress, say
+from crowdbench.cli.console import BAD, announce_compilation, exit_on_interrupt, print_table, progress, say, write
 from crowdbench.cli.options import ThreadsOption, WorkersOption, assignments, use_threads
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
@@ -129,11 +129,11 @@ def make_one_run(
     if executor is not None and shard != WHOLE:
         raise InputError("--shard does not go with --workers or --engine, which share out all cases")
     share = shard.share(spec.cases)
-    with exit_on_interrupt(), open_run(spec) as run, progress(len(share)) as report:
+    with exit_on_interrupt(), progress(len(share)) as report, open_run(spec) as run:
         run.scenario.check_data(spec.data)
         warn_if_trained_otherwise(run)
-        if run.scenario.certificates is not None:
-            say(f"crowdbench: {run.scenario.certificates.sentence(spec.cases)}")
+        if run.scenario.certificates and (note := run.scenario.certificates.sentence(spec.cases)):
+            say(f"crowdbench: {note}")
         directory = out or Path("runs") / directory_name(run.driver.name, run.scenario.name, spec)
         if is_made(run, directory, overwrite):
             say(f"crowdbench: {directory} is complete, and nothing is driven again")
@@ -221,12 +221,10 @@ def merge(
     """
     from crowdbench.metrics.user_metrics import load_metrics
     from crowdbench.results.episodes import result_label
-    from crowdbench.results.result_file import STATED
     from crowdbench.runs.merge import merge as merge_runs
 
     metrics = load_metrics(metric or [])
     result = merge_runs(runs, out, overwrite)
-    say(STATED)
     print_result(f"{result_label(result)} on {result['scenario']['name']}", out, metrics, as_json, all_metrics)
 
 
@@ -253,24 +251,24 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
     estimates = {name: read_estimate(table) for name, table in result["metrics"].items()}
     print_table(metric_grid(title, estimates, result["rates"], metrics, all_metrics))
     if not all_metrics:
-        print(f"{len(result['metrics'])} metrics in all: --all-metrics")
+        write(f"{len(result['metrics'])} metrics in all: --all-metrics")
     if "tracks" in result["scenario"]:
         from crowdbench.scenario.population import RECORDED
 
         policy = result["scenario"]["pedestrians"]["policy"]
-        print(f"\nIntervals are over the {result['blocks']} blocks of recorded time that the cases are from.")
+        write(f"\nIntervals are over the {result['blocks']} blocks of recorded time that the cases are from.")
         if RECORDED in (policy if isinstance(policy, dict) else [policy]):
-            print(NON_REACTIVE_NOTE)
+            write(NON_REACTIVE_NOTE)
     number = result["recorded"]
     recorded = f"{number} episodes are recorded (crowdbench view shows them)" if number else "no episode is recorded"
-    print(f"\nKept in {directory}; {recorded}")
+    write(f"\nKept in {directory}; {recorded}")
     if result["stated"]["record"] != "none":
         # A case that is not recorded is simulated again.
         for outcome, cases in Episodes.read(directory / EPISODES).failures.items():
-            print(f"{describe_cases(outcome, cases)}: crowdbench view {directory} --case {cases[0]}")
+            write(f"{describe_cases(outcome, cases)}: crowdbench view {directory} --case {cases[0]}", BAD)
             if number:
                 from crowdbench.record.recorded_cases import read_recorded
 
                 recorded_case = read_recorded(directory / RECORDING, cases[0])
                 for line in recorded_case.verdict if recorded_case else []:
-                    print(f"  {line}")
+                    write(f"  {line}")
