@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
-from gymnasium.spaces import Box, Space
+from gymnasium.spaces import Box, Dict, Space
 from gymnasium.utils import seeding
 from jaxtyping import Float, Int
 from pettingzoo import ParallelEnv
 
 from crowdbench.core.reward import reward
-from crowdbench.core.types import Outcome, World
+from crowdbench.core.types import HISTORY, Outcome, World
 from crowdbench.envs import stepping
 from crowdbench.envs.render import RENDER_MODES
 from crowdbench.envs.rewards import Reward, Step, crowdnav
@@ -23,8 +23,8 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, finish_step, move
 from crowdbench.utils.errors import InputError
-from crowdbench.views.ego import ego_views, flatten_everybody
-from crowdbench.views.view import NEAREST, View, pedestrian_action_space
+from crowdbench.views.ego import ego_views, flatten_everybody, with_own_motion
+from crowdbench.views.view import NEAREST, Observed, View, pedestrian_action_space, row_of
 
 VEHICLE = "vehicle"
 """The name of the vehicle as an agent. The others are `pedestrian_0`, `pedestrian_1`, ..."""
@@ -32,7 +32,7 @@ VEHICLE = "vehicle"
 # As integers, because access to members of an enumeration is slow, and training spends most of its time in `step`.
 _RUNNING, _SUCCESS, _TIMEOUT = int(Outcome.RUNNING), int(Outcome.SUCCESS), int(Outcome.TIMEOUT)
 
-Observations = dict[str, Float[np.ndarray, "features"]]
+Observations = dict[str, Observed]
 Infos = dict[str, dict[str, Any]]
 
 
@@ -41,7 +41,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
 
     - Agents: `vehicle`, and `pedestrian_0`, `pedestrian_1`, ... for the pedestrians of the case. In a scenario with
       recorded pedestrians, only the vehicle.
-    - Observations: see `crowdbench.views.view`. The vehicle uses the scenario's sensor, pedestrians observe all agents.
+    - Observations: see `crowdbench.views.view`. The vehicle uses the scenario's sensor, pedestrians observe all agents
+      and have no lidar. A pedestrian is a disc that moves in any direction; its heading is that of its velocity.
     - Actions: velocities `(vx, vy)` in m/s, along the axes of the world or in the frame of the agent's goal. A speed
       above the agent's preferred speed is reduced to it. The scenario's `limits` bound changes of a pedestrian's
       velocity. A pedestrian without an action, or with None, follows the scenario's policy. The vehicle must have an
@@ -61,14 +62,14 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
-        observation: `flat` or `goal_frame`.
+        observation: `flat`, `goal_frame` or `dict`.
         action: `world` or `goal_frame`, the axes of a velocity, or `native`, commands of the vehicle's dynamics.
         nearest: Largest number of other agents in an observation in the frame of the goal.
+        rays: Number of rays to walls in an observation in the frame of the goal.
 
     Raises:
-        InputError: Scenario, render mode, reward, observation or action do not exist; the observation is `dict`, but
-            worlds store no history of the vehicle; or agents see only the nearest others (`Sensor.nearest`), and the
-            observation is not `flat` or the reward not `crowdnav`.
+        InputError: Scenario, render mode, reward, observation or action do not exist; or agents see only the nearest
+            others (`Sensor.nearest`), and the observation is not `flat` or the reward not `crowdnav`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -85,11 +86,10 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         observation: str = "flat",
         action: str = "world",
         nearest: int = NEAREST,
+        rays: int = 0,
     ) -> None:
         scenario = stepping.as_scenario(scenario)
-        view = View(scenario, observation, action, nearest)
-        if observation == "dict":
-            raise InputError("observation is 'dict', but agents of this environment see flat or goal_frame")
+        view = View(scenario, observation, action, nearest, rays)
         super().__init__(view, render_mode, reward)
         most, shown = scenario.max_agents - 1, scenario.rules.sensor.nearest
         is_default = observation == "flat" and self.reward.reward is crowdnav
@@ -102,13 +102,19 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         pedestrians = 0 if scenario.tracks else most
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
         self.agents: list[str] = []
-        self.observation_spaces = {agent: view.observation_space for agent in self.possible_agents}
+        space = view.observation_space
+        without_lidar = (
+            Dict({k: part for k, part in space.items() if k != "lidar"}) if isinstance(space, Dict) else space
+        )
+        self.observation_spaces = {agent: without_lidar for agent in self.possible_agents}
+        self.observation_spaces[VEHICLE] = space
         self.action_spaces = {agent: pedestrian_action_space(scenario) for agent in self.possible_agents}
         self.action_spaces[VEHICLE] = view.action_space
         self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
         self._generator: np.random.Generator | None = None
         self._bodies = 0
         self._ego: tuple[World, World] | None = None
+        self._past: Float[np.ndarray, "1 time 2"] | None = None
 
     def observation_space(self, agent: str) -> Space[Any]:
         """Return the observation space of an agent, the same object at each call."""
@@ -176,7 +182,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
 
     def _advance(
         self, acting: list[int], velocities: Float[np.ndarray, "n 2"]
-    ) -> tuple[Int[np.ndarray, "agent"], Float[np.ndarray, "agent"], list[float], Float[np.ndarray, "agent features"]]:
+    ) -> tuple[Int[np.ndarray, "agent"], Float[np.ndarray, "agent"], list[float], Sequence[Observed]]:
         """Advance the world by one step.
 
         Args:
@@ -211,15 +217,27 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
             self._ego = world, ego_views(world)
         return self._ego[1]
 
-    def _observe(self) -> Float[np.ndarray, "agent features"]:
+    def _enter(self, world: World) -> None:
+        super()._enter(world)
+        if self.view.observation == "dict":
+            here = world.position[:, :1]
+            is_start = self._past is None or world.step[0] == 0
+            self._past = (
+                np.repeat(here, HISTORY, axis=1) if is_start else np.concatenate([self._past[:, 1:], here], axis=1)
+            )
+
+    def _observe(self) -> Sequence[Observed]:
+        """Return the observation of each agent, by column."""
         if self.view.observation == "flat":
             return flatten_everybody(self._world)[0]
-        views = cast("Float[np.ndarray, 'agent features']", self.view.observe(self._ego_views(self._world)))
-        if not self._world.rules.sensor.sees_all:  # only the vehicle's sensor can be limited
-            views[0] = cast("np.ndarray", self.view.observe(self._world))[0]
-        return views
+        ego = self._ego_views(self._world)
+        if self.view.observation == "goal_frame" and not self.view.rays and self._world.rules.sensor.sees_all:
+            return self.view.observe(ego)
+        # Only the vehicle has a sensor and dynamics.
+        own, others = self.view.observe(self._world), self.view.observe(with_own_motion(ego, self._world, self._past))
+        return [row_of(own, 0), *(row_of(others, column) for column in range(1, len(ego)))]
 
-    def _by_agent(self, views: Float[np.ndarray, "agent features"]) -> Observations:
+    def _by_agent(self, views: Sequence[Observed]) -> Observations:
         return {agent: views[self._column[agent]] for agent in self.agents}
 
     def _check_actions(self, actions: Mapping[str, np.ndarray | None]) -> tuple[list[int], Float[np.ndarray, "n 2"]]:

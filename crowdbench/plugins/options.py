@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import functools
 import inspect
+import math
 import types
 import typing
 from collections.abc import Callable, Mapping
@@ -21,10 +22,18 @@ REQUIRED = inspect.Parameter.empty
 PLAIN: Mapping[Any, tuple[Callable[[Any], bool], str]] = {
     bool: (lambda value: isinstance(value, bool), "true or false"),
     int: (is_integer, "a whole number"),
-    float: (is_number, "a number"),
+    float: (lambda value: is_number(value) and math.isfinite(value), "a number"),
     str: (lambda value: isinstance(value, str), "a text in quotes"),
 }
-"""The types of annotations that values are checked against: the check of each type, and its name in errors."""
+"""The types of values that are no collections: the check of each type, and its name in errors."""
+
+CHECKED: Mapping[Any, tuple[Callable[[Any], bool], str]] = {
+    **PLAIN,
+    list: (lambda value: isinstance(value, list | tuple), "a list"),
+    tuple: (lambda value: isinstance(value, list | tuple), "a list"),
+    dict: (lambda value: isinstance(value, dict), "a table"),
+}
+"""The types that values are checked against."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +45,8 @@ class Option:
     Attributes:
         name: Its name.
         default: Its value if it is not given, or `REQUIRED`.
-        types: The types that its annotation allows; none if there is no annotation.
+        types: The types that its annotation allows; without an annotation, the type of its default if that is in
+            `CHECKED`.
         keyword_only: True if it can be given only by name.
     """
 
@@ -70,7 +80,8 @@ class Option:
                 the others come from the option's default if that is such a part, and otherwise from the dataclass.
 
         Returns:
-            The argument: None for false, a part for a table, and else the value.
+            The argument: None for false, a part for a table, a float or a tuple where only these are allowed, and else
+            the value.
 
         Raises:
             InputError: The value has another type, is not a table although it must be one, or has unknown or invalid
@@ -80,23 +91,27 @@ class Option:
             return None
         if self.parts:
             return value if isinstance(value, tuple(self.parts)) else self._make_part(value)
-        plain = [kind for kind in self.types if kind is not types.NoneType]
-        if plain and all(kind in PLAIN for kind in plain) and not any(PLAIN[kind][0](value) for kind in plain):
+        kinds = [typing.get_origin(kind) or kind for kind in self.types if kind is not types.NoneType]
+        if kinds and all(kind in CHECKED for kind in kinds) and not any(CHECKED[kind][0](value) for kind in kinds):
             text = str(value).lower() if isinstance(value, bool) else repr(value)
-            raise self._error(text, [PLAIN[kind][1] for kind in plain])
-        return value
+            raise self._error(text, [CHECKED[kind][1] for kind in kinds])
+        return kinds[0](value) if kinds in ([float], [tuple]) else value
 
     def _make_part(self, table: Any) -> Any:
         """Return the part whose parameters are in a table; if several parts match, one of the default's type."""
         tables = []
         for part in sorted(self.parts, key=lambda part: type(self.default) is not part):
-            defaults = {option.name: option.default for option in self.part_options(part)}
+            options = self.part_options(part)
+            defaults = {option.name: option.default for option in options}
             tables.append(f"a table with {', '.join(defaults)}")
             if not isinstance(table, dict) or table.keys() - defaults.keys():
                 continue
             arguments = {**defaults, **table}
             if all(argument is not REQUIRED for argument in arguments.values()):
                 try:
+                    arguments |= {
+                        option.name: option.argument(table[option.name]) for option in options if option.name in table
+                    }
                     return part(**arguments)
                 except InputError as error:
                     raise InputError(f"in {self.name}, {error}") from error
@@ -114,7 +129,12 @@ def read_options(factory: Callable[..., object]) -> list[Option]:
     """
     hints = _hints(factory)
     return [
-        Option(name, parameter.default, _alternatives(hints.get(name)), parameter.kind is parameter.KEYWORD_ONLY)
+        Option(
+            name,
+            parameter.default,
+            _alternatives(hints[name]) if name in hints else _type_of(parameter.default),
+            parameter.kind is parameter.KEYWORD_ONLY,
+        )
         for name, parameter in _parameters(factory).items()
         if parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
     ]
@@ -143,7 +163,12 @@ def _hints(factory: Callable[..., object]) -> dict[str, Any]:
     return {}
 
 
+def _type_of(default: object) -> tuple[Any, ...]:
+    """Return the type of a default that has one in `CHECKED`, or of a part; none for other defaults."""
+    if dataclasses.is_dataclass(default) and not isinstance(default, type):
+        return (type(default),)
+    return tuple(kind for kind in CHECKED if isinstance(default, kind))[:1]
+
+
 def _alternatives(hint: Any) -> tuple[Any, ...]:
-    if hint is None:
-        return ()
     return typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)

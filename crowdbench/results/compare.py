@@ -190,9 +190,17 @@ def _pair(a: RunResult, b: RunResult) -> Paired:
     return Paired(a.episodes.take(rows[0]), b.episodes.take(rows[1]), str(shared))
 
 
-def compare_results(a: RunResult, b: RunResult, metrics: Sequence[str] = ()) -> Comparison:
-    """Compare two runs in the named metrics, or in all metrics. Raises InputError as `compare` does."""
-    names = (a.label, b.label) if a.label != b.label else (str(a.directory), str(b.directory))
+def compare_results(
+    a: RunResult, b: RunResult, metrics: Sequence[str] = (), names: tuple[str, str] | None = None
+) -> Comparison:
+    """Compare two runs in the named metrics, or in all metrics. Raises InputError as `compare` does.
+
+    Args:
+        metrics: Names of metrics; all metrics if empty.
+        names: Names of the runs; None for their planners, or their directories if these are the same.
+    """
+    if names is None:
+        names = (a.label, b.label) if a.label != b.label else (str(a.directory), str(b.directory))
     return _summarize(a.result["scenario"]["name"], names, [_pair(a, b)], [*a.warnings, *b.warnings], metrics)
 
 

@@ -208,14 +208,15 @@ def metric_grid(
     functions: Mapping[str, Metric] = MappingProxyType({}),
     all_metrics: bool = True,
 ) -> Grid:
-    """Return the estimates of one run with a row for each metric, under its name in commands.
+    """Return the estimates of one run with a row for each metric.
 
     Args:
         title: Its title.
         estimates: The estimates by metric.
         rates: The metrics that are rates.
         functions: Metrics of a user by name, whose units are shown.
-        all_metrics: False for only `MAIN` and the metrics of the user.
+        all_metrics: True for all metrics, with their names in commands; False for only `MAIN` and the metrics of the
+            user.
     """
     of_user = [name for name in estimates if name not in METRICS]
     rows = []
@@ -224,8 +225,10 @@ def metric_grid(
         if estimate.n:
             largest = "" if name in rates else info.number(estimate.max)
             interval = info.interval(estimate.low, estimate.high)
-            rows.append((name, info.amount(estimate.mean), interval, largest, str(estimate.n)))
-    return Grid(title, ("metric", "mean", "95 % interval", "max", "n"), rows, align="lrlrr")
+            labels = (info.title, name) if all_metrics else (info.title,)
+            rows.append((*labels, info.amount(estimate.mean), interval, largest, str(estimate.n)))
+    labels = ("metric", "name") if all_metrics else ("metric",)
+    return Grid(title, (*labels, "mean", "95 % interval", "max", "n"), rows, align="l" * len(labels) + "rlrr")
 
 
 def _row_names(runs: Sequence[RunResult], places: Sequence[tuple[str, str]]) -> list[str]:

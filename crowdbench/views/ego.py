@@ -18,8 +18,9 @@ import dataclasses
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from crowdbench.core.dynamics import DISC, Holonomic
 from crowdbench.core.types import PERFECT_SENSOR, Observation, World
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells, nearest_of_all
 from crowdbench.sim.routes import goals_on_way
@@ -91,10 +92,8 @@ def ego_views(world: World) -> World:
     pedestrians in the original order.
     """
     agents = world.radius.shape[1]
-    order = np.arange(agents)
-    agent = np.where(order[None] == 0, order[:, None], order - (order[None] <= order[:, None]))
     row = np.repeat(np.arange(len(world)), agents)[:, None]
-    agent = np.tile(agent, (len(world), 1))
+    agent = np.tile(_ego_order(agents), (len(world), 1))
     worlds = world.take(row[:, 0])
     present = world.present[row, agent]
     present[:, 1:2] &= (agent[:, :1] == 0) | world.rules.visible  # a slice, because there may be no other agent
@@ -103,6 +102,31 @@ def ego_views(world: World) -> World:
     )
     ordered = {name: getattr(world, name)[row, agent] for name in _OF_AGENTS}
     return worlds.replace(present=present, rules=rules, sight={}, **ordered)
+
+
+def with_own_motion(views: World, world: World, past: Float[np.ndarray, "1 time 2"] | None = None) -> World:
+    """Return the ego views of one world with what else a pedestrian observes: its motion, and the others' histories.
+
+    A pedestrian is a disc that moves in any direction. Its heading is the direction of its velocity.
+
+    Args:
+        views: `ego_views` of the world.
+        world: The world.
+        past: The last positions of the vehicle in metres, as `World.history`; None to leave out the histories.
+    """
+    velocity, rules = views.velocity[:, 0], dataclasses.replace(views.rules, dynamics=Holonomic(), body=DISC)
+    heading = np.arctan2(velocity[:, 1], velocity[:, 0])
+    views = views.replace(rules=rules, heading=heading, angular_speed=np.zeros(len(views)))
+    if past is None:
+        return views
+    everybody = np.concatenate([past[:, :, None], world.history], axis=2)[0]
+    return views.replace(history=everybody[:, _ego_order(world.radius.shape[1])[:, 1:]].swapaxes(0, 1))
+
+
+def _ego_order(agents: int) -> Int[np.ndarray, "observer agent"]:
+    """Return for each agent the agents as it observes them: itself, and the others in their order."""
+    order = np.arange(agents)
+    return np.where(order[None] == 0, order[:, None], order - (order[None] <= order[:, None]))
 
 
 @no_type_check

@@ -126,7 +126,8 @@ def compile_model(force: Any) -> Callable[..., None]:
                 if moves[w, i]:
                     out[w, i, 0], out[w, i, 1] = v[i, 0], v[i, 1]
 
-    loop.__module__, loop.__name__ = force.py_func.__module__, f"{force.py_func.__name__}_loop"
+    function = getattr(force, "py_func", force)  # NUMBA_DISABLE_JIT leaves functions as they are
+    loop.__module__, loop.__name__ = function.__module__, f"{function.__name__}_loop"
     loop.__qualname__ = loop.__name__
     return njit(loop, error_model="numpy", nogil=True)
 

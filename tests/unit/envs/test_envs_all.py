@@ -24,6 +24,7 @@ WORLDS = {
 
 CHOICES = [
     *({"observation": observation} for observation in OBSERVATIONS),
+    *({"observation": observation, "rays": 8} for observation in OBSERVATIONS if observation != "flat"),
     *({"action": action} for action in ACTIONS),
     *({"reward": reward} for reward in REWARDS.built_in()),
 ]
@@ -45,14 +46,14 @@ def steps(env, number=3):
 
 @pytest.mark.parametrize("choice", [choice for choice in CHOICES if "action" not in choice], ids=str)
 def test_every_agent_observes_and_is_rewarded(scenario, choice):
-    if choice.get("observation") not in (None, "flat", "goal_frame"):
-        pytest.skip("an observation of the vehicle alone")
     env = parallel_env(scenario, **choice)
     observations, _ = env.reset(seed=0)
     for _ in range(3):
         for agent, observed in observations.items():
             assert env.observation_space(agent).contains(observed)
-            assert np.isfinite(observed).all()
+            assert all(
+                np.isfinite(part).all() for part in (observed.values() if isinstance(observed, dict) else [observed])
+            )
         observations, rewards, *_ = env.step({agent: env.action_space(agent).sample() for agent in env.agents})
         assert np.isfinite(list(rewards.values())).all()
 

@@ -1,22 +1,31 @@
 import inspect
+import re
 import warnings
+from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 from helpers import world
 from pettingzoo.utils import parallel_to_aec
 
 from crowdbench.catalog import load_scenario, simulated_scenarios
-from crowdbench.core.types import Outcome, Rules
+from crowdbench.core.types import HISTORY, Outcome, Rules
 from crowdbench.drawing import LIGHT
 from crowdbench.envs.parallel import parallel_env
+from crowdbench.envs.registration import VEHICLE as ID
+from crowdbench.envs.rewards import REWARDS
 from crowdbench.envs.step_outcomes import outcomes_of_agents
+from crowdbench.envs.vehicle import VehicleEnv
+from crowdbench.networks.features_ahead import REACH
 from crowdbench.scenario.layouts import LAYOUTS
+from crowdbench.sim.lines_of_sight import wall_distances
+from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.utils.errors import InputError
 from crowdbench.views.ego import flatten, flatten_everybody
-from crowdbench.views.view import layout_bound
+from crowdbench.views.view import ACTIONS, OBSERVATIONS, layout_bound
 
 with warnings.catch_warnings():
     # pettingzoo's tests import one of its own games in a way that it deprecates.
@@ -263,3 +272,70 @@ def test_a_vehicle_may_be_alone():
     assert terminations == {"vehicle": True}
     assert rewards == {"vehicle": 1.0}
     assert infos["vehicle"]["gap"] == np.inf
+
+
+@pytest.mark.parametrize("scenario", ["doorway_10", "car_12", "blind_corner_5"])
+@pytest.mark.parametrize("observation", ["goal_frame", "dict"])
+def test_the_vehicle_observes_the_same_as_in_gymnasium(scenario, observation):
+    chosen = {"scenario": scenario, "observation": observation, "rays": 24}
+    agents, alone, action = parallel_env(**chosen), VehicleEnv(**chosen), np.array([0.3, 0.2])
+    together, own = (env.reset(options={"case": "val/3"})[0] for env in (agents, alone))
+    for _ in range(10):
+        np.testing.assert_equal(together["vehicle"], own)
+        together, own = agents.step({"vehicle": action})[0], alone.step(action)[0]
+
+
+def test_a_pedestrian_observes_walls_and_the_past_of_the_vehicle():
+    env = parallel_env("doorway_10", observation="dict", rays=24)
+    seen, _ = env.reset(options={"case": "val/3"})
+    path = [env._world.position[0, 0]] * HISTORY
+    for _ in range(HISTORY + 2):
+        seen = env.step({"vehicle": np.array([0.3, 0.2])})[0]
+        path.append(env._world.position[0, 0])
+    world, p = env._world, 2
+    here, way = world.position[0, p + 1], goals_on_way(world)[0, p + 1] - world.position[0, p + 1]
+    axis, mine = way / np.hypot(*way), seen[f"pedestrian_{p}"]
+    walls = wall_distances(here[None], axis[None], world.obstacles, 24, REACH)[0]
+    np.testing.assert_allclose(mine["rays"], walls, atol=1e-9)
+    assert walls.min() < REACH
+    x, y = world.velocity[0, p + 1] / np.hypot(*world.velocity[0, p + 1])
+    facing = axis[0] * x + axis[1] * y, axis[0] * y - axis[1] * x
+    np.testing.assert_allclose(mine["motion"][:6], [*facing, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
+    past = np.array(path[-HISTORY:]) - here
+    of_vehicle = np.stack([past @ axis, past @ [-axis[1], axis[0]]], axis=1)
+    assert np.isclose(mine["history"], of_vehicle[:, None]).all(axis=(0, 2)).sum() == 1
+    assert np.isclose(mine["history"][-1], mine["pedestrians"][:, :2]).all()
+
+
+def test_only_the_vehicle_has_a_lidar():
+    env = parallel_env(load_scenario("doorway_10", {"sensor.lidar": {"beams": 9, "range": 5.0}}), observation="dict")
+    seen, _ = env.reset(seed=0)
+    assert seen["vehicle"]["lidar"].shape == (9,)
+    assert seen["pedestrian_0"].keys() == seen["vehicle"].keys() - {"lidar"}
+    assert all(row in env.observation_space(agent) for agent, row in seen.items())
+
+
+def table_of_training():
+    """The names of `arguments` and their values in backticks, as docs/training.md lists them."""
+    text = (Path(__file__).parents[3] / "docs" / "training.md").read_text()
+    rows = text.partition("| argument | values |\n|---|---|\n")[2].partition("\n\n")[0].splitlines()
+    for row in rows:
+        name, values = row.strip("| ").split(" | ")
+        yield name.strip("`"), re.findall("`([a-z_]+)`", values)
+
+
+def test_every_environment_has_the_arguments_of_the_page():
+    known = {"reward": list(REWARDS.built_in()), "observation": [*OBSERVATIONS], "action": [*ACTIONS]}
+    rows = dict(table_of_training())
+    assert rows.keys() == {*known, "nearest", "rays"}
+    for name, values in known.items():
+        assert sorted(rows[name]) == sorted(values)
+    choices = [{name: value} for name, values in known.items() for value in values]
+    choices += [{"observation": seen, "rays": 24, "nearest": 3} for seen in ("goal_frame", "dict")]
+    for choice in choices:
+        envs = gymnasium.make_vec(ID, num_envs=2, scenario="doorway_10", **choice)
+        for env in (parallel_env("doorway_10", **choice), gymnasium.make(ID, scenario="doorway_10", **choice), envs):
+            env.reset(seed=0)
+            alone = not hasattr(env, "possible_agents")
+            env.step(env.action_space.sample() if alone else {"vehicle": env.action_space("vehicle").sample()})
+            env.close()

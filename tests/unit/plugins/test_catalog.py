@@ -36,10 +36,8 @@ def mine(tmp_path):
 
 
 def test_a_planner_comes_from_a_file_by_its_factory(mine):
-    name, planner = catalog.load_planner(mine, {"speed": 0.7})
-    assert (name, planner.speed) == ("mine", 0.7)
-    name, planner = catalog.load_planner(f"{mine}:other", {"anything": 1})
-    assert (name, planner.speed) == ("other", {"anything": 1})
+    assert catalog.load_planner(mine, {"speed": 0.7}).speed == 0.7
+    assert catalog.load_planner(f"{mine}:other", {"anything": 1}).speed == {"anything": 1}
 
 
 PARTS = '''
@@ -76,7 +74,7 @@ def test_a_users_planner_may_have_parts_that_are_written_as_tables(tmp_path):
     path.write_text(PARTS)
 
     def made(**options):
-        planner = catalog.load_planner(str(path), options)[1]
+        planner = catalog.load_planner(str(path), options)
         return {"kind": type(planner.pace).__name__, **vars(planner.pace), "n": planner.n}
 
     assert made() == made(pace={}) == {"kind": "Fast", "speed": 0.5, "gain": 2.0, "n": 3}
@@ -94,7 +92,7 @@ def test_an_installed_package_can_bring_a_planner(mine, tmp_path, monkeypatch):
     entry = importlib.metadata.EntryPoint("theirs", "mine:planner", "crowdbench.planners")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [entry] if group == entry.group else [])
-    assert catalog.load_planner("theirs", {"speed": 0.3})[1].speed == 0.3
+    assert catalog.load_planner("theirs", {"speed": 0.3}).speed == 0.3
     assert ("theirs", "installed: mine:planner") in catalog.PLANNERS.names()
 
 
@@ -192,3 +190,97 @@ def test_a_built_in_planner_may_be_a_folder_with_a_file_of_its_name():
     assert names == sorted(names)
     assert "mpc" in names
     assert "mpc_program" not in names
+
+
+UNANNOTATED = """
+import functools
+import numpy as np
+from crowdbench import Planner
+
+class Mine(Planner):
+    def __init__(self, gain=1.0, n=3, on=False, name="a", points=(1.0, 2.0), table={}, free=None, *, last=0.5):
+        self.given = locals()
+    def plan(self, obs):
+        return np.zeros((len(obs), 2))
+
+def planner(gain=1.0, n=3, on=False, name="a", points=(1.0, 2.0), table={}, free=None, *, last=0.5, **others):
+    return Mine(gain, n, on, name, points, table, free, last=last)
+
+partial = functools.partial(Mine, gain=2.0, last=1.5)
+"""
+
+UNTYPED = pytest.mark.parametrize("function", ["planner", "Mine", "partial"])
+
+
+def untyped(tmp_path, function, options):
+    """What a planner receives whose options have defaults and no annotations."""
+    path = tmp_path / "mine.py"
+    path.write_text(UNANNOTATED)
+    return catalog.load_planner(f"{path}:{function}", assignments(options, "--option"))[1].given
+
+
+@UNTYPED
+@pytest.mark.parametrize(
+    ("option", "expected"),
+    [
+        ("gain=2", 2.0),
+        ("gain=2.5", 2.5),
+        ("last=1", 1.0),
+        ("n=4", 4),
+        ("on=true", True),
+        ("name=b", "b"),
+        ("points=[3, 4]", (3, 4)),
+        ("table={a=1}", {"a": 1}),
+        ("free=b", "b"),
+        ("free=1.5", 1.5),
+    ],
+)
+def test_an_option_without_annotation_has_the_type_of_its_default(tmp_path, function, option, expected):
+    given = untyped(tmp_path, function, [option])[option.partition("=")[0]]
+    assert (type(given), given) == (type(expected), expected)
+
+
+@UNTYPED
+@pytest.mark.parametrize(
+    ("option", "right"),
+    [
+        ("gain=abc", "gain is 'abc', but must be a number"),
+        ("gain=true", "gain is true, but must be a number"),
+        ("gain=nan", "gain is 'nan', but must be a number"),
+        ("gain=inf", "gain is 'inf', but must be a number"),
+        ("last=[1]", r"last is \[1\], but must be a number"),
+        ("n=1.5", "n is 1.5, but must be a whole number"),
+        ("n=true", "n is true, but must be a whole number"),
+        ("on=1", "on is 1, but must be true or false"),
+        ("name=3", "name is 3, but must be a text in quotes"),
+        ("points=3", "points is 3, but must be a list"),
+        ("table=3", "table is 3, but must be a table"),
+    ],
+)
+def test_an_option_of_another_type_than_its_default_gets_one_sentence(tmp_path, function, option, right):
+    with pytest.raises(InputError, match=f"^{right}$"):
+        untyped(tmp_path, function, [option])
+
+
+def test_an_annotation_that_cannot_be_read_leaves_the_type_of_the_default(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(
+        f"from __future__ import annotations\n{UNANNOTATED}\ndef wrong(gain: Nothing = 1.0): return Mine(gain)"
+    )
+    with pytest.raises(InputError, match=r"^gain is 'abc', but must be a number$"):
+        catalog.load_planner(f"{path}:wrong", {"gain": "abc"})
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("nan")])
+def test_a_number_of_python_must_be_finite(tmp_path, value):
+    path = tmp_path / "mine.py"
+    path.write_text(UNANNOTATED)
+    with pytest.raises(InputError, match=r"gain is (inf|nan), but must be a number"):
+        catalog.load_planner(str(path), {"gain": value})
+
+
+def test_the_parameters_of_a_part_are_checked(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(PARTS)
+    with pytest.raises(InputError, match=r"^in pace, gain is 'abc', but must be a number$"):
+        catalog.load_planner(str(path), {"pace": {"gain": "abc"}})

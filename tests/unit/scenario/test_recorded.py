@@ -369,12 +369,12 @@ def test_a_clip_of_dut_is_read_in_metres_with_y_upwards(tmp_path):
 
 
 def test_a_planner_is_asked_for_the_networks_that_have_not_seen_the_scene():
-    _, planner = load_planner("sarl_sgan")
+    planner = load_planner("sarl_sgan")
     elsewhere, own = planner.for_held_out_scene("eth"), planner.for_held_out_scene("mine")
     assert elsewhere.facts["predictor_weights"] != planner.facts["predictor_weights"]
     assert "eth" not in elsewhere.predictor.about["scenes"]
     assert own.facts == planner.facts
-    assert load_planner("straight")[1].for_held_out_scene("eth").facts == {}
+    assert load_planner("straight").for_held_out_scene("eth").facts == {}
 
 
 @pytest.mark.slow
@@ -400,7 +400,7 @@ def test_every_scene_of_eth_ucy_and_dut_can_be_driven_in(shared):
 
 def test_a_run_on_eth_uses_the_network_that_has_not_seen_it(shared):
     spec = RunSpec("sarl_sgan", "eth_recorded", Cases.parse("1"), data=shared / "data" / "eth_ucy")
-    _, planner = load_planner("sarl_sgan")
+    planner = load_planner("sarl_sgan")
     assert load_run(spec).driver.facts == planner.for_held_out_scene("eth").facts
 
 

@@ -175,7 +175,7 @@ def nan_for_the_second(world):
 @pytest.mark.parametrize(
     ("answer", "expected"),
     [
-        (lambda world: 1 / 0, "pedestrian policy mine raised ZeroDivisionError: division by zero"),
+        (lambda world: 1 / 0, "pedestrian policy mine raised ZeroDivisionError (case 0, step 0): division by zero"),
         (
             lambda world: np.zeros((len(world), 2)),
             "returned float64 of shape (1, 2), but must return float64 of shape (1, 2, 2)",
