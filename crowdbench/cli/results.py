@@ -58,6 +58,8 @@ def score(
     pedestrians: list[str] | None = None,
     layout: str | None = None,
     data: Path | None = None,
+    out: Annotated[Path | None, typer.Option(show_default="write nothing")] = None,
+    overwrite: bool = False,
     as_json: bool = False,
 ) -> None:
     """Compute the metrics of a run again from its commands or tracks, and report differences from its files.
@@ -69,13 +71,17 @@ def score(
         metric: Your file with metrics, ./mine.py, which are computed, too. Repeatable.
         pedestrians: Your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
         layout: Your file of a layout that the run used, ./mine.py.
+        out: Directory for the run with all metrics that were computed, such as a metric that failed in the run.
     """
     from crowdbench.metrics.user_metrics import load_metrics
     from crowdbench.results.run_result import RunResult
     from crowdbench.results.table import metric_grid
-    from crowdbench.runs.score import replay_run
+    from crowdbench.runs.score import replay_run, write_scored
+    from crowdbench.utils.files import check_free
 
     stored, metrics = RunResult.read(run), load_metrics(metric or [])
+    if out is not None:
+        check_free(out, overwrite)
     announce_compilation()
     scenario = make_loader(pedestrians, layout, data)(stored) if stored.is_simulated else None
     for warning in stored.warnings:
@@ -92,6 +98,9 @@ def score(
         title = f"{stored.label} on {stored.result['scenario']['name']}, computed again from {run}"
         print_table(metric_grid(title, summary, episodes.rates, metrics, False, episodes.blocks.get("blocks")))
         write(f"\n{replay}")
+    if out is not None:
+        write_scored(stored, replay, metrics, out, overwrite)
+        say(f"crowdbench: {out} has the run with all metrics")
     if replay.differences:
         sys.exit(1)
 
