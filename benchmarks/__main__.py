@@ -57,13 +57,14 @@ def _bench_planner(planner: str, scenario: str, option: list[str], overrides: li
 
     from benchmarks.decisions import single_world_seconds
     from crowdbench import Cases, load_planner, load_scenario
+    from crowdbench.plugins import plugin_name
     from crowdbench.results import planner_label
 
     options, cases = assignments(option, "--option"), Cases.parse(CASES)
-    name, loaded = load_planner(planner, options)
+    name, loaded = plugin_name(planner), load_planner(planner, options)
     world = load_scenario(scenario, assignments(overrides, "--set"))
     with progress(len(cases) - 1) as tell:
-        seconds = single_world_seconds(loaded, name, world, cases, tell)
+        seconds = single_world_seconds(loaded, world, cases, tell)
     median, late = 1e3 * np.percentile(seconds, [50, 99])
     print(
         f"{planner_label(name, options)} on {world.name}: {len(seconds)} decisions in one world alone take "

@@ -17,7 +17,6 @@ import numpy as np
 from benchmarks.measurement import Measurement, in_turns, seconds
 from crowdbench import (
     Cases,
-    Driver,
     Observation,
     Planner,
     Scenario,
@@ -62,8 +61,8 @@ def measure_isolation(worlds: int = 500, rounds: int = 7) -> Iterator[Measuremen
     """
     with contextlib.closing(IsolatedPlanner(QUICK_PLANNER, {})) as isolated_planner:
         scenario, cases = load_scenario("circle_crossing_5"), Cases("val", 0, worlds)
-        drivers = [Driver(planner, QUICK_PLANNER) for planner in (load_planner(QUICK_PLANNER)[1], isolated_planner)]
-        works = [functools.partial(rollout, driver, scenario, cases) for driver in drivers]
+        planners = load_planner(QUICK_PLANNER), isolated_planner
+        works = [functools.partial(rollout, planner, scenario, cases) for planner in planners]
         inside, isolated = in_turns(rounds, *(functools.partial(seconds, work) for work in works))
     work = f"rollout of {worlds} worlds, ORCA vehicle"
     yield Measurement(work, 1e3 * inside, "ms")
@@ -130,8 +129,7 @@ def measure_large_crowds(cases: int = 40) -> Iterator[Measurement]:
     """
     scenario, driven = load_scenario("circle_crossing_20"), Cases("test", 0, cases)
     for name in PAPER:
-        driver = Driver(load_planner(name)[1], name)
-        work = functools.partial(rollout, driver, scenario, driven)
+        work = functools.partial(rollout, load_planner(name), scenario, driven)
         duration = in_turns(1, functools.partial(seconds, work))[0] / cases
         yield Measurement(f"{name}, 20 pedestrians, {cases} cases at once, per case", duration, "s")
 
@@ -144,14 +142,14 @@ def measure_sarl_sgan_kce(worlds: int = 500, rounds: int = 5, decisions: int = 1
         rounds: Number of measurements.
         decisions: Number of decisions for one world.
     """
-    decide, work = load_planner("sarl_sgan_kce")[1].plan, "SARL-SGAN-KCE decision"
+    decide, work = load_planner("sarl_sgan_kce").plan, "SARL-SGAN-KCE decision"
     yield _sarl_sgan(work, AT_ONCE.format(worlds), at_once(decide, SGAN_PEDESTRIANS, worlds, rounds))
     yield _sarl_sgan(work, "one world", one_by_one(decide, SGAN_PEDESTRIANS, decisions))
 
 
 def measure_sarl_sgan_seq(worlds: int = 500, rounds: int = 3) -> Iterator[Measurement]:
     """Measure decisions of SARL-SGAN-SEQ, of eight commands each, for many worlds at once; arguments as above."""
-    decide = functools.partial(load_planner("sarl_sgan_seq")[1].plan_ahead, steps=SEQUENCE)
+    decide = functools.partial(load_planner("sarl_sgan_seq").plan_ahead, steps=SEQUENCE)
     duration = at_once(decide, SGAN_PEDESTRIANS, worlds, rounds)
     yield _sarl_sgan(f"SARL-SGAN-SEQ decision of {SEQUENCE} commands", AT_ONCE.format(worlds), duration)
 
@@ -189,22 +187,21 @@ class Timed(Planner):
 
 
 def single_world_seconds(
-    planner: Planner, name: str, scenario: Scenario, cases: Cases, progress: Callable[[float], None]
+    planner: Planner, scenario: Scenario, cases: Cases, progress: Callable[[float], None]
 ) -> list[float]:
     """Return the seconds of each decision of a planner, one world at a time.
 
     Args:
         planner: The planner.
-        name: Its name in errors.
         scenario: The scenario.
         cases: The cases. The first case is driven to warm up and does not count.
         progress: Called after each further case with 1.
     """
     first, *others = cases.batches(1)
-    rollout(Driver(planner, name), scenario, first, undisturbed=False)
+    rollout(planner, scenario, first, undisturbed=False)
     timed = Timed(planner)
     for case in others:
-        rollout(Driver(timed, name), scenario, case, undisturbed=False)
+        rollout(timed, scenario, case, undisturbed=False)
         progress(1)
     return timed.seconds
 

@@ -1,4 +1,4 @@
-from .api import Result as Result
+from .api import rollout as rollout
 from .api import run as run
 from .catalog import PEDESTRIANS as PEDESTRIANS
 from .catalog import PLANNERS as PLANNERS
@@ -29,8 +29,8 @@ from .planners.routes import distance_to_walls as distance_to_walls
 from .predict.predictor import Prediction as Prediction
 from .predict.predictor import Predictor as Predictor
 from .predict.predictors import load_predictor as load_predictor
+from .result import Result as Result
 from .results.episodes import Episodes as Episodes
-from .runs.rollout import rollout as rollout
 from .scenario.cases import Cases as Cases
 from .scenario.scenario import Scenario as Scenario
 from .sim.pedestrians.orca_crowd import ORCA as ORCA

@@ -1,192 +1,106 @@
-"""Runs from Python: `crowdbench.run` drives a planner through cases and returns a result that a notebook can show."""
+"""Runs from Python: `run` drives a planner through cases and scores it, `rollout` returns its trajectories."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
-import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from crowdbench import catalog
+from crowdbench.core.types import Trace, World
 from crowdbench.metrics.registry import METRICS, Metric
-from crowdbench.metrics.summary import Estimate
 from crowdbench.metrics.user_metrics import RESERVED
+from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
-from crowdbench.results.compare import Comparison, compare
-from crowdbench.results.episodes import Episodes, read_estimate
-from crowdbench.results.run_result import RunResult
-from crowdbench.results.table import metric_grid
+from crowdbench.result import Result, TemporaryFolder, find_earlier
+from crowdbench.runs import rollout as lockstep
 from crowdbench.runs.identity import new_key
-from crowdbench.runs.loading import load_run, load_stored_scenario
-from crowdbench.runs.replay import recording_of, stored_case
+from crowdbench.runs.loading import hold_out, load_run
+from crowdbench.runs.make import make_run
 from crowdbench.runs.rollout import Progress
-from crowdbench.runs.shards import make_run
-from crowdbench.runs.spec import RunSpec
+from crowdbench.runs.run import Run, fit_batch
+from crowdbench.runs.spec import EVERY_STEP, Replanning, RunSpec
 from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.assignments import read_overrides
 from crowdbench.utils.defaults import RECORD
 from crowdbench.utils.errors import InputError, require
 from crowdbench.utils.progress_bars import announce_compilation
 from crowdbench.utils.progress_bars import progress as show_progress
-from crowdbench.utils.tables import markdown
 
-if TYPE_CHECKING:
-    from PIL.Image import Image
+A_PLANNER = "a name, a file or a Planner, such as MyPlanner()"
+A_PLACE = "the path of a directory, or None"
 
-
-@dataclass(frozen=True, repr=False)
-class Result:
-    """Results of a run. A notebook shows a table of all metrics.
-
-    Attributes:
-        planner: The planner's name with its options.
-        scenario: The scenario's name.
-        cases: The cases.
-        metrics: The mean of each metric with its 95 % interval, by name; rates are shares.
-        episodes: A row per case: `episodes.to_arrow()`, `pandas.DataFrame.from_arrow(episodes)`, and
-            `polars.DataFrame(episodes)` are tables of it.
-        directory: The directory of the run; None if the run is not kept.
-    """
-
-    planner: str
-    scenario: str
-    cases: str
-    metrics: Mapping[str, Estimate]
-    episodes: Episodes
-    directory: Path | None
-
-    @classmethod
-    def read(cls, directory: Path | str) -> Result:
-        """Read the result of `crowdbench run` or `run` from its directory.
-
-        Raises:
-            InputError: A file is missing, or was changed after the run.
-        """
-        run = RunResult.read(Path(directory))
-        metrics = {name: read_estimate(estimate) for name, estimate in run.result["metrics"].items()}
-        scenario, cases = run.result["scenario"]["name"], run.result["run"]["cases"]
-        return cls(run.label, scenario, cases, metrics, run.episodes, run.directory)
-
-    @property
-    def failures(self) -> dict[str, list[int]]:
-        """The cases that failed, by outcome."""
-        return self.episodes.failures
-
-    def compare(self, other: Result) -> Comparison:
-        """Compare with another run of the same scenario, case by case; a notebook shows it as a table.
-
-        Raises InputError if one of the runs was not kept, or if they share no case.
-        """
-        return compare(self._stored_directory(), other._stored_directory())
-
-    def view(self, case: int | str, *, web: bool = False, **files: Any) -> None:
-        """Open a case in the Rerun viewer, and wait until it is closed.
-
-        Args:
-            case: The number of the case, or its name: "val/37".
-            web: True to open it in a browser instead of a window.
-            **files: Files of yours that the run used, the parameters of `load_stored_scenario`: pedestrians, layout and
-                data. They are needed if the case was not recorded.
-
-        Raises:
-            InputError: The run was not kept or has no commands, there is no such case, or the viewer does not start.
-        """
-        from crowdbench.record import viewer
-
-        run = RunResult.read(self._stored_directory())
-        number = run.find_case(case)
-        with tempfile.TemporaryDirectory() as folder:
-            recording = recording_of(run, functools.partial(load_stored_scenario, **files), number, Path(folder))
-            viewer.view(recording, number, web=web)
-
-    def render(self, case: int | str, **files: Any) -> Image:
-        """Draw a case from above, as an image for a notebook or for its method `save("case.png")`.
-
-        Args:
-            case: The number of the case, or its name: "val/37".
-            **files: See `view`.
-
-        Raises:
-            InputError: The run was not kept or has no commands, or there is no such case.
-        """
-        from crowdbench.envs.render import rasterize
-        from crowdbench.figures.episode_figure import Episode
-
-        run = RunResult.read(self._stored_directory())
-        trace, row = stored_case(run, functools.partial(load_stored_scenario, **files), run.find_case(case))
-        return rasterize(*Episode(trace, row).picture(), 300.0)
-
-    def _stored_directory(self) -> Path:
-        if self.directory is None:
-            raise InputError("the run was not kept: give run(..., out=DIR)")
-        return self.directory
-
-    def __repr__(self) -> str:
-        title = f"**{self.planner}** on {self.scenario}, cases {self.cases}"
-        grid = metric_grid(title, self.metrics, self.episodes.rates)
-        return f"{title}\n\n{markdown(grid.header, grid.rows)}"
-
-    def _repr_markdown_(self) -> str:
-        """Return the Markdown that Jupyter shows."""
-        return repr(self)
+BATCHES = 4
+"""Largest size of a trace that `rollout` returns, as a multiple of the traces of a batch of a run."""
 
 
 def run(
     planner: str | Planner,
     scenario: str = "circle_crossing_5",
-    cases: int | str = 500,
+    cases: int | str | Cases = 500,
     *,
     options: Mapping[str, Any] | None = None,
-    overrides: Mapping[str, Any] | None = None,
+    overrides: Mapping[str, Any] | Sequence[str] | None = None,
     pedestrians: str | None = None,
     metrics: Mapping[str, Metric] | None = None,
     data: Path | str | None = None,
     out: Path | str | None = None,
     key: str | None = None,
-    record: str = RECORD[0],
+    record: str | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Result:
     """Drive a planner through the cases of a scenario and score it, as `crowdbench run` does.
+
+    A notebook cell can be executed again. If `out` contains the same run, it is read. If it contains a run that differs
+    only in the random key of a planner or metric without `key`, the run is made again and replaces the earlier one.
 
     Args:
         planner: Name or file of a planner, or a planner object.
         scenario: The scenario's name or file.
         cases: Number of test cases, or cases in the format of `crowdbench run --cases`, such as "val:100".
         options: Options of a planner that is given by its name or file.
-        overrides: Other values for keys of the scenario, by dotted key.
+        overrides: Other values for keys of the scenario, by dotted key, or texts such as `["vehicle.visible=true"]`.
         pedestrians: The name or the file of a policy that moves all pedestrians.
         metrics: Metrics of your own by name: functions of a trace, measured after the built-in ones.
         data: The folder with recorded tracks, if the scenario needs them.
-        out: The directory for the results; None to keep nothing.
+        out: The directory for the results; None for a temporary one, see `Result.save`.
         key: Your name for this version of a planner or of metrics that are defined in Python. An interrupted run can
             be continued only with a key: without it, crowdbench cannot detect whether they have changed.
-        record: Extent of the recording of a run that is kept, one of `defaults.RECORD`.
+        record: Extent of the recording, one of `defaults.RECORD`. By default "failures" with `out`, otherwise
+            "commands".
         overwrite: True to replace an earlier run in `out`.
         progress: Called after each step with the progress of the step, as a fractional number of episodes, such as
-            `tqdm(total=500, unit_scale=True).update`; None to show a line of progress every few seconds.
+            `tqdm(total=500, unit_scale=True).update`; None to show a bar, or lines without a terminal.
 
     Raises:
-        InputError: An input does not exist, a plug-in breaks its contract, or the run cannot be written.
+        InputError: An input does not exist, a plug-in breaks its contract, or the run cannot be written. A metric that
+            fails only in a later case is left out of the result, with a warning.
     """
-    require("planner", planner, isinstance(planner, str | Planner), "a name, a file or a Planner, such as MyPlanner()")
+    require("planner", planner, isinstance(planner, str | Planner), A_PLANNER)
     if options and not isinstance(planner, str):
         raise InputError("options are for a planner that is named: give them to the planner that you construct")
     if key is not None and isinstance(planner, str) and not metrics:
         raise InputError("key is for what was made in Python: a planner or metrics; leave it out")
-    for name in metrics or {}:
-        if name in METRICS or name in RESERVED:
-            raise InputError(f"a column {name} exists already: give the metric another name")
+    require("scenario", scenario, isinstance(scenario, str), "a name, or a file such as './mine.toml'")
+    require("options", options, isinstance(options, Mapping | None), "a table such as {'speed': 0.5}")
+    require("data", data, isinstance(data, str | Path | None), "the folder with recorded tracks, or None")
+    require("out", out, isinstance(out, str | Path | None), A_PLACE)
+    require("key", key, isinstance(key, str | None), "a text, or None")
+    require("progress", progress, progress is None or callable(progress), "a function of a number, or None")
+    _check_metrics(metrics)
     spec = RunSpec(
         planner if isinstance(planner, str) else type(planner).__name__,
         scenario,
         Cases.parse(str(cases)),
         options=options or {},
-        overrides=overrides or {},
+        overrides=read_overrides(overrides),
         pedestrians=pedestrians,
-        record="none" if out is None else record,
+        record=record if record is not None else "commands" if out is None else RECORD[0],
         data=None if data is None else Path(data).absolute(),
     )
     announce_compilation()
@@ -195,11 +109,100 @@ def run(
         identity = dataclasses.replace(loaded.planner, key=loaded.planner.key or key or new_key())
         loaded = dataclasses.replace(loaded, metrics={**loaded.metrics, **metrics}, planner=identity)
     loaded.scenario.check_data(spec.data)
-    shown = contextlib.nullcontext(progress) if progress else show_progress(len(spec.cases))
-    with tempfile.TemporaryDirectory() as folder, shown as report:
-        if out is not None:
-            if not make_run(loaded, Path(out), overwrite=overwrite, progress=report):
-                raise InputError(f"another process is making the run {out}: try again when it has ended")
-            return Result.read(out)
-        make_run(loaded, Path(folder) / "run", progress=report)
-        return dataclasses.replace(Result.read(Path(folder) / "run"), directory=None)
+    if out is None:
+        result = _run_in_temporary_folder(loaded, progress)
+    else:
+        result = _run_in_directory(loaded, Path(out), overwrite, progress)
+    for reason in (*loaded.failed.values(), *loaded.lost):
+        warnings.warn(f"{reason}: the result is without it", stacklevel=2)
+    return dataclasses.replace(result, _loaded=loaded.scenario)
+
+
+def _check_metrics(metrics: object) -> None:
+    """Raise InputError unless metrics of a user are None, or functions by names that no column has."""
+    right = "functions of a trace by name, such as {'mine': mine}"
+    require("metrics", metrics, isinstance(metrics, Mapping | None), right)
+    for name, metric in metrics.items() if isinstance(metrics, Mapping) else ():
+        require("metrics", metrics, isinstance(name, str) and callable(metric), right)
+        if name in METRICS or name in RESERVED:
+            raise InputError(f"a column {name} exists already: give the metric another name")
+
+
+def _run_in_temporary_folder(loaded: Run, progress: Progress | None) -> Result:
+    """Make a run in a folder that is removed with its result. If the run fails, its finished parts are kept."""
+    folder = TemporaryFolder()
+    try:
+        with _shown(loaded, progress) as report:
+            make_run(loaded, folder.path / "run", progress=report)
+    except BaseException:
+        folder.keep_if_filled()
+        raise
+    return dataclasses.replace(Result.read(folder.path / "run"), _temporary=folder)
+
+
+def _run_in_directory(loaded: Run, out: Path, overwrite: bool, progress: Progress | None) -> Result:
+    """Make a run in a directory, unless the same run is in it."""
+    earlier = find_earlier(out, loaded.id.parts)
+    if earlier is not None and not overwrite and earlier.result["id"] == loaded.id.digest:
+        return Result.read(out)
+    with _shown(loaded, progress) as report:
+        if not make_run(loaded, out, overwrite=overwrite or earlier is not None, progress=report):
+            raise InputError(f"another process is making the run {out}: try again when it has ended")
+    return Result.read(out)
+
+
+def _shown(loaded: Run, progress: Progress | None) -> contextlib.AbstractContextManager[Progress]:
+    return contextlib.nullcontext(progress) if progress else show_progress(len(loaded.spec.cases))
+
+
+def rollout(
+    planner: str | Planner,
+    scenario: str | Scenario,
+    cases: int | str | Cases,
+    *,
+    replanning: Replanning = EVERY_STEP,
+    keep_logs: bool = False,
+    undisturbed: bool = True,
+    watch: Callable[[World], None] | None = None,
+) -> Trace:
+    """Drive a planner through cases, all in lock-step, and return the trajectories of all episodes.
+
+    `trace.position[row, :, 0]` is the path of the vehicle in the row-th case; `trace.episode(row)` is one episode
+    without the padding after its end. See `Trace`.
+
+    Args:
+        planner: A planner, such as one of `load_planner`, or its name or file.
+        scenario: A scenario, such as one of `load_scenario`, or its name or file.
+        cases: Number of test cases, or cases in the format of `crowdbench run --cases`, such as "val:20".
+        replanning: The steps at which the planner gets an observation.
+        keep_logs: True if the trace contains the logs of the planner.
+        undisturbed: True if the trace contains the paths of cooperative pedestrians without the vehicle, which some
+            metrics need. The crowd of each episode is then simulated a second time.
+        watch: Called with the worlds before each step.
+
+    Raises:
+        InputError: An input does not exist, the planner or the scenario breaks its contract, or the trace would be too
+            large.
+    """
+    require("planner", planner, isinstance(planner, str | Planner), A_PLANNER)
+    require("scenario", scenario, isinstance(scenario, str | Scenario), "a name, a file or a Scenario")
+    require("replanning", replanning, isinstance(replanning, Replanning), "Replanning(every=8), for example")
+    if isinstance(planner, str):
+        planner = catalog.load_planner(planner)
+    if isinstance(scenario, str):
+        scenario = catalog.load_scenario(scenario)
+    chosen = Cases.parse(str(cases))
+    most = BATCHES * fit_batch(len(chosen), scenario)
+    if len(chosen) > most:
+        raise InputError(f"a trace of {len(chosen)} cases of {scenario.name} is too large: roll out {most} or fewer")
+    announce_compilation()
+    name = type(planner).__name__
+    return lockstep.rollout(
+        Driver(hold_out(planner, name, scenario), name),
+        scenario,
+        chosen,
+        replanning=replanning,
+        keep_logs=keep_logs,
+        undisturbed=undisturbed,
+        watch=watch,
+    )

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from crowdbench.scenario.certified import CERTIFICATES, CertificateStatus, Certi
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import NamesSpec, SimulatedPedestriansSpec
 from crowdbench.sim.pedestrians import PedestrianPolicy
+from crowdbench.utils.assignments import read_overrides
 from crowdbench.utils.errors import InputError, find_named, is_number, plugin_errors, require
 from crowdbench.utils.toml import Location, parse_table, read_toml
 
@@ -61,7 +62,7 @@ PluginWithDigest = tuple[str, Any, str | None]
 """Name, plug-in, and the digest of its file."""
 
 
-def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Planner]:
+def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> Planner:
     """Find a planner and construct it.
 
     Args:
@@ -69,17 +70,16 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
         options: Arguments of the planner's function, as they are written in TOML. Every planner has one more,
             `filter`: see `crowdbench.planners.filtered`.
 
-    Returns:
-        The planner's name, and the planner.
-
     Raises:
         InputError: There is no such planner, it does not take the options, or its file is broken.
     """
+    require("planner", spec, isinstance(spec, str), "a name, or a file such as './mine.py'")
+    require("options", options, options is None or isinstance(options, Mapping), "a table such as {'speed': 0.5}")
     arguments = dict(options or {})
     filter_name = arguments.pop("filter", False)
     require("option filter", filter_name, filter_name in (False, "kalman"), "kalman, or left out")
-    name, planner = PLANNERS.load(spec, arguments)
-    return name, FilteredPlanner(planner) if filter_name else planner
+    planner: Planner = PLANNERS.load(spec, arguments)[1]
+    return FilteredPlanner(planner) if filter_name else planner
 
 
 def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, str]]:
@@ -113,13 +113,17 @@ def _named_files(value: Any) -> Iterator[Path]:
 
 
 def load_scenario(
-    spec: str, overrides: Mapping[str, Any] | None = None, pedestrians: str | None = None, data: Path | None = None
+    spec: str,
+    overrides: Mapping[str, Any] | Sequence[str] | None = None,
+    pedestrians: str | None = None,
+    data: Path | str | None = None,
 ) -> Scenario:
     """Find a scenario and read it.
 
     Args:
         spec: The name of a built-in scenario, or `file.toml`.
-        overrides: Values for dotted keys of the file, such as `{"vehicle.visible": True}`.
+        overrides: Values for dotted keys of the file, such as `{"vehicle.visible": True}`, or texts such as
+            `["vehicle.visible=true"]`.
         pedestrians: A policy for all pedestrians. It replaces the scenario's policy and the parameters of that policy.
         data: The folder with the recorded tracks that the scenario's `[tracks]` needs.
 
@@ -129,6 +133,10 @@ def load_scenario(
     Raises:
         InputError: There is no such scenario, or something in it is wrong.
     """
+    require("scenario", spec, isinstance(spec, str), "a name, or a file such as './mine.toml'")
+    require("pedestrians", pedestrians, isinstance(pedestrians, str | None), "a name, or a file such as './mine.py'")
+    require("data", data, isinstance(data, Path | str | None), "the folder with recorded tracks")
+    changes = read_overrides(overrides)
     path = scenario_path(spec)
     table = read_toml(path, "scenario")
     table.pop("dial", None)  # variations of the scenario: see studies/dials
@@ -136,7 +144,7 @@ def load_scenario(
     if pedestrians is not None and isinstance(crowd, dict):
         table["pedestrians"] = {key: crowd[key] for key in crowd if key in SimulatedPedestriansSpec.model_fields}
         table["pedestrians"]["policy"] = _resolve_files(pedestrians)
-    for key, value in (overrides or {}).items():
+    for key, value in changes.items():
         set_key(table, key, _resolve_files(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
     _read_map(table.get("layout"), path.parent)
     scenario = scenario_file.parse_scenario(
@@ -145,7 +153,7 @@ def load_scenario(
         str(path) if spec.endswith(".toml") else path.name,
         functools.partial(LAYOUTS.load_with_digest, folder=path.parent),
         functools.partial(PEDESTRIANS.load_with_digest, folder=path.parent),
-        data,
+        None if data is None else Path(data),
     )
     file = path.parent / CERTIFICATES / path.name
     certified = Certified.read(file)

@@ -13,9 +13,9 @@ sys.path.append(str(Path(__file__).parents[1]))
 from tables import split_row
 
 import crowdbench
+from crowdbench.api import rollout
 from crowdbench.core.types import Outcome
 from crowdbench.figures.plots import success_over_time
-from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from studies.dials import plot as dial_figure
 from studies.dials.dial import load_dial
@@ -43,7 +43,7 @@ def draw_dial(out: Path) -> None:
         files = [Path(folder) / planner for planner in ("dwa", "orca_margin", "social_force", "orca")]
         for file in files:
             runs = dial.runs(file.name, {}, cases, range(len(dial.levels)))
-            traces = [rollout(run.driver, run.scenario, cases, undisturbed=False) for run in runs]
+            traces = [rollout(run.driver.planner, run.scenario, cases, undisturbed=False) for run in runs]
             found = fit(np.stack([trace.outcome == Outcome.SUCCESS for trace in traces]), {})
             keep(FilledDial(dial, [DialRow.of(Measurement(dial, runs), found, found)]), file)
         dial_figure.plot(files, out)

@@ -12,17 +12,15 @@ from PIL import Image
 from viewer_picture import take_picture
 
 import crowdbench
+from crowdbench.api import rollout
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Observation, Trace
 from crowdbench.drawing import LIGHT, Moment, draw_bands, draw_moment
 from crowdbench.figures.episode_figure import WHOLE, Episode, Picture, draw_pictures, draw_start, draw_strip, film
 from crowdbench.metrics.fault import WINDOW, Fault, find_contacts
-from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
 from crowdbench.record.decisions import draw_decisions, read_paths
-from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import EVERY_STEP, Replanning
-from crowdbench.scenario.cases import Cases
 
 COLUMNS = 4
 """Number of panels side by side in a picture of the width of a page."""
@@ -69,9 +67,8 @@ def drive(
     planner: str, scenario: str, cases: str, filtered: bool = False, replanning: Replanning = EVERY_STEP
 ) -> Trace:
     """Return the trace of a planner in cases of a scenario; it filters noisy measurements if `filtered`."""
-    made = Waiting() if planner == "waiting" else load_planner(planner, {"filter": "kalman"} if filtered else {})[1]
-    found = load_scenario(scenario)
-    return rollout(Driver(made, planner), found, Cases.parse(cases), replanning=replanning, keep_logs=True)
+    made = Waiting() if planner == "waiting" else load_planner(planner, {"filter": "kalman"} if filtered else {})
+    return rollout(made, scenario, cases, replanning=replanning, keep_logs=True)
 
 
 def draw_suite(out: Path) -> None:

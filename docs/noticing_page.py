@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from crowdbench.catalog import load_planner, load_scenario, scenarios
+from crowdbench.api import rollout
+from crowdbench.catalog import load_scenario, scenarios
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Rules, Trace
 from crowdbench.drawing import LIGHT, Disc, Moment, Polygon, Shape, draw_bands, draw_moment, extent
 from crowdbench.figures.episode_figure import draw_pictures
-from crowdbench.planners.driver import Driver
-from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.attention import HALF_FIELD, LOOKS_AWAY, PERIOD, RANGE
 from crowdbench.sim.lines_of_sight import share_to_walls
@@ -55,7 +54,7 @@ def suite_names() -> list[str]:
 
 def draw_noticing(name: str, out: Path) -> None:
     """Draw the state of the case of a scenario that `moment` returns."""
-    trace = rollout(Driver(load_planner(PLANNER)[1], PLANNER), load_scenario(name), CASE)
+    trace = rollout(PLANNER, name, CASE)
     state = moment(trace)
     vehicle = trace.position[0, state, 0]
     low, high = extent(trace.position[0, :1], trace.goal[0, :1, 0], trace.obstacles[0], 0.7)

@@ -17,10 +17,10 @@ from crowdbench.results.result_file import digest_of, write_result
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.identity import PlannerId
 from crowdbench.runs.loading import load_stored_scenario
+from crowdbench.runs.make import make_run
 from crowdbench.runs.replay import stored_traces
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.run import Run
-from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import Replanning, RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim import episode
@@ -108,7 +108,7 @@ def drive(
     planner, cases="20", scenario="circle_crossing_5", decision_limit=60.0, replan_every=1, look_first=1, **overrides
 ):
     """A trace of a planner, by name or as an object; overrides use `__` for dots."""
-    name, made = load_planner(planner) if isinstance(planner, str) else (type(planner).__name__, planner)
+    name, made = (planner, load_planner(planner)) if isinstance(planner, str) else (type(planner).__name__, planner)
     place = load_scenario(scenario, {key.replace("__", "."): value for key, value in overrides.items()})
     replanning = Replanning(replan_every, look_first)
     return rollout(Driver(made, name, decision_limit), place, Cases.parse(cases), replanning=replanning)
@@ -116,7 +116,7 @@ def drive(
 
 def run_of(planner, scenario, cases, *, metrics=METRICS, **asked):
     """A run of a planner, by name or as an object, which is called `mine`; other arguments are those of `RunSpec`."""
-    name, made = load_planner(planner) if isinstance(planner, str) else ("mine", planner)
+    name, made = (planner, load_planner(planner)) if isinstance(planner, str) else ("mine", planner)
     spec = RunSpec(name, scenario.name, Cases.parse(cases), **asked)
     key = "" if isinstance(planner, str) else "mine"
     return Run(spec, Driver(made, name), scenario, metrics, PlannerId(name, spec.options, key=key))

@@ -89,8 +89,9 @@ def load_subject(
     name = scenarios[""].name if kind == "scenarios" else plugin_name(plugin)
     if kind in ("layouts", "scenarios"):
         return Subject(PROCEDURES[kind], lambda: load_scenario(copy.deepcopy(changes)), name, scenarios, limit)
-    load = catalog.load_planner if kind == "planners" else KINDS[kind].load
-    return Subject(PROCEDURES[kind], lambda: load(plugin, options)[1], name, scenarios, limit)
+    if kind == "planners":
+        return Subject(PROCEDURES[kind], lambda: catalog.load_planner(plugin, options), name, scenarios, limit)
+    return Subject(PROCEDURES[kind], lambda: KINDS[kind].load(plugin, options)[1], name, scenarios, limit)
 
 
 def find_kind(plugin: str) -> str:

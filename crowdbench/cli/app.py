@@ -16,7 +16,7 @@ from typing import Annotated
 
 import typer
 
-from crowdbench.cli.console import DEBUG, INTERRUPTED, NOTHING_KEPT, failure, flush_output, prepare_streams, say
+from crowdbench.cli.console import BAD, DEBUG, INTERRUPTED, NOTHING_KEPT, failure, flush_output, prepare_streams, say
 from crowdbench.cli.options import help_from_docstring
 from crowdbench.utils import interrupts
 from crowdbench.utils.errors import InputError
@@ -130,7 +130,7 @@ def main(script: Callable[..., None] | None = None) -> None:
         if report is None or (debug and not isinstance(error, SystemExit)):
             raise
         sentence, status = report
-        say(f"crowdbench: {sentence}")
+        say(f"crowdbench: {sentence}", BAD)
         sys.exit(status)
     if status == INTERRUPTED:
         say(f"crowdbench: {NOTHING_KEPT}")

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crowdbench.cli.console import announce_compilation
+from crowdbench.cli.console import BAD, GOOD, announce_compilation, write
 from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def choose_case(runs: Sequence[RunResult], case: str | None, worst: str | None) 
         solved = episodes.case[episodes.outcome == Outcome.SUCCESS].tolist()
         outcomes = episodes.failures | ({Outcome.SUCCESS.label: solved} if solved else {})
         for outcome, found in outcomes.items():
-            print(describe_cases(outcome, found))
+            write(describe_cases(outcome, found), GOOD if outcome == Outcome.SUCCESS.label else BAD)
         number = next(iter(outcomes.values()))[0]
     else:
         if worst not in episodes.columns:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.console import announce_compilation, print_table
+from crowdbench.cli.console import BAD, GOOD, announce_compilation, print_table
 from crowdbench.cli.options import assignments
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import InputError
@@ -17,6 +17,7 @@ from crowdbench.utils.tables import Grid
 if TYPE_CHECKING:
     from crowdbench.check.checks import CheckResult
 
+PASSED, FAILED = "passed", "failed"
 
 SCENARIOS = "circle_crossing_5 for planners, else circle_crossing_mixed with a visible vehicle"
 
@@ -51,13 +52,13 @@ def check(
     options = assignments(option or [], "--option")
     subject = load_subject(kind, plugin, options, scenario, decision_limit, data)
     results = check_plugin(subject, Cases.parse(cases))
-    print_table(check_table(subject.name, results))
+    print_table(check_table(subject.name, results), {PASSED: GOOD, FAILED: BAD})
     if not all(result.passed for result in results):
         raise typer.Exit(1)
 
 
 def check_table(name: str, results: Sequence[CheckResult]) -> Grid:
     """Return the table of the checks of a plug-in."""
-    verdicts = {True: "passed", False: "failed", None: "?"}
+    verdicts = {True: PASSED, False: FAILED, None: "?"}
     rows = [(verdicts[result.passed], result.name, result.observation) for result in results]
     return Grid(f"Contract checks of {name}", ("", "check", "observation"), rows, align="lll")

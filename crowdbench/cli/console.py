@@ -1,4 +1,4 @@
-"""Output of commands: errors on standard error, tables, and the streams."""
+"""Output of commands: errors on standard error, and the streams."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from collections.abc import Iterator
 
 from typer.exceptions import TyperException
 
+from crowdbench.cli.printed_tables import print_table as print_table
 from crowdbench.isolation.untrusted_text import one_line
 from crowdbench.utils.errors import InputError, Interrupted, describe_error
 from crowdbench.utils.progress_bars import announce_compilation as announce_compilation
 from crowdbench.utils.progress_bars import progress as progress
-from crowdbench.utils.progress_bars import say as say
-from crowdbench.utils.tables import Grid
+from crowdbench.utils.terminal import BAD as BAD
+from crowdbench.utils.terminal import GOOD as GOOD
+from crowdbench.utils.terminal import say as say
+from crowdbench.utils.terminal import write as write
 
 DEBUG = "--debug"
 
@@ -106,19 +109,3 @@ def flush_output() -> None:
         with open(os.devnull, "w") as nowhere:
             os.dup2(nowhere.fileno(), sys.stdout.fileno())
         raise
-
-
-def print_table(table: Grid) -> None:
-    """Print a table under its title."""
-    from rich.console import Console
-    from rich.table import Table
-
-    # On a line of its own, because rich wraps a title at the table's width.
-    print(table.title)
-    printed = Table(box=None, pad_edge=False)
-    for heading, alignment in zip(table.header, table.align, strict=True):
-        printed.add_column(heading, justify="left" if alignment == "l" else "right")
-    for row in table.rows:
-        printed.add_row(*row)
-    # A file or a pipe has no width to fit. Brackets are units, not rich's markup.
-    Console(width=None if sys.stdout.isatty() else 200, markup=False).print(printed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 import types
 from collections.abc import Callable
 from pathlib import Path
@@ -11,14 +12,26 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from crowdbench.cli.console import print_table
+from crowdbench.cli.console import print_table, write
 from crowdbench.cli.options import parse_docstring
 from crowdbench.plugins.options import REQUIRED, Option, read_options
 from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.files import read_text
 from crowdbench.utils.tables import Grid
 
-LISTED = ("planners", "pedestrians", "predictors", "weights", "scenarios", "layouts", "metrics")
+LISTED = {
+    "planners": "algorithms that drive the vehicle: --planner",
+    "pedestrians": "policies that move the pedestrians: --pedestrians",
+    "predictors": "predictors of the pedestrians' motion, an option of planners",
+    "weights": "trained networks, an option of planners",
+    "scenarios": "crowds and places: --scenario",
+    "layouts": "starts, goals and obstacles of scenarios: --set layout=NAME",
+    "metrics": "measures of an episode: --metric",
+}
+"""The kinds of named items, with the option that takes a name."""
+
+LINE_BREAK = r"\n(?!\s*(?:\n|$|\d+\. |- |\|)| {4}) *"
+"""A break within a paragraph or an item of a list, with the indentation of the next line."""
 
 WORDS: dict[Any, str] = {
     bool: "true or false",
@@ -30,24 +43,31 @@ WORDS: dict[Any, str] = {
 """Names of types for users; a dataclass is a table."""
 
 
-def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> None:
+def list_(
+    kind: Annotated[str | None, typer.Argument()] = None, name: Annotated[str | None, typer.Argument()] = None
+) -> None:
     """List planners, scenarios and other named items, or explain one of them.
 
     Args:
-        kind: planners, pedestrians, predictors, weights, scenarios, layouts or metrics.
+        kind: planners, pedestrians, predictors, weights, scenarios, layouts or metrics. By default, the kinds are
+            listed.
         name: Name of the item to explain, with its options.
     """
+    if kind is None:
+        print_table(Grid("crowdbench list KIND", ("kind", "meaning"), list(LISTED.items()), align="ll"))
+        return
     if kind not in LISTED:
         *others, last = LISTED
         raise InputError(f"nothing is listed as {kind!r}: ask for {', '.join(others)} or {last}")
     if name is None:
-        print_table(Grid(kind, ("name", "description"), _names(kind), align="ll"))
+        print_table(_names_grid(kind))
         return
     if kind in ("weights", "scenarios"):
         print(read_text(_find_text(kind, name)).strip())
         return
     text, title, options = _plugin_page(kind, name)
-    print(text.strip())
+    # The lines of a paragraph are joined, which are then broken where the terminal ends.
+    write(re.sub(LINE_BREAK, " ", text.strip()) if sys.stdout.isatty() else text.strip())
     if options:
         print_table(Grid(f"\n{title}", OptionRow._fields, options, align="l" * len(OptionRow._fields)))
 
@@ -72,6 +92,17 @@ class OptionRow(NamedTuple):
 
 FILTER = OptionRow("filter", "false", "text or false", "", "kalman: estimates in place of what a sensor measures.")
 """The option of every planner, which `catalog.load_planner` reads."""
+
+
+def _names_grid(kind: str) -> Grid:
+    """Return the table of all things of a kind, metrics with their titles in tables."""
+    names = _names(kind)
+    if kind != "metrics":
+        return Grid(kind, ("name", "description"), names, align="ll")
+    from crowdbench.metrics.registry import info_of
+
+    rows = [(name, info_of(name).title, description) for name, description in names]
+    return Grid(kind, ("name", "title", "description"), rows, align="lll")
 
 
 def _names(kind: str) -> list[tuple[str, str]]:

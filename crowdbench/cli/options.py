@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import copy
 import inspect
-import json
 import os
-import tomllib
-from collections.abc import Callable, Iterable
-from typing import Annotated, Any, TypeVar, get_args, get_origin
+from collections.abc import Callable
+from typing import Annotated, TypeVar, get_args, get_origin
 
 import typer
 from docstring_parser import DocstringStyle, parse
 
+from crowdbench.utils.assignments import assignments as assignments
 from crowdbench.utils.errors import InputError
 
 ThreadsOption = Annotated[int | None, typer.Option(min=1, show_default="one per core")]
+WorkersOption = Annotated[int | None, typer.Option(min=1, show_default="all of the engine, or none")]
 
 SHARED = {
     "as_json": "Print the result as JSON instead of a table.",
     "data": "Folder with recorded tracks, which scenarios with a table [tracks] need.",
     "decision_limit": "Longest time in seconds that the planner may take for one decision of a whole batch.",
+    "engine": "Cluster whose workers share the work: ray (at RAY_ADDRESS) or dask (at DASK_SCHEDULER_ADDRESS).",
     "format": "How the table is written; latex needs the package booktabs.",
     "metric": "A file with a metric of your own: ./mine.py. Repeatable.",
     "option": "An option of the planner or predictor: key=value. Repeatable. `crowdbench list planners NAME` and "
@@ -29,7 +30,8 @@ SHARED = {
     "overwrite": "Replace the directory of an earlier run.",
     "planner": "Name of a planner, or a file of your own: ./mine.py, ./mine.py:factory or policy.onnx.",
     "scenario": "Name of a scenario, or a file of your own: ./mine.toml.",
-    "threads": "Number of threads.",
+    "threads": "Number of threads, of each worker if there are several.",
+    "workers": "Number of processes that share the work.",
 }
 """Help of parameters that several commands have, by name, if the docstring of a command has none."""
 
@@ -98,43 +100,3 @@ def use_threads(threads: int | None) -> None:
         if threads > available:
             raise InputError(f"--threads {threads} is more than the {available} there are")
         os.environ |= {"NUMBA_NUM_THREADS": str(threads), "OMP_NUM_THREADS": str(threads)}
-
-
-def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
-    """Return the keys and values of options such as `--set key=value`.
-
-    Args:
-        texts: The given texts. A value is TOML; a value that is not valid TOML is a text.
-        flag: The option, for the error.
-
-    Returns:
-        The values by their keys.
-
-    Raises:
-        InputError: A text has no key or no `=`, or its value is TOML that cannot be used.
-    """
-    pairs = {}
-    for text in texts:
-        key, equals, value = text.partition("=")
-        if not equals or not key.strip():
-            raise InputError(f"{flag} {text!r} sets nothing: write {flag} key=value")
-        try:
-            pairs[key.strip()] = _parse_value(value)
-        except InputError as error:
-            raise InputError(f"{flag} {key.strip()} cannot be used: {error}") from None
-    return pairs
-
-
-def _parse_value(text: str) -> Any:
-    """Return the value of a text in TOML; the text itself if it is not valid TOML."""
-    from crowdbench.utils.toml import toml
-
-    try:
-        read = toml(f"value = {text}")
-        # Results are JSON, which has no dates and no infinity. These stay texts.
-        json.dumps(read, allow_nan=False)
-    except InputError:
-        raise
-    except (tomllib.TOMLDecodeError, TypeError, ValueError):
-        return text
-    return read["value"] if len(read) == 1 else text

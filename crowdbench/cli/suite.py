@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.console import announce_compilation, exit_on_interrupt, print_table, progress, say
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, print_table, progress, say, write
 from crowdbench.cli.options import ThreadsOption, assignments, use_threads
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def suite(
         print(json.dumps(plain({"cases": cases, "metrics": records}), indent=2))
         return
     print_table(table)
-    print(f"\nAll families of scenarios count the same in the mean. Kept in {out}")
+    write(f"\nAll families of scenarios count the same in the mean. Kept in {out}")
 
 
 def _make(spec: RunSpec, out: Path, report: Callable[[float], None]) -> Mapping[str, Estimate]:

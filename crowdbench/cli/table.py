@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from pathlib import Path
+from typing import Annotated
 
-from crowdbench.cli.console import say
+import typer
+
+from crowdbench.cli.console import print_table, say
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, floating, format_tables
 
@@ -23,7 +27,7 @@ def table(
     names: str | None = None,
     caption: str | None = None,
     label: str | None = None,
-    format: Format = Format.MARKDOWN,
+    format: Annotated[Format | None, typer.Option(show_default="markdown in files, else for the terminal")] = None,
 ) -> None:
     """Print a table of runs of the same cases: means with 95 % intervals, a row for each planner.
 
@@ -41,7 +45,6 @@ def table(
         label: With --format latex, its label.
     """
     from crowdbench.metrics.registry import MAIN
-    from crowdbench.results.result_file import STATED
     from crowdbench.results.table import SCENARIO, RunTable
 
     if (caption or label) and format is not Format.LATEX:
@@ -58,13 +61,15 @@ def table(
         grid = runs.grid(metric or (OF_A_COLUMN if format is Format.LATEX else MAIN))
     else:
         grid = runs.cross((metric or ["success_rate"])[0])
-    cases = str(runs.runs[0].cases)
-    records = [{**record, "cases": cases} for record in grid.records]
-    text = format_tables([dataclasses.replace(grid, records=records)], format)
     for run in runs.runs:
         for warning in run.warnings:
             say(f"crowdbench: {warning}")
-    say(STATED)
+    if format is None and sys.stdout.isatty():
+        print_table(grid)
+        return
+    cases = str(runs.runs[0].cases)
+    records = [{**record, "cases": cases} for record in grid.records]
+    text = format_tables([dataclasses.replace(grid, records=records)], format or Format.MARKDOWN)
     if caption or label:
         text = floating(text, caption, label)
     print(text)

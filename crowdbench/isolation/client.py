@@ -26,6 +26,7 @@ from crowdbench.isolation.protocol import (
 )
 from crowdbench.planners.planner import OneStepOnly, Planner
 from crowdbench.planners.validation import AnswerFault, validate_array
+from crowdbench.plugins.kind import plugin_name
 from crowdbench.utils import interrupts
 from crowdbench.utils.errors import InputError, describe_error, plugin_errors
 
@@ -86,7 +87,8 @@ class PlannerServer:
         request = from_json(content)
         if request["version"] != VERSION:  # the parent reports the difference
             return MessageKind.READY, to_json({"version": VERSION})
-        self.name, self.planner = load_planner(request["planner"], request["options"])
+        self.planner = load_planner(request["planner"], request["options"])
+        self.name = plugin_name(request["planner"])
         if request.get("scene"):
             self.planner = self.planner.for_held_out_scene(request["scene"])
         properties = {

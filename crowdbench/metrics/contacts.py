@@ -36,7 +36,7 @@ def at_fault_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     return contacts_of(trace).share >= SMALL_SHARE
 
 
-@describe("at fault though seen", "less", share=True)
+@describe("at fault although seen", "less", share=True)
 def at_fault_seen_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes in which the vehicle was at fault for a collision with a pedestrian that saw it [1].
 
@@ -63,7 +63,7 @@ def struck_behind_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     return contacts_of(trace).fault == Fault.STRUCK_BEHIND
 
 
-@describe("struck otherwise", "less", share=True)
+@describe("struck from the front or side", "less", share=True)
 def struck_otherwise_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with a pedestrian walking into the vehicle from the side or from the front [1].
 
@@ -72,7 +72,7 @@ def struck_otherwise_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     return contacts_of(trace).fault == Fault.STRUCK
 
 
-@describe("hit alone", "less", share=True)
+@describe("collisions by the vehicle alone", "less", share=True)
 def hit_alone_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with the vehicle driving into a pedestrian or an obstacle [1].
 
@@ -81,13 +81,13 @@ def hit_alone_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     return contacts_of(trace).fault == Fault.ALONE
 
 
-@describe("hit both ways", "less", share=True)
+@describe("mutual collisions", "less", share=True)
 def hit_both_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with the vehicle and a pedestrian moving into each other [1]."""
     return contacts_of(trace).fault == Fault.BOTH
 
 
-@describe("share of the vehicle", "less", over_all=True)
+@describe("vehicle's share of the approach", "less", over_all=True)
 def vehicle_share(trace: Trace) -> Float[np.ndarray, "world"]:
     """Part of the approach in the last second before a collision that was the vehicle's, over collisions [1].
 

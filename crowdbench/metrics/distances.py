@@ -59,19 +59,19 @@ def discomfort_frequency(trace: Trace) -> Float[np.ndarray, "world"]:
     return total(1.0 * ((trace.gap < DISCOMFORT_GAP) & before_last)) / trace.steps
 
 
-@describe("intimate zone", "less", share=True, source="Hall (1966)", of_successes=True)
+@describe("time in intimate zone", "less", share=True, source="Hall (1966)", of_successes=True)
 def intimate_zone(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of the steps of a success with a gap to a pedestrian within Hall's intimate distance, 0.45 m [1]."""
     return _in_zone(trace, "intimate")
 
 
-@describe("personal zone", "less", share=True, source="Hall (1966)", of_successes=True)
+@describe("time in personal zone", "less", share=True, source="Hall (1966)", of_successes=True)
 def personal_zone(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of the steps of a success with a gap to a pedestrian within Hall's personal distance, 1.2 m [1]."""
     return _in_zone(trace, "personal")
 
 
-@describe("social zone", "less", share=True, source="Hall (1966)", of_successes=True)
+@describe("time in social zone", "less", share=True, source="Hall (1966)", of_successes=True)
 def social_zone(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of the steps of a success with a gap to a pedestrian within Hall's social distance, 3.6 m [1]."""
     return _in_zone(trace, "social")

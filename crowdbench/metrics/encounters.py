@@ -74,7 +74,7 @@ def post_encroachment_time(trace: Trace) -> Float[np.ndarray, "world"]:
     return _encroach(trace)
 
 
-@describe("paths apart", share=True, of_successes=True)
+@describe("separate paths", share=True, of_successes=True)
 def paths_apart(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of successes without a `post_encroachment_time`: the vehicle and pedestrians cover separate areas [1]."""
     return 1.0 * np.isnan(_encroach(trace))

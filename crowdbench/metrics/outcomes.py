@@ -65,7 +65,7 @@ def navigation_time(trace: Trace) -> Float[np.ndarray, "world"]:
     return np.where(success_rate(trace), trace.steps * trace.rules.dt, np.nan)
 
 
-@describe("time or limit", "less", over_all=True)
+@describe("time with failures at the limit", "less", over_all=True)
 def navigation_time_or_limit(trace: Trace) -> Float[np.ndarray, "world"]:
     """Time from start to goal, a failure counting as the time limit [s]."""
     return np.where(success_rate(trace), trace.steps * trace.rules.dt, trace.rules.time_limit)

@@ -68,7 +68,7 @@ def imposed_delay(trace: Trace) -> Float[np.ndarray, "world"]:
     return _imposed(trace, lambda lost, detour: lost)
 
 
-@describe("imposed losses", "less", share=True, needs=frozenset({UNDISTURBED}), of_successes=True)
+@describe("positive imposed delay", "less", share=True, needs=frozenset({UNDISTURBED}), of_successes=True)
 def imposed_delay_positive(trace: Trace) -> Float[np.ndarray, "world"]:
     """Positive part of `imposed_delay`: time gains do not offset losses, over successes [1].
 

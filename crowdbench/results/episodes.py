@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import io
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, describe_error
 
 if TYPE_CHECKING:
+    import pandas as pd
     import pyarrow as pa
 
 EPISODES = "episodes.csv"
@@ -31,7 +33,9 @@ BLOCK = "block"
 
 @dataclass(frozen=True)
 class Episodes:
-    """One row per episode.
+    """One row per episode. `to_pandas`, `to_arrow` and `polars.DataFrame(episodes)` are tables of them.
+
+    Iteration yields the row of each case as a dictionary, so that `pandas.DataFrame(episodes)` works, too.
 
     Attributes:
         case: Number of the case.
@@ -49,6 +53,10 @@ class Episodes:
 
     def __len__(self) -> int:
         return len(self.case)
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        columns = self._first_columns() | {name: values.tolist() for name, values in self.columns.items()}
+        return (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
 
     @property
     def failures(self) -> dict[str, list[int]]:
@@ -95,6 +103,11 @@ class Episodes:
         block = None if self.block is None else self.block[rows]
         return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns, block)
 
+    def without(self, metrics: Collection[str]) -> Episodes:
+        """Return all rows without the columns of some metrics."""
+        columns = {name: values for name, values in self.columns.items() if name not in metrics}
+        return Episodes(self.case, self.outcome, self.steps, columns, self.block)
+
     def summary(self, names: Iterable[str] | None = None) -> dict[str, Estimate]:
         """Return the mean and the interval of the named metrics, or of all metrics."""
         columns = self.columns if names is None else {name: self.columns[name] for name in names}
@@ -111,6 +124,12 @@ class Episodes:
 
         columns = {name: pa.array(values, from_pandas=True) for name, values in self.columns.items()}
         return pa.table({**self._first_columns(), **columns})
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the same table for pandas. Raises InputError if pandas is not installed."""
+        if importlib.util.find_spec("pandas") is None:
+            raise InputError("to_pandas needs pandas: install it with pip install pandas, or use to_arrow()")
+        return self.to_arrow().to_pandas()
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Return the table as a stream for pandas, polars and others, see Arrow's PyCapsule interface."""

@@ -30,12 +30,6 @@ RESULT = "result.json"
 FORMAT = 1
 """Version of the format of a result."""
 
-STATED = (
-    "Means and intervals are recomputed from episodes.csv, and `crowdbench score RUN` recomputes that file. "
-    "Stated by the runs alone: planners with their options, `privileged`, names, times and versions."
-)
-"""Note on the facts that a table of runs cannot prove; a re-run, such as a signed verification on a board, does."""
-
 Table = dict[str, Any]
 Amount = Annotated[float, Field(ge=0.0, le=1e12)]
 Seconds = Annotated[float, Field(gt=0.0, lt=1e9)]

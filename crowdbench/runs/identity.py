@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import functools
 import hashlib
 import inspect
+import linecache
 import secrets
 import sys
 from collections.abc import Callable, Mapping
@@ -132,6 +134,13 @@ def new_key() -> str:
     return f"{UNKNOWN}{secrets.token_hex(8)}"
 
 
+def without_random_key(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parts of an identity with the same key for all planner objects whose author gives none."""
+    planner = parts["planner"]
+    key = UNKNOWN if planner["key"].startswith(UNKNOWN) else planner["key"]
+    return {**parts, "planner": {**planner, "key": key}}
+
+
 def source_of(thing: type | Callable[..., Any]) -> str:
     """Return 16 hexadecimal digits that change with the source of a class or a function.
 
@@ -146,9 +155,20 @@ def source_of(thing: type | Callable[..., Any]) -> str:
     if file.is_file():  # not `<stdin>`
         return digest_of({"files": read_files(file)})[:16]
     try:
-        return hashlib.sha256(inspect.getsource(thing).encode()).hexdigest()[:16]
+        source = inspect.getsource(thing)
     except (OSError, TypeError):
-        return secrets.token_hex(8)
+        source = _class_in_cell(thing) or secrets.token_hex(8)
+    return hashlib.sha256(source.encode()).hexdigest()[:16]
+
+
+def _class_in_cell(thing: object) -> str | None:
+    """Return the source of a class of a notebook cell: `inspect.getsource` finds only its functions before 3.13."""
+    for function in filter(inspect.isfunction, getattr(thing, "__dict__", {}).values()):
+        cell = "".join(linecache.getlines(function.__code__.co_filename))
+        for node in ast.walk(ast.parse(cell)):
+            if isinstance(node, ast.ClassDef) and node.name == getattr(thing, "__name__", ""):
+                return ast.get_source_segment(cell, node)
+    return None
 
 
 def id_of_object(planner: object, name: str, facts: Mapping[str, str], key: str) -> PlannerId:

@@ -13,6 +13,7 @@ from crowdbench.isolation.fork_guard import ForkGuard
 from crowdbench.metrics.user_metrics import load_metrics
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
+from crowdbench.plugins.kind import plugin_name
 from crowdbench.results.result_file import RESULT
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.identity import PlannerId, id_of_object, new_key
@@ -40,16 +41,25 @@ def load_run(
     name, is_named = spec.planner, planner is None
     if planner is None:
         with ForkGuard(f"planner {name}"):
-            name, planner = catalog.load_planner(spec.planner, spec.options)
-    if scenario.tracks:
-        with plugin_errors(f"planner {name} raised", " in for_held_out_scene()"):
-            planner = planner.for_held_out_scene(scenario.tracks.scene)
-    driver = Driver(planner, name, spec.decision_limit)
+            planner = catalog.load_planner(spec.planner, spec.options)
+        name = plugin_name(spec.planner)
+    driver = Driver(hold_out(planner, name, scenario), name, spec.decision_limit)
     if is_named:
         identity = identify(spec.planner, spec.options, driver)
     else:
         identity = id_of_object(planner, name, driver.facts, key or new_key())
-    return Run(spec, driver, scenario, load_metrics(spec.metrics), identity)
+    return Run(spec, driver, scenario, load_metrics(spec.metrics), identity, is_named=is_named)
+
+
+def hold_out(planner: Planner, name: str, scenario: Scenario) -> Planner:
+    """Return a planner for a scenario: with networks that were trained without the scene of its recorded tracks.
+
+    Raises InputError, with the name of the planner, if the planner has none.
+    """
+    if not scenario.tracks:
+        return planner
+    with plugin_errors(f"planner {name} raised", " in for_held_out_scene()"):
+        return planner.for_held_out_scene(scenario.tracks.scene)
 
 
 @contextlib.contextmanager

@@ -78,18 +78,19 @@ def stored_traces(
         yield rollout(driver, scenario, part, undisturbed=undisturbed, progress=progress, watch=watch)
 
 
-def stored_case(run: RunResult, load: Loader, case: int) -> tuple[Trace, int]:
+def stored_case(run: RunResult, load: Loader, case: int, *, undisturbed: bool = False) -> tuple[Trace, int]:
     """Return a trace with one case of a stored run, and the row of the case.
 
     Args:
         run: The stored run.
         load: Loads the scenario of a simulated run.
         case: The number of the case.
+        undisturbed: See `rollout`.
 
     Raises:
         InputError: The run has no commands of the case, or the case ends differently from the run.
     """
-    (trace,) = stored_traces(run, load, Cases(run.cases.split, case, case + 1))
+    (trace,) = stored_traces(run, load, Cases(run.cases.split, case, case + 1), undisturbed=undisturbed)
     (row,) = np.flatnonzero(trace.case == case).tolist()
     episode = run.episodes.take(np.flatnonzero(run.episodes.case == case))
     if (trace.outcome[row], trace.steps[row]) != (episode.outcome[0], episode.steps[0]):

@@ -92,8 +92,8 @@ class CertificateStatus:
     certified: Certified
 
     def sentence(self, cases: Cases) -> str:
-        """Return the share of the cases that have a certificate, or the command that determines it for the cases of a
-        run."""
+        """Return the number of cases of a run without a certificate, or the command that determines it; an empty text
+        if all have one."""
         split, by = cases.split, f"`python studies/certificates/run.py {self.spec}"
         if self.certified.scenario != self.digest:
             difference = f"for the digest {self.certified.scenario}, but {self.name} has {self.digest} now"
@@ -104,8 +104,8 @@ class CertificateStatus:
             which = f"from {split}:{number} on" if number else f"of {split}"
             command = f"{by} --cases {split}:{cases.stop}`"
             return f"the cases {which} of {self.name} have no certificates: {command} makes them"
-        share = 1 - len(examined.uncertified) / number
-        return (
-            f"{number - len(examined.uncertified)} of {number} examined {split} cases ({share:.1%}) of {self.name} "
-            "have a certificate that they can be solved"
-        )
+        lacking = sum(cases.start <= case < cases.stop for case in examined.uncertified)
+        if not lacking:
+            return ""
+        verb = "has" if lacking == 1 else "have"
+        return f"{lacking} of the cases {cases} of {self.name} {verb} no certificate that they can be solved"

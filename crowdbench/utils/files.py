@@ -103,7 +103,8 @@ def check_free(path: Path, overwrite: bool, mark: str = RUN) -> Path:
     if is_there and not is_directory:
         raise NotWritten(f"{path} is a file: name a directory with --out")
     if is_there and not overwrite:
-        raise NotWritten(f"{path} exists already: name another place with --out, or allow --overwrite")
+        another = "name another place with --out, or allow --overwrite (in Python overwrite=True)"
+        raise NotWritten(f"{path} exists already: {another}")
     if holds_other:
         raise NotWritten(f"{path} holds something other than a run and is not overwritten: choose another --out")
     return path

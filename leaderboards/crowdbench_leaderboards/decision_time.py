@@ -102,7 +102,7 @@ def time_single_world(
 
     def drive(driver: Driver, case: Cases) -> list[tuple[float, bool]]:
         timed = _Timed(driver, recorded.of(case.start), processor)
-        rollout(Driver(timed, name), scenario, case, replanning=replanning, undisturbed=False)
+        rollout(timed, scenario, case, replanning=replanning, undisturbed=False)
         return timed.decisions
 
     # The planner may load and compile code here, with the time limit for a decision of a whole batch.

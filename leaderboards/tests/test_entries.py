@@ -340,7 +340,9 @@ def test_who_costs_pedestrians_time_has_it_in_a_column(tmp_path):
     submit(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"), tmp_path, tmp_path / "work")
     (found,) = standings(board, read_entries(board, tmp_path), None).others
     assert 0.0001 < found.figures["imposed_delay"].mean < found.figures["imposed_delay_positive"].mean < 1.0
-    assert "| imposed delay, % | imposed losses, % |" in section(standings(board, read_entries(board, tmp_path), None))
+    assert "| imposed delay, % | positive imposed delay, % |" in section(
+        standings(board, read_entries(board, tmp_path), None)
+    )
 
 
 def submit_cheat(root, tmp_path, known, board):

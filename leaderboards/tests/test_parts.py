@@ -66,8 +66,8 @@ def test_equal_values_tell_nothing():
 def test_a_skeleton_keeps_its_contract_and_has_a_valid_card(tmp_path):
     folder = make_planner("my_first", tmp_path)
     assert sorted(path.name for path in folder.iterdir()) == ["card.toml", "my_first.py", "test_my_first.py"]
-    name, planner = load_planner(str(folder / "my_first.py"), {"near": 2.0})
-    assert (name, planner.near, type(planner).__name__) == ("my_first", 2.0, "MyFirst")
+    planner = load_planner(str(folder / "my_first.py"), {"near": 2.0})
+    assert (planner.near, type(planner).__name__) == (2.0, "MyFirst")
     assert read_card(folder / "card.toml").method == "my_first"
     compile((folder / "test_my_first.py").read_text(), "test", "exec")
     with pytest.raises(InputError, match="exists already"):

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench import METRICS, Cases, Driver, InputError, Outcome, Scenario, Trace, load_planner, rollout
+from crowdbench import METRICS, Cases, Driver, InputError, Outcome, Planner, Scenario, Trace, rollout
 from crowdbench.core import PERFECT_SENSOR, SPLITS
 from crowdbench.runs import Parts, PlannerId, Playback, Progress, Run, RunSpec, fit_batch, make_run
 from crowdbench.scenario import MAX_MARGIN, Certified, Examined
@@ -83,8 +83,7 @@ def certificates(scenario: Scenario, cases: Cases, margins: Sequence[float], pro
     """
     # The vehicle's sensor need not be simulated: it does not affect pedestrians, and planners are better without noise.
     scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT_SENSOR))
-    drivers = [Driver(load_planner(name)[1], name) for name in PLANNERS]
-    driven = [(driver.name, rollout(driver, scenario, cases, undisturbed=False)) for driver in drivers]
+    driven = [(name, rollout(name, scenario, cases, undisturbed=False)) for name in PLANNERS]
     found: dict[int, Certificate] = {}
     exhausted: set[int] = set()
     for margin in margins:
@@ -162,12 +161,12 @@ def _search_cases(
         yield from replay(left, map(search_reacting, left))
 
 
-def play_back(commands: Sequence[Float[np.ndarray, "step 2"]], scenario: Scenario) -> Driver:
-    """Return a driver that replays the commands of each case until they end."""
+def play_back(commands: Sequence[Float[np.ndarray, "step 2"]], scenario: Scenario) -> Planner:
+    """Return a planner that replays the commands of each case until they end."""
     padded = np.zeros((len(commands), scenario.rules.max_steps, 2))
     for row, of_case in zip(padded, commands, strict=True):
         row[: len(of_case)] = of_case
-    return Driver(Playback(padded, privileged=True), NAME)
+    return Playback(padded, privileged=True)
 
 
 def _search_harder(task: Task, crowd: Crowd, margin: float, efforts: Sequence[Effort]) -> SearchResult:
@@ -217,7 +216,7 @@ def make(
     spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))
     sources = {path.name: sha256(path) for path in CODE}
     identity = PlannerId(NAME, files={"study": sources}, key=f"margins {margins}")
-    run = Run(spec, play_back([], scenario), scenario, METRICS, identity)
+    run = Run(spec, Driver(play_back([], scenario), NAME), scenario, METRICS, identity)
     parts = Parts.of(run, directory).folder
 
     def drive(part: Cases, folder: Path) -> None:
@@ -226,7 +225,7 @@ def make(
         with hold_lock(parts / ".table"):
             _write(_read(sorted(parts.glob("found-*.json"))), table)
         player = play_back([each.commands for each in found], scenario)
-        dataclasses.replace(run, driver=player).drive(part, folder)
+        dataclasses.replace(run, driver=Driver(player, NAME)).drive(part, folder)
 
     make_run(run, directory, drive=drive, overwrite=overwrite, progress=progress)
     rows = _read([table])

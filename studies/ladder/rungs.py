@@ -78,7 +78,7 @@ class CertifiedPlanner(Planner):
             cases = Cases(self._split, int(world.case[0]), int(world.case[-1]) + 1)
             # Any gap above 0 is a success, so that no wider margin is required.
             found = certificates(self._scenario, cases, [0.0], lambda share: None)
-            self._commands = play_back([each.commands for each in found], self._scenario).planner
+            self._commands = play_back([each.commands for each in found], self._scenario)
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """Return the command of this step; none if no certificate was found."""
@@ -113,7 +113,7 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
             "horizon": horizon,
             "samples": MPPIPlanner.search.samples,
         }
-        _, planner = load_planner("mppi_interactive", options)
+        planner = load_planner("mppi_interactive", options)
         paths += sorted(Path(inspect.getfile(type(planner))).parent.glob("*.py"))
     else:
         predictor: Predictor = ConstantVelocity()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from crowdbench import Cases, Driver, InputError, Scenario, load_scenario, rollout
+from crowdbench import Cases, InputError, Scenario, load_scenario, rollout
 from crowdbench.core import HISTORY, norm
 from crowdbench.planners import ORCAPlanner
 from crowdbench.scenario import RecordedTracks
@@ -95,7 +95,7 @@ def from_scenario(scenario: Scenario, cases: Cases) -> Samples:
         The windows that start at every `STRIDE`-th step.
     """
     blind = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, visible=False))
-    trace = rollout(Driver(ORCAPlanner(), "orca"), blind, cases)
+    trace = rollout(ORCAPlanner(), blind, cases)
     path = trace.position[:, :, 1:]
     back = np.arange(HISTORY - 2, 0, -1)[:, None, None]
     path = np.concatenate([path[:, :1] - back * (path[:, 1:2] - path[:, :1]), path], axis=1)

@@ -129,7 +129,7 @@ def runs(folder):
     for name, cases in (("a", "2"), ("b", "2:4")):
         scenario = load_scenario("circle_crossing_5", {"vehicle.visible": True})
         asked = {"metrics": some, "record": "all", "overrides": {"vehicle.visible": True}}
-        make(folder / name, load_planner("orca")[1], scenario, cases, **asked)
+        make(folder / name, load_planner("orca"), scenario, cases, **asked)
     return folder
 
 

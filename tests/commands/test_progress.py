@@ -1,4 +1,5 @@
 import io
+import re
 import sys
 import time
 
@@ -40,51 +41,99 @@ def work(clock, tell, seconds, amount, times=1):
         tell(amount)
 
 
-def test_the_time_left_does_not_count_what_comes_before_the_first_report(clock, capsys):
+def test_without_a_terminal_each_tenth_is_a_line(clock, capsys):
     with progress(100, "of 100 cases") as tell:
         work(clock, tell, 60.0, 1)
-        work(clock, tell, 1.0, 2.5, times=10)
+        work(clock, tell, 1.0, 2.5, times=38)
+        work(clock, tell, 1.0, 4)
     assert capsys.readouterr().err.splitlines() == [
-        "1 % of 100 cases",
-        "8 % of 100 cases, about 37 s left",
-        "16 % of 100 cases, about 34 s left",
-        "23 % of 100 cases, about 31 s left",
+        "11 % of 100 cases, 36 s left",
+        "21 % of 100 cases, 32 s left",
+        "31 % of 100 cases, 28 s left",
+        "41 % of 100 cases, 24 s left",
+        "51 % of 100 cases, 20 s left",
+        "61 % of 100 cases, 16 s left",
+        "71 % of 100 cases, 12 s left",
+        "81 % of 100 cases, 8 s left",
+        "91 % of 100 cases, 4 s left",
+        "100 % of 100 cases",
     ]
 
 
-def test_no_time_left_is_estimated_from_a_moment_or_without_progress(clock, capsys):
-    with progress(100, "of 100 cases") as tell:
-        work(clock, tell, 2.4, 1)
-        work(clock, tell, 0.1, 1)
-    with progress(1.0, "trained") as tell:
-        work(clock, tell, 5.0, 0.0, times=3)
-    assert capsys.readouterr().err.splitlines() == ["2 % of 100 cases", *3 * ["0 % trained"]]
-
-
-def test_work_that_is_done_at_once_shows_nothing(clock, capsys):
+def test_work_that_ends_soon_prints_nothing_without_a_terminal(clock, capsys):
     with progress(3, "of 3 cases") as tell:
         work(clock, tell, 0.8, 1, times=3)
     assert capsys.readouterr().err == ""
 
 
-def test_a_line_comes_also_while_nothing_is_reported(monkeypatch, capsys):
-    monkeypatch.setattr(module, "PLAIN_INTERVAL", 0.01)
-    with progress(100, "of 100 cases"):
+def test_long_phases_without_a_percentage_are_named_once_and_long_silence_is_broken(monkeypatch, capsys):
+    monkeypatch.setattr(module, "PERIOD", 0.01)
+    monkeypatch.setattr(module, "SLOW", 0.05)
+    with progress(100, "of 100 cases") as tell:
         time.sleep(0.2)
-    said = capsys.readouterr().err
-    assert said.splitlines()[:2] == 2 * ["0 % of 100 cases"]
+        tell(1)
+        time.sleep(0.2)
+        monkeypatch.setattr(module, "ALIVE", 0.01)
+        time.sleep(0.2)
+        monkeypatch.setattr(module, "ALIVE", 60.0)
+        tell(99)
+        time.sleep(0.2)
+    said = capsys.readouterr().err.splitlines()
+    assert [said[0], *dict.fromkeys(said[1:])] == ["loading", "1 % of 100 cases", "100 % of 100 cases", "finishing"]
+    assert len(said) > 4
     time.sleep(0.05)
     assert capsys.readouterr().err == ""
 
 
-def test_a_terminal_shows_the_same_estimate(clock, monkeypatch):
+def frames(terminal):
+    """The texts that a terminal showed, without control codes and bars."""
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|[━╸╺]", "", terminal.getvalue())
+    return list(dict.fromkeys(line.strip() for line in re.split(r"[\r\n]+", shown) if line.strip()))
+
+
+def open_terminal(monkeypatch):
+    """Replace standard error by a terminal. A fixture could not, because pytest replaces it again."""
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
+    return terminal
+
+
+@pytest.mark.parametrize("columns", [40, 80])
+def test_a_bar_names_loading_compiling_cases_and_finishing(monkeypatch, columns):
+    terminal = open_terminal(monkeypatch)
+    monkeypatch.setenv("COLUMNS", str(columns))
+    with progress(100, "of 100 cases") as tell:
+        time.sleep(0.3)
+        module._tell_compilation()
+        time.sleep(0.3)
+        tell(0)
+        tell(30)
+        time.sleep(0.3)
+        tell(70)
+        time.sleep(0.3)
+    phases = ["loading", "compiling", "30 % of 100 cases", "finishing"]
+    assert list(dict.fromkeys(re.sub(r" 0:00:\d\d$", "", frame) for frame in frames(terminal))) == phases
+
+
+def test_no_time_left_is_estimated_from_a_moment_or_without_progress(clock, monkeypatch):
+    open_terminal(monkeypatch)
     with progress(100, "of 100 cases") as tell:
         work(clock, tell, 60.0, 1)
+        assert str(module._shown[-1]) == "1 % of 100 cases"
         work(clock, tell, 1.0, 3, times=3)
-    assert "10 % of 100 cases, about 30 s left" in terminal.getvalue()
+        assert str(module._shown[-1]) == "10 % of 100 cases, 30 s left"
+    with progress(1.0, "trained") as tell:
+        work(clock, tell, 5.0, 0.0, times=3)
+        assert str(module._shown[-1]) == "0 % trained"
+
+
+def test_a_dumb_terminal_gets_lines(clock, monkeypatch):
+    terminal = open_terminal(monkeypatch)
+    monkeypatch.setenv("TERM", "dumb")
+    with progress(10) as tell:
+        work(clock, tell, 10.0, 1, times=2)
+    assert terminal.getvalue() == "10 % of 10 cases\n20 % of 10 cases, 80 s left\n"
 
 
 def driven(planner):
@@ -96,7 +145,7 @@ def driven(planner):
     return trace, np.array(told)
 
 
-@pytest.mark.parametrize("planner", [load_planner("orca")[1], Still()])
+@pytest.mark.parametrize("planner", [load_planner("orca"), Still()])
 def test_parts_of_episodes_are_told_at_each_step_and_sum_to_the_episodes(planner):
     trace, told = driven(planner)
     assert len(told) == trace.steps.max()

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crowdbench import METRICS, Cases, Driver, Outcome, load_planner, load_scenario, rollout
+from crowdbench import METRICS, Cases, Outcome, load_planner, load_scenario, rollout
 from crowdbench.catalog import PLANNERS, scenario_path, scenarios
 from crowdbench.sim import SIMULATOR
 from crowdbench.utils import read_toml
@@ -75,9 +75,9 @@ def load(name):
 
 def episode(planner, scenario, cases):
     """Return what is recorded of some episodes: the digest of their trace, or outcomes and positions after a while."""
-    driver = Driver(load_planner(planner)[1], planner)
-    trace = rollout(driver, scenario, cases)
-    if not driver.facts and planner not in ROUNDED:
+    made = load_planner(planner)
+    trace = rollout(made, scenario, cases)
+    if not made.facts and planner not in ROUNDED:
         return digest(trace)
     after = trace.position[:, min(STEPS, trace.position.shape[1] - 1), 0]
     return {"outcomes": [Outcome(outcome).label for outcome in trace.outcome], "after": after.round(6).tolist()}
@@ -115,7 +115,7 @@ def measure_metrics(scenario):
     """Return the values of all metrics in four cases of a scenario, by planner; None where one is undefined."""
     tables = {}
     for planner in ("straight", "orca_margin"):
-        trace = rollout(Driver(load_planner(planner)[1], planner), scenario, Cases("test", 0, 4), undisturbed=True)
+        trace = rollout(planner, scenario, Cases("test", 0, 4), undisturbed=True)
         values = {name: np.asarray(metric(trace), float).tolist() for name, metric in METRICS.items()}
         tables[f"{scenario.name} {planner}"] = {
             name: [None if np.isnan(value) else value for value in row] for name, row in values.items()

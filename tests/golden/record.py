@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crowdbench import Driver, Observation, Planner, load_planner, load_scenario, rollout
+from crowdbench import Observation, Planner, load_planner, load_scenario, rollout
 from crowdbench.core.types import Outcome, Pedestrians, Vehicle
 from crowdbench.planners.scene import scene_of
 from crowdbench.runs.spec import EVERY_STEP, Replanning
@@ -36,11 +36,11 @@ FIRST_CHANGE = 1
 
 def outcomes(name):
     """How each golden case of a planner ends."""
-    driver, scenario = Driver(load_planner(name)[1], "golden"), load_scenario("circle_crossing_5")
+    planner, scenario = load_planner(name), load_scenario("circle_crossing_5")
     first = Cases("test", 0, len(CASES) // 5) if name in (*SEVERAL_FUTURES, SEQUENCES) else CASES
     replanning = Replanning(8) if name == SEQUENCES else EVERY_STEP
     hard = [Cases("test", case, case + 1) for planner, case in COLLISIONS.items() if planner == name]
-    traces = [rollout(driver, scenario, cases, replanning=replanning) for cases in (first, *hard)]
+    traces = [rollout(planner, scenario, cases, replanning=replanning) for cases in (first, *hard)]
     return [Outcome(outcome).label for trace in traces for outcome in trace.outcome]
 
 
@@ -85,8 +85,8 @@ PARTS = {"": Observation, "vehicle.": Vehicle, "pedestrians.": Pedestrians}
 
 def write_states(path):
     """Drive `sarl_cvm` and keep what it sees."""
-    watching = _Watching(load_planner("sarl_cvm")[1])
-    rollout(Driver(watching, "golden"), load_scenario("circle_crossing_5"), CASES)
+    watching = _Watching(load_planner("sarl_cvm"))
+    rollout(watching, "circle_crossing_5", CASES)
     arrays = {}
     for part, kind in PARTS.items():
         for field in dataclasses.fields(kind):
@@ -116,7 +116,7 @@ def main():
     for name in (*PLANNERS, POLICY, SEQUENCES):
         golden = {"outcomes": outcomes(name)}
         if name != SEQUENCES:
-            golden["commands"] = load_planner(name)[1].plan(states_of(name)).tolist()
+            golden["commands"] = load_planner(name).plan(states_of(name)).tolist()
         (FOLDER / f"{name}.json").write_text(json.dumps(golden) + "\n")
         print(name, {label: golden["outcomes"].count(label) for label in golden["outcomes"]})
 

@@ -91,8 +91,8 @@ def test_a_converted_network_drives(kind, tmp_path):
     options = ["--planner", kind, "--option", f"weights={file}", "--cases", "val:2", "--set", "time_limit=2"]
     done = CliRunner().invoke(app, ["run", *options, "--out", str(tmp_path / "run"), "--record", "none"])
     assert done.exit_code == 0, done.output
-    _, planner = load_planner(kind, {"weights": str(file)})
-    _, shipped = load_planner(kind)
+    planner = load_planner(kind, {"weights": str(file)})
+    shipped = load_planner(kind)
     assert not np.array_equal(drive(planner, "2").command[:, 0], drive(shipped, "2").command[:, 0])
     card = json.loads(file.with_suffix(".json").read_text())
     assert card["network"] == kind

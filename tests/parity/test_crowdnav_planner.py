@@ -328,7 +328,6 @@ def test_a_network_of_a_clone_drives(tmp_path, monkeypatch):
     (trained / "policy.config").write_text("[sarl]\ninputs = 3\n")
     network = torch.nn.Linear(3, 1)
     torch.save(network.state_dict(), trained / "rl_model.pth")
-    name, planner = load_planner(str(FILE))
-    assert name == "crowdnav"
+    planner = load_planner(str(FILE))
     assert planner.facts == {"policy": "Sarl", "weights": weights_digest(network)}
     assert same(drive(planner, "2"), drive(NativeStraight(), "2"))

@@ -59,7 +59,7 @@ def golden(name):
 
 def decides_as_recorded(name, **options):
     """Whether, to a planner, the commands recorded under that name are worth what its own are."""
-    found = losses(load_planner(name, options)[1], states_of(name), np.array(golden(name)["commands"]))
+    found = losses(load_planner(name, options), states_of(name), np.array(golden(name)["commands"]))
     assert len(found) > 60
     return bool((found < TIE).all())
 
@@ -83,7 +83,7 @@ def test_golden_commands_are_decided_as_recorded(name, threads):
 
 @pytest.mark.parametrize(("weights", "is_same"), [("ppo", True), ("ppo-seed1", False)])
 def test_golden_commands_of_a_policy_are_as_recorded(weights, is_same, threads):
-    commands = load_planner(POLICY, {"weights": weights})[1].plan(states_of(POLICY))
+    commands = load_planner(POLICY, {"weights": weights}).plan(states_of(POLICY))
     assert np.allclose(commands, golden(POLICY)["commands"], rtol=0.0, atol=1e-5) == is_same
 
 

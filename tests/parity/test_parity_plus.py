@@ -47,7 +47,7 @@ def first_change(data):
 )
 def test_episodes_are_crowdnav_plus_s(reference, recorded, planner, scenario, outcomes, lengths, positions):
     data = reference(recorded)
-    driver = Robot() if planner == "robot" else load_planner(planner)[1]
+    driver = Robot() if planner == "robot" else load_planner(planner)
     trace = drive(driver, str(len(data["case"])), scenario)
     assert (trace.outcome == data["outcome"]).mean() >= outcomes
     assert (trace.steps == data["length"]).mean() >= lengths

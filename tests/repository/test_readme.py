@@ -33,13 +33,13 @@ def test_the_planner_of_the_readme_keeps_the_contract(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(blocks("README.md")[0])
     place = load_scenario("circle_crossing_5")
-    assert not failed_checks(Subject(PLANNER, lambda: load_planner(str(path))[1], "mine", {"": place}, neural=False))
+    assert not failed_checks(Subject(PLANNER, lambda: load_planner(str(path)), "mine", {"": place}, neural=False))
 
 
 def test_the_composition_of_the_docs_drives(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(block("docs/planner.md", "ValuePlanner"))
-    _, planner = load_planner(str(path))
+    planner = load_planner(str(path))
     assert {planner.facts["network"], *planner.facts} == {"sarl", "network", "weights"}
 
 

@@ -129,7 +129,7 @@ VEHICLE = '[vehicle]\nodometry = "/odom"\ngoal = [4.0, 0.0]\n'
 
 @pytest.mark.parametrize("scenario", ["blind_corner_5", pytest.param("unicycle_10", marks=pytest.mark.slow)])
 def test_a_bag_of_a_simulated_run_scores_as_the_run_does(tmp_path, trace_of, scenario):
-    trace = rollout(Driver(load_planner("orca")[1], "orca"), load_scenario(scenario), Cases("val", 0, 4))
+    trace = rollout(Driver(load_planner("orca"), "orca"), load_scenario(scenario), Cases("val", 0, 4))
     for row in range(4):
         write_bag(trace, row, tmp_path / f"bag{row}")
     goals = trace.goal[:, 0, 0]

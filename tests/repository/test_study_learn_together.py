@@ -24,7 +24,7 @@ def onnx():
 def test_the_crowd_acts_as_the_network_of_the_vehicle_does(onnx):
     env = parallel_env(study.SCENARIO, **VIEW)
     seen, _ = env.reset(options={"case": "val/3"})
-    policy, planner = PEDESTRIANS.load("learned")[1], load_planner(str(study.TOGETHER))[1]
+    policy, planner = PEDESTRIANS.load("learned")[1], load_planner(str(study.TOGETHER))
     for _ in range(8):
         world = env._world
         velocity = policy.velocities(world, {})[0]

@@ -9,7 +9,7 @@ from safetensors.torch import save_file
 from study_folders import cells, episodes, leave
 from typer.testing import CliRunner
 
-from crowdbench import Driver, load_planner, load_scenario, rollout
+from crowdbench import load_scenario, rollout
 from crowdbench.cli.app import build_script
 from crowdbench.networks.value import NETWORKS
 from crowdbench.networks.weights import save_network
@@ -80,7 +80,7 @@ def test_the_stream_comes_towards_the_vehicle_and_in_again_at_its_right_end(peop
     assert (start.position[:, 0] == [-6.0, 0.0]).all()
     assert (np.abs(start.position[:, 1:]) <= [7.0, 1.5]).all()
     seen = []
-    rollout(Driver(load_planner("straight")[1], "straight"), scenario, Cases("val", 0, 20), watch=seen.append)
+    rollout("straight", scenario, Cases("val", 0, 20), watch=seen.append)
     before, after = seen[:-1], seen[1:]
     came = 0
     for one, two in zip(before, after, strict=True):

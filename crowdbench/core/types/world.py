@@ -267,3 +267,19 @@ class Trace:
 
     def __len__(self) -> int:
         return len(self.case)
+
+    def episode(self, row: int) -> Trace:
+        """Return one episode as a trace of one world, without the padding after its end.
+
+        Args:
+            row: The row of the episode.
+        """
+        steps = int(self.steps[row])
+        ends = {"time": steps + 1, "step": steps}
+        changes: dict[str, Any] = {"logs": {name: log[row : row + 1, :steps] for name, log in self.logs.items()}}
+        for field in dataclasses.fields(self):
+            array = getattr(self, field.name)
+            if isinstance(array, np.ndarray):
+                axis = next((axis for axis in ends if f"world {axis}" in str(field.type)), None)
+                changes[field.name] = array[row : row + 1] if axis is None else array[row : row + 1, : ends[axis]]
+        return dataclasses.replace(self, **changes)

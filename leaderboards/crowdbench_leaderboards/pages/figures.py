@@ -15,6 +15,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from crowdbench.metrics import info_of
 from crowdbench_leaderboards.pages.standings import Standing, Standings
 from crowdbench_leaderboards.pages.texts import shorten
 
@@ -133,8 +134,8 @@ def _scatter(entries: Sequence[Standing], with_names: Sequence[Standing], which:
                 elinewidth=1,
                 alpha=1.0 if one.rank else 0.8,
             )
-        axes.set_xlabel("time to the goal, over successes (s)")
-        axes.set_ylabel("success (%)")
+        axes.set_xlabel(info_of("navigation_time").heading)
+        axes.set_ylabel(info_of("success_rate").heading)
         axes.set_ylim(top=min(axes.get_ylim()[1], 101.0))
         _write_names(axes, figure.dpi / 72.0, entries, with_names)
         return _to_svg(figure, f"Success against time of {len(entries)} entries{which}; the table has the same figures")

@@ -198,8 +198,7 @@ def test_an_exported_model_drives_as_the_model_does_and_alone_as_in_a_batch(make
     model, env, state = make_model()
     export_policy(model, tmp_path / "a.onnx", env)
     overrides = {"vehicle__dynamics": "unicycle"} if make_model is make_sac else {}
-    name, planner = load_planner(str(tmp_path / "a.onnx"))
-    assert name == "a"
+    planner = load_planner(str(tmp_path / "a.onnx"))
     both = Both(planner, reference(model, env, state))
     trace = drive(both, f"{CASES}", **overrides)
     assert both.difference < 2e-4
@@ -220,7 +219,7 @@ def test_a_torch_module_is_exported_as_it_is_trained(observation, onnx, tmp_path
     export_policy(module, tmp_path / "a.onnx", env)
     assert module.training
     obs = start()
-    planner = load_planner(str(tmp_path / "a.onnx"))[1]
+    planner = load_planner(str(tmp_path / "a.onnx"))
     expected = PolicyPlanner(lambda seen: module(tensors(seen)).detach().numpy(), observation, "goal_frame", NEAREST)
     np.testing.assert_allclose(planner.plan(obs), expected.plan(obs), atol=1e-5)
     assert (planner.dynamics, planner.trained_pedestrians, planner.trained_dt) == ("holonomic", 5, 0.25)
@@ -242,7 +241,7 @@ class Remembers(nn.Module):
 def test_a_recurrent_module_remembers_until_the_reset(onnx, tmp_path):
     env = VehicleEnv(observation="goal_frame", action="goal_frame")
     export_policy(Remembers(), tmp_path / "a.onnx", env, state=[(1,)])
-    planner, obs = load_planner(str(tmp_path / "a.onnx"))[1], start()
+    planner, obs = load_planner(str(tmp_path / "a.onnx")), start()
     for speed in (0.1, 0.2):
         np.testing.assert_allclose(np.linalg.norm(planner.plan(obs), axis=1), speed, rtol=1e-6)
     planner.reset(np.arange(4))
@@ -279,8 +278,8 @@ def test_a_file_without_metadata_asks_for_the_options_by_name(onnx, exported):
         load_planner(file, {"observation": "goal_frame"})
     options = {"observation": "goal_frame", "action": "goal_frame"}
     with pytest.raises(InputError, match=r"does not fit the scenario.*Got: 95 Expected: 32"):
-        load_planner(file, options)[1].plan(start())
-    assert load_planner(file, {**options, "nearest": NEAREST})[1].plan(start()).shape == (4, 2)
+        load_planner(file, options).plan(start())
+    assert load_planner(file, {**options, "nearest": NEAREST}).plan(start()).shape == (4, 2)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import psutil
 import pytest
 import safetensors.numpy
 
-from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.catalog import PLANNERS, load_planner, load_scenario
 from crowdbench.core.dynamics import Bicycle, Holonomic, chain
 from crowdbench.core.types import Lidar, Noise, Rules, Sensor
 from crowdbench.isolation import protocol, sandbox
@@ -99,7 +99,7 @@ def planner(speed=0.1):
 @pytest.mark.parametrize("name", ["orca", "social_force", MEMORY])
 def test_a_planner_gives_the_same_commands_in_its_own_process(name, mine):
     spec = mine(name) if name == MEMORY else name
-    here = drive(Driver(load_planner(spec)[1], "here"), "val:6")
+    here = drive(Driver(load_planner(spec), "here"), "val:6")
     with driven(spec) as driver:
         apart = drive(driver, "val:6")
     np.testing.assert_array_equal(apart.command, here.command)
@@ -126,7 +126,7 @@ def planner():
 @pytest.mark.parametrize("name", ["orca", NATIVE])
 def test_a_planner_in_its_own_process_drives_every_vehicle_in_every_world_as_in_this_one(name, mine):
     spec = mine(name) if name == NATIVE else name
-    here = Driver(load_planner(spec)[1], "here")
+    here = Driver(load_planner(spec), "here")
     with driven(spec) as apart:
         for scenario in ("unicycle_10", "car_12", "doorway_10"):
             one, two = (drive(driver, "val:2", scenario=scenario) for driver in (here, apart))
@@ -164,7 +164,7 @@ def test_native_commands_beyond_the_limits_get_the_same_sentences_as_in_this_pro
     spec = mine(BEYOND.replace("commands = [", "commands = [(0.0, 0.0), "))
     with driven(spec) as apart:
         found = sentences(apart)
-    assert found == sentences(Driver(load_planner(spec)[1], "mine"))
+    assert found == sentences(Driver(load_planner(spec), "mine"))
     assert [sentence.split(",")[0] for sentence in found] == [
         "planner mine returned [nan",
         "planner mine asked for -0.5 m/s",
@@ -175,7 +175,7 @@ def test_native_commands_beyond_the_limits_get_the_same_sentences_as_in_this_pro
 def test_several_commands_at_once_come_through(mine):
     replanning = Replanning(4, look_first=2)
     spec = mine("")
-    here = drive(Driver(load_planner(spec)[1], "here"), replanning=replanning)
+    here = drive(Driver(load_planner(spec), "here"), replanning=replanning)
     with driven(spec) as driver:
         np.testing.assert_array_equal(drive(driver, replanning=replanning).command, here.command)
 
@@ -397,7 +397,7 @@ def test_names_are_those_of_planners_that_are_loaded(mine, tmp_path):
     spec = mine("")
     names = [spec, f"{spec}:other", "orca", str(tmp_path / "straight")]
     assert [plugin_name(name) for name in names] == [
-        load_planner(spec)[0],
+        PLANNERS.load(spec, {})[0],
         "other",
         "orca",
         "straight",
@@ -490,6 +490,6 @@ def test_the_client_in_cpp_of_the_page_drives_as_the_same_planner_in_python(repl
     with driven(str(program)) as driver:
         assert (driver.name, driver.facts) == ("straight", {"language": "C++"})
         trace = drive(driver, "test:5", replanning)
-    same = drive(Driver(load_planner(mine(STRAIGHT))[1], "same"), "test:5", replanning)
+    same = drive(Driver(load_planner(mine(STRAIGHT)), "same"), "test:5", replanning)
     np.testing.assert_allclose(trace.command, same.command, rtol=0.0, atol=1e-12)
     np.testing.assert_array_equal(trace.outcome, same.outcome)

@@ -55,7 +55,7 @@ def test_a_policy_is_trained_and_drives_with_an_encoder_of_ones_own(network, min
     card = json.loads(weights.with_suffix(".json").read_text())
     assert list(card["training"]["encoder_files"]) == ["mine.py"]
     assert f"--encoder {mine}" in card["command"]
-    _, planner = load_planner("ppo", {"weights": str(weights), "encoder": mine})
+    planner = load_planner("ppo", {"weights": str(weights), "encoder": mine})
     assert type(planner.policy.encoder).__name__ == "Mean"
     with pytest.raises(InputError, match=r"trained with the encoder mine\.py: the option encoder must be"):
         load_planner("ppo", {"weights": str(weights)})

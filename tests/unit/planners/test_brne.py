@@ -91,13 +91,13 @@ def test_it_makes_way_for_somebody_who_comes():
     obs = lone_vehicle()
     obs.pedestrians.position[:], obs.pedestrians.velocity[:] = [2.5, 0.2], [-1.0, 0.0]
     mean = dataclasses.replace(obs, logs={})
-    planner = load_planner("brne", {"penalty": 400.0})[1]
+    planner = load_planner("brne", {"penalty": 400.0})
     assert planner.plan(mean)[0, 0] > 0.0
     assert mean.logs["planned"][0, 5, 0, 1] < -0.1
 
 
 def test_commands_are_no_faster_than_preferred_and_also_for_several_steps():
-    obs, planner = crowded(), load_planner("brne", {"samples": 20, "horizon": 4})[1]
+    obs, planner = crowded(), load_planner("brne", {"samples": 20, "horizon": 4})
     ways = planner.plan_ahead(obs, 6)
     assert ways.shape == (6, 6, 2)
     assert (np.linalg.norm(ways, axis=2) <= obs.vehicle.preferred_speed[:, None] * (1 + 1e-9)).all()
@@ -106,7 +106,7 @@ def test_commands_are_no_faster_than_preferred_and_also_for_several_steps():
 
 def test_a_case_is_the_same_alone_and_in_company():
     scenario = load_scenario("doorway_10", {"time_limit": 3.0})
-    driver = Driver(load_planner("brne", {"samples": 20})[1], "brne")
+    driver = Driver(load_planner("brne", {"samples": 20}), "brne")
     together = rollout(driver, scenario, Cases("val", 0, 4))
     for case in (3, 1):
         apart = rollout(driver, scenario, Cases("val", case, case + 1))

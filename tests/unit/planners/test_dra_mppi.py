@@ -84,7 +84,7 @@ def costs(planner, obs, commands):
 
 
 def test_a_risk_above_the_threshold_costs_most():
-    planner = dataclasses.replace(load_planner("dra_mppi", {"predictor": "constant_velocity"})[1], horizon=4)
+    planner = dataclasses.replace(load_planner("dra_mppi", {"predictor": "constant_velocity"}), horizon=4)
     planner.predictor = Says([[[1.0, 0.0]]] * 4)
     obs = lone_vehicle()
     stands, goes = costs(planner, obs, [[[0.0, 0.0]] * 4, [[1.0, 0.0]] * 4])
@@ -114,7 +114,7 @@ def drive(planner, obs, steps=60):
 def test_without_anybody_it_drives_to_the_goal(dynamics):
     obs = lone_vehicle()
     obs = dataclasses.replace(obs, vehicle=dataclasses.replace(obs.vehicle, dynamics=dynamics))
-    assert np.abs(drive(load_planner("dra_mppi", {"predictor": "constant_velocity"})[1], obs, 24)[:, 1]).max() < 0.4
+    assert np.abs(drive(load_planner("dra_mppi", {"predictor": "constant_velocity"}), obs, 24)[:, 1]).max() < 0.4
 
 
 @pytest.mark.parametrize("dynamics", [Holonomic(), Unicycle()])
@@ -122,7 +122,7 @@ def test_it_drives_around_somebody_who_stands_in_the_way(dynamics):
     obs = lone_vehicle()
     obs = dataclasses.replace(obs, vehicle=dataclasses.replace(obs.vehicle, dynamics=dynamics))
     obs.pedestrians.position[:] = [2.0, 0.1]
-    planner = load_planner("dra_mppi", {"predictor": "constant_velocity"})[1]
+    planner = load_planner("dra_mppi", {"predictor": "constant_velocity"})
     planner.predictor = Says([[[2.0, 0.1]]] * planner.horizon)
     assert norm(drive(planner, obs) - [2.0, 0.1]).min() > 0.6
 
@@ -132,7 +132,7 @@ def test_it_drives_around_a_block():
     route = np.array([[[1.5, 0.65], [2.5, 0.65]]])
     obs = dataclasses.replace(lone_vehicle(), obstacles=block[None])
     obs = dataclasses.replace(obs, vehicle=dataclasses.replace(obs.vehicle, route=route))
-    planner = load_planner("dra_mppi", {"predictor": "constant_velocity"})[1]
+    planner = load_planner("dra_mppi", {"predictor": "constant_velocity"})
     ways = drive(planner, obs)
     gap = dra.distance_to_walls(ways[None], obs.obstacles)
     assert gap.min() > 0.3
@@ -141,7 +141,7 @@ def test_it_drives_around_a_block():
 def test_a_case_is_the_same_alone_and_in_company():
     scenario = load_scenario("doorway_10", {"time_limit": 3.0})
     options = {"predictor": "constant_velocity_sampled", "samples": 30, "points": 400}
-    driver = Driver(load_planner("dra_mppi", options)[1], "dra_mppi")
+    driver = Driver(load_planner("dra_mppi", options), "dra_mppi")
     together = rollout(driver, scenario, Cases("val", 0, 4))
     for case in (3, 1):
         alone = rollout(driver, scenario, Cases("val", case, case + 1))
@@ -149,7 +149,7 @@ def test_a_case_is_the_same_alone_and_in_company():
 
 
 def test_several_commands_are_the_start_of_one_plan():
-    obs, planner = crowded(), load_planner("dra_mppi", {"predictor": "constant_velocity"})[1]
+    obs, planner = crowded(), load_planner("dra_mppi", {"predictor": "constant_velocity"})
     planner.predictor = Forks(3)
     planner.reset(obs.row)
     several = planner.plan_ahead(obs, 20)

@@ -119,8 +119,7 @@ def test_a_vehicle_stands_until_the_first_measurements_can_arrive():
 
 
 def test_every_planner_has_the_option():
-    name, planner = load_planner("orca", {"filter": "kalman", "safety_space": 0.1})
-    assert name == "orca"
+    planner = load_planner("orca", {"filter": "kalman", "safety_space": 0.1})
     assert planner.planner.safety_space == 0.1
     with pytest.raises(InputError, match="option filter is 'kalmann', but must be kalman, or left out"):
         load_planner("orca", {"filter": "kalmann"})

@@ -8,7 +8,7 @@ import pytest
 from agents.planners.mppi_interactive import geodesics, goal_belief
 from agents.planners.mppi_interactive import mppi_interactive as interactive
 from agents.planners.mppi_interactive.roll_out import roll_out
-from crowdbench import ORCA, Cases, Driver, load_planner, load_scenario, rollout
+from crowdbench import ORCA, Cases, load_planner, load_scenario, rollout
 from crowdbench.catalog import PLANNERS
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.visibility_graph import find_routes
@@ -24,7 +24,7 @@ STEPS = 18
 def worlds():
     """Worlds at a door with all that the simulator knows, before each of the first steps; the vehicle goes straight."""
     kept = []
-    rollout(Driver(load_planner("straight")[1], "straight"), DOOR, Cases.parse("val:6"), watch=kept.append)
+    rollout("straight", DOOR, "val:6", watch=kept.append)
     return kept[:10]
 
 
@@ -181,10 +181,7 @@ def test_a_world_is_the_same_in_a_batch_and_a_run_works():
     scenario, cases = load_scenario("blocks_12"), Cases.parse("val:3")
     options = {"futures": 3}
     together, alone = (
-        [
-            rollout(Driver(load_planner("mppi_interactive", options)[1], "mppi_interactive"), scenario, each)
-            for each in parts
-        ]
+        [rollout(load_planner("mppi_interactive", options), scenario, each) for each in parts]
         for parts in ([cases], [Cases("val", k, k + 1) for k in range(3)])
     )
     assert (together[0].outcome > 0).all()

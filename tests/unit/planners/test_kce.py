@@ -202,14 +202,14 @@ def test_a_vehicle_that_can_follow_no_command_brakes_as_hard_as_it_can():
 
 @pytest.mark.slow
 def test_all_of_kce_keeps_its_bound_in_whole_episodes_and_arrives():
-    trace = drive(load_planner("sarl_sgan_kce_bounded", {"predictor": "constant_velocity"})[1], "val:5")
+    trace = drive(load_planner("sarl_sgan_kce_bounded", {"predictor": "constant_velocity"}), "val:5")
     assert METRICS["success_rate"](trace).mean() >= 0.8
     assert METRICS["max_velocity_change"](trace).max() <= 0.8 + 1e-6
 
 
 def parts(name, **options):
     """The parts of KCE in a planner that is made with options, as they are written in TOML."""
-    made = load_planner(name, options)[1]
+    made = load_planner(name, options)
     return made.limits, made.shaping, made.explore
 
 
@@ -234,7 +234,7 @@ def test_of_the_papers_method_each_part_can_be_changed_or_left_out():
     assert parts("sarl_sgan_kce_bounded", limits={"max_acceleration": 2.0}) == (slow, *own[1:])
     assert parts("sarl_sgan_kce", shaping={"threshold": 0.05}) == (own[0], PrintedShaping(0.05), own[2])
     assert parts("sarl_sgan_kce", explore={"epsilon": 0.2}) == (*own[:2], Exploration(0.2, 2))
-    assert load_planner("sarl_sgan_kce", {"shortlist": False})[1].shortlist is None
+    assert load_planner("sarl_sgan_kce", {"shortlist": False}).shortlist is None
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ def test_without_anybody_it_drives_to_the_goal(dynamics):
 def test_a_case_is_the_same_alone_and_in_company():
     scenario = load_scenario("unicycle_10", {"time_limit": 3.0})
     options = {"filter": "kalman", "search": {"samples": 20}}
-    driver = Driver(load_planner("mppi", options)[1], "mppi")
+    driver = Driver(load_planner("mppi", options), "mppi")
     together = rollout(driver, scenario, Cases("val", 0, 4))
     for case in (3, 1):
         apart = rollout(driver, scenario, Cases("val", case, case + 1))
@@ -126,7 +126,7 @@ def test_the_predicted_and_the_sampled_ways_are_logged():
 
 
 def test_a_recording_says_what_the_lines_mean():
-    driver = Driver(load_planner("mppi", {"search": {"samples": 20}})[1], "mppi")
+    driver = Driver(load_planner("mppi", {"search": {"samples": 20}}), "mppi")
     scenario = load_scenario("circle_crossing_5", {"time_limit": 1.5})
     trace = rollout(driver, scenario, Cases("val", 0, 1), keep_logs=True)
     assert marks_of(trace) == {"predicted", "considered", "planned"}

@@ -149,6 +149,6 @@ def test_an_impossible_option_gets_one_sentence(options, message):
 
 
 def test_the_network_may_be_any_and_its_digest_is_a_fact():
-    made = load_planner("sarl_sgan_seq", {"predictor": "constant_velocity"})[1]
+    made = load_planner("sarl_sgan_seq", {"predictor": "constant_velocity"})
     assert made.facts["network"] == "sarl"
     assert not made.privileged

@@ -36,10 +36,8 @@ def mine(tmp_path):
 
 
 def test_a_planner_comes_from_a_file_by_its_factory(mine):
-    name, planner = catalog.load_planner(mine, {"speed": 0.7})
-    assert (name, planner.speed) == ("mine", 0.7)
-    name, planner = catalog.load_planner(f"{mine}:other", {"anything": 1})
-    assert (name, planner.speed) == ("other", {"anything": 1})
+    assert catalog.load_planner(mine, {"speed": 0.7}).speed == 0.7
+    assert catalog.load_planner(f"{mine}:other", {"anything": 1}).speed == {"anything": 1}
 
 
 PARTS = '''
@@ -76,7 +74,7 @@ def test_a_users_planner_may_have_parts_that_are_written_as_tables(tmp_path):
     path.write_text(PARTS)
 
     def made(**options):
-        planner = catalog.load_planner(str(path), options)[1]
+        planner = catalog.load_planner(str(path), options)
         return {"kind": type(planner.pace).__name__, **vars(planner.pace), "n": planner.n}
 
     assert made() == made(pace={}) == {"kind": "Fast", "speed": 0.5, "gain": 2.0, "n": 3}
@@ -94,7 +92,7 @@ def test_an_installed_package_can_bring_a_planner(mine, tmp_path, monkeypatch):
     entry = importlib.metadata.EntryPoint("theirs", "mine:planner", "crowdbench.planners")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [entry] if group == entry.group else [])
-    assert catalog.load_planner("theirs", {"speed": 0.3})[1].speed == 0.3
+    assert catalog.load_planner("theirs", {"speed": 0.3}).speed == 0.3
     assert ("theirs", "installed: mine:planner") in catalog.PLANNERS.names()
 
 

@@ -15,7 +15,7 @@ from helpers import Still, make, reseal
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.metrics.registry import METRICS
 from crowdbench.results.episodes import Episodes
-from crowdbench.results.result_file import STATED, read_result
+from crowdbench.results.result_file import read_result
 from crowdbench.results.run_result import RunResult, summary_of
 from crowdbench.runs.loading import load_stored_scenario
 from crowdbench.runs.merge import merge
@@ -28,9 +28,7 @@ OVERRIDES = {"vehicle.visible": True}
 
 def go(out, record="all", cases="4", **options):
     scenario = load_scenario("circle_crossing_5", OVERRIDES)
-    make(
-        out, load_planner("orca")[1], scenario, cases, metrics=SOME, record=record, options=options, overrides=OVERRIDES
-    )
+    make(out, load_planner("orca"), scenario, cases, metrics=SOME, record=record, options=options, overrides=OVERRIDES)
     return out
 
 
@@ -223,13 +221,12 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_refuses_an_edited_interval_and_says_what_is_stated(call, run, tmp_path, command):
+def test_every_command_refuses_an_edited_interval_and_score_says_what_is_stated(call, run, tmp_path, command):
     places = {"RUN": str(run), "OUT": str(tmp_path / "out")}
     arguments = [places.get(argument, argument) for argument in COMMANDS[command]]
     done = call(*arguments)
     assert done.returncode == 0
-    said = done.stdout + done.stderr
-    assert "Stated by the run alone: " in said if command == "score" else STATED in said
+    assert ("tated by the run" in done.stdout + done.stderr) == (command == "score")
     shutil.rmtree(tmp_path / "out", ignore_errors=True)
     reseal(run, lambda table: table["metrics"]["jerk"].update(high=9.0))
     done = call(*arguments)

@@ -177,10 +177,10 @@ def test_every_file_and_folder_that_a_rollout_reaches_exists():
 
 DRIVE = """
 import sys
-from crowdbench import Cases, Driver, load_planner, load_scenario, rollout
+from crowdbench import Driver, load_planner, rollout
 from crowdbench.catalog import PLANNERS
-drivers = [Driver(load_planner(name)[1], name) for name in PLANNERS.built_in()]
-rollout(Driver(load_planner("orca")[1], "orca"), load_scenario("circle_crossing_5"), Cases("test", 0, 1))
+drivers = [Driver(load_planner(name), name) for name in PLANNERS.built_in()]
+rollout("orca", "circle_crossing_5", 1)
 print(*(module.__file__ for name, module in sys.modules.items() if name.startswith("crowdbench.")))
 """
 

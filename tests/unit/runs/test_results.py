@@ -22,6 +22,7 @@ from crowdbench.results.paired import mcnemar
 from crowdbench.results.result_file import read_result
 from crowdbench.results.table import metric_grid
 from crowdbench.runs import rollout
+from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec, directory_name
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
@@ -217,13 +218,13 @@ def test_an_interrupt_keeps_the_finished_batches(tmp_path):
 
 
 def test_an_interrupt_waits_until_a_batch_is_written(tmp_path, monkeypatch):
-    measure = Episodes.of
+    measure = Run._measure
 
-    def interrupted(trace, metrics):
+    def interrupted(run, trace):
         signal.raise_signal(signal.SIGINT)
-        return measure(trace, metrics)
+        return measure(run, trace)
 
-    monkeypatch.setattr(Episodes, "of", interrupted)
+    monkeypatch.setattr(Run, "_measure", interrupted)
     with pytest.raises(KeyboardInterrupt, match=r"^\n?10 of 30 cases are kept"):
         go(tmp_path / "a", batch=10, record="all")
     [part] = tmp_path.glob("a.parts-*/test-0-10")
@@ -287,13 +288,13 @@ def test_only_booleans_are_rates_whatever_a_metric_is_called(tmp_path, capsys):
         return np.full(len(trace), 3.5)
 
     metrics = {"success_rate": METRICS["success_rate"], "mistake_rate": mistake_rate}
-    result = go(tmp_path / "a", cases="5", metrics=metrics)
+    result = go(tmp_path / "a", cases="6", metrics=metrics)
     assert result["rates"] == ["success_rate"]
     found = {name: read_estimate(table) for name, table in result["metrics"].items()}
     print_table(metric_grid("", found, result["rates"], metrics))
     shown = capsys.readouterr().out
-    assert re.search(r"success_rate +[\d.]+ %", shown)
-    assert re.search(r"mistake_rate +3\.500 1/min", shown)
+    assert re.search(r"success +success_rate +[\d.]+ %", shown)
+    assert re.search(r"mistake +mistake_rate +3\.500 1/min", shown)
     print_table(comparison_grid([compare(tmp_path / "a", tmp_path / "a")]))
     compared = capsys.readouterr().out
     assert re.search(r"success, % +[\d.]+ +[\d.]+ +0\.0 \(", compared)
@@ -304,8 +305,8 @@ def test_a_run_shows_its_main_metrics_and_how_to_see_its_failures(tmp_path, caps
     app(["run", "--planner", "straight", "--cases", "4", "--out", out], standalone_mode=False)
     shown = capsys.readouterr().out
     table = shown.partition(" metrics in all")[0]
-    names = [line.split()[0] for line in table.splitlines()[2:] if "  " in line]
-    assert names == ["success_rate", "collision_rate", "at_fault_rate", "timeout_rate", "sct", "jerk"]
+    titles = [line.partition("  ")[0] for line in table.splitlines()[2:] if "  " in line]
+    assert titles == ["success", "collisions", "at fault", "timeouts", "SCT", "jerk"]
     assert f"4 collisions (cases 0, 1, 2, 3): crowdbench view {out} --case 0" in shown
     app(
         ["run", "--planner", "straight", "--cases", "4", "--out", out, "--overwrite", "--all-metrics"],
@@ -420,7 +421,7 @@ def test_runs_that_cannot_be_compared_are_told_why(tmp_path):
 @pytest.mark.slow
 def test_a_pooled_metric_is_compared_pooled(tmp_path):
     go(tmp_path / "a", cases="40")
-    go(tmp_path / "b", load_planner("orca", {"safety_space": 0.1})[1], cases="40")
+    go(tmp_path / "b", load_planner("orca", {"safety_space": 0.1}), cases="40")
     row = compare(tmp_path / "a", tmp_path / "b").rows["discomfort_frequency"]
     tables = [Episodes.read(tmp_path / name / "episodes.csv") for name in "ab"]
     solved = tables[0].columns["success_rate"] & tables[1].columns["success_rate"]

@@ -55,7 +55,7 @@ def test_padding_changes_nothing(policy, visible):
     place = load_scenario("circle_crossing_5", {"pedestrians.policy": policy, "vehicle.visible": visible})
     tight = place.worlds(Cases.parse("val:20"))
     wide = padded(tight, 3)
-    planner = load_planner("orca")[1]
+    planner = load_planner("orca")
     for _ in range(20):
         moved = []
         for world in (tight, wide):
@@ -129,7 +129,7 @@ def test_the_undisturbed_crowd_is_simulated_to_the_end_of_each_episode_where_it_
         "step_pedestrians",
         lambda world, *others: walks.append(len(world)) or step_pedestrians(world, *others),
     )
-    driver, place = Driver(load_planner("orca")[1], "orca"), load_scenario("circle_crossing_5_visible")
+    driver, place = Driver(load_planner("orca"), "orca"), load_scenario("circle_crossing_5_visible")
     trace = rollout(driver, place, Cases.parse("30"), undisturbed=wanted)
     assert sum(walks) == (trace.steps.sum() if wanted else 0)
     assert (trace.undisturbed is not None) == wanted
@@ -274,5 +274,5 @@ def test_mixed_crowds_move_each_by_its_own_policy():
 
 
 def test_planners_load_with_their_options():
-    _, planner = load_planner("orca", {"safety_space": 0.2})
+    planner = load_planner("orca", {"safety_space": 0.2})
     assert planner.safety_space == 0.2

@@ -32,7 +32,7 @@ def go(out, planner, record="all"):
 def runs(tmp_path_factory):
     """Two runs of the same cases: `a`, in which some succeed, and `b`, which never moves."""
     folder = tmp_path_factory.mktemp("runs")
-    go(folder / "a", load_planner("orca")[1])
+    go(folder / "a", load_planner("orca"))
     go(folder / "b", Still(), record="none")
     return folder
 

@@ -192,8 +192,8 @@ def crossing(attention, visible=True):
 
 
 def drive(scenario, cases="val:0:12"):
-    name, planner = load_planner("straight")
-    return rollout(Driver(planner, name), scenario, Cases.parse(cases))
+    planner = load_planner("straight")
+    return rollout(Driver(planner, "straight"), scenario, Cases.parse(cases))
 
 
 def test_a_crowd_that_ignores_the_vehicle_walks_as_if_it_were_invisible():

@@ -172,8 +172,9 @@ def test_a_finished_training_leaves_a_policy_that_drives(tmp_path):
     assert card["training"]["nearest"] == 3
     assert card["command"].startswith("crowdbench train ppo --scenario circle_crossing_mixed --set ")
     assert "jerk" in weights.with_suffix(".md").read_text()
-    name, planner = load_planner("ppo", {"weights": str(weights)})
-    trace = rollout(Driver(planner, name), load_scenario("circle_crossing_10", {"time_limit": 2.0}), Cases("val", 0, 3))
+    planner = load_planner("ppo", {"weights": str(weights)})
+    scenario = load_scenario("circle_crossing_10", {"time_limit": 2.0})
+    trace = rollout(Driver(planner, "ppo"), scenario, Cases("val", 0, 3))
     assert np.nanmax(np.linalg.norm(trace.command, axis=2)) <= 1.0 + 1e-9
 
 

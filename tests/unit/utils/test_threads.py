@@ -109,7 +109,7 @@ def test_work_that_overlaps_in_several_threads_leaves_torch_as_it_was(threads):
 
 def test_every_network_of_a_decision_runs_in_one_of_torchs_threads(threads):
     threads(2)
-    _, planner = load_planner("sarl_sgan_kce")
+    planner = load_planner("sarl_sgan_kce")
     found = []
     for network in (planner.value.value, planner.predictor.generator.decoder):
         network.register_forward_hook(lambda *_: found.append(torch.get_num_threads()))
@@ -121,7 +121,7 @@ def test_every_network_of_a_decision_runs_in_one_of_torchs_threads(threads):
 
 @pytest.mark.parametrize("name", ["sarl_cvm", "sarl_sgan_kce"])
 def test_values_have_the_same_bits_with_any_number_of_threads(name, threads):
-    _, planner = load_planner(name)
+    planner = load_planner(name)
     obs = observe(load_scenario("circle_crossing_5").draw("val", np.arange(60)))
     obs.pedestrians.observed[:] = 8
     found = []
