@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,9 @@ from crowdbench.result import Result, TemporaryFolder, find_earlier
 from crowdbench.runs import rollout as lockstep
 from crowdbench.runs.identity import new_key
 from crowdbench.runs.loading import hold_out, load_run
+from crowdbench.runs.make import make_run
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import Run, fit_batch
-from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import EVERY_STEP, Replanning, RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -77,7 +78,8 @@ def run(
             `tqdm(total=500, unit_scale=True).update`; None to show a bar, or lines without a terminal.
 
     Raises:
-        InputError: An input does not exist, a plug-in breaks its contract, or the run cannot be written.
+        InputError: An input does not exist, a plug-in breaks its contract, or the run cannot be written. A metric that
+            fails only in a later case is left out of the result, with a warning.
     """
     require("planner", planner, isinstance(planner, str | Planner), A_PLANNER)
     if options and not isinstance(planner, str):
@@ -111,6 +113,8 @@ def run(
         result = _run_in_temporary_folder(loaded, progress)
     else:
         result = _run_in_directory(loaded, Path(out), overwrite, progress)
+    for reason in (*loaded.failed.values(), *loaded.lost):
+        warnings.warn(f"{reason}: the result is without it", stacklevel=2)
     return dataclasses.replace(result, _loaded=loaded.scenario)
 
 

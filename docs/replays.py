@@ -11,7 +11,7 @@ from crowdbench.catalog import load_scenario
 from crowdbench.export.replay_page import export_page
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.loading import load_run
-from crowdbench.runs.shards import make_run
+from crowdbench.runs.make import make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.utils.progress_bars import progress
 

@@ -17,10 +17,10 @@ from crowdbench.results.result_file import digest_of, write_result
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.identity import PlannerId
 from crowdbench.runs.loading import load_stored_scenario
+from crowdbench.runs.make import make_run
 from crowdbench.runs.replay import stored_traces
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.run import Run
-from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import Replanning, RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim import episode

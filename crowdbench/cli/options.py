@@ -15,11 +15,13 @@ from crowdbench.utils.assignments import assignments as assignments
 from crowdbench.utils.errors import InputError
 
 ThreadsOption = Annotated[int | None, typer.Option(min=1, show_default="one per core")]
+WorkersOption = Annotated[int | None, typer.Option(min=1, show_default="all of the engine, or none")]
 
 SHARED = {
     "as_json": "Print the result as JSON instead of a table.",
     "data": "Folder with recorded tracks, which scenarios with a table [tracks] need.",
     "decision_limit": "Longest time in seconds that the planner may take for one decision of a whole batch.",
+    "engine": "Cluster whose workers share the work: ray (at RAY_ADDRESS) or dask (at DASK_SCHEDULER_ADDRESS).",
     "format": "How the table is written; latex needs the package booktabs.",
     "metric": "A file with a metric of your own: ./mine.py. Repeatable.",
     "option": "An option of the planner or predictor: key=value. Repeatable. `crowdbench list planners NAME` and "
@@ -28,7 +30,8 @@ SHARED = {
     "overwrite": "Replace the directory of an earlier run.",
     "planner": "Name of a planner, or a file of your own: ./mine.py, ./mine.py:factory or policy.onnx.",
     "scenario": "Name of a scenario, or a file of your own: ./mine.toml.",
-    "threads": "Number of threads.",
+    "threads": "Number of threads, of each worker if there are several.",
+    "workers": "Number of processes that share the work.",
 }
 """Help of parameters that several commands have, by name, if the docstring of a command has none."""
 

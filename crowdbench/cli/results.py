@@ -27,7 +27,8 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
         metric: A metric. Repeatable. By default, all metrics for two runs, and some for more runs.
         format: Write only the comparison, as a table; latex needs the package booktabs.
     """
-    from crowdbench.results.compare import compare_to, comparison_grid
+    from crowdbench.metrics.registry import info_of
+    from crowdbench.results.compare import DIFFERENCE, compare_to, comparison_grid
 
     comparisons = compare_to(reference, others)
     for warning in dict.fromkeys(warning for comparison in comparisons for warning in comparison.warnings):
@@ -36,13 +37,12 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
     if format is not None:
         print(format_tables([grid], format))
         return
-    print_table(grid)
-    write(
-        "\nRates (p: McNemar's exact test) and metrics that include failures are over all shared cases, the others "
-        "over the cases that both runs solve. Intervals are of the paired difference, and go with p."
-    )
-    if len(comparisons) > 1:
-        write("p corrected: for the number of tests of a metric (Holm 1979), separately for all scenarios together.")
+    cell, colors = grid.header.index(DIFFERENCE), {}
+    for row, record in zip(grid.rows, grid.records, strict=True):
+        if record["significant"]:
+            gain = info_of(record["metric"]).sign * record["difference"].mean
+            colors[row[cell]] = GOOD if gain > 0.0 else BAD if gain < 0.0 else ""
+    print_table(grid, colors)
     several = len({comparison.scenario for comparison in comparisons}) > 1
     for comparison in comparisons:
         for line in comparison.list_changed_cases():
@@ -58,6 +58,8 @@ def score(
     pedestrians: list[str] | None = None,
     layout: str | None = None,
     data: Path | None = None,
+    out: Annotated[Path | None, typer.Option(show_default="write nothing")] = None,
+    overwrite: bool = False,
     as_json: bool = False,
 ) -> None:
     """Compute the metrics of a run again from its commands or tracks, and report differences from its files.
@@ -69,13 +71,17 @@ def score(
         metric: Your file with metrics, ./mine.py, which are computed, too. Repeatable.
         pedestrians: Your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
         layout: Your file of a layout that the run used, ./mine.py.
+        out: Directory for the run with all metrics that were computed, such as a metric that failed in the run.
     """
     from crowdbench.metrics.user_metrics import load_metrics
     from crowdbench.results.run_result import RunResult
     from crowdbench.results.table import metric_grid
-    from crowdbench.runs.score import replay_run
+    from crowdbench.runs.score import replay_run, write_scored
+    from crowdbench.utils.files import check_free
 
     stored, metrics = RunResult.read(run), load_metrics(metric or [])
+    if out is not None:
+        check_free(out, overwrite)
     announce_compilation()
     scenario = make_loader(pedestrians, layout, data)(stored) if stored.is_simulated else None
     for warning in stored.warnings:
@@ -90,8 +96,11 @@ def score(
         print(json.dumps({**about, **result}, indent=2))
     else:
         title = f"{stored.label} on {stored.result['scenario']['name']}, computed again from {run}"
-        print_table(metric_grid(title, summary, episodes.rates, metrics, all_metrics=False))
+        print_table(metric_grid(title, summary, episodes.rates, metrics, False, episodes.blocks.get("blocks")))
         write(f"\n{replay}")
+    if out is not None:
+        write_scored(stored, replay, metrics, out, overwrite)
+        say(f"crowdbench: {out} has the run with all metrics")
     if replay.differences:
         sys.exit(1)
 

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from crowdbench.cli.console import BAD, announce_compilation, exit_on_interrupt, print_table, progress, say, write
-from crowdbench.cli.options import ThreadsOption, assignments, use_threads
+from crowdbench.cli.options import ThreadsOption, WorkersOption, assignments, use_threads
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
+from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
     from crowdbench.metrics.registry import Metric
+    from crowdbench.runs.parts import Parts
     from crowdbench.runs.run import Run
+    from crowdbench.runs.shards import Shard
     from crowdbench.runs.spec import RunSpec
+    from crowdbench.utils.executors import Executor
 
 RECORD_HELP = (
     f"Extent of the recording: episodes for the viewer (failures: {MOST_FAILURES} at most, fewer in large crowds, and "
@@ -48,6 +53,8 @@ def run(
     record: Annotated[str, typer.Option(help=RECORD_HELP)] = RECORD[0],
     overwrite: bool = False,
     batch: Annotated[int, typer.Option(min=1)] = BATCH,
+    workers: WorkersOption = None,
+    engine: str | None = None,
     shard: str | None = None,
     threads: ThreadsOption = None,
     decision_limit: float = DECISION_LIMIT,
@@ -65,12 +72,14 @@ def run(
         isolated: Run the planner in a separate process, which receives only observations.
         out: Directory for the results.
         batch: Cases that are simulated at once.
-        shard: Run one share of the batches, such as 2/8; the last shard to finish merges the run.
+        shard: Drive one share of the cases, such as 2/8; the last shard to finish merges the run.
         all_metrics: Print all metrics, and not only the main ones; result.json has them all.
     """
     use_threads(threads)
+    from crowdbench.runs.shards import Shard
     from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
+    from crowdbench.utils.executors import open_executor
 
     announce_compilation()
     spec = RunSpec(
@@ -88,41 +97,97 @@ def run(
         decision_limit=decision_limit,
         data=data.absolute() if data else None,
     )
-    loaded, directory = make_one_run(spec, out, shard, overwrite)
+    with open_executor(engine, workers, threads) as executor:
+        loaded, directory = make_one_run(spec, out, Shard.parse(shard), overwrite, executor)
     changes = "".join(f", {key}={value}" for key, value in spec.changes.items())
     title = f"{loaded.label} on {loaded.scenario.name}{changes}"
     print_result(title, directory, loaded.metrics, as_json, all_metrics)
+    check_whole(loaded, directory, spec.metrics)
 
 
-def make_one_run(spec: RunSpec, out: Path | None, shard: str | None, overwrite: bool) -> tuple[Run, Path]:
+def make_one_run(
+    spec: RunSpec, out: Path | None, shard: Shard, overwrite: bool, executor: Executor | None
+) -> tuple[Run, Path]:
     """Make a run, or a shard of it, and print warnings. If cases are missing, print how many are finished, and exit.
 
     Args:
         spec: The run.
         out: The directory of the run; if None, a directory in `runs/` that is named after the run.
-        shard: The share of the run's parts to make, such as 2/8.
+        shard: The share of the cases to drive.
         overwrite: True to replace an earlier run in the directory.
+        executor: Workers that drive the cases, if any.
 
     Returns:
         The run and its directory.
     """
     from crowdbench.runs.loading import open_run
-    from crowdbench.runs.shards import Parts, Shard, make_run
+    from crowdbench.runs.make import is_made, make_run, make_with
+    from crowdbench.runs.parts import Parts
+    from crowdbench.runs.shards import WHOLE
     from crowdbench.runs.spec import directory_name
 
-    share = Shard.parse(shard)
-    with exit_on_interrupt(), progress(len(spec.cases)) as report, open_run(spec) as run:
+    if executor is not None and shard != WHOLE:
+        raise InputError("--shard does not go with --workers or --engine, which share out all cases")
+    share = shard.share(spec.cases)
+    with exit_on_interrupt(), progress(len(share)) as report, open_run(spec) as run:
         run.scenario.check_data(spec.data)
         warn_if_trained_otherwise(run)
         if run.scenario.certificates and (note := run.scenario.certificates.sentence(spec.cases)):
             say(f"crowdbench: {note}")
         directory = out or Path("runs") / directory_name(run.driver.name, run.scenario.name, spec)
-        if make_run(run, directory, shard=share, overwrite=overwrite, progress=report):
-            return run, directory
-    parts = Parts.of(run, directory)
-    finished = f"{parts.count_finished()} of {len(spec.cases)} cases are in {parts.folder}"
-    say(f"crowdbench: {finished}; the last process to finish merges the run")
+        if is_made(run, directory, overwrite):
+            say(f"crowdbench: {directory} is complete, and nothing is driven again")
+        if executor is None:
+            is_complete = make_run(run, directory, shard=shard, overwrite=overwrite, progress=report)
+        else:
+            [made] = make_with(executor, [(run, directory)], overwrite=overwrite, progress=report)
+            if made.error is not None:
+                raise made.error
+            is_complete = made.is_complete
+    if is_complete:
+        return run, directory
+    say(f"crowdbench: {describe_parts(Parts.of(run, directory), shard)}")
     raise typer.Exit
+
+
+def describe_parts(parts: Parts, shard: Shard) -> str:
+    """Return a sentence on a run that is not complete: the cases of a shard, and of the run, that are finished."""
+    from crowdbench.runs.shards import WHOLE
+
+    cases, share = parts.run.spec.cases, shard.share(parts.run.spec.cases)
+    number, missing = parts.count_finished(), sum(map(len, parts.missing(share)))
+    if not len(share):
+        own = f"shard {shard} has no case, because there are {len(cases)} in all"
+    elif missing:
+        own = f"another process is making {missing} of the cases {share}"
+    else:
+        own = (
+            f"the cases {share} of shard {shard} are finished" if shard != WHOLE else f"the cases {share} are finished"
+        )
+    where = f" in {parts.folder}" if number else ""
+    return f"{own}; {number} of {len(cases)} cases are finished{where}, and the last process to finish merges the run"
+
+
+def check_whole(run: Run, directory: Path, files: Sequence[str]) -> None:
+    """Raise InputError if a complete run lacks something: a metric of the user that failed, or its recording.
+
+    Args:
+        run: The run.
+        directory: Its directory.
+        files: The files of the user's metrics.
+    """
+    from crowdbench.results.result_file import read_result
+
+    lacking = [name for name in run.metrics if name not in read_result(directory)["metrics"]]
+    if lacking:
+        reason = run.failed.get(lacking[0], f"metric {lacking[0]} failed in another process")
+        given = " ".join(f"--metric {shlex.quote(file)}" for file in files)
+        raise InputError(
+            f"{reason}: the run is kept without it; correct the metric, and compute it with "
+            f"`crowdbench score {shlex.quote(str(directory))} {given} --out DIR`"
+        )
+    if run.lost:
+        raise InputError(f"{run.lost[0]}; the results are kept, and `crowdbench view` simulates a case again")
 
 
 def warn_if_trained_otherwise(run: Run) -> None:
@@ -184,7 +249,7 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         return
     title = f"{title}, cases {result['run']['cases']}"
     estimates = {name: read_estimate(table) for name, table in result["metrics"].items()}
-    print_table(metric_grid(title, estimates, result["rates"], metrics, all_metrics))
+    print_table(metric_grid(title, estimates, result["rates"], metrics, all_metrics, result.get("blocks")))
     if not all_metrics:
         write(f"{len(result['metrics'])} metrics in all: --all-metrics")
     if "tracks" in result["scenario"]:

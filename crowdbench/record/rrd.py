@@ -17,7 +17,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Int
 from rerun.chunk import Chunk, RrdReader
 
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, NotWritten
 
 ERRORS = (RuntimeError, ValueError, OSError)
 """Exceptions of Rerun and the file system."""
@@ -39,7 +39,7 @@ CONTENT_ERRORS = (LookupError, TypeError, AttributeError, ArithmeticError)
 
 @contextlib.contextmanager
 def writing(what: str, advice: str = "") -> Iterator[None]:
-    """Open a context for writing a recording. Raises InputError with the reason if writing fails.
+    """Open a context for writing a recording. Raises NotWritten with the reason if writing fails.
 
     Args:
         what: The written object.
@@ -51,7 +51,7 @@ def writing(what: str, advice: str = "") -> Iterator[None]:
         reason = error.strerror if isinstance(error, OSError) else None
         if isinstance(error, UnicodeEncodeError):
             reason = "its path is not UTF-8, which Rerun needs"
-        raise InputError(f"{what} could not be written: {reason or error}{advice}") from error
+        raise NotWritten(f"{what} could not be written: {reason or error}{advice}") from error
 
 
 @contextlib.contextmanager

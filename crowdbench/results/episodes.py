@@ -6,7 +6,7 @@ import csv
 import importlib.util
 import io
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -102,6 +102,11 @@ class Episodes:
         columns = {name: values[rows] for name, values in self.columns.items()}
         block = None if self.block is None else self.block[rows]
         return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns, block)
+
+    def without(self, metrics: Collection[str]) -> Episodes:
+        """Return all rows without the columns of some metrics."""
+        columns = {name: values for name, values in self.columns.items() if name not in metrics}
+        return Episodes(self.case, self.outcome, self.steps, columns, self.block)
 
     def summary(self, names: Iterable[str] | None = None) -> dict[str, Estimate]:
         """Return the mean and the interval of the named metrics, or of all metrics."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,6 +65,20 @@ def read_commands(path: Path) -> StoredCommands:
     return StoredCommands(table["case"].to_numpy(), steps, command.to_numpy().reshape(-1, 2))
 
 
+def write_commands(tables: Iterable[pa.Table], path: Path) -> None:
+    """Write tables of commands of consecutive cases into one file, whose row groups have `BATCH` cases."""
+    # Opened here, because Arrow accepts only paths in UTF-8.
+    with path.open("wb") as file, pq.ParquetWriter(file, _SCHEMA, compression="zstd") as writer:
+        waiting = _SCHEMA.empty_table()
+        for table in tables:
+            waiting = pa.concat_tables([waiting, table])
+            while len(waiting) >= BATCH:
+                writer.write_table(waiting.slice(0, BATCH).combine_chunks())
+                waiting = waiting.slice(BATCH)
+        if len(waiting):
+            writer.write_table(waiting.combine_chunks())
+
+
 def join_commands(parts: Sequence[Path], path: Path) -> None:
     """Write the commands of several runs with consecutive cases into one file, as one run would write them.
 
@@ -73,18 +86,7 @@ def join_commands(parts: Sequence[Path], path: Path) -> None:
         parts: The files of the runs. Raises InputError if one is missing or has other contents.
         path: The file to write.
     """
-    table = pa.concat_tables([_read_table(part) for part in parts])
-    with open_writer(path) as writer:
-        for start in range(0, len(table), BATCH):
-            writer.write_table(table.slice(start, BATCH).combine_chunks())
-
-
-@contextlib.contextmanager
-def open_writer(path: Path) -> Iterator[pq.ParquetWriter]:
-    """Open a context for writing a file of commands, batch by batch."""
-    # Opened here, because Arrow accepts only paths in UTF-8.
-    with path.open("wb") as file, pq.ParquetWriter(file, _SCHEMA, compression="zstd") as writer:
-        yield writer
+    write_commands(map(_read_table, parts), path)
 
 
 def commands_table(trace: Trace) -> pa.Table:

@@ -9,6 +9,9 @@ from .identity import source_of as source_of
 from .loading import identify as identify
 from .loading import load_run as load_run
 from .loading import load_stored_scenario as load_stored_scenario
+from .make import make_run as make_run
+from .make import make_with as make_with
+from .parts import Parts as Parts
 from .recording import units_of as units_of
 from .replay import Playback as Playback
 from .rollout import Progress as Progress
@@ -17,9 +20,7 @@ from .run import fit_batch as fit_batch
 from .run import read_versions as read_versions
 from .score import replay_run as replay_run
 from .shards import WHOLE as WHOLE
-from .shards import Parts as Parts
 from .shards import Shard as Shard
-from .shards import make_run as make_run
 from .spec import EVERY_STEP as EVERY_STEP
 from .spec import LOOK_FIRST as LOOK_FIRST
 from .spec import Replanning as Replanning

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from crowdbench.results.result_file import RESULT
 from crowdbench.results.run_result import RunResult
+from crowdbench.runs.make import make_run
 from crowdbench.runs.run import Run
-from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import directory_name
 
 

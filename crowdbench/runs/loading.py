@@ -48,7 +48,7 @@ def load_run(
         identity = identify(spec.planner, spec.options, driver)
     else:
         identity = id_of_object(planner, name, driver.facts, key or new_key())
-    return Run(spec, driver, scenario, load_metrics(spec.metrics), identity)
+    return Run(spec, driver, scenario, load_metrics(spec.metrics), identity, is_named=is_named)
 
 
 def hold_out(planner: Planner, name: str, scenario: Scenario) -> Planner:

@@ -25,7 +25,8 @@ MAY_DIFFER = ("timing", "versions", "isolation")
 def merge(directories: Sequence[Path], out: Path, overwrite: bool = False) -> dict[str, Any]:
     """Merge several runs into one.
 
-    Its episodes and commands are the same, to the last byte, as in a run that drives all cases.
+    Its episodes and commands are the same, to the last byte, as in a run that drives all cases. It has the metrics that
+    all parts have: a part lacks a metric of the user that failed in it.
 
     Args:
         directories: The runs, in any order.
@@ -40,7 +41,8 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False) -> di
     """
     parts = sorted(map(RunResult.read, directories), key=lambda part: (part.cases.split, part.cases.start))
     _check_fitting(parts)
-    episodes = Episodes.join([part.episodes for part in parts])
+    metrics = _shared_metrics(parts)
+    episodes = Episodes.join([part.episodes.without(part.episodes.columns.keys() - metrics) for part in parts])
     first, last = parts[0].cases, parts[-1].cases
     cases = Cases(first.split, first.start, last.stop)
     stated = [part.result["stated"] for part in parts]
@@ -51,7 +53,7 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False) -> di
         return write_run(
             directory,
             episodes,
-            run=parts[0].result["run"] | {"cases": str(cases)},
+            run=parts[0].result["run"] | {"cases": str(cases), "metrics": metrics},
             scenario=parts[0].result["scenario"],
             recorded=_join_recordings(parts, directory / RECORDING),
             stated={**stated[0], "timing": _timing(parts), **joined},
@@ -66,8 +68,9 @@ def _check_fitting(parts: Sequence[RunResult]) -> None:
             raise InputError(f"{part.directory} holds tracks, and only simulated runs are merged")
         if part.result["run"]["code"] != code():
             raise InputError(f"{part.directory} was not made by this version of crowdbench: make it again")
+    metrics = _shared_metrics(parts)
     for before, after in itertools.pairwise(parts):
-        a, b = _shared(before), _shared(after)
+        a, b = _shared(before, metrics), _shared(after, metrics)
         if differ := [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key)]:
             raise InputError(f"{before.directory} and {after.directory} are not of one run: they differ in {differ[0]}")
         if (before.cases.split, before.cases.stop) != (after.cases.split, after.cases.start):
@@ -77,10 +80,17 @@ def _check_fitting(parts: Sequence[RunResult]) -> None:
             )
 
 
-def _shared(part: RunResult) -> dict[str, Any]:
+def _shared_metrics(parts: Sequence[RunResult]) -> dict[str, str]:
+    """Return the digests of the metrics that all parts have, by name."""
+    first, *others = (part.result["run"]["metrics"] for part in parts)
+    return {name: digest for name, digest in first.items() if all(name in metrics for metrics in others)}
+
+
+def _shared(part: RunResult, metrics: Mapping[str, str]) -> dict[str, Any]:
     """Return the fields that must be equal in all parts of a run, beginning with the run's identity."""
+    run = part.result["run"] | {"cases": "", "metrics": {name: part.result["run"]["metrics"][name] for name in metrics}}
     stated = {key: value for key, value in part.result["stated"].items() if key not in MAY_DIFFER}
-    return {**part.result["run"], "cases": "", "name of the scenario": part.result["scenario"]["name"], **stated}
+    return {**run, "name of the scenario": part.result["scenario"]["name"], **stated}
 
 
 def _join_recordings(parts: Sequence[RunResult], path: Path) -> int:

@@ -12,14 +12,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow.parquet as pq
+import pyarrow as pa
 
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics.registry import Metric, info_of
 from crowdbench.results.episodes import RECORDING, Episodes
-from crowdbench.results.stored_commands import COMMANDS, commands_table, open_writer
+from crowdbench.results.stored_commands import commands_table
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.defaults import FIRST_RECORDED, MOST_FAILURES, RECORDED_CROWD, WITH_EPISODES
+from crowdbench.utils.errors import NotWritten
 
 if TYPE_CHECKING:
     from crowdbench.record.write import Recorder
@@ -32,23 +33,25 @@ class RunRecorder:
     Attributes:
         cases: The cases of the whole run.
         most_failures: Largest number of failures that are recorded; None to record all episodes.
-        commands: Writer of the commands, if they are recorded.
+        commands: The commands so far, a table for each batch; None if they are not recorded.
         recorder: Writer of the episodes, if any are recorded.
         failures: Number of failures so far.
         number: Number of recorded episodes so far.
+        lost: The reason why the episodes could not be written; empty if they were.
     """
 
     cases: Cases
     most_failures: int | None
-    commands: pq.ParquetWriter | None = None
+    commands: list[pa.Table] | None = None
     recorder: Recorder | None = None
     failures: int = 0
     number: int = 0
+    lost: str = ""
 
     def add(self, trace: Trace, episodes: Episodes) -> None:
         """Record the commands of a batch of episodes, and the episodes that are chosen for recording."""
         if self.commands is not None:
-            self.commands.write_table(commands_table(trace))
+            self.commands.append(commands_table(trace))
         if self.recorder is None:
             return
         chosen = np.ones(len(trace), bool)
@@ -57,15 +60,31 @@ class RunRecorder:
             chosen = failed & (self.failures + np.cumsum(failed) <= self.most_failures)
             chosen |= trace.case < self.cases.start + FIRST_RECORDED
             self.failures += int(failed.sum())
-        self.recorder.add(trace, np.flatnonzero(chosen), episodes.columns)
-        self.number += int(chosen.sum())
+        try:
+            self.recorder.add(trace, np.flatnonzero(chosen), episodes.columns)
+            self.number += int(chosen.sum())
+        except NotWritten as error:
+            self.recorder.__exit__(NotWritten, error, None)
+            self.drop(str(error))
+
+    def drop(self, reason: str) -> None:
+        """Go on without recorded episodes: a full disk must not cost the results."""
+        self.recorder, self.number, self.lost = None, 0, reason
+
+    def close(self, kind: type[BaseException] | None, *error: Any) -> None:
+        """Write the recorded episodes, unless an exception was raised."""
+        if self.recorder is not None:
+            try:
+                self.recorder.__exit__(kind, *error)
+            except NotWritten as fault:
+                self.drop(str(fault))
 
 
 @contextlib.contextmanager
 def open_recorder(
     record: str, folder: Path, cases: Cases, pedestrians: int, header: Mapping[str, Any]
 ) -> Iterator[RunRecorder]:
-    """Record a run in a folder.
+    """Record a run. The recording of episodes is written to a folder at the end.
 
     Args:
         record: Extent of the recording, one of `defaults.RECORD`.
@@ -74,14 +93,15 @@ def open_recorder(
         pedestrians: The largest number of pedestrians in a case.
         header: Properties of the run, the parameters of `Recorder`.
     """
+    recording = RunRecorder(cases, None if record == "all" else most_failures(pedestrians))
+    if record != "none":
+        recording.commands = []
     with contextlib.ExitStack() as stack:
-        recording = RunRecorder(cases, None if record == "all" else most_failures(pedestrians))
         if record in WITH_EPISODES:
             from crowdbench.record.write import Recorder
 
-            recording.recorder = stack.enter_context(Recorder(folder / RECORDING, **header))
-        if record != "none":
-            recording.commands = stack.enter_context(open_writer(folder / COMMANDS))
+            recording.recorder = Recorder(folder / RECORDING, **header).__enter__()
+            stack.push(recording.close)
         yield recording
 
 

@@ -8,7 +8,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +16,20 @@ from llvmlite.binding import get_host_cpu_name
 
 from crowdbench.catalog import PLANNERS
 from crowdbench.core.types import Trace, World
-from crowdbench.metrics.registry import Metric, need_undisturbed
+from crowdbench.metrics.registry import METRICS, Metric, need_undisturbed
+from crowdbench.metrics.user_metrics import measure
 from crowdbench.planners.driver import Driver
-from crowdbench.results.episodes import Episodes, planner_label
+from crowdbench.results.episodes import RECORDING, Episodes, planner_label
 from crowdbench.results.run_result import write_run
+from crowdbench.results.stored_commands import COMMANDS, write_commands
 from crowdbench.runs.identity import PlannerId, RunId, code, source_of
-from crowdbench.runs.recording import open_recorder, units_of
+from crowdbench.runs.recording import RunRecorder, open_recorder, units_of
 from crowdbench.runs.rollout import LogsTooLarge, Progress, rollout
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.defaults import WITH_EPISODES
-from crowdbench.utils.errors import Interrupted
+from crowdbench.utils.errors import InputError, Interrupted
 from crowdbench.utils.files import new_directory
 from crowdbench.utils.interrupts import Interrupts
 
@@ -50,6 +52,9 @@ class Run:
         planner: The identity of the planner.
         isolation: Resource usage of an isolated planner, updated while it drives; None if it is not isolated.
         foresee: Called with the worlds before each step, for planners that measure the value of foresight.
+        is_named: True if any process can load the same run from its specification, see `load_run`.
+        failed: The errors of the user's metrics that failed, by name. Their columns are missing in the run.
+        lost: The errors of recordings that could not be written.
     """
 
     spec: RunSpec
@@ -59,6 +64,9 @@ class Run:
     planner: PlannerId
     isolation: Mapping[str, Any] | None = None
     foresee: Callable[[World], None] | None = None
+    is_named: bool = False
+    failed: dict[str, str] = field(default_factory=dict)
+    lost: list[str] = field(default_factory=list)
 
     def drive(self, part: Cases, directory: Path, progress: Progress | None = None) -> None:
         """Drive some of the cases, measure and record them, and write the directory of a run of these cases.
@@ -69,7 +77,8 @@ class Run:
             progress: Called after each step with its progress, summed over the episodes, in fractions of an episode.
 
         Raises:
-            InputError: The planner or a plug-in breaks its contract.
+            InputError: The planner or the scenario breaks its contract. A metric of the user that fails is noted in
+                `failed`.
             NotWritten: The directory cannot be written.
             Interrupted: The user interrupted the run. If all cases were driven already, the part was written.
         """
@@ -80,12 +89,37 @@ class Run:
             people = self.scenario.crowd.number[1]
             with open_recorder(self.spec.record, folder, self.spec.cases, people, self.header) as recorder:
                 for trace in self._traces(part, interrupts, progress):
-                    measured.append(Episodes.of(trace, self.metrics))
+                    measured.append(self._measure(trace))
                     recorder.add(trace, measured[-1])
                     del trace  # two traces at a time would take twice the memory
-            self._write(folder, part, Episodes.join(measured), recorder.number, time.perf_counter() - start)
+            episodes = Episodes.join([each.without(self.failed) for each in measured])
+            seconds = time.perf_counter() - start
+            try:
+                self._write(folder, part, episodes, recorder, seconds)
+            except OSError as error:
+                if not recorder.number:
+                    raise
+                (folder / RECORDING).unlink()
+                recorder.drop(f"the recording {RECORDING} was removed to keep the results: {error.strerror or error}")
+                self._write(folder, part, episodes, recorder, seconds)
+            if recorder.lost:
+                self.lost.append(recorder.lost)
         if interrupts.pending and part != self.spec.cases:
             raise Interrupted
+
+    def _measure(self, trace: Trace) -> Episodes:
+        """Measure a batch. A metric of the user that fails is left out from then on, so that the run goes on."""
+        columns = {}
+        for name, metric in self.metrics.items():
+            if name in self.failed:
+                continue
+            try:
+                columns[name] = measure(name, metric, trace)
+            except InputError as error:
+                if name in METRICS:
+                    raise
+                self.failed[name] = str(error)
+        return Episodes(trace.case, trace.outcome, trace.steps, columns, trace.block)
 
     def _traces(self, cases: Cases, interrupts: Interrupts, progress: Progress | None) -> Iterator[Trace]:
         """Yield the traces of all cases, batch by batch. Batches are smaller if the planner's logs would take too much
@@ -147,8 +181,10 @@ class Run:
             code=code(),
         )
 
-    def _write(self, folder: Path, part: Cases, episodes: Episodes, recorded: int, seconds: float) -> None:
-        """Write the files of a run of some of the cases."""
+    def _write(self, folder: Path, part: Cases, episodes: Episodes, recorder: RunRecorder, seconds: float) -> None:
+        """Write the files of a run of some of the cases, apart from the recording."""
+        if recorder.commands is not None:
+            write_commands(recorder.commands, folder / COMMANDS)
         decision_ms = 1e3 * self.driver.seconds / int(episodes.steps.sum())
         torch = {"torch": importlib.metadata.version("torch")} if "torch" in sys.modules else {}
         stated = {
@@ -160,8 +196,10 @@ class Run:
         }
         if self.isolation is not None:
             stated["isolation"] = dict(self.isolation)
-        run, scenario = self.id.parts | {"cases": str(part)}, {"name": self.scenario.name, **self.scenario.table}
-        write_run(folder, episodes, run=run, scenario=scenario, recorded=recorded, stated=stated)
+        metrics = {name: digest for name, digest in self.id.metrics.items() if name not in self.failed}
+        run = self.id.parts | {"cases": str(part), "metrics": metrics}
+        scenario = {"name": self.scenario.name, **self.scenario.table}
+        write_run(folder, episodes, run=run, scenario=scenario, recorded=recorder.number, stated=stated)
 
 
 def read_versions() -> dict[str, str]:

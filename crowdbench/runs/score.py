@@ -6,8 +6,10 @@ computation time and the information used for them cannot be checked.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,16 +18,17 @@ from crowdbench.core.types import Outcome
 from crowdbench.metrics.registry import Metric, need_undisturbed
 from crowdbench.results.episodes import EPISODES, RECORDING, Episodes
 from crowdbench.results.result_file import RESULT
-from crowdbench.results.run_result import RunResult
+from crowdbench.results.run_result import RunResult, write_run
 from crowdbench.results.stored_commands import COMMANDS
 from crowdbench.results.stored_tracks import TRACKS
 from crowdbench.runs.differences import Difference, compare_episodes, compare_values
-from crowdbench.runs.identity import code
+from crowdbench.runs.identity import code, source_of
 from crowdbench.runs.replay import stored_traces
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import read_versions
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.files import new_directory
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,36 @@ def replay_run(
         versions=changed,
         differences=[*differences, *_compare_recording(run, replayed)],
     )
+
+
+def write_scored(run: RunResult, replay: Replay, metrics: Mapping[str, Metric], out: Path, overwrite: bool) -> None:
+    """Write a stored run with the metrics of its replay, as if it had been driven with them.
+
+    Args:
+        run: The stored run.
+        replay: Its replay.
+        metrics: The metrics of the replay, by name.
+        out: The directory to write.
+        overwrite: True to replace an earlier run in `out`.
+
+    Raises:
+        InputError: The replay differs from the run, or `out` cannot be written.
+    """
+    if replay.differences:
+        raise InputError(f"{out} is not written, because {run.directory} differs from its replay: make the run again")
+    result = run.result
+    with new_directory(out, overwrite) as folder:
+        for name in (COMMANDS, TRACKS, RECORDING):
+            if (run.directory / name).exists():
+                shutil.copyfile(run.directory / name, folder / name)
+        write_run(
+            folder,
+            replay.episodes,
+            run=result["run"] | {"metrics": {name: source_of(metric) for name, metric in metrics.items()}},
+            scenario=result["scenario"],
+            recorded=result["recorded"],
+            stated=result["stated"],
+        )
 
 
 def _compare_recording(run: RunResult, replayed: Episodes) -> list[Difference]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from crowdbench.core.types import Trace
+from crowdbench.metrics.registry import METRICS, Metric
+from crowdbench.metrics.user_metrics import measure
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.replay import Playback
 from crowdbench.runs.rollout import rollout
@@ -27,10 +31,21 @@ def trial_trace(scenario: Scenario, cases: Cases) -> Trace:
     return rollout(Driver(stand, "of the trial"), scenario, first)
 
 
-def try_scenario(scenario: Scenario, cases: Cases) -> None:
-    """Simulate the trial if a layout or a pedestrian policy of the scenario is in a file of the user.
+def try_plugins(scenario: Scenario, cases: Cases, metrics: Mapping[str, Metric]) -> None:
+    """Simulate the trial if a layout or a pedestrian policy is in a file of the user, and measure the user's metrics.
 
-    Raises InputError as `trial_trace` does.
+    Args:
+        scenario: The scenario.
+        cases: The cases of the run.
+        metrics: All metrics by name.
+
+    Raises:
+        InputError: A layout, a policy or a metric fails.
     """
-    if scenario.table["pedestrians"]["policy_files"] or scenario.table.get("layout", {}).get("generator_file"):
-        trial_trace(scenario, cases)
+    table = scenario.table
+    has_files = table["pedestrians"]["policy_files"] or table.get("layout", {}).get("generator_file")
+    of_user = {name: metric for name, metric in metrics.items() if name not in METRICS}
+    if has_files or of_user:
+        trace = trial_trace(scenario, cases)
+        for name, metric in of_user.items():
+            measure(name, metric, trace)

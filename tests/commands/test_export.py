@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from crowdbench.cli.app import app
 from crowdbench.core.types import Outcome
 from crowdbench.runs.loading import load_run
+from crowdbench.runs.make import make_run
 from crowdbench.runs.rollout import rollout
-from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 

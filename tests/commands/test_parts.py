@@ -16,9 +16,12 @@ from helpers import make, run_of
 from crowdbench.catalog import load_scenario
 from crowdbench.planners.planner import Planner
 from crowdbench.record.recorded_cases import read_recorded, recorded_outcomes
-from crowdbench.runs import shards
+from crowdbench.runs import parts as parts_module
+from crowdbench.runs.make import make_run
 from crowdbench.runs.merge import merge
-from crowdbench.runs.shards import Shard, make_run
+from crowdbench.runs.parts import Parts
+from crowdbench.runs.shards import Shard
+from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, Interrupted
 
 SAME = ("episodes.csv", "commands.parquet")
@@ -73,7 +76,7 @@ def test_shards_of_several_machines_are_merged(whole, tmp_path):
     merge(parts, tmp_path / "a")
     assert digests(tmp_path / "a") == digests(whole)
     with pytest.raises(InputError, match="must follow each other without a gap and without an overlap"):
-        merge(list(folders[0].iterdir()), tmp_path / "b")
+        merge([parts[0], parts[0]], tmp_path / "b")
 
 
 class Stops(Planner):
@@ -121,7 +124,7 @@ def test_processes_that_are_given_the_same_command_share_the_work(whole, tmp_pat
 
 def test_parts_that_vanish_while_they_are_read_have_been_merged(tmp_path, monkeypatch):
     run = run_of("orca", load_scenario("circle_crossing_5"), "4", batch=2)
-    parts = shards.Parts.of(run, tmp_path / "a")
+    parts = Parts.of(run, tmp_path / "a")
 
     def vanish(directory):
         if directory.parent.exists():
@@ -129,11 +132,12 @@ def test_parts_that_vanish_while_they_are_read_have_been_merged(tmp_path, monkey
         raise InputError("commands.parquet cannot be read")
 
     with parts.open():
-        monkeypatch.setattr(shards, "is_finished", vanish)
-        assert not parts.make(parts.cases[0], drive=None)
+        parts.directory(Cases.parse("2")).mkdir()
+        monkeypatch.setattr(parts_module, "is_finished", vanish)
+        assert not parts.make(Cases.parse("2"), drive=None)
         assert parts.count_finished() == 4
-    parts.folder.mkdir()
-    monkeypatch.setattr(shards, "is_finished", lambda directory: vanish(tmp_path / "nothing" / "there"))
+    parts.directory(Cases.parse("2")).mkdir(parents=True)
+    monkeypatch.setattr(parts_module, "is_finished", lambda directory: vanish(tmp_path / "nothing" / "there"))
     with pytest.raises(InputError):  # a damaged part is an error
         parts.count_finished()
 

@@ -15,7 +15,7 @@ from crowdbench.export.replay_page import COARSE, PAGE, QUANTUM
 from crowdbench.record.recorded_cases import read_recorded
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.loading import load_run
-from crowdbench.runs.shards import make_run
+from crowdbench.runs.make import make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 

@@ -15,7 +15,7 @@ from study_folders import CROWDS, MINE, NETWORKS, made, print_page, read_page, r
 from crowdbench import catalog
 from crowdbench.results.result_file import read_result
 from crowdbench.runs.folder import make_in_folder, run_directory
-from crowdbench.runs.shards import make_run
+from crowdbench.runs.make import make_run
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from studies.folder import missing_runs, read_episodes

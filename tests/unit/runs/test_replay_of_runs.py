@@ -24,6 +24,7 @@ from crowdbench.results.run_result import RunResult
 from crowdbench.runs import rollout as rollouts
 from crowdbench.runs import score as scores
 from crowdbench.runs.merge import merge
+from crowdbench.runs.run import Run
 from crowdbench.runs.score import replay_run
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.scenario import Scenario
@@ -117,14 +118,14 @@ def test_no_honest_run_is_accused(settings, tmp_path, monkeypatch):
 
 
 def test_what_an_interrupted_run_kept_agrees(tmp_path, monkeypatch):
-    measure = Episodes.of
+    measure = Run._measure
 
-    def interrupted(trace, metrics):
+    def interrupted(run, trace):
         signal.raise_signal(signal.SIGINT)
-        return measure(trace, metrics)
+        return measure(run, trace)
 
     with monkeypatch.context() as context:
-        context.setattr(Episodes, "of", interrupted)
+        context.setattr(Run, "_measure", interrupted)
         with pytest.raises(KeyboardInterrupt):
             go(tmp_path / "run", batch=5)
     [folder] = tmp_path.glob("run.parts-*")

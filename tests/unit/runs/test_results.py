@@ -22,6 +22,7 @@ from crowdbench.results.paired import mcnemar
 from crowdbench.results.result_file import read_result
 from crowdbench.results.table import metric_grid
 from crowdbench.runs import rollout
+from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec, directory_name
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
@@ -217,13 +218,13 @@ def test_an_interrupt_keeps_the_finished_batches(tmp_path):
 
 
 def test_an_interrupt_waits_until_a_batch_is_written(tmp_path, monkeypatch):
-    measure = Episodes.of
+    measure = Run._measure
 
-    def interrupted(trace, metrics):
+    def interrupted(run, trace):
         signal.raise_signal(signal.SIGINT)
-        return measure(trace, metrics)
+        return measure(run, trace)
 
-    monkeypatch.setattr(Episodes, "of", interrupted)
+    monkeypatch.setattr(Run, "_measure", interrupted)
     with pytest.raises(KeyboardInterrupt, match=r"^\n?10 of 30 cases are kept"):
         go(tmp_path / "a", batch=10, record="all")
     [part] = tmp_path.glob("a.parts-*/test-0-10")
@@ -287,7 +288,7 @@ def test_only_booleans_are_rates_whatever_a_metric_is_called(tmp_path, capsys):
         return np.full(len(trace), 3.5)
 
     metrics = {"success_rate": METRICS["success_rate"], "mistake_rate": mistake_rate}
-    result = go(tmp_path / "a", cases="5", metrics=metrics)
+    result = go(tmp_path / "a", cases="6", metrics=metrics)
     assert result["rates"] == ["success_rate"]
     found = {name: read_estimate(table) for name, table in result["metrics"].items()}
     print_table(metric_grid("", found, result["rates"], metrics))

@@ -1,7 +1,8 @@
 import pytest
 
 from crowdbench.catalog import load_scenario
-from crowdbench.runs.trial import trial_trace, try_scenario
+from crowdbench.metrics.registry import METRICS
+from crowdbench.runs.trial import trial_trace, try_plugins
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
@@ -41,15 +42,15 @@ def test_the_trial_drives_the_first_case_with_a_standing_vehicle():
 def test_a_policy_that_fails_in_a_late_step_is_named_with_the_case(files):
     scenario = load_scenario("circle_crossing_5", pedestrians=str(files / "mine.py"))
     with pytest.raises(InputError, match=r"policy mine raised RuntimeError \(case 3, step 9\): in a late step"):
-        try_scenario(scenario, Cases.parse("val:3:9"))
+        try_plugins(scenario, Cases.parse("val:3:9"), METRICS)
 
 
 def test_a_layout_that_fails_is_named_with_the_case(files):
     scenario = load_scenario("circle_crossing_5", {"layout": {"generator": str(files / "layout.py")}})
     with pytest.raises(InputError, match="case val/3, the layout raised RuntimeError: at the start"):
-        try_scenario(scenario, Cases.parse("val:3:9"))
+        try_plugins(scenario, Cases.parse("val:3:9"), METRICS)
 
 
 def test_a_scenario_without_files_of_the_user_is_not_tried(monkeypatch):
     monkeypatch.setattr("crowdbench.runs.trial.trial_trace", None)
-    try_scenario(load_scenario("circle_crossing_5"), Cases.parse("3"))
+    try_plugins(load_scenario("circle_crossing_5"), Cases.parse("3"), METRICS)
