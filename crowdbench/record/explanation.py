@@ -105,11 +105,15 @@ def _describe_motion(trace: Trace, row: int, agent: int, *, saw: bool) -> str:
     (vehicle, person), (vehicle_now, person_now) = norm(change).tolist()
     turned = np.degrees(np.abs(turn(*np.arctan2(change[:, 1, 1], change[:, 1, 0]))))
     unseen = np.flatnonzero(~trace.seen[row, : steps + 1, agent - 1])
-    seen = f"for {(steps - unseen[-1] - 1) * dt:g} s" if len(unseen) else "all the time"
+    if len(unseen) and unseen[-1] == steps:
+        perception = "The vehicle did not see the pedestrian at the end"
+    else:
+        seen = f"for {(steps - unseen[-1] - 1) * dt:g} s" if len(unseen) else "all the time"
+        perception = f"The vehicle had seen the pedestrian {seen}"
     return (
         f"In the last second, pedestrian {agent - 1} turned by {turned:.0f}° and went from {person:.1f} to "
-        f"{person_now:.1f} m/s, the vehicle from {vehicle:.1f} to {vehicle_now:.1f} m/s. The vehicle had seen the "
-        f"pedestrian {seen}; the pedestrian had {'' if saw else 'not '}noticed the vehicle."
+        f"{person_now:.1f} m/s, the vehicle from {vehicle:.1f} to {vehicle_now:.1f} m/s. {perception}; the "
+        f"pedestrian had {'' if saw else 'not '}noticed the vehicle."
     )
 
 
