@@ -123,11 +123,8 @@ def make_one_run(
     from crowdbench.runs.loading import open_run
     from crowdbench.runs.make import is_made, make_run, make_with
     from crowdbench.runs.parts import Parts
-    from crowdbench.runs.shards import WHOLE
     from crowdbench.runs.spec import directory_name
 
-    if executor is not None and shard != WHOLE:
-        raise InputError("--shard does not go with --workers or --engine, which share out all cases")
     share = shard.share(spec.cases)
     with exit_on_interrupt(), progress(len(share)) as report, open_run(spec) as run:
         run.scenario.check_data(spec.data)
@@ -140,7 +137,7 @@ def make_one_run(
         if executor is None:
             is_complete = make_run(run, directory, shard=shard, overwrite=overwrite, progress=report)
         else:
-            [made] = make_with(executor, [(run, directory)], overwrite=overwrite, progress=report)
+            [made] = make_with(executor, [(run, directory)], shard=shard, overwrite=overwrite, progress=report)
             if made.error is not None:
                 raise made.error
             is_complete = made.is_complete
