@@ -152,7 +152,9 @@ def describe_parts(parts: Parts, shard: Shard) -> str:
     from crowdbench.runs.shards import WHOLE
 
     cases, share = parts.run.spec.cases, shard.share(parts.run.spec.cases)
-    number, missing = parts.count_finished(), sum(map(len, parts.missing(share)))
+    # The folder is removed if it is empty.
+    number = parts.count_finished() if parts.folder.exists() else 0
+    missing = sum(map(len, parts.missing(share)))
     if not len(share):
         own = f"shard {shard} has no case, because there are {len(cases)} in all"
     elif missing:

@@ -174,7 +174,8 @@ def make_with(
         of_a_worker = math.ceil(sum(len(gap) for gaps in missing for gap in gaps) / executor.workers)
         try:
             for each, gaps in zip(made, missing, strict=True):
-                size = max(1, min(each.parts.run.spec.batch, of_a_worker))
+                run = each.parts.run
+                size = max(1, min(run.spec.batch, of_a_worker)) if run.is_divisible else run.spec.batch
                 for part in (part for gap in gaps for part in gap.batches(size)):
                     task = _task(each.parts, part)
                     each.tasks[executor.submit(make_part, task)] = task
