@@ -229,8 +229,8 @@ class Result:
 
     def __repr__(self) -> str:
         title = f"**{self.planner}** on {self.scenario}, cases {self.cases}"
-        grid = metric_grid(title, self.metrics, self.episodes.rates)
-        return f"{title}\n\n{markdown(grid.header, grid.rows)}"
+        grid = metric_grid(title, self.metrics, self.episodes.rates, blocks=self.episodes.blocks.get("blocks"))
+        return "\n\n".join(filter(None, [title, markdown(grid.header, grid.rows), grid.note]))
 
     def _repr_markdown_(self) -> str:
         """Return the Markdown that Jupyter shows."""

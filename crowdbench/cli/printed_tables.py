@@ -22,7 +22,7 @@ OF_FILES = 200
 
 
 def print_table(table: Grid, colors: Mapping[str, str] = MappingProxyType({})) -> None:
-    """Print a table under its title.
+    """Print a table under its title, and its note below.
 
     Args:
         table: The table. Its cells may contain the bold text of Markdown.
@@ -42,13 +42,15 @@ def print_table(table: Grid, colors: Mapping[str, str] = MappingProxyType({})) -
             for heading, cell in zip(table.header[1:], cells, strict=True):
                 if cell.plain:
                     write(f"  {heading}: {cell.plain}", str(cell.style))
-        return
-    printed = Table(box=None, pad_edge=False)
-    for heading, alignment, most in zip(table.header, table.align, widths, strict=True):
-        printed.add_column(heading, justify="left" if alignment == "l" else "right", width=most)
-    for row in rows:
-        printed.add_row(*row)
-    console.print(printed)
+    else:
+        printed = Table(box=None, pad_edge=False)
+        for heading, alignment, most in zip(table.header, table.align, widths, strict=True):
+            printed.add_column(heading, justify="left" if alignment == "l" else "right", width=most)
+        for row in rows:
+            printed.add_row(*row)
+        console.print(printed)
+    if table.note:
+        write(f"\n{table.note}")
 
 
 def _styled(cell: str, colors: Mapping[str, str]) -> Text:

@@ -27,7 +27,8 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
         metric: A metric. Repeatable. By default, all metrics for two runs, and some for more runs.
         format: Write only the comparison, as a table; latex needs the package booktabs.
     """
-    from crowdbench.results.compare import compare_to, comparison_grid
+    from crowdbench.metrics.registry import info_of
+    from crowdbench.results.compare import DIFFERENCE, compare_to, comparison_grid
 
     comparisons = compare_to(reference, others)
     for warning in dict.fromkeys(warning for comparison in comparisons for warning in comparison.warnings):
@@ -36,13 +37,12 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
     if format is not None:
         print(format_tables([grid], format))
         return
-    print_table(grid)
-    write(
-        "\nRates (p: McNemar's exact test) and metrics that include failures are over all shared cases, the others "
-        "over the cases that both runs solve. Intervals are of the paired difference, and go with p."
-    )
-    if len(comparisons) > 1:
-        write("p corrected: for the number of tests of a metric (Holm 1979), separately for all scenarios together.")
+    cell, colors = grid.header.index(DIFFERENCE), {}
+    for row, record in zip(grid.rows, grid.records, strict=True):
+        if record["significant"]:
+            gain = info_of(record["metric"]).sign * record["difference"].mean
+            colors[row[cell]] = GOOD if gain > 0.0 else BAD if gain < 0.0 else ""
+    print_table(grid, colors)
     several = len({comparison.scenario for comparison in comparisons}) > 1
     for comparison in comparisons:
         for line in comparison.list_changed_cases():
@@ -96,7 +96,7 @@ def score(
         print(json.dumps({**about, **result}, indent=2))
     else:
         title = f"{stored.label} on {stored.result['scenario']['name']}, computed again from {run}"
-        print_table(metric_grid(title, summary, episodes.rates, metrics, all_metrics=False))
+        print_table(metric_grid(title, summary, episodes.rates, metrics, False, episodes.blocks.get("blocks")))
         write(f"\n{replay}")
     if out is not None:
         write_scored(stored, replay, metrics, out, overwrite)

@@ -248,7 +248,7 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         return
     title = f"{title}, cases {result['run']['cases']}"
     estimates = {name: read_estimate(table) for name, table in result["metrics"].items()}
-    print_table(metric_grid(title, estimates, result["rates"], metrics, all_metrics))
+    print_table(metric_grid(title, estimates, result["rates"], metrics, all_metrics, result.get("blocks")))
     if not all_metrics:
         write(f"{len(result['metrics'])} metrics in all: --all-metrics")
     if "tracks" in result["scenario"]:

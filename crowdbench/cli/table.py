@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from crowdbench.cli.console import print_table, say, write
+from crowdbench.cli.console import print_table, say
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, floating, format_tables
 
@@ -66,7 +66,6 @@ def table(
             say(f"crowdbench: {warning}")
     if format is None and sys.stdout.isatty():
         print_table(grid)
-        write(f"\n{grid.note}")
         return
     cases = str(runs.runs[0].cases)
     records = [{**record, "cases": cases} for record in grid.records]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -182,7 +182,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
 
     def _advance(
         self, acting: list[int], velocities: Float[np.ndarray, "n 2"]
-    ) -> tuple[Int[np.ndarray, "agent"], Float[np.ndarray, "agent"], list[float], Sequence[Observed]]:
+    ) -> tuple[Int[np.ndarray, "agent"], Float[np.ndarray, "agent"], list[float], Observed]:
         """Advance the world by one step.
 
         Args:
@@ -221,12 +221,10 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         super()._enter(world)
         if self.view.observation == "dict":
             here = world.position[:, :1]
-            is_start = self._past is None or world.step[0] == 0
-            self._past = (
-                np.repeat(here, HISTORY, axis=1) if is_start else np.concatenate([self._past[:, 1:], here], axis=1)
-            )
+            past = np.repeat(here, HISTORY, axis=1) if self._past is None or world.step[0] == 0 else self._past
+            self._past = np.concatenate([past[:, 1:], here], axis=1)
 
-    def _observe(self) -> Sequence[Observed]:
+    def _observe(self) -> Observed:
         """Return the observation of each agent, by column."""
         if self.view.observation == "flat":
             return flatten_everybody(self._world)[0]
@@ -237,7 +235,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         own, others = self.view.observe(self._world), self.view.observe(with_own_motion(ego, self._world, self._past))
         return [row_of(own, 0), *(row_of(others, column) for column in range(1, len(ego)))]
 
-    def _by_agent(self, views: Sequence[Observed]) -> Observations:
+    def _by_agent(self, views: Observed) -> Observations:
         return {agent: views[self._column[agent]] for agent in self.agents}
 
     def _check_actions(self, actions: Mapping[str, np.ndarray | None]) -> tuple[list[int], Float[np.ndarray, "n 2"]]:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from crowdbench.core.types import Outcome
 from crowdbench.drawing import FONT_SIZE
 from crowdbench.figures.style import COLOURS, DASHES, FIGURE_HEIGHT, axes
-from crowdbench.metrics.summary import bootstrap, rate
+from crowdbench.metrics.summary import LEAST_CASES, bootstrap, rate
 from crowdbench.results.table import RunTable
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
@@ -50,7 +50,8 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
             low, high = 100 * np.array([(estimate.low, estimate.high) for estimate in rates]).T
             times = np.unique(np.append(solved[np.isfinite(solved)], (0.0, limit)))
             share = [100 * float((solved <= time).mean()) for time in times]
-            ax.fill_between(moments, low, high, color=line["color"], alpha=0.15, linewidth=0)
+            if episodes.blocks.get("blocks", len(episodes)) >= LEAST_CASES:
+                ax.fill_between(moments, low, high, color=line["color"], alpha=0.15, linewidth=0)
             ax.plot(times, share, drawstyle="steps-post", **line)
             ends[label] = share[-1], line["color"]
         ax.set(xlabel="time, s", ylabel="cases solved, %", ylim=(0, 102), xlim=(0, limit))
@@ -90,7 +91,8 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
         if len(defined) == 0:
             raise InputError(f"{metric} is not defined in any case of the run of {label}")
         values.append(defined)
-        means.append(bootstrap(column, np.ones(len(column)), run.episodes.block))
+        mean = bootstrap(column, np.ones(len(column)), run.episodes.block)
+        means.append(mean.for_display(run.episodes.blocks.get("blocks")))
         names.append(label if len(defined) == len(column) else f"{label} [{len(defined)}]")
     with axes(out, 0.8 + 0.35 * len(runs), table.cases) as ax:
         rows = list(range(len(runs), 0, -1))

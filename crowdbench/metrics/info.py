@@ -97,7 +97,11 @@ class MetricInfo:
         return f"{self.number(low)} to {self.number(high)}"
 
     def estimate(self, estimate: Estimate, with_unit: bool = False) -> str:
-        """Return a mean with its interval, if it has one, such as `99.7 (99.3 to 99.9)` or `99.7 % (99.3 to 99.9)`."""
+        """Return a mean with its interval, such as `99.7 (99.3 to 99.9)` or `99.7 % (99.3 to 99.9)`.
+
+        The interval is left out if it is undefined, or over fewer than `LEAST_CASES` cases.
+        """
+        estimate = estimate.for_display()
         mean = self.amount(estimate.mean) if with_unit else self.number(estimate.mean)
         if mean == UNDEFINED or not math.isfinite(estimate.high - estimate.low):
             return mean

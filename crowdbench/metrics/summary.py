@@ -28,6 +28,14 @@ _MOST_DRAWN = 2_000_000
 """Rows drawn at once: all resamples of many episodes together would take gigabytes."""
 
 
+LEAST_CASES = 6
+"""Smallest number of independent cases for which tables and figures show an interval.
+
+With fewer cases, even a difference of the same sign in every case is likely by chance (2 * 0.5**5 > 0.05), and a
+bootstrap, which resamples only these cases, is far too narrow. Cases of one block of recorded time are not independent.
+"""
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A mean over episodes, its 95 % interval, how many episodes have a value, and the largest value.
@@ -40,6 +48,16 @@ class Estimate:
     high: float
     n: int
     max: float
+
+    def for_display(self, blocks: int | None = None) -> Estimate:
+        """Return the estimate without its interval if that is over fewer than `LEAST_CASES` cases or blocks.
+
+        Args:
+            blocks: The number of blocks of recorded time; None if no pedestrians are recorded.
+        """
+        if (self.n if blocks is None else min(self.n, blocks)) >= LEAST_CASES:
+            return self
+        return dataclasses.replace(self, low=math.nan, high=math.nan)
 
 
 UNDEFINED = Estimate(np.nan, np.nan, np.nan, 0, np.nan)

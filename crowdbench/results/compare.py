@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +14,32 @@ import numpy as np
 from crowdbench.core.types import Outcome
 from crowdbench.metrics.registry import MAIN, info_of
 from crowdbench.results.episodes import EPISODES
-from crowdbench.results.paired import MetricDifference, Paired, compare_metric, holm
+from crowdbench.results.paired import LEAST_SHARED, MetricDifference, Paired, compare_metric, holm
 from crowdbench.results.run_result import RunResult
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid, flatten, markdown
+
+DIFFERENCE = "difference (95 % interval)"
+"""Heading of a column."""
+
+SIGNIFICANT = " *"
+"""Mark of a significant difference."""
+
+CASES = (
+    "n: the number of cases of a row. Rates (p: McNemar's exact test) and metrics that include failures are over all "
+    "shared cases, the others over the cases that both runs solve. Intervals are of the paired difference, and go "
+    "with p."
+)
+MARKED = "Marked with *: significant, by p < 0.05, or without p by an interval that excludes 0."
+CORRECTED = (
+    "p corrected: for the number of tests of a metric (Holm 1979), separately for all scenarios together. The mark "
+    "goes by it."
+)
+NO_INTERVAL = (
+    f"No interval: fewer than {LEAST_SHARED} independent cases of a scenario, in which a difference of the same sign "
+    "in every case is likely by chance."
+)
 
 POOLED_SCENARIOS = "all {} scenarios"
 """Name of several scenarios that are pooled in one comparison."""
@@ -66,7 +88,7 @@ class Comparison:
     def __repr__(self) -> str:
         """Return a table with the metrics of both runs, and their differences."""
         grid = comparison_grid([self])
-        return f"{grid.title}\n\n{markdown(grid.header, grid.rows)}"
+        return f"{grid.title}\n\n{markdown(grid.header, grid.rows)}\n\n{grid.note}"
 
 
 def compare(a: Path, b: Path) -> Comparison:
@@ -139,12 +161,16 @@ def comparison_grid(comparisons: Sequence[Comparison], metrics: Sequence[str] = 
         row, info = comparison.rows[name], info_of(name, first.rows[name].p is not None)
         record = {"metric": name, "scenario": comparison.scenario, "reference": a, "run": comparison.names[1]}
         tests = ["" if p is None else f"{p:.2g}" for p in ([row.p] if single else [row.p, row.corrected])]
-        values = [info.number(row.a), info.number(row.b), info.estimate(row.difference), *tests]
+        difference = info.estimate(row.difference) + SIGNIFICANT * row.is_significant
+        values = [info.number(row.a), info.number(row.b), difference, *tests, str(row.difference.n)]
         rows.append([info.heading, *(record[label] for label in labels), *values])
-        records.append({**record, "cases": comparison.cases, **vars(row)})
-    header = ["metric", *labels, a, b, "difference (95 % interval)", "p", *([] if single else ["p corrected"])]
+        facts = {"n": row.difference.n, "significant": row.is_significant}
+        records.append({**record, "cases": comparison.cases, **vars(row), **facts})
+    header = ["metric", *labels, a, b, DIFFERENCE, "p", *([] if single else ["p corrected"]), "n"]
     align = ("l" * (1 + len(labels))).ljust(len(header), "r")
-    return Grid(title, header, rows, records, align)
+    has_short = any(record["n"] and math.isnan(record["difference"].low) for record in records)
+    notes = [CASES, MARKED, "" if single else CORRECTED, NO_INTERVAL * has_short]
+    return Grid(title, header, rows, records, align, "\n".join(filter(None, notes)))
 
 
 def _scenario(run: RunResult) -> str:

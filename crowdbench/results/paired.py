@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.metrics.registry import info_of, is_rate
 from crowdbench.metrics.summary import (
     CONFIDENCE,
+    LEAST_CASES,
     RESAMPLES,
     UNDEFINED,
     Estimate,
@@ -28,13 +29,8 @@ from crowdbench.results.episodes import Episodes
 EXACT = 12
 """Largest number of blocks of cases for which the test of two rates enumerates all exchanges of the runs."""
 
-
-LEAST_SHARED = 6
-"""Smallest number of cases, solved by both planners, over which a difference can be significant.
-
-With fewer cases, even a difference of the same sign in every case is likely by chance (2 * 0.5**5 > 0.05). A bootstrap
-resamples only these cases and cannot detect this.
-"""
+LEAST_SHARED = LEAST_CASES
+"""Smallest number of cases, solved by both planners, over which a difference has an interval and can be significant."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +40,8 @@ class MetricDifference:
     Attributes:
         a: Its mean in run A.
         b: Its mean in run B.
-        difference: B - A, paired by case. The interval of a rate contains 0 if its test is not significant.
+        difference: B - A, paired by case. The interval of a rate contains 0 if its test is not significant. The bounds
+            are NaN if a scenario has fewer than `LEAST_SHARED` such cases, or such blocks of recorded time.
         p: For rates, the p-value of McNemar's test, or of `sign_test` if cases come in blocks; None for other metrics.
         corrected: The p-value corrected for multiple testing (`holm`).
     """
@@ -57,9 +54,9 @@ class MetricDifference:
 
     @property
     def is_significant(self) -> bool:
-        """True if the test, or the 95 % interval over at least `LEAST_SHARED` cases, shows a difference."""
+        """True if the test, corrected if there are several, or else the 95 % interval shows a difference."""
         if self.p is not None:
-            return self.p < 1.0 - CONFIDENCE
+            return (self.p if self.corrected is None else self.corrected) < 1.0 - CONFIDENCE
         difference = self.difference
         return difference.n >= LEAST_SHARED and (difference.low > 0.0 or difference.high < 0.0)
 
@@ -91,11 +88,12 @@ def compare_metric(name: str, strata: Sequence[Paired]) -> MetricDifference:
     columns = [(pair.a.columns[name], pair.b.columns[name]) for pair in strata]
     is_share = all(is_rate(column) for pair in columns for column in pair)
     p = _test(strata, columns) if is_share else None
-    parts = []
+    parts, least = [], LEAST_SHARED
     for pair, (x, y) in zip(strata, columns, strict=True):
         chosen = ~np.isnan(x.astype(float) + y) & (pair.solved | is_share | info_of(name).over_all)
         if chosen.any():
             parts.append(_compare_part(name, pair, chosen))
+            least = min(least, int(chosen.sum()) if pair.a.block is None else len(np.unique(pair.a.block[chosen])))
     if not parts:
         return MetricDifference(math.nan, math.nan, UNDEFINED, p, None)
     a, b = (float(np.mean(means)) for means in zip(*(means for means, _, _ in parts), strict=True))
@@ -103,7 +101,8 @@ def compare_metric(name: str, strata: Sequence[Paired]) -> MetricDifference:
     if p is not None and p >= 1.0 - CONFIDENCE:
         low, high = min(low, 0.0), max(high, 0.0)
     differences = np.concatenate([difference for _, _, difference in parts])
-    return MetricDifference(a, b, Estimate(b - a, low, high, len(differences), float(differences.max())), p, None)
+    estimate = Estimate(b - a, low, high, len(differences), float(differences.max()))
+    return MetricDifference(a, b, estimate.for_display(least), p, None)
 
 
 def _test(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from crowdbench.metrics.registry import MAIN, METRICS, Metric, MetricInfo, info_of, no_metric
-from crowdbench.metrics.summary import UNDEFINED, Estimate
+from crowdbench.metrics.summary import LEAST_CASES, UNDEFINED, Estimate
 from crowdbench.results.compare import check_comparable, compare_results, correct
 from crowdbench.results.episodes import planner_label
 from crowdbench.results.run_result import RunResult
@@ -26,7 +26,11 @@ NOTE = "Bold: the best of a column. †: not distinguishable from it, paired by 
 BEST = "best"
 FEWER = "[n]: a mean over n cases only, those in which it is defined."
 RATES = "p ≥ 0.05 by McNemar's exact test, corrected for the runs of the column by Holm's method"
-MEANS = "the 95 % interval of the difference, over the cases that both solve or over all, holds 0"
+MEANS = (
+    "the 95 % interval of the difference, over the cases that both solve or over all, holds 0, or these are fewer than "
+    f"{LEAST_CASES}"
+)
+NO_INTERVAL = f"Intervals are left out where a mean is over fewer than {LEAST_CASES} independent cases."
 
 PRIVILEGED = (
     r"\* is privileged: it uses the true next velocities of the pedestrians. Shown for comparison, never ranked."
@@ -156,13 +160,17 @@ class RunTable:
     def _with_note(self, grid: Grid, marks: str = "") -> Grid:
         """Return a table with a note on its cases, and on the marks of its cells."""
         has_fewer = any(" [" in cell for row in grid.rows for cell in row)
+        shown = [value for record in grid.records for value in record.values() if isinstance(value, Estimate)]
         has_privileged = any(run.result["stated"]["privileged"] for run in self.runs)
-        notes = [f"{self.cases.capitalize()}.", marks, FEWER * has_fewer, PRIVILEGED * has_privileged]
+        weak = _left_out(shown)
+        notes = [f"{self.cases.capitalize()}.", marks, FEWER * has_fewer, weak, PRIVILEGED * has_privileged]
         return replace(grid, note=" ".join(filter(None, notes)))
 
 
 def estimates(run: RunResult, infos: Mapping[str, MetricInfo], solved: bool = False) -> dict[str, Estimate]:
-    """Return the means of metrics of a run with their intervals, see `RunTable.grid`.
+    """Return the means of metrics of a run with their intervals, unless they are over fewer than `LEAST_CASES` cases.
+
+    See `RunTable.grid`.
 
     Args:
         run: The run.
@@ -172,7 +180,13 @@ def estimates(run: RunResult, infos: Mapping[str, MetricInfo], solved: bool = Fa
     episodes = run.episodes
     chosen = episodes.take(episodes.columns["success_rate"]) if solved else episodes
     count_all = {name for name, info in infos.items() if name in episodes.rates or info.over_all}
-    return {name: (episodes if name in count_all else chosen).summary([name])[name] for name in infos}
+    found = {name: (episodes if name in count_all else chosen).summary([name])[name] for name in infos}
+    return {name: estimate.for_display(episodes.blocks.get("blocks")) for name, estimate in found.items()}
+
+
+def _left_out(estimates: Iterable[Estimate]) -> str:
+    """Return a note if the interval of an estimate is left out."""
+    return NO_INTERVAL if any(estimate.n and math.isnan(estimate.low) for estimate in estimates) else ""
 
 
 def estimate_grid(
@@ -207,6 +221,7 @@ def metric_grid(
     rates: Collection[str],
     functions: Mapping[str, Metric] = MappingProxyType({}),
     all_metrics: bool = True,
+    blocks: int | None = None,
 ) -> Grid:
     """Return the estimates of one run with a row for each metric.
 
@@ -217,18 +232,22 @@ def metric_grid(
         functions: Metrics of a user by name, whose units are shown.
         all_metrics: True for all metrics, with their names in commands; False for only `MAIN` and the metrics of the
             user.
+        blocks: The number of blocks of recorded time; None if no pedestrians are recorded.
     """
+    estimates = {name: estimate.for_display(blocks) for name, estimate in estimates.items()}
     of_user = [name for name in estimates if name not in METRICS]
+    names = list(estimates) if all_metrics else [*(name for name in MAIN if name in estimates), *of_user]
     rows = []
-    for name in estimates if all_metrics else [*(name for name in MAIN if name in estimates), *of_user]:
+    for name in names:
         estimate, info = estimates[name], info_of(name, name in rates, functions.get(name))
         if estimate.n:
             largest = "" if name in rates else info.number(estimate.max)
-            interval = info.interval(estimate.low, estimate.high)
+            interval = "" if math.isnan(estimate.low) else info.interval(estimate.low, estimate.high)
             labels = (info.title, name) if all_metrics else (info.title,)
             rows.append((*labels, info.amount(estimate.mean), interval, largest, str(estimate.n)))
     labels = ("metric", "name") if all_metrics else ("metric",)
-    return Grid(title, (*labels, "mean", "95 % interval", "max", "n"), rows, align="l" * len(labels) + "rlrr")
+    header, note = (*labels, "mean", "95 % interval", "max", "n"), _left_out(estimates[name] for name in names)
+    return Grid(title, header, rows, align="l" * len(labels) + "rlrr", note=note)
 
 
 def _row_names(runs: Sequence[RunResult], places: Sequence[tuple[str, str]]) -> list[str]:
@@ -274,7 +293,7 @@ def _mark(
     others = [planner for planner in known if planner not in marks]
     comparisons = correct([compare_results(runs[best], runs[planner], [metric]) for planner in others])
     for planner, row in zip(others, (comparison.rows[metric] for comparison in comparisons), strict=True):
-        if row.difference.low <= 0.0 <= row.difference.high if row.corrected is None else row.corrected >= 0.05:
+        if not row.is_significant:
             marks[planner] = "†"
     return marks
 

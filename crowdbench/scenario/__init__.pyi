@@ -15,9 +15,9 @@ from .population import CONTINUING_ARRIVALS as CONTINUING_ARRIVALS
 from .respawn import LayoutWithRespawn as LayoutWithRespawn
 from .respawn import Surroundings as Surroundings
 from .scenario_file import parse_scenario as parse_scenario
-from .tracks.eth_ucy import ETH_UCY_DT as ETH_UCY_DT
-from .tracks.eth_ucy import FRAME_STEP as FRAME_STEP
 from .tracks.eth_ucy import SCENES as SCENES
-from .tracks.eth_ucy import RecordedTracks as RecordedTracks
 from .tracks.eth_ucy import read_tracks as read_tracks
+from .tracks.recorded_tracks import ETH_UCY_DT as ETH_UCY_DT
+from .tracks.recorded_tracks import FRAME_STEP as FRAME_STEP
+from .tracks.recorded_tracks import RecordedTracks as RecordedTracks
 from .tracks.scenes import known_files as known_files

@@ -18,8 +18,8 @@ from crowdbench.scenario.placement import PerAgent, Placement, Position, Trip
 from crowdbench.scenario.population import RECORDED, Population, Traits
 from crowdbench.scenario.schema import VehicleSpec
 from crowdbench.scenario.starts import Case, Start
-from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
 from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, interpolate, recorded_pedestrians, split_windows
+from crowdbench.scenario.tracks.recorded_tracks import RecordedTracks
 from crowdbench.scenario.tracks.scenes import SceneRecording
 from crowdbench.sim.presence import come_and_go
 from crowdbench.sim.simulator import PostStepRule
@@ -59,10 +59,12 @@ class FreeSpace:
     def __init__(self, tracks: RecordedTracks) -> None:
         points = np.concatenate([_dense(person.position) for person in recorded_pedestrians(tracks)])
         self.origin = points.min(axis=0) - 2.0 * CELL
-        self.walked = np.unique(((points - self.origin) / CELL).astype(np.int64), axis=0)
-        self.free = np.zeros(self.walked.max(axis=0) + 3, bool)
+        x, y = ((points - self.origin) / CELL).astype(np.int64).T
+        # One number for each cell, because rows of an array are sorted far more slowly.
+        height = y.max() + 1
+        self.walked = np.stack(np.divmod(np.unique(x * height + y), height), axis=1)
         around = self.walked[:, None] + [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
-        self.free[around[..., 0], around[..., 1]] = True
+        self.free = {tuple(cell) for cell in np.unique(around.reshape(-1, 2), axis=0).tolist()}
 
     def draw(self, stream: np.random.Generator, distance: float, radius: PerAgent, track: Tracked, dt: float) -> Trip:
         """Draw start and goal of the vehicle, with free space on the straight line between them.
@@ -91,8 +93,8 @@ class FreeSpace:
 
     def _is_free(self, start: Position, goal: Position) -> bool:
         along = np.linspace(0.0, 1.0, int(np.ceil(2.0 * math.dist(start, goal) / CELL)) + 1)[:, None]
-        x, y = ((start + along * (goal - start) - self.origin) / CELL).astype(np.int64).T
-        return bool(self.free[x, y].all())
+        cells = ((start + along * (goal - start) - self.origin) / CELL).astype(np.int64)
+        return self.free.issuperset(map(tuple, cells.tolist()))
 
 
 def _dense(path: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
@@ -100,7 +102,9 @@ def _dense(path: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
     if len(path) < 2:
         return path
     parts = np.maximum(np.ceil(norm(np.diff(path, axis=0)) / (CELL / 2.0)).astype(np.int64), 1)
-    at = np.concatenate([i + np.arange(n) / n for i, n in enumerate(parts.tolist())])
+    number = np.repeat(parts, parts)
+    within = np.arange(len(number)) - np.repeat(np.cumsum(parts) - parts, parts)
+    at = np.repeat(np.arange(len(parts)), parts) + within / number
     return np.concatenate([interpolate(at, np.arange(len(path), dtype=np.float64), path), path[-1:]])
 
 

@@ -152,7 +152,7 @@ def _recorded_starts(
     from crowdbench.scenario.tracks.scenes import load_scene
 
     with location.named():
-        recordings, files = load_scene(tracks.scene, data, tracks.files)
+        recordings, files = load_scene(tracks, data)
         crowd = TrackedCrowd.of(tracks.scene, recordings, tracks.distance, rules)
     if crowd.has_cars and tracks.distance != DISTANCE:
         right = "left out where cars say where the vehicle starts and goes"

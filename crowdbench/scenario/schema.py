@@ -162,11 +162,19 @@ class SimulatedPedestriansSpec(PedestriansSpec):
 class TracksSpec(TomlTable):
     """`[tracks]`: recorded pedestrians of a scene, instead of a layout. Lengths are in metres.
 
-    `files` contains the sha256 of the user's files; the digests of ETH/UCY and DUT are built in. `distance` is not used
-    if cars are recorded.
+    Attributes:
+        format: A name in `FORMATS` of `crowdbench.scenario.tracks.formats`; None for ETH/UCY and DUT.
+        scale: Metres of a unit of the file, such as a pixel.
+        frame_rate: Frames per second, or units of the time column per second.
+        distance: From the vehicle's start to its goal; not used if cars are recorded.
+        files: The sha256 of the user's files; the digests of ETH/UCY and DUT are built in.
     """
 
+    # None changes no digest of a scenario.
     scene: Name
+    format: Name | None = None
+    scale: float | None = number(None, above=0.0, below=1e4)
+    frame_rate: float | None = number(None, above=0.0, below=1e10)
     distance: float = number(DISTANCE, above=0.0, below=1000.0)
     files: dict[str, str] = Field(default={}, description="a table of file names with the sha256 of each")
 

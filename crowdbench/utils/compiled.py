@@ -17,6 +17,7 @@ import os
 import shutil
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -25,10 +26,14 @@ from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import hold_lock
 
 try:
-    import numba
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", "Environment variable", RuntimeWarning)
+        import numba
 except ValueError as error:
     threads = os.environ.get("NUMBA_NUM_THREADS")
     raise InputError(f"numba does not start with NUMBA_NUM_THREADS={threads}: {error}") from error
+except RuntimeWarning as error:  # a variable that numba would ignore, after a traceback
+    raise InputError(f"numba does not start: {str(error).partition(chr(10))[0]}") from error
 
 import llvmlite
 import numpy as np
@@ -241,3 +246,5 @@ class _WithoutCollections(event.Listener):  # type: ignore[misc]
 
 
 event.register("numba:compile", _WithoutCollections())
+if config.DISABLE_JIT:  # NumPy warns where compiled code overflows silently, as random streams do
+    warnings.filterwarnings("ignore", category=RuntimeWarning, module="crowdbench")

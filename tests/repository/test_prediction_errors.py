@@ -11,7 +11,7 @@ from crowdbench.cli.app import build_script
 from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
 from crowdbench.predict.predictor import Prediction, Predictor
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
+from crowdbench.scenario.tracks.recorded_tracks import RecordedTracks
 from crowdbench.sim.simulator import crowd_velocities, step_pedestrians
 from crowdbench.utils.errors import InputError
 from studies.social_gan import prediction_errors

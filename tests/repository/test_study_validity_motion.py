@@ -5,7 +5,7 @@ import pytest
 
 from crowdbench.catalog import SCENARIOS, load_scenario
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
+from crowdbench.scenario.tracks.recorded_tracks import RecordedTracks
 from studies.validity.motion import ETH_UCY_DT, HEADER, Walks, measure, motion, recorded, simulate
 
 FILES = [path for folder in ("suite", "generalisation") for path in (SCENARIOS / folder).glob("*.toml")]

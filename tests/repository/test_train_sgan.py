@@ -12,7 +12,7 @@ from crowdbench.cli.app import build_script
 from crowdbench.core.types import HISTORY
 from crowdbench.networks.weights import read_card, weights_digest
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP
+from crowdbench.scenario.tracks.recorded_tracks import FRAME_STEP
 from crowdbench.train.config import SCENARIO, make_config
 from studies.social_gan import samples, train
 from studies.social_gan import training as social_gan

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
 from jaxtyping import Float
 
-from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, RecordedTracks
+from crowdbench.scenario.tracks.recorded_tracks import FRAME_STEP, RecordedTracks
+from crowdbench.scenario.tracks.tables import read_numbers
 from crowdbench.utils import files
-from crowdbench.utils.errors import InputError, describe_error
+from crowdbench.utils.errors import InputError
 
 FRAMES_PER_SECOND = 23.98
 
@@ -91,14 +90,6 @@ def _ratio(path: Path) -> float:
 
 def _columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     """Return columns of a table with a header, as numbers; its rows ordered by `id`, then by `frame`."""
-    options = pa.csv.ConvertOptions(include_columns=names, column_types=dict.fromkeys(names, pa.float64()))
-    try:
-        files.check_regular(path)
-        table = pa.csv.read_csv(path, convert_options=options)
-    except (OSError, pa.ArrowException, KeyError) as error:
-        raise InputError(f"{path} is no table of DUT with {', '.join(names)}: {describe_error(error)}") from None
-    columns = {name: table.column(name).to_numpy() for name in names}
-    if not len(table) or not all(np.isfinite(values).all() for values in columns.values()):
-        raise InputError(f"{path} must have a finite number in {', '.join(names)} of each row, and a row or more")
+    columns, _ = read_numbers(path, names)
     order = np.lexsort((columns["frame"], columns["id"]))
     return {name: values[order] for name, values in columns.items()}

@@ -6,23 +6,22 @@ tabs or spaces. Lines may come in any order.
 
 from __future__ import annotations
 
-import dataclasses
-import logging
+import io
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
+from crowdbench.scenario.tracks.recorded_tracks import (
+    ETH_UCY_DT,
+    FRAME_STEP,
+    RecordedTracks,
+    check_speeds,
+    split_reused_numbers,
+)
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
-
-FRAME_STEP = 10
-"""Difference between the numbers of two consecutive annotated frames."""
-
-ETH_UCY_DT = 0.4
-"""Seconds between two consecutive annotated frames."""
 
 COLUMNS = ("frame", "pedestrian", "x", "y")
 
@@ -38,94 +37,70 @@ SCENES: Mapping[str, tuple[str, ...]] = {
 FARTHEST = 1e7
 """The largest coordinate in metres: coordinates of maps are smaller."""
 
-LONGEST_ABSENCE = 4.0
-"""Seconds without an annotation after which a number denotes another pedestrian."""
 
-FASTEST = 10.0
-"""Speed in m/s above which two annotations belong to two pedestrians. The largest speed in ETH/UCY is 6.5 m/s."""
-
-_LOG = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class RecordedTracks:
-    """The annotations of one recording, a row each, ordered by pedestrian and then by frame.
-
-    Attributes:
-        name: The name of the file, without suffix.
-        frame: The number of the frame.
-        pedestrian: The number of the pedestrian.
-        position: Position in metres.
-        dt: Seconds between two consecutive annotated frames, whose numbers differ by `FRAME_STEP`.
-    """
-
-    name: str
-    frame: Int[np.ndarray, "row"]
-    pedestrian: Int[np.ndarray, "row"]
-    position: Float[np.ndarray, "row 2"]
-    dt: float = ETH_UCY_DT
-
-
-def read_tracks(path: Path) -> RecordedTracks:
+def read_tracks(path: Path, scale: float = 1.0, frame_rate: float | None = None) -> RecordedTracks:
     """Read a recording, and give each pedestrian a unique number.
 
+    Args:
+        path: The file.
+        scale: Metres of a unit of the file.
+        frame_rate: Frames per second. None means 25, and that frames are multiples of `FRAME_STEP` apart.
+
     Raises:
-        InputError: The file cannot be read or has another format; the message contains the line.
+        InputError: The file cannot be read or has another format, with the line in the message, or speeds are
+            impossible.
     """
     try:
-        lines = files.read_text(path).split("\n")
+        text = files.read_text(path)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path} is not a text file, but tracks are lines of {', '.join(COLUMNS)}") from None
-    rows = {n: _read_line(f"{path}, line {n}", line.split()) for n, line in enumerate(lines, 1) if line.strip()}
-    if not rows:
+    if not text.strip():
         raise InputError(f"{path} is empty, but must have a line {', '.join(COLUMNS)} for each position")
-    number, table = list(rows), np.array(list(rows.values()))
+    table = _read_table(path, text)
     frame, pedestrian = table[:, :2].astype(np.int64).T
-    for row in np.flatnonzero((frame - frame[0]) % FRAME_STEP)[:1].tolist():
+    for row in np.flatnonzero((frame - frame[0]) % FRAME_STEP)[: frame_rate is None].tolist():
         raise InputError(
-            f"{path}, line {number[row]}: frame {frame[row]} is not on the grid of the first one, {frame[0]}: "
-            f"frames must be multiples of {FRAME_STEP} apart"
+            f"{path}, line {_line_numbers(text)[row]}: frame {frame[row]} is not on the grid of the first one, "
+            f"{frame[0]}: frames must be multiples of {FRAME_STEP} apart, {FRAME_STEP} in {ETH_UCY_DT:g} s, or "
+            "tracks.frame_rate must be set"
         )
     order = np.lexsort((frame, pedestrian))
-    tracks = RecordedTracks(path.stem, frame[order], pedestrian[order], table[order, 2:])
+    dt = ETH_UCY_DT if frame_rate is None else FRAME_STEP / frame_rate
+    tracks = RecordedTracks(path.stem, frame[order], pedestrian[order], scale * table[order, 2:], dt)
     is_again = (np.diff(tracks.frame) == 0) & (np.diff(tracks.pedestrian) == 0)
     for row, again in zip(order[:-1][is_again], order[1:][is_again], strict=True):
+        number = _line_numbers(text)
         raise InputError(
             f"{path}, line {number[again]}: pedestrian {pedestrian[again]} is in frame {frame[again]} a second time, "
             f"after line {number[row]}, but must be there once"
         )
+    check_speeds(tracks)
     return split_reused_numbers(tracks)
 
 
-def split_reused_numbers(tracks: RecordedTracks) -> RecordedTracks:
-    """Give a new number to each pedestrian that has the number of an earlier one.
+def _read_table(path: Path, text: str) -> Float[np.ndarray, "row 4"]:
+    """Return the numbers of a file. Raises InputError with the line of the first wrong one."""
+    try:
+        table = np.loadtxt(io.StringIO(text), ndmin=2, comments=None)
+    except ValueError:
+        table = np.empty((0, 0))
+    if table.shape[1] == len(COLUMNS) and _is_valid(table):
+        return table
+    # NumPy states no line, and reads fewer notations of numbers than Python.
+    rows = (_read_line(f"{path}, line {n}", line.split()) for n, line in enumerate(text.split("\n"), 1) if line.strip())
+    return np.array(list(rows))
 
-    Two annotations with one number belong to two pedestrians if more than `LONGEST_ABSENCE` lies between them, or if
-    the speed between them is above `FASTEST`. A warning with the number of new tracks is logged.
-    """
-    seconds = np.diff(tracks.frame) / FRAME_STEP * tracks.dt
-    distance = np.hypot(*np.diff(tracks.position, axis=0).T)
-    is_other = (seconds > LONGEST_ABSENCE) | (distance > FASTEST * seconds)
-    splits = 1 + np.flatnonzero(is_other & (np.diff(tracks.pedestrian) == 0))
-    if not len(splits):
-        return tracks
-    _LOG.warning(
-        "%s: %d tracks were split where a pedestrian was absent for more than %g s or faster than %g m/s",
-        tracks.name,
-        len(splits),
-        LONGEST_ABSENCE,
-        FASTEST,
-    )
-    pedestrian = tracks.pedestrian.copy()
-    ends = np.append(1 + np.flatnonzero(np.diff(tracks.pedestrian)), len(pedestrian))
-    for number, first in enumerate(splits, pedestrian.max() + 1):
-        pedestrian[first : ends[np.searchsorted(ends, first, side="right")]] = number
-    order = np.lexsort((tracks.frame, pedestrian))
-    return dataclasses.replace(
-        tracks, frame=tracks.frame[order], pedestrian=pedestrian[order], position=tracks.position[order]
-    )
+
+def _is_valid(table: Float[np.ndarray, "row 4"]) -> bool:
+    whole, lengths = table[:, :2], table[:, 2:]
+    return bool((np.abs(whole) <= 2**53).all() and (whole % 1.0 == 0.0).all() and (np.abs(lengths) <= FARTHEST).all())
+
+
+def _line_numbers(text: str) -> list[int]:
+    """Return the number of each line that is not blank."""
+    return [n for n, line in enumerate(text.split("\n"), 1) if line.strip()]
 
 
 def _read_line(where: str, fields: list[str]) -> list[float]:

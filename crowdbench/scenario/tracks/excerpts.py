@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from crowdbench.core.geometry import pad_points
 from crowdbench.scenario.tracks.dut import Car
-from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, RecordedTracks
+from crowdbench.scenario.tracks.recorded_tracks import RecordedTracks
 from crowdbench.scenario.tracks.scenes import SceneRecording
 
 TRAIN_SHARE, VAL_SHARE = 0.4, 0.1
@@ -133,11 +133,14 @@ def cut_windows(recordings: Sequence[SceneRecording], steps: int, dt: float) -> 
     excerpts: list[Excerpt] = []
     for recording in recordings:
         pedestrians = list(recorded_pedestrians(recording.tracks))
+        first_times = np.array([disc.time[0] for disc in pedestrians])
+        last_times = np.array([disc.time[-1] for disc in pedestrians])
         of_recording: list[Excerpt] = []
         first_block = excerpts[-1].block + 1 if excerpts else 0
         for first, car, replaced_car in _windows(recording, steps, dt):
             times = first + dt * np.arange(-1, steps + 1)
-            people = [disc for disc in pedestrians if disc.is_there(times[1:]).any()]
+            near = (first_times <= times[-1] + dt) & (last_times >= times[0])
+            people = [pedestrians[i] for i in np.flatnonzero(near) if pedestrians[i].is_there(times[1:]).any()]
             others = [disc for other in recording.cars if other is not car for disc in car_discs(other)]
             others = [disc for disc in others if disc.is_there(times[1:]).any()]
             if people:
@@ -165,16 +168,10 @@ def split_windows(excerpts: Sequence[Excerpt]) -> Mapping[str, list[Excerpt]]:
     }
 
 
-def annotation_times(tracks: RecordedTracks) -> Float[np.ndarray, "row"]:
-    """Return the time of each annotation in seconds."""
-    return tracks.frame / FRAME_STEP * tracks.dt
-
-
 def recorded_pedestrians(tracks: RecordedTracks) -> Iterator[MovingDisc]:
     """Yield the pedestrians of a recording."""
     bounds = np.flatnonzero(np.diff(tracks.pedestrian)) + 1
-    for rows in np.split(np.arange(len(tracks.frame)), bounds):
-        yield MovingDisc(annotation_times(tracks)[rows], tracks.position[rows])
+    yield from map(MovingDisc, np.split(tracks.seconds, bounds), np.split(tracks.position, bounds))
 
 
 def car_discs(car: Car) -> Iterator[MovingDisc]:
@@ -188,7 +185,7 @@ def car_discs(car: Car) -> Iterator[MovingDisc]:
 def _windows(recording: SceneRecording, steps: int, dt: float) -> list[tuple[float, Car | None, CarMotion | None]]:
     """Return the start time in seconds of each window, in order of time, and the car that the vehicle replaces in it,
     if any."""
-    time, length = annotation_times(recording.tracks), steps * dt
+    time, length = recording.tracks.seconds, steps * dt
     start, end = float(time.min()), float(time.max())
     if not recording.cars:
         number = math.floor((end - start) / length + _ROUNDING)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from crowdbench.scenario.schema import TracksSpec
 from crowdbench.scenario.tracks.dut import CARS, PEDESTRIANS, RATIO, Car, read_clip
-from crowdbench.scenario.tracks.eth_ucy import SCENES, RecordedTracks, read_tracks
+from crowdbench.scenario.tracks.eth_ucy import SCENES
+from crowdbench.scenario.tracks.formats import DEFAULT, FORMATS
+from crowdbench.scenario.tracks.recorded_tracks import RecordedTracks
 from crowdbench.utils import files
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, did_you_mean
 
 DUT_SCENES = {"dut": "", "intersection": "intersection", "roundabout": "roundabout"}
 """Prefixes of the file names of clips of DUT, by scene: each of its two locations, and both as one scene."""
@@ -23,16 +26,13 @@ class SceneRecording:
     cars: Sequence[Car] = ()
 
 
-def load_scene(
-    name: str, folder: Path | None, pinned: Mapping[str, str]
-) -> tuple[list[SceneRecording], dict[str, str]]:
+def load_scene(tracks: TracksSpec, folder: Path | None) -> tuple[list[SceneRecording], dict[str, str]]:
     """Read the recordings of a scene, and check the digests of their files.
 
     Args:
-        name: A scene of ETH/UCY (`eth`, `hotel`, `univ`, `zara1`, `zara2`) or of DUT (`intersection`, `roundabout`, or
-            `dut` for both), or the name of a user's file `<name>.txt` in the format of ETH/UCY.
+        tracks: The table `[tracks]`. Its scene is one of ETH/UCY (`eth`, `hotel`, `univ`, `zara1`, `zara2`) or of DUT
+            (`intersection`, `roundabout`, or `dut` for both), whose digests are built in, or a user's recording.
         folder: Folder with the files; None if the user has given none.
-        pinned: The sha256 that files must have, by name. The digests of ETH/UCY and DUT are built in.
 
     Returns:
         recordings: The recordings of the scene.
@@ -41,23 +41,32 @@ def load_scene(
     Raises:
         InputError: There is no folder, or a file is missing, has another digest, or has another format.
     """
+    name, form = tracks.scene, tracks.format or DEFAULT
     if folder is None:
         raise InputError(f"the scene {name} consists of recorded tracks: give the folder that holds them, --data DIR")
     if not folder.is_dir():
         raise InputError(f"there is no folder {folder} with the recorded tracks of the scene {name}")
-    known = known_files(name)
-    digests = {file: _digest(folder / file, name) for file in known or [f"{name}.txt"]}
+    if form not in FORMATS:
+        raise InputError(f"format is {form!r}, but must be one of {', '.join(FORMATS)}{did_you_mean(form, FORMATS)}")
+    known = known_files(name) if form == DEFAULT else {}
+    own = [file.format(name) for file in FORMATS[form].files]
+    digests = {file: _digest(folder / file, name) for file in known or own}
     for file, digest in digests.items():
-        wanted = pinned.get(file, known.get(file, digest))
+        wanted = tracks.files.get(file, known.get(file, digest))
         if digest != wanted:
             raise InputError(
                 f"{folder / file} is damaged or another version: its sha256 is {digest[:16]}..., but that of the scene "
                 f"{name} must be {wanted[:16]}..."
             )
-    if name in DUT_SCENES:
+    if known and name in DUT_SCENES:
+        if tracks.scale is not None or tracks.frame_rate is not None:
+            raise InputError(f"scale and frame_rate must be left out for the scene {name}, whose files state them")
         clips = [file.removesuffix(CARS) for file in known if file.endswith(CARS)]
         return [SceneRecording(*read_clip(folder, clip)) for clip in clips], digests
-    return [SceneRecording(read_tracks(folder / file)) for file in digests], digests
+    read = FORMATS[form].read
+    parts = [[file] for file in known] if known else [own]
+    paths = [[folder / file for file in part] for part in parts]
+    return [SceneRecording(read(part, tracks.scale, tracks.frame_rate)) for part in paths], digests
 
 
 def known_files(scene: str) -> dict[str, str]:

@@ -288,7 +288,7 @@ def test_only_booleans_are_rates_whatever_a_metric_is_called(tmp_path, capsys):
         return np.full(len(trace), 3.5)
 
     metrics = {"success_rate": METRICS["success_rate"], "mistake_rate": mistake_rate}
-    result = go(tmp_path / "a", cases="5", metrics=metrics)
+    result = go(tmp_path / "a", cases="6", metrics=metrics)
     assert result["rates"] == ["success_rate"]
     found = {name: read_estimate(table) for name, table in result["metrics"].items()}
     print_table(metric_grid("", found, result["rates"], metrics))

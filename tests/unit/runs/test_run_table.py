@@ -75,8 +75,10 @@ def test_pairs_are_tested_as_compare_does(runs):
     assert verdicts[0] == "orca_margin"
     assert verdicts[1].startswith(f"better: {', '.join(info_of(name).title for name in better)}")
     grid = comparison_grid(found, ["jerk"])
-    assert list(grid.header) == ["metric", "orca", "orca_margin", "difference (95 % interval)", "p"]
-    assert grid.rows[0][3] == info_of("jerk").estimate(expected.rows["jerk"].difference)
+    assert list(grid.header) == ["metric", "orca", "orca_margin", "difference (95 % interval)", "p", "n"]
+    difference = expected.rows["jerk"].difference
+    assert grid.rows[0][3] == info_of("jerk").estimate(difference) + " *" * expected.rows["jerk"].is_significant
+    assert grid.rows[0][5] == str(difference.n)
 
 
 def test_a_table_shows_the_metrics_that_are_asked_for_and_a_dash_where_there_is_none():

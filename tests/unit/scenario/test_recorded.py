@@ -25,9 +25,10 @@ from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.recorded import TrackedCrowd
+from crowdbench.scenario.schema import TracksSpec
 from crowdbench.scenario.tracks.dut import Car, read_clip
-from crowdbench.scenario.tracks.eth_ucy import RecordedTracks
 from crowdbench.scenario.tracks.excerpts import MIN_TRIP, cut_windows, split_windows
+from crowdbench.scenario.tracks.recorded_tracks import RecordedTracks
 from crowdbench.scenario.tracks.scenes import SceneRecording, load_scene
 from crowdbench.sim.presence import come_and_go, track_at
 from crowdbench.sim.sensor import observe
@@ -363,7 +364,7 @@ def test_a_clip_of_dut_is_read_in_metres_with_y_upwards(tmp_path):
     assert (car.length, car.width) == pytest.approx((4.0, 1.8))
     assert car.heading[0] == pytest.approx(np.pi / 2)
     (tmp_path / "a_traj_ped_filtered.csv").write_text(f"{header}\n3,24,40.0,?\n")
-    with pytest.raises(InputError, match=r"a_traj_ped_filtered.csv is no table of DUT"):
+    with pytest.raises(InputError, match=r"a_traj_ped_filtered.csv is no table with columns id, frame, x_est, y_est"):
         read_clip(tmp_path, "a")
 
 
@@ -404,7 +405,7 @@ def test_a_run_on_eth_uses_the_network_that_has_not_seen_it(shared):
 
 
 def test_the_splits_of_windows_keep_blocks_together(shared):
-    found = cut_windows(load_scene("dut", shared / "data" / "dut", {})[0], 25, 0.25)
+    found = cut_windows(load_scene(TracksSpec(scene="dut"), shared / "data" / "dut")[0], 25, 0.25)
     splits = split_windows(found)
     names = [{window.recording for window in windows} for windows in splits.values()]
     assert not names[0] & names[1]

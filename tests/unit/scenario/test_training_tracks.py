@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from crowdbench.scenario.tracks.eth_ucy import ETH_UCY_DT, FRAME_STEP, RecordedTracks
+from crowdbench.scenario.tracks.recorded_tracks import ETH_UCY_DT, FRAME_STEP, RecordedTracks
 from crowdbench.utils.errors import InputError
 from studies.social_gan.recordings import read_folder
 from studies.social_gan.windows import resample, training_split, windows

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 
 import crowdbench
@@ -219,12 +220,62 @@ def test_kernels_use_this_cache_only():
     assert [path.name for path in others if "from numba import" in path.read_text()] == []
 
 
-def test_a_number_of_threads_that_numba_refuses_gets_one_sentence(tmp_path):
-    command = [sys.executable, "-m", "crowdbench", "run", "--planner", "orca", "--out", str(tmp_path / "kept")]
-    done = subprocess.run(command, env=os.environ | {"NUMBA_NUM_THREADS": "0"}, capture_output=True, text=True)
+@pytest.mark.parametrize(
+    ("variable", "value", "sentence"),
+    [
+        ("NUMBA_NUM_THREADS", "0", "numba does not start with NUMBA_NUM_THREADS=0: "),
+        ("NUMBA_NUM_THREADS", "many", "numba does not start: Environment variable 'NUMBA_NUM_THREADS' "),
+        ("NUMBA_DISABLE_JIT", "yes", "numba does not start: Environment variable 'NUMBA_DISABLE_JIT' "),
+    ],
+)
+def test_a_variable_that_numba_refuses_gets_one_sentence(tmp_path, variable, value, sentence):
+    command = [
+        sys.executable,
+        "-m",
+        "crowdbench",
+        "run",
+        "--planner",
+        "orca",
+        "--cases",
+        "1",
+        "--out",
+        tmp_path / "run",
+    ]
+    done = subprocess.run(command, env=os.environ | {variable: value}, capture_output=True, text=True)
     assert done.returncode == 1
-    assert done.stderr.startswith("crowdbench: numba does not start with NUMBA_NUM_THREADS=0: ")
-    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith(f"crowdbench: {sentence}")
+    assert done.stderr.count("\n") == 1
+
+
+WITHOUT_COMPILATION = """
+import sys
+import numpy as np
+from crowdbench import Cases, Driver, load_planner, load_scenario, parallel_env, rollout
+
+def episodes():
+    for planner, scenario in (("orca", "circle_crossing_5"), ("social_force", "doorway_10")):
+        driver = Driver(load_planner(planner)[1], planner)
+        yield rollout(driver, load_scenario(scenario, {"time_limit": 1.5}), Cases.parse("val/3")).position
+    for observation in ("flat", "dict"):
+        env = parallel_env("circle_crossing_5", observation=observation)
+        env.reset(options={"case": "val/3"})
+        seen = env.step({"vehicle": np.array([0.1, 0.2])})[0]["pedestrian_0"]
+        yield seen if observation == "flat" else seen["history"]
+
+np.savez(sys.argv[1], *episodes())
+"""
+
+
+def test_episodes_are_the_same_without_compilation(tmp_path):
+    files = [tmp_path / "compiled.npz", tmp_path / "slow.npz"]
+    for value, file in enumerate(files):
+        variables = os.environ | {"NUMBA_DISABLE_JIT": str(value)}
+        command = [sys.executable, "-W", "error", "-c", WITHOUT_COMPILATION, str(file)]
+        subprocess.run(command, env=variables, check=True)
+    with np.load(files[0]) as fast, np.load(files[1]) as slow:
+        assert len(fast.files) == 4
+        for name in fast.files:
+            np.testing.assert_allclose(fast[name], slow[name], rtol=0.0, atol=1e-12)
 
 
 def test_garbage_is_collected_again_after_a_kernel_was_compiled_or_could_not_be():
