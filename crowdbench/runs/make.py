@@ -60,7 +60,8 @@ def make_run(
     parts = Parts.of(run, out)
     drive = drive or functools.partial(run.drive, progress=progress)
     with parts.open():
-        missing = parts.missing(share)
+        # Again, because another process may have merged all parts before this one made their folder anew.
+        missing = [] if is_made(run, out, overwrite) else parts.missing(share)
         if missing:
             try_plugins(run.scenario, share, run.metrics)
         report(len(share) - sum(map(len, missing)))
@@ -166,7 +167,7 @@ def make_with(
             each.is_complete = is_made(run, each.parts.out, overwrite)
             if not each.is_complete:
                 stack.enter_context(each.parts.open())
-                gaps = each.parts.missing(share)
+                gaps = [] if is_made(run, each.parts.out, overwrite) else each.parts.missing(share)
             if gaps:
                 try_plugins(run.scenario, share, run.metrics)
             missing.append(gaps)
