@@ -79,6 +79,12 @@ CIRCLE: Float[np.ndarray, "49 2"] = np.stack([np.cos(_TURN), np.sin(_TURN)], axi
 DASHES = CIRCLE[:-1].reshape(8, 6, 2)[:, :4]
 """The outline of a pedestrian that is not seen, for a radius of 1: eight dashes of four points."""
 
+MEASURED = "\N{WHITE CIRCLE} measured or remembered"
+"""The key of the rings of `measured_rings`."""
+
+APART = 0.05
+"""Smallest distance in metres between a pedestrian and its measured position that is marked."""
+
 BAND = 0.2
 """Height in inches of the bands of a picture, which hold the scale and texts, so that nothing covers them."""
 
@@ -143,6 +149,7 @@ class Moment:
         goal: Goal of each agent in metres. This and all attributes below are for the last state.
         radius: Radius of each agent, in metres.
         seen: True if the vehicle sees the pedestrian.
+        measured: Position in metres at which the vehicle measures or remembers the pedestrian; NaN for neither.
         obstacles: Polygons in metres, NaN after the last corner.
         rules: The rules of the scenario.
         hits_obstacle: True if the vehicle has hit an obstacle in the last step, which ended the episode.
@@ -156,6 +163,7 @@ class Moment:
     goal: Float[np.ndarray, "agent 2"]
     radius: Float[np.ndarray, "agent"]
     seen: Bool[np.ndarray, "pedestrian"]
+    measured: Float[np.ndarray, "pedestrian 2"]
     obstacles: Polygons
     rules: Rules
     hits_obstacle: bool = False
@@ -183,6 +191,7 @@ class Moment:
             goal=trace.goal[row, state],
             radius=trace.radius[row, state],
             seen=trace.seen[row, state],
+            measured=position[-1, 1:] if trace.perceived is None else trace.perceived[row, state],
             obstacles=trace.obstacles[row],
             rules=trace.rules,
             hits_obstacle=bool(state == trace.steps[row] and trace.outcome[row] == Outcome.WALL_COLLISION),
@@ -193,6 +202,10 @@ class Moment:
         """Return the moment of the last of several worlds: states of one episode, each a batch of one."""
         now = worlds[-1]
         position = np.concatenate([np.where(world.present[..., None], world.position, np.nan) for world in worlds])
+        measured = position[-1, 1:]
+        if now.sight:
+            is_known = now.sight["unseen"][0, :, None] >= 0
+            measured = np.where(is_known, now.sight["state"][0, :, :2], np.nan)
         return cls(
             step=np.concatenate([world.step for world in worlds]),
             position=position,
@@ -202,6 +215,7 @@ class Moment:
             goal=now.goal[0],
             radius=now.radius[0],
             seen=now.sight["unseen"][0] == 0 if now.sight else now.present[0, 1:],
+            measured=measured,
             obstacles=now.obstacles[0],
             rules=now.rules,
         )
@@ -257,6 +271,16 @@ def paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"])
     return [part for part in parts if len(part) > 1]
 
 
+def measured_rings(
+    measured: Float[np.ndarray, "pedestrian 2"],
+    position: Float[np.ndarray, "pedestrian 2"],
+    radius: Float[np.ndarray, "pedestrian"],
+) -> list[Float[np.ndarray, "49 2"]]:
+    """Return rings around the measured positions that differ from the positions of the pedestrians, all in metres."""
+    is_apart = np.isfinite(measured[:, 0]) & ~(np.hypot(*(measured - position).T) <= APART)
+    return [measured[each] + 0.5 * radius[each] * CIRCLE for each in np.flatnonzero(is_apart)]
+
+
 def draw_moment(moment: Moment) -> Iterator[Shape]:
     """Yield the shapes of a moment, from back to front. An arrow is the path of the next second."""
     for corners in polygons(moment.obstacles):
@@ -286,6 +310,9 @@ def draw_moment(moment: Moment) -> Iterator[Shape]:
         yield Polygon(outline(*body), LIGHT.vehicle, LIGHT.text, 1.0)
         yield Line(nose(*body), LIGHT.text, 1.0)
     yield from arrows
+    for ring in measured_rings(moment.measured, moment.position[-1, 1:], moment.radius[1:]):
+        yield Line(ring, LIGHT.background, 2.4)
+        yield Line(ring, LIGHT.text, 1.0)
     if contacts:
         yield Polygon(burst(moment.position[-1, contacts], moment.radius[contacts]), None, LIGHT.contact, 1.6)
 

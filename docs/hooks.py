@@ -14,12 +14,13 @@ from mkdocs.structure.files import File, Files
 
 sys.path.append(str(Path(__file__).parent))
 
+import notebook_page
 import reference
 import replays
 import tables
 
 STUDIES = Path(__file__).parent.parent / "studies"
-TUTORIALS = ("quickstart", "planner", "training", "recordings")
+TUTORIALS = ("quickstart", "notebook", "planner", "training", "recordings")
 BOOST = dict.fromkeys(TUTORIALS, 3) | {"architecture": 0.3, "results": 0.5, "references": 0.3, "index": 0.5}
 """Weights of pages in the search, 1 for all others; it excludes the pages of studies."""
 
@@ -39,7 +40,7 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the pages and figures of the studies, their tables as data, and the replay of the suite."""
+    """Add the pages and figures of the studies, their tables as data, the replay of the suite, and the notebook."""
     for path in sorted(STUDIES.glob("*/*.png")):
         files.append(File.generated(config, path.relative_to(STUDIES.parent).as_posix(), abs_src_path=str(path)))
     for path in sorted(STUDIES.glob("*/*.md")):
@@ -47,7 +48,7 @@ def on_files(files: Files, config: Any) -> Files:
         files.append(File.generated(config, uri, abs_src_path=str(path)))
     for name, content in tables.scripts(STUDIES).items():
         files.append(File.generated(config, f"tables/{name}", content=content))
-    for uri, data in replays.files().items():
+    for uri, data in {**replays.files(), **notebook_page.files()}.items():
         files.append(File.generated(config, uri, content=data))
     return files
 
@@ -68,6 +69,8 @@ def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
             r"\]\((tables/[\w-]+\.csv)\)", "](../../results.md)", markdown.replace("](../../docs/", "](../../")
         )
     markdown = re.sub(r"<!-- generated: (\w+) -->", lambda found: getattr(reference, found[1])(), markdown)
+    if page.file.src_uri == notebook_page.SOURCE.name:
+        markdown = notebook_page.page()
     if Path(page.file.src_uri).stem in replays.LINKING:
         markdown = replays.add_links(markdown)
     return markdown.replace("](../studies/", "](studies/").replace(

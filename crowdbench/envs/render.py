@@ -16,6 +16,7 @@ from crowdbench.drawing import (
     CROWD,
     FONT_SIZE,
     LIGHT,
+    MEASURED,
     Disc,
     Line,
     Moment,
@@ -91,7 +92,8 @@ class Renderer:
         goals = [Disc(world.goal[0, agent], float(world.radius[0, agent]), None, LIGHT.walked) for agent in pedestrians]
         moment = Moment.of_worlds(self._states)
         note = f"{float(world.step[0]) * world.rules.dt:.2f} s", LIGHT.text
-        bands, bounds, inch = draw_bands(self._bounds, SIZE / POINT / 72.0, note, case)
+        title = f"{case}   {MEASURED}" if world.sight else case
+        bands, bounds, inch = draw_bands(self._bounds, SIZE / POINT / 72.0, note, title)
         numbers = [_number(moment, agent, inch) for agent in pedestrians]
         shapes = [*goals, *draw_moment(moment), *numbers, *bands]
         return np.asarray(rasterize(shapes, bounds, inch, 72.0 * POINT))

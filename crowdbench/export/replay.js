@@ -149,7 +149,8 @@ const replay = (() => {
     const sample = kind => {
       const canvas = element("canvas", { width: 44, height: 36 }), pen = canvas.getContext("2d");
       pen.scale(2, 2);
-      if (index.paths.includes(kind)) line(pen, [[2, 13], [20, 5]], colors[kind] ?? colors.vehicle, 2);
+      if (kind === "measured") line(pen, Array.from({ length: 25 }, (_, k) => [11 + 4 * Math.cos(k * Math.PI / 12), 9 + 4 * Math.sin(k * Math.PI / 12)]), colors.text, 1.3);
+      else if (index.paths.includes(kind)) line(pen, [[2, 13], [20, 5]], colors[kind] ?? colors.vehicle, 2);
       else if (kind === "contact") burst(pen, [[11, 9, 5]], 1.5);
       else disc(pen, 11, 9, 6.5, colors[kind] ?? colors.pedestrian, kind !== "unseen", kind === "noticed");
       return canvas;
@@ -159,7 +160,7 @@ const replay = (() => {
     if (stays.some(stay => stay.noticed.includes(true))) keys.noticed = "has noticed the vehicle";
     if (all.some(episode => "cw".includes(episode.outcome))) keys.contact = "contact";
     const choices = { numbers: "numbers" };
-    for (const kind of index.paths) if (all.some(({ planned }) => planned.some(paths => paths[kind].length))) choices[kind] = `${kind} paths`;
+    for (const kind of index.paths) if (all.some(({ planned }) => planned.some(paths => paths[kind].length))) choices[kind] = kind === "measured" ? "measured or remembered" : `${kind} paths`;
     const toggle = ([value, text]) => {
       const checked = boxes.find(box => box.value === value)?.checked ?? value !== "numbers";
       const input = element("input", { type: "checkbox", value, checked, onchange: draw });
@@ -279,12 +280,14 @@ const replay = (() => {
       line(pen, [...walked, place(stay)], stay.agent ? colors.walked : colors.vehicle, (stay.agent ? 1.5 : 3) * pixel);
     }
     for (const kind of state < steps && planned.length ? index.paths.filter(isShown) : [])
-      for (const path of planned[now][kind]) line(pen, path, colors[kind] ?? colors.vehicle, (kind === "planned" ? 3 : 1.3) * pixel);
+      for (const path of kind === "measured" ? [] : planned[now][kind]) line(pen, path, colors[kind] ?? colors.vehicle, (kind === "planned" ? 3 : 1.3) * pixel);
     for (const stay of here) {
       const { agent, radius, first, seen, noticed } = stay;
       if (agent || !scenario.outline.length) disc(pen, ...place(stay), radius, agent ? colors.pedestrian : colors.vehicle, seen[now - first], agent && noticed[now - first]);
       else body(pen, ...place(stay), between(heading, state), pixel);
     }
+    for (const ring of isShown("measured") ? planned[now].measured : [])
+      for (const [color, width] of [[colors.background, 3], [colors.text, 1.3]]) line(pen, ring, color, width * pixel);
     if (state >= steps && "cw".includes(outcome)) burst(pen, here.filter(({ agent }) => agent === 0 || agent === hit).map(stay => [...place(stay), stay.radius]), 2.5 * pixel);
     pen.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     Object.assign(pen, { fillStyle: colors.text, strokeStyle: colors.background, lineWidth: 3, font: "600 12px system-ui, sans-serif" });

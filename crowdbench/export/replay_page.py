@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from crowdbench.core.dynamics import Holonomic, outline
 from crowdbench.core.geometry import polygons
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.drawing import DARK, LIGHT, same_agents
+from crowdbench.drawing import DARK, LIGHT, measured_rings, same_agents
 from crowdbench.metrics.fault import find_contacts
 from crowdbench.record.decisions import PlannedPaths
 from crowdbench.record.explanation import describe_failure
@@ -101,11 +101,16 @@ def export_page(runs: Sequence[RunResult], load: Loader, folder: Path, progress:
                 if (found := read_recorded(recording, case)) is not None:
                     verdict = found.verdict
                     planned = found.paths(trace.rules.dt, commands=True)
-                    files[f"{key}.paths"][planner] = _paths(planned, int(trace.steps[row]) + 1)
+                    files[f"{key}.paths"][planner] = _paths(trace, row, planned)
                 episode = {"hit": int(hit[row]), "verdict": verdict or describe_failure(trace, row)}
                 files[key][planner] = episode | _episode(trace, row)
     palettes = {"light": LIGHT._asdict(), "dark": DARK._asdict()}
-    constants = {"palette": palettes, "quantum": QUANTUM, "coarse": COARSE, "paths": PlannedPaths._fields}
+    constants = {
+        "palette": palettes,
+        "quantum": QUANTUM,
+        "coarse": COARSE,
+        "paths": (*PlannedPaths._fields, "measured"),
+    }
     for key, data in itertools.chain([("index", constants | {"scenarios": scenarios})], files.items()):
         path = folder / "data" / f"{key}.js"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -169,9 +174,14 @@ def _to_lines(lines: Sequence[Float[np.ndarray, "_ 2"]], quantum: float) -> list
     return [[len(lines), *map(len, lines)], np.diff(points, axis=0)]
 
 
-def _paths(planned: Mapping[int, PlannedPaths], states: int) -> str:
-    """Return the paths of an episode: first the number of paths of each kind in each state, then all paths."""
-    each = [planned.get(state, PlannedPaths()) for state in range(states)]
+def _paths(trace: Trace, row: int, planned: Mapping[int, PlannedPaths]) -> str:
+    """Return the paths of an episode: first the number of paths of each kind in each state, then all paths. The rings
+    of measured positions are the last kind."""
+    each = []
+    for state in range(int(trace.steps[row]) + 1):
+        position, radius = trace.position[row, state, 1:], trace.radius[row, state, 1:]
+        measured = position if trace.perceived is None else trace.perceived[row, state]
+        each.append((*planned.get(state, PlannedPaths()), measured_rings(measured, position, radius)))
     lines = [shapely.LineString(line) for paths in each for lines in paths for line in lines]
     simple = [shapely.get_coordinates(line) for line in shapely.simplify(lines, COARSE)]
     return pack(*(len(lines) for paths in each for lines in paths), *_to_lines(simple, COARSE))

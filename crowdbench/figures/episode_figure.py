@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import math
 import shutil
 import subprocess
@@ -20,6 +21,7 @@ from crowdbench.core.types import Outcome, Trace, World
 from crowdbench.drawing import (
     CROWD,
     LIGHT,
+    MEASURED,
     Color,
     Disc,
     Line,
@@ -28,6 +30,7 @@ from crowdbench.drawing import (
     draw_bands,
     draw_moment,
     extent,
+    measured_rings,
 )
 from crowdbench.envs.render import rasterize
 from crowdbench.figures.style import canvas, check_file, draw_panel
@@ -75,6 +78,7 @@ class Episode:
         paths: Paths that the planner predicted, considered and planned, by the number of the state.
         title: A title of its pictures; empty for none.
         side: Length in inches of the longer side of its pictures.
+        has_key: True if its pictures have a key of the marks of measured positions.
     """
 
     trace: Trace
@@ -83,6 +87,17 @@ class Episode:
     paths: Mapping[int, PlannedPaths] = field(default_factory=dict)
     title: str = ""
     side: float = SIDE
+    has_key: bool = True
+
+    @functools.cached_property
+    def key(self) -> str:
+        """The key of its pictures; empty if the vehicle measures all pedestrians where they are."""
+        states = range(self.end + 1)
+        has_marks = self.trace.perceived is not None and any(
+            measured_rings(moment.measured, moment.position[-1, 1:], moment.radius[1:])
+            for moment in (Moment.of_trace(self.trace, self.row, state) for state in states)
+        )
+        return MEASURED if has_marks else ""
 
     @property
     def end(self) -> int:
@@ -126,7 +141,8 @@ class Episode:
         moment = Moment.of_trace(trace, row, state, at - state)
         plane = self.bounds(None if step is None else moment.position[-1, 0])
         note = self.outcome if at == self.end else (f"{at * trace.rules.dt:.2f} s", LIGHT.text)
-        bands, bounds, inch = draw_bands(plane, self.side, note, self.title)
+        title = "   ".join(filter(None, [self.title, self.key if self.has_key else ""]))
+        bands, bounds, inch = draw_bands(plane, self.side, note, title)
         shapes = [*self.paths.get(state, PlannedPaths()).shapes(), *draw_moment(moment)]
         if step is None:
             shapes += mark_times(trace, row, plane, inch)
@@ -243,7 +259,11 @@ def draw_strip(episode: Episode, moments: int, out: Path) -> None:
     states = np.linspace(0, episode.end, moments + 1).round().astype(int)[1:]
     width, height = np.ptp(episode.bounds(np.zeros(2)), axis=0).tolist()
     strip = dataclasses.replace(episode, side=WHOLE / moments * max(1.0, height / width))
-    draw_pictures([strip.picture(float(state)) for state in states.tolist()], moments, out)
+    # The other panels have an empty band above, so that the key of the first one has room.
+    others = dataclasses.replace(strip, has_key=False, title=" " if strip.key else "")
+    panels = [strip, *[others] * (moments - 1)]
+    pictures = [panel.picture(float(state)) for panel, state in zip(panels, states.tolist(), strict=True)]
+    draw_pictures(pictures, moments, out)
 
 
 def film(episodes: Sequence[Episode], out: Path, speed: float = 1.0) -> None:

@@ -71,7 +71,7 @@ def draw_decisions(trace: Trace, row: int) -> Iterator[Chunk]:
     end, dt = int(trace.steps[row]), trace.rules.dt
     for name, array in trace.logs.items():
         steps = steps_logged(trace, row, name)
-        values = _mask_unknown(trace, row, steps, array[row, steps])
+        values = _start_at_measured(trace, row, steps, array[row, steps])
         log = _Log(f"world/planner/{name}", steps, values, trace.position[row, steps], end, dt)
         if not len(steps):
             continue
@@ -92,15 +92,19 @@ def _role(name: str, shape: tuple[int, ...]) -> str:
     return "planned" if name == PLANNED_LOG else "considered" if shape[-1] == 3 else "predicted"
 
 
-def _mask_unknown(
+def _start_at_measured(
     trace: Trace, row: int, steps: Int[np.ndarray, "decision"], values: Float[np.ndarray, "decision *shape"]
 ) -> Float[np.ndarray, "decision *shape"]:
-    """Return paths of pedestrians; NaN for pedestrians that the vehicle neither sees nor remembers."""
+    """Return paths of pedestrians with their measured positions in front, and other values as they are.
+
+    Paths of pedestrians that the vehicle neither sees nor remembers are NaN.
+    """
     where = trace.position[row, steps, 1:] if trace.perceived is None else trace.perceived[row, steps]
     if values.ndim < 4 or values.shape[-2:] != where.shape[-2:]:
         return values
-    known = np.isfinite(where).all(axis=-1)
-    return np.where(known.reshape(len(steps), *[1] * (values.ndim - 3), -1, 1), values, np.nan)
+    start = where.reshape(len(steps), *[1] * (values.ndim - 3), *where.shape[1:])
+    start = np.broadcast_to(start, (*values.shape[:-3], 1, *where.shape[1:]))
+    return np.where(np.isfinite(start), np.concatenate([start, values], axis=-3), np.nan)
 
 
 def steps_logged(trace: Trace, row: int, name: str) -> Int[np.ndarray, "decision"]:
@@ -147,7 +151,8 @@ def _draw_fan(log: _Log) -> Iterator[Chunk]:
 def _draw_lines(log: _Log, role: str) -> Iterator[Chunk]:
     """Draw lines over time in thirds, which fade with the time ahead. Each line loses one point per step.
 
-    They are logged as `[..., time, line, 2]`, from the step after the decision on. A third number is the value of a
+    They are logged as `[..., time, line, 2]`. Lines of pedestrians start at the decision, other lines one step later. A
+    third number is the value of a
     line; only the best lines are drawn.
     """
     length, each = log.values.shape[-3], np.moveaxis(log.values, -3, -2)

@@ -22,6 +22,17 @@ from crowdbench.utils.errors import InputError, NotWritten
 ERRORS = (RuntimeError, ValueError, OSError)
 """Exceptions of Rerun and the file system."""
 
+PROGRAM = """
+import os, subprocess, sys
+from rerun_cli.__main__ import main
+if os.name == "posix":
+    subprocess.call = lambda command: os.execv(command[0], command)
+sys.exit(main())
+"""
+RERUN = [sys.executable, "-c", PROGRAM]
+"""The command of Rerun's program. `python -m rerun_cli` would exit with 0 after an error, and a signal would end it
+without the program."""
+
 CONTENT_ERRORS = (LookupError, TypeError, AttributeError, ArithmeticError)
 """Further exceptions for a Rerun file with other contents than crowdbench writes."""
 
@@ -112,7 +123,7 @@ def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Bl
     if switch is not None:
         os.environ["RERUN"] = switch
     # `rrd route` copies the messages as they are: it is faster than `rrd merge` and needs less memory.
-    command = [sys.executable, "-m", "rerun_cli", "rrd", "route", "-o", "whole.rrd", "layout.rbl", *parts]
+    command = [*RERUN, "rrd", "route", "-o", "whole.rrd", "layout.rbl", *parts]
     # In a new session, because Ctrl-C in a terminal interrupts all processes of the session's group.
     process = subprocess.run(command, cwd=folder, capture_output=True, start_new_session=True)
     whole = folder / "whole.rrd"

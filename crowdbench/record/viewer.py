@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import contextlib
 import os
+import socket
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 from rerun.chunk import LazyChunkStream
@@ -19,6 +22,10 @@ from crowdbench.record import rrd
 from crowdbench.record.blueprint import blueprint, logged_curves
 from crowdbench.record.recorded_cases import EXTENT, SPEED, read_recorded, recorded_outcomes
 from crowdbench.utils.errors import InputError, Interrupted
+from crowdbench.utils.terminal import say
+
+PORT, WEB_PORT = 9876, 9090
+"""Rerun's usual ports: of its server, and of the page in a browser."""
 
 
 def view(path: Path, case: int | None = None, *, web: bool = False) -> None:
@@ -67,11 +74,31 @@ def show(file: Path, *, web: bool = False) -> None:
     """
     if not web and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
         raise InputError("there is no display for a window: use --web, or draw a case with `crowdbench render`")
+    port, options = _free_port(PORT), []
+    if web:
+        page = _free_port(WEB_PORT)
+        options = ["--web-viewer", "--web-viewer-port", str(page)]
+        source = quote(f"rerun+http://127.0.0.1:{port}/proxy", safe="")
+        say(f"The viewer is at http://127.0.0.1:{page}?url={source} until Ctrl-C.")
     with contextlib.suppress(Interrupted):  # Ctrl-C closes the viewer
-        if subprocess.run(_command(file, ["--web-viewer"] * web)).returncode == 0:
-            return
-        raise InputError(f"the Rerun viewer failed on {file}: it needs a display with a graphics driver, or --web")
+        # Its log is not for users, and errors are printed as one sentence.
+        environment = {"RUST_LOG": "warn", **os.environ, "NO_COLOR": "1"}
+        done = subprocess.run(_command(file, port, options), stderr=subprocess.PIPE, env=environment)
+        if done.returncode:
+            lines = done.stderr.decode(errors="replace").strip().splitlines() or [f"status {done.returncode}"]
+            reason = next((line for line in lines if line.startswith("Error: ")), lines[-1]).rpartition(": ")[2]
+            advice = "" if web else ": it needs a display with a graphics driver, or --web"
+            raise InputError(f"the Rerun viewer failed on {file} ({reason}){advice}")
 
 
-def _command(file: Path, options: list[str]) -> list[str]:
-    return [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", "--port", "auto", *options, str(file)]
+def _free_port(usual: int) -> int:
+    """Return a free port of this machine, the usual one if possible."""
+    for port in (usual, 0):
+        with socket.socket() as free, contextlib.suppress(OSError):
+            free.bind(("127.0.0.1", port))
+            return int(free.getsockname()[1])
+    raise InputError("there is no free port for the Rerun viewer")
+
+
+def _command(file: Path, port: int, options: Sequence[str]) -> list[str]:
+    return [*rrd.RERUN, "--bind", "127.0.0.1", "--port", str(port), *options, str(file)]

@@ -47,6 +47,9 @@ def name_of_part(part: Cases) -> str:
     return f"{part.split}-{part.start}-{part.stop}"
 
 
+GOES_ON = "the same command goes on with them, and "
+
+
 @dataclass(frozen=True)
 class Parts:
     """The parts of a run.
@@ -135,7 +138,7 @@ class Parts:
         if number := self.count_finished():
             is_resumable = self.run.planner.is_resumable
             finished = f"{number} of {len(self.run.spec.cases)} cases are kept in {self.folder}"
-            resumes = "the same command goes on with them, and " if is_resumable else ""
+            resumes = GOES_ON if is_resumable else ""
             error.add_note(f"{finished}; {resumes}`crowdbench merge {self.folder}/* --out DIR` makes a run of them")
             if not is_resumable:
                 error.add_note("a planner object with a key, `run(..., key=...)`, goes on with what is kept")

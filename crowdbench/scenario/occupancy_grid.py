@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import warnings
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 import shapely
 import yaml
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from PIL import Image
 from pydantic import Field
 from shapely import affinity
@@ -33,6 +34,12 @@ MOST_CORNERS = 2000
 
 MOST_TURNS = 30_000
 """Largest number of corners of pixel outlines: the time to simplify them grows with the square of their number."""
+
+FEW_CORNERS = 12
+"""Outlines with this number of corners at most are exact."""
+
+SHORT = 2.0
+"""Length in pixels: bumps and notches of one pixel are noise if they are no wider."""
 
 WHITE = {"L": 255.0, "RGB": 255.0, "RGBA": 255.0, "I;16": 65535.0, "I": 65535.0}
 """The value of white, by the mode of an image as Pillow reads it. Pillow scales a PGM of more than 8 bits to 16."""
@@ -75,7 +82,8 @@ class GridSpec(TomlTable):
 def read_obstacles(path: Path) -> list[Polygon]:
     """Return the obstacles of an occupancy grid: polygons around its occupied pixels, in its frame.
 
-    A polygon deviates from its pixels by at most the resolution. Polygons with holes are cut into parts without holes.
+    Edges along rows and columns of pixels are exact. Only steps of one pixel, as of slanted walls and of noise, are
+    simplified, by at most the resolution. Polygons with holes are cut into parts without holes.
 
     Args:
         path: The file `map.yaml`. Its image is in the same folder: PGM, PNG, or another format that Pillow reads.
@@ -88,7 +96,7 @@ def read_obstacles(path: Path) -> list[Polygon]:
     if (turns := _count_turns(occupied)) > MOST_TURNS:
         most = f"but {MOST_TURNS} are possible before it is simplified: use a coarser image, or one with less noise"
         raise InputError(f"the outline of the map {path} has {turns} corners, {most}")
-    shape = shapely.union_all(_boxes(occupied)).simplify(1.0)
+    shape = _simplify(shapely.union_all(_boxes(occupied)))
     if (corners := shapely.get_num_coordinates(shape)) > MOST_CORNERS:
         raise InputError(f"the map {path} has {corners} corners, but {MOST_CORNERS} are possible: use a coarser image")
     shape = affinity.scale(shape, spec.resolution, spec.resolution, origin=(0.0, 0.0))
@@ -166,6 +174,39 @@ def _boxes(occupied: Bool[np.ndarray, "row column"]) -> list[shapely.Polygon]:
     row, start = np.nonzero(np.diff(padded, axis=1) == 1)
     _, stop = np.nonzero(np.diff(padded, axis=1) == -1)
     return shapely.box(start, row, stop, row + 1).tolist()
+
+
+def _simplify(shape: shapely.Geometry) -> shapely.MultiPolygon:
+    """Simplify outlines of pixels by one pixel where they have steps of one pixel, and nowhere else."""
+    polygons = [[_chains(ring) for ring in (part.exterior, *part.interiors)] for part in _polygons(shape)]
+    chains = [chain for rings in polygons for ring in rings for chain in ring]
+    # All at once, so that none of them crosses another one.
+    simple = iter(shapely.MultiLineString(chains).simplify(1.0).geoms)
+    outlines = [[[xy for _ in ring for xy in next(simple).coords[:-1]] for ring in rings] for rings in polygons]
+    return shapely.MultiPolygon([(shell, holes) for shell, *holes in outlines])
+
+
+def _chains(ring: shapely.LinearRing) -> list[Float[np.ndarray, "corner 2"]]:
+    """Cut an outline at its exact corners: those that are at no end of a step. Without any, it is one closed chain."""
+    corner = np.asarray(ring.normalize().simplify(0.0).coords)[:-1]
+    is_step = _find_steps(np.roll(corner, -1, axis=0) - corner)
+    exact = np.flatnonzero(~is_step & ~np.roll(is_step, 1))
+    first = int(exact[0]) if len(exact) else 0
+    corner = np.roll(corner, -first, axis=0)
+    closed = np.concatenate([corner, corner[:1]])
+    cuts = (exact - first).tolist() or [0]
+    return [closed[start : stop + 1] for start, stop in itertools.pairwise([*cuts, len(corner)])]
+
+
+def _find_steps(edge: Float[np.ndarray, "edge 2"]) -> Bool[np.ndarray, "edge"]:
+    """Return which edges of an outline are noise: steps of one pixel beside a short edge, or in a slanted line."""
+    if len(edge) <= FEW_CORNERS:
+        return np.zeros(len(edge), bool)
+    before, after = np.roll(edge, 1, axis=0), np.roll(edge, -1, axis=0)
+    is_jog = (np.abs(edge).sum(axis=1) == 1.0) & (np.sign(before) == np.sign(after)).all(axis=1)
+    is_short = np.minimum(np.abs(before).sum(axis=1), np.abs(after).sum(axis=1)) <= SHORT
+    goes_on = is_jog & np.roll(is_jog, 2) & (np.roll(edge, 2, axis=0) == edge).all(axis=1)
+    return is_jog & (is_short | goes_on | np.roll(goes_on, -2))
 
 
 def _polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:

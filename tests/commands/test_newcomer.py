@@ -161,7 +161,7 @@ def test_the_first_failure_is_played_on_this_machine_alone(done, driven, monkeyp
     assert case == driven.case[driven.outcome == Outcome.COLLISION][0]
     assert [line.split(" (")[0].split(" ")[1] for line in outcomes[:-1]] == ["collisions", "timeout", "successes"]
     assert outcomes[-1] == f"case val/{case}"
-    command = viewer._command(Path("run.rrd"), [])
+    command = viewer._command(Path("run.rrd"), 9876, [])
     assert command[command.index("--bind") + 1] == "127.0.0.1"
 
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from crowdbench.catalog import load_scenario
 from crowdbench.cli.app import app
 from crowdbench.core.types import Outcome
-from crowdbench.drawing import LIGHT, Disc, Moment, Polygon, draw_moment
+from crowdbench.drawing import APART, CIRCLE, LIGHT, MEASURED, Disc, Line, Moment, Polygon, draw_moment
 from crowdbench.envs.render import rasterize
 from crowdbench.figures.episode_figure import FILMS, HOLD, RATE, Episode
 from crowdbench.planners.driver import Driver
@@ -64,6 +64,28 @@ def test_a_vehicle_that_has_hit_an_obstacle_has_the_mark_of_a_contact():
 
     assert LIGHT.contact in colors(end)
     assert LIGHT.contact not in colors(end - 1)
+
+
+@pytest.mark.parametrize(("scenario", "number"), [("noisy_10", 1), ("circle_crossing_5", 0)])
+def test_measured_positions_are_rings_with_a_key_where_they_differ(tmp_path, scenario, number):
+    run = tmp_path / "run"
+    given = ["run", "--planner", "orca", "--scenario", scenario, "--cases", "val:1", "--out", str(run)]
+    assert CliRunner().invoke(app, given).exit_code == 0
+    trace = stored_trace(run)
+    state = int(trace.steps[0])
+    shapes = [shape for shape in draw_moment(Moment.of_trace(trace, 0, state)) if isinstance(shape, Line)]
+    rings = [shape.points for shape in shapes if len(shape.points) == len(CIRCLE) and shape.color == LIGHT.text]
+    if number:
+        where = trace.perceived[0, state]
+        centres = where[np.isfinite(where[:, 0]) & (np.hypot(*(where - trace.position[0, state, 1:]).T) > APART)]
+        np.testing.assert_allclose([ring[:-1].mean(axis=0) for ring in rings], centres, atol=1e-9)
+        assert len(rings) > 2
+    else:
+        assert rings == []
+    for more in ([], ["--strip", "4"]):
+        given = ["render", str(run), "--case", "0", "--out", str(tmp_path / "a.svg"), *more]
+        assert CliRunner().invoke(app, given).exit_code == 0
+        assert words(tmp_path / "a.svg").count(MEASURED) == number
 
 
 def test_a_picture_shows_what_is_around_the_vehicle(driven, tmp_path):

@@ -1,5 +1,6 @@
 """Every command that the README and the documentation show is run, on few cases; every study and Python block too."""
 
+import importlib
 import re
 import shlex
 import sys
@@ -148,3 +149,15 @@ def test_the_python_of_the_docs_runs(page, tmp_path, monkeypatch):
     assert found
     for text in found:
         exec(text, {"__name__": page})
+
+
+@pytest.mark.slow
+def test_the_notebook_of_the_docs_runs_and_the_site_shows_its_outputs(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    notebook = importlib.import_module("notebook_page")
+    files, page = notebook.files(), notebook.page()
+    assert len(files) == 3
+    assert [name for name in files if name.endswith(".png") and f"]({name})" not in page] == []
+    assert re.search(r"\| success \| success_rate \| [\d.]+ % \|", page)
+    assert "| metric | orca | Waits | difference (95 % interval) | p | n |" in page
+    assert page.endswith("```text\nTrue\n```")

@@ -27,7 +27,7 @@ def test_all_that_is_known_is_predicted_and_the_best_ways_are_considered(said):
     ways = read_paths(list(draw_decisions(said, 0)), said.rules.dt)
     assert sorted(ways) == list(range(int(said.steps[0])))
     for state in ways.values():
-        whom = np.array([way[0, 0] for way in state.predicted])
+        whom = np.array([way[-1, 0] for way in state.predicted])
         assert np.unique(whom, return_counts=True)[0].tolist() == [0.0, 1.0, 3.0, 4.0]
         thirds = np.array([way[0, 0] for way in state.considered]).reshape(-1, BEST)
         np.testing.assert_array_equal(thirds, np.tile(np.arange(19.0, 19.0 - BEST, -1.0), (len(thirds), 1)))
@@ -35,6 +35,14 @@ def test_all_that_is_known_is_predicted_and_the_best_ways_are_considered(said):
         drawn = [(shape.color, len(shape.points)) for shape in state.shapes()]
         assert {color for color, _ in drawn} == {LIGHT.predicted, LIGHT.considered, LIGHT.vehicle}
         assert drawn[-1][0] == LIGHT.vehicle  # over all others
+
+
+def test_predictions_start_where_the_vehicle_measures_the_pedestrians(said):
+    measured = dataclasses.replace(said, perceived=said.perceived + 0.4)
+    for state, paths in read_paths(list(draw_decisions(measured, 0)), said.rules.dt).items():
+        starts = {tuple(np.round(path[0], 4)) for path in paths.predicted if path[0, 0] != path[0, 1]}
+        where = np.delete(measured.perceived[0, state], 2, axis=0)
+        assert starts == {tuple(point) for point in where.astype(np.float32).astype(float).round(4).tolist()}
 
 
 def test_a_planner_that_logs_nothing_has_no_ways(said):

@@ -1,4 +1,7 @@
+import contextlib
 import dataclasses
+import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -207,14 +210,61 @@ def test_one_case_is_shown_alone(recorded, tmp_path, monkeypatch):
     assert shown == [[7], list(range(12))]
 
 
-def test_a_viewer_that_does_not_start_is_told_in_a_sentence(recorded, monkeypatch):
-    monkeypatch.setattr(viewer, "_command", lambda *_: [sys.executable, "-c", "raise SystemExit(1)"])
-    with pytest.raises(InputError, match=r"the Rerun viewer failed on .*\.rrd: it needs a display"):
-        viewer.view(recorded, 7, web=True)
+@pytest.fixture
+def viewer_program(tmp_path, monkeypatch):
+    """Replaces Rerun's program by a script, and returns the file with its arguments."""
+
+    def replace(script):
+        program = tmp_path / "rerun"
+        program.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/arguments\n{script}\n')
+        program.chmod(0o755)
+        monkeypatch.setenv("RERUN_CLI_PATH", str(program))
+        return tmp_path / "arguments"
+
+    return replace
+
+
+def test_a_viewer_that_fails_is_told_in_a_sentence(recorded, viewer_program, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":0")
+    viewer_program("echo 'Error: a server: no memory' >&2; exit 1")
+    with pytest.raises(InputError, match=r"the Rerun viewer failed on .*\.rrd \(no memory\)$"):
+        viewer.show(recorded, web=True)
+    with pytest.raises(InputError, match=r"\(no memory\): it needs a display with a graphics driver, or --web$"):
+        viewer.show(recorded)
+    viewer_program("kill -9 $$")
+    with pytest.raises(InputError, match=r"the Rerun viewer failed on .*\.rrd"):
+        viewer.show(recorded, web=True)
+    monkeypatch.setenv("RERUN_CLI_PATH", "/nowhere")
+    with pytest.raises(InputError, match=r"failed on .*\.rrd \(Could not find rerun binary at /nowhere\)"):
+        viewer.show(recorded, web=True)
+
+
+def test_a_viewer_in_a_browser_takes_other_ports_if_its_usual_ones_are_taken(recorded, viewer_program, capsys):
+    arguments = viewer_program("exit 0")
+    with contextlib.ExitStack() as stack:
+        for port in (viewer.PORT, viewer.WEB_PORT):
+            with contextlib.suppress(OSError):  # another program has it
+                taken = stack.enter_context(socket.socket())
+                taken.bind(("127.0.0.1", port))
+                taken.listen()
+        viewer.show(recorded, web=True)
+    port, page = map(int, re.findall(r"port (\d+)", arguments.read_text()))
+    assert not {port, page} & {viewer.PORT, viewer.WEB_PORT}
+    said = capsys.readouterr().err
+    assert f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy" in said
+
+
+def test_the_program_of_rerun_exits_with_its_own_status(recorded):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        options = ["--web-viewer", "--web-viewer-port", str(taken.getsockname()[1])]
+        done = subprocess.run(viewer._command(recorded, viewer._free_port(0), options), capture_output=True, timeout=60)
+    assert done.returncode == 1
 
 
 def test_ctrl_c_closes_a_viewer_without_a_word(recorded, monkeypatch):
-    def wait(command):
+    def wait(command, **_):
         raise Interrupted
 
     monkeypatch.setattr(viewer.subprocess, "run", wait)

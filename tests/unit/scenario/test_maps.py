@@ -1,5 +1,7 @@
 """Maps: obstacles from an occupancy grid of ROS, and the layout of regions among them."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
@@ -7,6 +9,7 @@ import shapely.affinity
 from PIL import Image
 from typer.testing import CliRunner
 
+import crowdbench
 from crowdbench.catalog import load_recorded_scenario, load_scenario
 from crowdbench.cli.app import app
 from crowdbench.scenario import occupancy_grid
@@ -31,6 +34,9 @@ b = [[6.0, 3.0], [8.0, 4.5]]
 [pedestrians]
 number = 2
 """
+
+
+MAPS = Path(crowdbench.__file__).parents[1] / "scenarios" / "maps"
 
 
 def draw(folder, pixels, yaml=YAML, name="map.pgm"):
@@ -139,6 +145,58 @@ def test_polygons_leave_any_pixels_by_the_resolution_at_most(tmp_path, seed):
     assert shape.hausdorff_distance(true) <= 0.1
 
 
+def blocks_of(height, width, *boxes):
+    """Pixels that are occupied in boxes of rows and columns, each from first to last."""
+    pixels = np.zeros((height, width), bool)
+    for top, bottom, left, right in boxes:
+        pixels[top:bottom, left:right] = True
+    return pixels
+
+
+EXACT = {
+    **{f"rectangle {h} x {w}": blocks_of(h + 2, w + 2, (1, h + 1, 1, w + 1)) for h, w in [(10, 20), (1, 20), (7, 1)]},
+    "single pixel": blocks_of(3, 3, (1, 2, 1, 2)),
+    "L": blocks_of(30, 30, (2, 22, 2, 8), (16, 22, 2, 28)),
+    "L of three pixels": blocks_of(4, 4, (1, 3, 1, 2), (2, 3, 1, 3)),
+    "L with a leg of one pixel": blocks_of(30, 30, (2, 22, 2, 3), (21, 22, 2, 28)),
+    "T and a bar": blocks_of(30, 30, (2, 5, 2, 20), (5, 15, 9, 12), (20, 21, 2, 28)),
+    "ring": blocks_of(20, 30, (2, 18, 2, 28)) ^ blocks_of(20, 30, (5, 9, 4, 20)),
+    "ring of one pixel": blocks_of(20, 30, (2, 18, 2, 28)) ^ blocks_of(20, 30, (3, 17, 3, 27)),
+    "touching diagonally": blocks_of(20, 20, (2, 8, 2, 8), (8, 15, 8, 18)),
+    "pixels in a diagonal": np.eye(8, dtype=bool),
+    "step of one pixel": blocks_of(20, 60, (5, 15, 2, 30), (4, 15, 30, 58)),
+    "room with desks": blocks_of(60, 90, (0, 60, 0, 90))
+    ^ blocks_of(60, 90, (3, 57, 3, 87))
+    ^ blocks_of(60, 90, (3, 12, 20, 32), (40, 57, 50, 55), (30, 31, 3, 40), (3, 4, 60, 80)),
+}
+"""Pixels whose outlines are exact."""
+
+
+@pytest.mark.parametrize("pixels", EXACT.values(), ids=EXACT)
+@pytest.mark.parametrize("turns", range(4))
+def test_what_is_no_noise_is_exact(tmp_path, pixels, turns):
+    pixels = np.rot90(pixels, turns)
+    found = read_obstacles(draw(tmp_path, np.where(pixels, 0, 254)))
+    row, column = np.nonzero(pixels[::-1])
+    exact = shapely.union_all(shapely.box(0.1 * column - 1, 0.1 * row + 2, 0.1 * column - 0.9, 0.1 * row + 2.1))
+    shape = shapely.union_all([shapely.Polygon(each) for each in found])
+    assert shape.symmetric_difference(exact).area < 1e-9
+    assert area(found) == pytest.approx(0.01 * pixels.sum())
+
+
+def test_noise_and_slanted_walls_are_simplified(tmp_path):
+    row, column = np.indices((60, 90))
+    slanted = (abs(row - 10 - column // 7) < 2) & (column > 4) & (column < 80)
+    (wall,) = read_obstacles(draw(tmp_path, np.where(slanted, 0, 254)))
+    assert len(wall) <= 8
+    assert area([wall]) == pytest.approx(0.01 * slanted.sum(), rel=0.05)
+    rough = blocks_of(60, 90, (20, 30, 5, 85))
+    rough[19, 10:80:7] = True
+    rough[29, 11:80:9] = False
+    (wall,) = read_obstacles(draw(tmp_path, np.where(rough, 0, 254)))
+    assert len(wall) <= 8
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -221,6 +279,15 @@ def test_the_maps_that_ship_are_of_rooms_and_of_shelves():
     office, shop = (load_scenario(name).table["layout"]["obstacles"] for name in ("office_8", "shop_10"))
     assert 6 <= len(office) <= 30
     assert 6 <= len(shop) <= 30
+
+
+@pytest.mark.parametrize(("scenario", "file"), [("office_8", "office.yaml"), ("shop_10", "shop.yaml")])
+def test_the_scenarios_of_maps_have_the_obstacles_of_their_maps_within_a_pixel(scenario, file):
+    shapes = [
+        shapely.union_all([shapely.Polygon(each) for each in polygons])
+        for polygons in (load_scenario(scenario).table["layout"]["obstacles"], read_obstacles(MAPS / file))
+    ]
+    assert shapes[0].hausdorff_distance(shapes[1]) <= 0.071  # the diagonal of a pixel
 
 
 @pytest.mark.parametrize("occupied", [0.1, 0.5, 0.9])
