@@ -65,6 +65,7 @@ def describe_next(tracks: Path, scene: str) -> str:
         changes = {"tracks.scene": scene, "time_limit": seconds, "tracks.distance": metres}
         try:
             scenario = load_scenario("eth_recorded", changes, data=tracks)
+            assert scenario.tracks is not None
             cases = len(scenario.tracks.windows["test"])
             scenario.draw("test", np.arange(cases))
         except InputError as error:

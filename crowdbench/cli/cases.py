@@ -7,7 +7,7 @@ import inspect
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from crowdbench.cli.console import BAD, GOOD, announce_compilation, write
 from crowdbench.utils.errors import InputError
@@ -111,9 +111,9 @@ def replay_options(scenario: Scenario, data: Path | None) -> list[str]:
     """Return the options by which commands simulate the cases of a run again: the user's files and recorded tracks."""
     table = scenario.table
     files = table["pedestrians"].get("policy_files", {})
-    plugins = [("--pedestrians", type(scenario.policies[name])) for name in files]
+    plugins: list[tuple[str, Any]] = [("--pedestrians", type(scenario.policies[name])) for name in files]
     if scenario.layout is not None and table["layout"]["generator_file"] is not None:
-        plugins.append(("--layout", scenario.layout.layout))
+        plugins.append(("--layout", scenario.layout.func))
     words = [word for option, plugin in plugins for word in (option, inspect.getfile(plugin))]
     return words if data is None else [*words, "--data", str(data)]
 

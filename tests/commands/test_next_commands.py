@@ -27,6 +27,16 @@ def policy():
     return Stroll()
 """
 
+LAYOUT = """
+import numpy as np
+from crowdbench.scenario import Placement
+
+
+def layout(rng, radius, preferred_speed):
+    start = np.array([[0.0, -4.0], *([float(k), 4.0] for k in range(len(radius) - 1))])
+    return Placement(start, -start)
+"""
+
 
 def printed(text, *words):
     """The words of the commands in a text that begin with these words, each to the end of its line."""
@@ -73,6 +83,18 @@ def test_the_command_that_shows_a_failure_has_the_users_policy(tmp_path, call, s
         assert words[-2:] == ["--pedestrians", str(file)]
         assert call(*words[2:]).returncode == 0
         assert shown
+
+
+def test_the_command_that_shows_a_failure_has_the_users_layout(tmp_path, call, shown):
+    file = tmp_path / "my layouts" / "narrow.py"
+    file.parent.mkdir()
+    file.write_text(LAYOUT)
+    words = ["run", "--planner", "straight", "--set", f"layout.generator={file}", "--record", "commands"]
+    said = call(*words, "--cases", "val:6", "--out", str(tmp_path / "a run")).stdout
+    (words,) = printed(said, ": crowdbench", "view")
+    assert words[-2:] == ["--layout", str(file)]
+    assert call(*words[2:]).returncode == 0
+    assert shown
 
 
 def test_the_command_after_a_metric_that_failed_has_the_options_of_the_run(tmp_path, call):
