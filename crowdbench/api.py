@@ -15,11 +15,12 @@ from crowdbench.metrics.registry import METRICS, Metric
 from crowdbench.metrics.user_metrics import RESERVED
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
-from crowdbench.result import Result, TemporaryFolder, find_earlier
+from crowdbench.result import Result, TemporaryFolder, as_path, find_earlier
 from crowdbench.runs import rollout as lockstep
 from crowdbench.runs.identity import new_key
 from crowdbench.runs.loading import hold_out, load_run
 from crowdbench.runs.make import make_run
+from crowdbench.runs.parts import GOES_ON
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import Run, fit_batch
 from crowdbench.runs.spec import EVERY_STEP, Replanning, RunSpec
@@ -32,7 +33,6 @@ from crowdbench.utils.progress_bars import announce_compilation
 from crowdbench.utils.progress_bars import progress as show_progress
 
 A_PLANNER = "a name, a file or a Planner, such as MyPlanner()"
-A_PLACE = "the path of a directory, or None"
 
 BATCHES = 4
 """Largest size of a trace that `rollout` returns, as a multiple of the traces of a batch of a run."""
@@ -89,9 +89,9 @@ def run(
     require("scenario", scenario, isinstance(scenario, str), "a name, or a file such as './mine.toml'")
     require("options", options, isinstance(options, Mapping | None), "a table such as {'speed': 0.5}")
     require("data", data, isinstance(data, str | Path | None), "the folder with recorded tracks, or None")
-    require("out", out, isinstance(out, str | Path | None), A_PLACE)
     require("key", key, isinstance(key, str | None), "a text, or None")
     require("progress", progress, progress is None or callable(progress), "a function of a number, or None")
+    directory = None if out is None else as_path("out", out)
     _check_metrics(metrics)
     spec = RunSpec(
         planner if isinstance(planner, str) else type(planner).__name__,
@@ -109,10 +109,10 @@ def run(
         identity = dataclasses.replace(loaded.planner, key=loaded.planner.key or key or new_key())
         loaded = dataclasses.replace(loaded, metrics={**loaded.metrics, **metrics}, planner=identity)
     loaded.scenario.check_data(spec.data)
-    if out is None:
+    if directory is None:
         result = _run_in_temporary_folder(loaded, progress)
     else:
-        result = _run_in_directory(loaded, Path(out), overwrite, progress)
+        result = _run_in_directory(loaded, directory, overwrite, progress)
     for reason in (*loaded.failed.values(), *loaded.lost):
         warnings.warn(f"{reason}: the result is without it", stacklevel=2)
     return dataclasses.replace(result, _loaded=loaded.scenario)
@@ -134,19 +134,19 @@ def _run_in_temporary_folder(loaded: Run, progress: Progress | None) -> Result:
     try:
         with _shown(loaded, progress) as report:
             make_run(loaded, folder.path / "run", progress=report)
-    except BaseException:
+    except BaseException as error:
         folder.keep_if_filled()
+        notes = getattr(error, "__notes__", [])
+        notes[:] = [note.replace(GOES_ON, "") for note in notes]  # another run has another folder
         raise
     return dataclasses.replace(Result.read(folder.path / "run"), _temporary=folder)
 
 
 def _run_in_directory(loaded: Run, out: Path, overwrite: bool, progress: Progress | None) -> Result:
     """Make a run in a directory, unless the same run is in it."""
-    earlier = find_earlier(out, loaded.id.parts)
-    if earlier is not None and not overwrite and earlier.result["id"] == loaded.id.digest:
-        return Result.read(out)
+    has_other_key = find_earlier(out, loaded.id.parts) not in ("", loaded.id.digest)
     with _shown(loaded, progress) as report:
-        if not make_run(loaded, out, overwrite=overwrite or earlier is not None, progress=report):
+        if not make_run(loaded, out, overwrite=overwrite or has_other_key, progress=report):
             raise InputError(f"another process is making the run {out}: try again when it has ended")
     return Result.read(out)
 
@@ -186,6 +186,7 @@ def rollout(
     """
     require("planner", planner, isinstance(planner, str | Planner), A_PLANNER)
     require("scenario", scenario, isinstance(scenario, str | Scenario), "a name, a file or a Scenario")
+    require("watch", watch, watch is None or callable(watch), "a function of the worlds, or None")
     require("replanning", replanning, isinstance(replanning, Replanning), "Replanning(every=8), for example")
     if isinstance(planner, str):
         planner = catalog.load_planner(planner)

@@ -74,7 +74,8 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> Planner
         InputError: There is no such planner, it does not take the options, or its file is broken.
     """
     require("planner", spec, isinstance(spec, str), "a name, or a file such as './mine.py'")
-    require("options", options, options is None or isinstance(options, Mapping), "a table such as {'speed': 0.5}")
+    is_table = isinstance(options, Mapping) and all(isinstance(name, str) for name in options)
+    require("options", options, options is None or is_table, "a table such as {'speed': 0.5}")
     arguments = dict(options or {})
     filter_name = arguments.pop("filter", False)
     require("option filter", filter_name, filter_name in (False, "kalman"), "kalman, or left out")

@@ -95,7 +95,7 @@ class Result:
         Raises:
             InputError: A file is missing, or was changed after the run.
         """
-        run = RunResult.read(_as_path("directory", directory))
+        run = RunResult.read(as_path("directory", directory))
         metrics = {name: read_estimate(estimate) for name, estimate in run.result["metrics"].items()}
         scenario, cases = run.result["scenario"]["name"], run.result["run"]["cases"]
         return cls(run.result["id"], run.label, scenario, cases, metrics, run.episodes, run.directory)
@@ -119,10 +119,10 @@ class Result:
         Raises:
             InputError: The directory exists, or cannot be written.
         """
-        path = _as_path("directory", directory)
+        path = as_path("directory", directory)
         earlier = find_earlier(path, self._stored().result["run"])
-        if earlier is None or earlier.result["id"] != self.id:
-            with files.new_directory(path, overwrite or earlier is not None) as folder:
+        if earlier != self.id:
+            with files.new_directory(path, overwrite or bool(earlier)) as folder:
                 shutil.copytree(self.directory, folder, dirs_exist_ok=True)
         return replace(self, directory=path, _temporary=None)
 
@@ -165,6 +165,7 @@ class Result:
 
         from crowdbench.figures import plots
 
+        require("metric", metric, isinstance(metric, str | None), "the name of a metric, or None")
         self._stored()
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "figure.png"
@@ -237,8 +238,10 @@ class Result:
         return repr(self)
 
 
-def find_earlier(directory: Path, run: Mapping[str, Any]) -> RunResult | None:
-    """Return the run in a directory if it differs from a run at most in the random key of a planner object.
+def find_earlier(directory: Path, run: Mapping[str, Any]) -> str:
+    """Return the id of the run in a directory if it differs from a run at most in the random key of a planner object.
+
+    The id is empty if the directory has no such run.
 
     Args:
         directory: The directory.
@@ -247,13 +250,12 @@ def find_earlier(directory: Path, run: Mapping[str, Any]) -> RunResult | None:
     try:
         earlier = read_result(directory)
     except InputError:
-        return None
+        return ""
     is_same = digest_of(without_random_key(earlier["run"])) == digest_of(without_random_key(run))
-    return RunResult.read(directory) if is_same else None
+    return str(earlier["id"]) if is_same else ""
 
 
-def _as_path(name: str, path: object) -> Path:
-    """Return a path. Raises InputError if it is neither a text nor a `Path`."""
-    if isinstance(path, str | Path):
-        return Path(path)
-    raise InputError(f"{name} is {path!r}, but must be the path of a directory")
+def as_path(name: str, path: object) -> Path:
+    """Return the path of a directory. Raises InputError, with the name of the argument, if it is no path."""
+    require(name, path, isinstance(path, str | Path) and "\0" not in str(path), "the path of a directory")
+    return Path(str(path))

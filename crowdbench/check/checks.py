@@ -220,13 +220,22 @@ class Condition:
     repeat: int = 1
 
 
-def check_plugin(subject: Subject, cases: Cases) -> list[CheckResult]:
+def check_plugin(
+    subject: Subject, cases: Cases, report: Callable[[float], None] = lambda done: None
+) -> list[CheckResult]:
     """Check a plug-in against the contract of its kind.
 
-    Raises InputError if another part than the plug-in breaks its contract, or the plug-in cannot be constructed.
+    Args:
+        subject: The plug-in.
+        cases: The cases in which it is driven.
+        report: Called with each part of the drives that is done, a fraction of all.
+
+    Raises:
+        InputError: Another part than the plug-in breaks its contract, or the plug-in cannot be constructed.
     """
     procedure, plugin, numbers = subject.procedure, subject.make(), cases.indices.tolist()
     first = AnswerLog(subject.limit)
+    report(0.0)
     try:
         subject.drive(plugin, cases, numbers, first)
     except ContractBroken as error:
@@ -246,10 +255,16 @@ def check_plugin(subject: Subject, cases: Cases) -> list[CheckResult]:
     ]
     if procedure.padding:
         independent.append(Condition(procedure.padding, [numbers], padding=True))
+    share = 1.0 / (1 + len(repeatable) + len(independent))
+    report(share)
+
+    def compare(name: str, conditions: Sequence[Condition]) -> CheckResult:
+        return _compare(name, conditions, subject, cases, first.answers, lambda part: report(share * part))
+
     results = [
         CheckResult("answers", True, f"{valid}; {duration}"),
-        _compare("repeatable", repeatable, subject, cases, first.answers),
-        _compare("independent", independent, subject, cases, first.answers),
+        compare("repeatable", repeatable),
+        compare("independent", independent),
     ]
     if procedure.further is not None:
         results += procedure.further(subject.scenarios[""], cases)
@@ -257,7 +272,12 @@ def check_plugin(subject: Subject, cases: Cases) -> list[CheckResult]:
 
 
 def _compare(
-    name: str, conditions: Sequence[Condition], subject: Subject, cases: Cases, first: Mapping[str, np.ndarray]
+    name: str,
+    conditions: Sequence[Condition],
+    subject: Subject,
+    cases: Cases,
+    first: Mapping[str, np.ndarray],
+    report: Callable[[float], None],
 ) -> CheckResult:
     """Drive a plug-in under several conditions, and compare its answers with the first ones."""
     is_neural = subject.neural
@@ -272,6 +292,7 @@ def _compare(
             for batch in condition.batches:
                 plugin = subject.make() if condition.plugin is None else condition.plugin
                 subject.drive(plugin, cases, batch, log, condition.padding)
+                report(len(batch) / len(cases))
         except ContractBroken as error:
             return CheckResult(name, False, f"{condition.when}: {error}")
         differing = [

@@ -39,6 +39,23 @@ COMMANDS = {
 }
 """The commands in the order of --help, with their group in --help, and their function in a module of this folder."""
 
+EXAMPLES = {
+    "run": "--planner orca --cases val:40",
+    "suite": "orca --cases 20",
+    "new-planner": "mine",
+    "check": "./mine.py",
+    "train": "sarl",
+    "merge": "runs/one runs/two --out runs/both",
+    "view": "runs/one",
+    "render": "runs/one --out case.png",
+    "plot": "success runs/one runs/two",
+    "table": "runs/one runs/two",
+    "compare": "runs/one runs/two",
+    "score": "runs/one",
+    "export": "runs/one --out tracks",
+}
+"""Arguments of each command that needs some, for the error of a command without them."""
+
 ENTRY_POINTS = "crowdbench.commands"
 """The group of entry points of commands that other distributions add."""
 
@@ -130,6 +147,8 @@ def main(script: Callable[..., None] | None = None) -> None:
         if report is None or (debug and not isinstance(error, SystemExit)):
             raise
         sentence, status = report
+        if type(error).__name__ == "MissingParameter" and arguments[0] in EXAMPLES:
+            sentence += f" For example: crowdbench {arguments[0]} {EXAMPLES[arguments[0]]}"
         say(f"crowdbench: {sentence}", BAD)
         sys.exit(status)
     if status == INTERRUPTED:

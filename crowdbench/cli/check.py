@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.console import BAD, GOOD, announce_compilation, print_table
+from crowdbench.cli.console import BAD, GOOD, announce_compilation, print_table, progress
 from crowdbench.cli.options import assignments
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import InputError
@@ -50,8 +50,9 @@ def check(
         raise InputError(f"nothing is checked as {kind!r}: --kind is {', '.join(others)} or {last}")
     announce_compilation()
     options = assignments(option or [], "--option")
-    subject = load_subject(kind, plugin, options, scenario, decision_limit, data)
-    results = check_plugin(subject, Cases.parse(cases))
+    with progress(1.0, "checked") as report:
+        subject = load_subject(kind, plugin, options, scenario, decision_limit, data)
+        results = check_plugin(subject, Cases.parse(cases), report)
     print_table(check_table(subject.name, results), {PASSED: GOOD, FAILED: BAD})
     if not all(result.passed for result in results):
         raise typer.Exit(1)

@@ -15,7 +15,7 @@ import typer
 from crowdbench.cli.console import print_table, write
 from crowdbench.cli.options import parse_docstring
 from crowdbench.plugins.options import REQUIRED, Option, read_options
-from crowdbench.utils.errors import InputError, find_named
+from crowdbench.utils.errors import InputError, did_you_mean, find_named
 from crowdbench.utils.files import read_text
 from crowdbench.utils.tables import Grid
 
@@ -58,7 +58,8 @@ def list_(
         return
     if kind not in LISTED:
         *others, last = LISTED
-        raise InputError(f"nothing is listed as {kind!r}: ask for {', '.join(others)} or {last}")
+        near = did_you_mean(kind, LISTED)
+        raise InputError(f"nothing is listed as {kind!r}{near}: ask for {', '.join(others)} or {last}")
     if name is None:
         print_table(_names_grid(kind))
         return

@@ -125,11 +125,8 @@ def make_one_run(
     from crowdbench.runs.loading import open_run
     from crowdbench.runs.make import is_made, make_run, make_with
     from crowdbench.runs.parts import Parts
-    from crowdbench.runs.shards import WHOLE
     from crowdbench.runs.spec import directory_name
 
-    if executor is not None and shard != WHOLE:
-        raise InputError("--shard does not go with --workers or --engine, which share out all cases")
     share = shard.share(spec.cases)
     with exit_on_interrupt(), progress(len(share)) as report, open_run(spec) as run:
         run.scenario.check_data(spec.data)
@@ -142,7 +139,7 @@ def make_one_run(
         if executor is None:
             is_complete = make_run(run, directory, shard=shard, overwrite=overwrite, progress=report)
         else:
-            [made] = make_with(executor, [(run, directory)], overwrite=overwrite, progress=report)
+            [made] = make_with(executor, [(run, directory)], shard=shard, overwrite=overwrite, progress=report)
             if made.error is not None:
                 raise made.error
             is_complete = made.is_complete
@@ -157,7 +154,9 @@ def describe_parts(parts: Parts, shard: Shard) -> str:
     from crowdbench.runs.shards import WHOLE
 
     cases, share = parts.run.spec.cases, shard.share(parts.run.spec.cases)
-    number, missing = parts.count_finished(), sum(map(len, parts.missing(share)))
+    # The folder is removed if it is empty.
+    number = parts.count_finished() if parts.folder.exists() else 0
+    missing = sum(map(len, parts.missing(share)))
     if not len(share):
         own = f"shard {shard} has no case, because there are {len(cases)} in all"
     elif missing:

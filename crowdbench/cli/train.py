@@ -93,6 +93,7 @@ def _run(runner: Runner) -> None:
     training = runner.training
     with exit_on_interrupt(f"continue with {training.config.program} --resume {shlex.quote(str(runner.directory))}"):
         with progress(1.0, "trained") as advance:
+            advance(0.0)
             shown = 0.0
             for point in runner.train():
                 say(training.describe(point))

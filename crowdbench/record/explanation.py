@@ -44,7 +44,7 @@ def describe_failure(trace: Trace, row: int) -> list[str]:
         first = f"Collision with pedestrian {agent - 1} at {steps * dt:g} s: {fault}."
         return [first, _expected(trace, row, agent), _describe_motion(trace, row, agent, saw=saw)]
     if outcome is Outcome.WALL_COLLISION:
-        ahead = [f"{trace.wall_gap[row, state - 1]:.2f} m at {state * dt:g} s" for state in _states_before(steps, dt)]
+        ahead = [f"{trace.wall_gap[row, state - 1]:z.2f} m at {state * dt:g} s" for state in _states_before(steps, dt)]
         first = f"Collision with an obstacle at {steps * dt:g} s: the vehicle's fault (φ = 1)."
         second = f"The gap to the obstacle was {', '.join(ahead)}; the vehicle drove at {speed[-1]:.1f} m/s."
     elif outcome is Outcome.TIMEOUT:
@@ -61,7 +61,7 @@ def _nearest(trace: Trace, row: int) -> str:
     """Return a sentence on the smallest gap to a pedestrian and its time."""
     gap = trace.gap[row, : trace.steps[row]]
     at = (int(gap.argmin()) + 1) * trace.rules.dt
-    return f"The smallest gap to a pedestrian was {gap.min():.2f} m, at {at:g} s." if np.isfinite(gap.min()) else ""
+    return f"The smallest gap to a pedestrian was {gap.min():z.2f} m, at {at:g} s." if np.isfinite(gap.min()) else ""
 
 
 def _states_before(steps: int, dt: float) -> list[int]:
@@ -83,10 +83,10 @@ def _expected(trace: Trace, row: int, agent: int) -> str:
             position = (trace.position[row, state, agent] + moved)[None]
         distance = float(np.median(norm(position - trace.position[row, steps, 0])))
         if np.isfinite(distance):
-            gaps.append(f"{distance - trace.radius[row, steps, [0, agent]].sum():.2f} m at {state * dt:g} s")
+            gaps.append(f"{distance - trace.radius[row, steps, [0, agent]].sum():z.2f} m at {state * dt:g} s")
     how = "constant velocity; the planner logs no prediction" if logged is None else "the planner's prediction"
     expected = ", ".join(gaps) or "none, the pedestrian was not seen"
-    return f"Gap expected for that moment ({how}): {expected}. Actual gap: {trace.gap[row, steps - 1]:.2f} m."
+    return f"Gap expected for that moment ({how}): {expected}. Actual gap: {trace.gap[row, steps - 1]:z.2f} m."
 
 
 def _prediction(

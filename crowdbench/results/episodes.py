@@ -22,7 +22,6 @@ from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, describe_error
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pyarrow as pa
 
 EPISODES = "episodes.csv"
@@ -125,8 +124,8 @@ class Episodes:
         columns = {name: pa.array(values, from_pandas=True) for name, values in self.columns.items()}
         return pa.table({**self._first_columns(), **columns})
 
-    def to_pandas(self) -> pd.DataFrame:
-        """Return the same table for pandas. Raises InputError if pandas is not installed."""
+    def to_pandas(self) -> Any:
+        """Return the same table as a `pandas.DataFrame`. Raises InputError if pandas is not installed."""
         if importlib.util.find_spec("pandas") is None:
             raise InputError("to_pandas needs pandas: install it with pip install pandas, or use to_arrow()")
         return self.to_arrow().to_pandas()

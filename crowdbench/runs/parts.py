@@ -49,6 +49,9 @@ def name_of_part(part: Cases) -> str:
     return f"{part.split}-{part.start}-{part.stop}"
 
 
+GOES_ON = "the same command goes on with them, and "
+
+
 @dataclass(frozen=True)
 class Parts:
     """The parts of a run.
@@ -137,7 +140,7 @@ class Parts:
         if number := self.count_finished():
             is_resumable = self.run.planner.is_resumable
             finished = f"{number} of {len(self.run.spec.cases)} cases are kept in {self.folder}"
-            resumes = "the same command goes on with them, and " if is_resumable else ""
+            resumes = GOES_ON if is_resumable else ""
             merge = f"{command('merge', self.folder)}/* --out {shlex.quote(f'{self.out}-merged')}"
             error.add_note(f"{finished}; {resumes}`{merge}` makes a run of them")
             if not is_resumable:

@@ -106,7 +106,9 @@ def is_number(value: Any) -> bool:
 def require(name: str, value: object, good: bool, right: str) -> None:
     """Raise InputError with the value called `name` and the valid values, `right`, unless `good` is true."""
     if not good:
-        raise InputError(f"{name} is {value!r}, but must be {right}")
+        text = repr(value)
+        shown = text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+        raise InputError(f"{name} is {shown}, but must be {right}")
 
 
 def require_count(name: str, value: object) -> None:

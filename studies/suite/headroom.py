@@ -13,10 +13,10 @@ from pydantic import Field
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, main, use_threads
 from crowdbench.runs import RunSpec
 from crowdbench.utils import Format, Grid, Names, markdown, printed_by
-from studies.command import ShardOption, make_runs, print_study
+from studies.command import EngineOption, ShardOption, Sharing, make_runs, print_study
 from studies.folder import load_runs, read_episodes
 from studies.pages import read_file
 from studies.schema import CasesText, Planners, StudyHead
@@ -51,6 +51,8 @@ def headroom(
     file: Path = FILE,
     out: Path = Path("runs/study-headroom"),
     shard: ShardOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -72,7 +74,7 @@ def headroom(
         for name, level in places
         if not scenario or name in scenario
     ]
-    make_runs([run for runs in rows for run in runs], out, shard)
+    make_runs([run for runs in rows for run in runs], out, Sharing(shard, workers, engine, threads))
     header = ["scenario", "level", *(run.label for run in rows[0]), "best", "struck", "struck though noticed"]
     cells, records = [], []
     for runs in rows:

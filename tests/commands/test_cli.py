@@ -9,10 +9,12 @@ import sys
 import time
 
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from crowdbench import InputError
-from crowdbench.cli.app import app
+from crowdbench.cli.app import COMMANDS, app, build_app
+from crowdbench.cli.listing import LISTED
 
 SLOW_PLANNER = """
 import time
@@ -260,3 +262,20 @@ def test_one_thread_is_one_thread_for_simulator_and_networks():
         "print(numba.get_num_threads(), torch.get_num_threads())"
     )
     assert subprocess.check_output([sys.executable, "-c", code], text=True) == "1 1\n"
+
+
+@pytest.mark.parametrize("command", sorted({*COMMANDS} - {"list"}))
+def test_a_command_alone_shows_an_example_that_needs_nothing_else(call, command):
+    done = call(command)
+    assert done.returncode == 2
+    assert done.stderr.startswith("crowdbench: Missing ")
+    example = done.stderr.strip().rpartition(f": crowdbench {command} ")[2].split()
+    found = get_command(build_app(command)).commands[command]
+    assert found.make_context(command, example).params
+
+
+def test_list_alone_shows_its_kinds(call):
+    done = call("list")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert [line.split()[0] for line in done.stdout.splitlines()[2:]] == [*LISTED]
+    assert "did you mean planners" in call("list", "planner").stderr

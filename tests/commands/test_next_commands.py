@@ -89,7 +89,9 @@ def test_the_command_that_shows_a_failure_has_the_users_layout(tmp_path, call, s
     file = tmp_path / "my layouts" / "narrow.py"
     file.parent.mkdir()
     file.write_text(LAYOUT)
-    words = ["run", "--planner", "straight", "--set", f"layout.generator={file}", "--record", "commands"]
+    scenario = tmp_path / "narrow.toml"
+    scenario.write_text('[layout]\ngenerator = "./my layouts/narrow.py"\n[pedestrians]\nnumber = 3\n')
+    words = ["run", "--planner", "straight", "--scenario", str(scenario), "--record", "commands"]
     said = call(*words, "--cases", "val:6", "--out", str(tmp_path / "a run")).stdout
     (words,) = printed(said, ": crowdbench", "view")
     assert words[-2:] == ["--layout", str(file)]

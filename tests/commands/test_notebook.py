@@ -1,11 +1,14 @@
 """`crowdbench.run` and what it returns."""
 
 import copy
+import functools
 import gc
 import os
 import pickle
 import re
+import shutil
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,12 +17,27 @@ from typer.testing import CliRunner
 import crowdbench
 from crowdbench.cli.app import app
 from crowdbench.planners.planner import Planner
+from crowdbench.runs.spec import RunSpec
 from crowdbench.utils.errors import InputError
 
 
 class Halts(Planner):
     def plan(self, obs):
         return np.zeros((len(obs), 2))
+
+
+STROLL = """
+import numpy as np
+from crowdbench import PedestrianPolicy
+
+class Stroll(PedestrianPolicy):
+    def velocities(self, world, parameters):
+        to_goal = world.goal[:, 1:] - world.position[:, 1:]
+        return 0.5 * to_goal / np.maximum(np.linalg.norm(to_goal, axis=2, keepdims=True), 1e-6)
+
+def policy():
+    return Stroll()
+"""
 
 
 def crowd(trace):
@@ -83,6 +101,8 @@ def test_episodes_are_a_table_of_arrow_and_pandas(found):
         ({"planner": "orca", "scenario": None}, "scenario is None, but must be a name, or a file"),
         ({"planner": "orca", "cases": None}, "cases 'None' are not a range of cases"),
         ({"planner": "orca", "options": ["speed=1"]}, "options is .*, but must be a table"),
+        ({"planner": "orca", "options": {1: 2}}, "options is .*, but must be a table"),
+        ({"planner": "orca", "out": "a\0b"}, "out is 'a.*b', but must be the path of a directory"),
         ({"planner": "orca", "overrides": "vehicle.visible=true"}, "overrides are .*, but must be a table such as"),
         ({"planner": "orca", "overrides": {1: 2}}, "overrides are .*, but must be a table such as"),
         ({"planner": "orca", "overrides": ["vehicle.visible"]}, "overrides 'vehicle.visible' sets nothing"),
@@ -145,6 +165,8 @@ def test_a_run_without_a_directory_has_all_methods(monkeypatch, tmp_path):
             use(40)
     with pytest.raises(InputError, match="other is None, but must be the result of another run"):
         orca.compare(None)
+    with pytest.raises(InputError, match="metric is 3, but must be the name of a metric"):
+        orca.plot(3)
 
 
 def test_a_trace_has_the_positions_of_the_run_and_the_inputs_of_all_metrics(found):
@@ -206,6 +228,35 @@ def test_a_cell_runs_twice(tmp_path):
     with pytest.raises(InputError, match="exists already"):
         cell(6)
     assert cell(6, overwrite=True).cases == "test:0:6"
+
+
+def test_files_of_a_user_are_needed_only_by_a_result_that_was_read(tmp_path):
+    file = tmp_path / "stroll.py"
+    file.write_text(STROLL)
+    found = crowdbench.run("straight", cases=3, pedestrians=str(file))
+    assert found.trace(1).position.shape[0] == 1
+    read = crowdbench.Result.read(found.save(tmp_path / "run").directory)
+    with pytest.raises(InputError, match="is a file of a user: give it with"):
+        read.trace(1)
+    for given in (str(file), [str(file)]):
+        np.testing.assert_array_equal(read.trace(1, pedestrians=given).position, found.trace(1).position)
+
+
+def test_an_interrupted_run_keeps_its_finished_parts_and_the_note_is_true(monkeypatch):
+    monkeypatch.setattr("crowdbench.api.RunSpec", functools.partial(RunSpec, batch=2))
+
+    def interrupt(done, total=[]):  # noqa: B006 (counts over calls)
+        total.append(done)
+        if sum(total) > 3.0:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as error:
+        crowdbench.run("straight", cases=6, progress=interrupt)
+    (note,) = error.value.__notes__
+    folder = Path(re.search(r"`crowdbench merge (\S+)/\* --out DIR`", note)[1])
+    assert "the same command" not in note
+    assert [path.name for path in folder.iterdir()] == ["test-0-2"]
+    shutil.rmtree(folder.parent)
 
 
 def test_a_cell_with_a_planner_object_is_made_again(tmp_path):
