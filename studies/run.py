@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -11,9 +12,9 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[1]))
 
-from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, main, use_threads
 from crowdbench.utils import Format
-from studies.command import ShardOption, make_runs
+from studies.command import EngineOption, ShardOption, Sharing, make_runs
 
 
 @help_from_docstring
@@ -22,6 +23,8 @@ def page(
     out: Annotated[Path | None, typer.Option(show_default="runs/study-<name>")] = None,
     data: Path | None = None,
     shard: ShardOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -39,8 +42,8 @@ def page(
     # A file in a separate folder of its study is named study.toml.
     name = file.absolute().parent.name if file.name == "study.toml" else file.stem
     folder = out or Path("runs") / f"study-{name}"
-    make = functools.partial(make_runs, out=folder, shard=shard)
-    command = f"python studies/run.py {file}{' --data DIR' if data else ''}"
+    make = functools.partial(make_runs, out=folder, sharing=Sharing(shard, workers, engine, threads))
+    command = f"python studies/run.py {shlex.quote(str(file))}{' --data DIR' if data else ''}"
     print_page(head, tables, command, folder, make, format, name)
 
 

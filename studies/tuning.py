@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 sys.path.append(str(Path(__file__).parents[1]))
 
-from crowdbench import InputError, Result, run
-from crowdbench.cli import help_from_docstring, main
+from crowdbench import InputError
+from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, main, use_threads
+from studies.command import EngineOption, Sharing, make_runs
+
+if TYPE_CHECKING:
+    from crowdbench.metrics import Estimate
 
 SCENARIOS = "noisy_10", "doorway_10", "blind_corner_5", "corridor_8", "blocks_12", "intersection_16"
 """Noise, walls, and pedestrians that do not see the vehicle."""
@@ -29,9 +35,20 @@ RANGES: dict[str, dict[str, Any]] = {
 }
 """Lowest and highest value of the options of each planner; the first trial has its defaults."""
 
+METRICS = {"success_rate": 100.0, "at_fault_rate": 100.0, "navigation_time": 1.0}
+"""The printed metrics with the factors of their units."""
+
 
 @help_from_docstring
-def tune(planner: str, trials: int = 30, cases: int = 20, out: Path = Path("runs/tuning")) -> None:
+def tune(
+    planner: str,
+    trials: int = 30,
+    cases: int = 20,
+    out: Path = Path("runs/tuning"),
+    workers: WorkersOption = None,
+    engine: EngineOption = None,
+    threads: ThreadsOption = None,
+) -> None:
     """Print the mean success, share at fault and time of each trial. Existing runs are not repeated.
 
     Args:
@@ -40,14 +57,27 @@ def tune(planner: str, trials: int = 30, cases: int = 20, out: Path = Path("runs
         cases: Validation cases of each scenario.
         out: Folder for the runs.
     """
+    use_threads(threads)
+    from crowdbench import Cases
+    from crowdbench.runs import RunSpec, load_run
+    from studies.folder import read_episodes
+
     if planner not in RANGES:
         raise InputError(f"planner is {planner}, but must be one of {', '.join(RANGES)}")
     generator = np.random.default_rng(1)
-    for trial in range(trials):
-        options = _draw(RANGES[planner], generator)
-        where, asked = out / f"{planner}-{trial}", {"filter": "kalman"} | (options if trial else {})
-        results = [run(planner, s, f"val:{cases}", options=asked, out=where / s, record="none") for s in SCENARIOS]
-        print(f"{trial:3}  {_means(results)}  {options if trial else 'defaults'}", flush=True)
+    drawn = [_draw(RANGES[planner], generator) if trial else {} for trial in range(trials)]
+    validation = Cases("val", 0, cases)
+    runs = [
+        [
+            load_run(RunSpec(planner, scenario, validation, options={"filter": "kalman"} | options, record="none"))
+            for scenario in SCENARIOS
+        ]
+        for options in drawn
+    ]
+    make_runs(list(itertools.chain(*runs)), out, Sharing(None, workers, engine, threads))
+    for trial, (options, of_trial) in enumerate(zip(drawn, runs, strict=True)):
+        means = _means([read_episodes(run, out).summary(METRICS) for run in of_trial])
+        print(f"{trial:3}  {means}  {options or 'defaults'}", flush=True)
 
 
 def _draw(ranges: dict[str, Any], generator: np.random.Generator) -> dict[str, Any]:
@@ -57,9 +87,10 @@ def _draw(ranges: dict[str, Any], generator: np.random.Generator) -> dict[str, A
     }
 
 
-def _means(results: list[Result]) -> str:
-    names = {"success_rate": 100.0, "at_fault_rate": 100.0, "navigation_time": 1.0}
-    return "  ".join(f"{k} {np.mean([r.metrics[k].mean * scale for r in results]):5.1f}" for k, scale in names.items())
+def _means(estimates: Sequence[Mapping[str, Estimate]]) -> str:
+    """Return the mean of each metric over scenarios."""
+    means = {name: np.mean([each[name].mean for each in estimates]) * scale for name, scale in METRICS.items()}
+    return "  ".join(f"{name} {mean:5.1f}" for name, mean in means.items())
 
 
 if __name__ == "__main__":

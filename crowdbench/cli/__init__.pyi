@@ -4,7 +4,9 @@ from .console import exit_on_interrupt as exit_on_interrupt
 from .console import print_table as print_table
 from .console import progress as progress
 from .console import say as say
+from .options import SHARED as SHARED
 from .options import ThreadsOption as ThreadsOption
+from .options import WorkersOption as WorkersOption
 from .options import assignments as assignments
 from .options import help_from_docstring as help_from_docstring
 from .options import use_threads as use_threads

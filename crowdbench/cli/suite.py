@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, print_table, progress, say, write
-from crowdbench.cli.options import ThreadsOption, assignments, use_threads
+from crowdbench.cli.options import ThreadsOption, WorkersOption, assignments, use_threads
 
 if TYPE_CHECKING:
     from crowdbench.metrics.summary import Estimate
+    from crowdbench.runs.run import Run
     from crowdbench.runs.spec import RunSpec
+    from crowdbench.utils.executors import Executor
     from crowdbench.utils.tables import Grid
 
 METRICS = ("success_rate", "sct")
@@ -27,6 +29,8 @@ def suite(
     option: list[str] | None = None,
     isolated: bool = False,
     out: Path = Path("runs/suite"),
+    workers: WorkersOption = None,
+    engine: str | None = None,
     threads: ThreadsOption = None,
     as_json: bool = False,
 ) -> None:
@@ -43,9 +47,9 @@ def suite(
     use_threads(threads)
     from crowdbench.catalog import suite_families
     from crowdbench.plugins.kind import plugin_name
-    from crowdbench.runs.each_scenario import make_each
     from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
+    from crowdbench.utils.executors import open_executor
     from crowdbench.utils.tables import plain
 
     families = suite_families()
@@ -55,15 +59,15 @@ def suite(
         for scenarios in families.values()
         for scenario in scenarios
     }
-    estimates: dict[str, Mapping[str, Estimate]] = {}
     announce_compilation()
     message = f"finished batches are kept in {out}, with which the same command goes on"
-    with exit_on_interrupt(message), progress(cases * len(specs), "of the suite") as report:
-
-        def make(name: str) -> None:
-            estimates[name] = _make(specs[name], out, report)
-
-        failures = make_each(specs, make)
+    with (
+        exit_on_interrupt(message),
+        open_executor(engine, workers, threads) as executor,
+        progress(cases * len(specs), "of the suite") as report,
+    ):
+        runs, failures = _make_runs(specs, out, executor, report)
+    estimates = {name: _read_estimates(run, out) for name, run in runs.items() if name not in failures}
     for name, reason in failures.items():
         say(f"{name} counts 0, because it cannot be driven: {reason}")
     table = _table(f"{plugin_name(planner)} on the suite, {cases} cases of each scenario", families, estimates)
@@ -75,20 +79,54 @@ def suite(
     write(f"\nAll families of scenarios count the same in the mean. Kept in {out}")
 
 
-def _make(spec: RunSpec, out: Path, report: Callable[[float], None]) -> Mapping[str, Estimate]:
-    """Make a run unless it is in the folder `out`, and return its estimates."""
-    from crowdbench.results.episodes import read_estimate
-    from crowdbench.results.result_file import read_result
-    from crowdbench.runs.folder import is_complete, make_in_folder, run_directory
+def _make_runs(
+    specs: Mapping[str, RunSpec], out: Path, executor: Executor | None, report: Callable[[float], None]
+) -> tuple[dict[str, Run], dict[str, str]]:
+    """Make the runs that the folder lacks.
+
+    Args:
+        specs: The run of each scenario, by its name.
+        out: The folder.
+        executor: Workers that make them, if any.
+        report: Called with the progress, in cases.
+
+    Returns:
+        The runs, and the error of each scenario that the planner cannot drive, by the names of the scenarios.
+    """
+    from crowdbench.runs.each_scenario import make_each
+    from crowdbench.runs.folder import is_complete, make_in_folder, make_in_folder_with
     from crowdbench.runs.loading import open_run
     from crowdbench.utils.errors import MachineFault
 
-    with open_run(spec) as run:
-        if is_complete(run, out):
-            report(len(spec.cases))
-        elif not make_in_folder(run, out, report):
-            raise MachineFault(f"another process is making the run of {spec.scenario}: try again when it has ended")
-        measured = read_result(run_directory(run, out))["metrics"]
+    runs: dict[str, Run] = {}
+
+    def make(name: str) -> None:
+        with open_run(specs[name]) as run:
+            runs[name] = run
+            if executor is None and is_complete(run, out):
+                report(len(run.spec.cases))
+            elif executor is None:
+                make_in_folder(run, out, report)
+
+    failures = make_each(specs, make)
+    if executor is not None:
+        made = make_in_folder_with(executor, list(runs.values()), out, report)
+        errors = {each.parts.run.spec.scenario: each.error for each in made if each.error is not None}
+        if len(errors) == len(specs):
+            raise next(iter(errors.values()))
+        failures |= {name: str(error) for name, error in errors.items()}
+    for name, run in runs.items():
+        if name not in failures and not is_complete(run, out):
+            raise MachineFault(f"another process is making the run of {name}: try again when it has ended")
+    return runs, failures
+
+
+def _read_estimates(run: Run, out: Path) -> Mapping[str, Estimate]:
+    from crowdbench.results.episodes import read_estimate
+    from crowdbench.results.result_file import read_result
+    from crowdbench.runs.folder import run_directory
+
+    measured = read_result(run_directory(run, out))["metrics"]
     return {name: read_estimate(measured[name]) for name in METRICS}
 
 

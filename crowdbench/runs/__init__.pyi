@@ -1,6 +1,7 @@
 from .each_scenario import make_each as make_each
 from .folder import is_complete as is_complete
 from .folder import make_in_folder as make_in_folder
+from .folder import make_in_folder_with as make_in_folder_with
 from .folder import run_directory as run_directory
 from .identity import PlannerId as PlannerId
 from .identity import RunId as RunId
@@ -10,7 +11,6 @@ from .loading import identify as identify
 from .loading import load_run as load_run
 from .loading import load_stored_scenario as load_stored_scenario
 from .make import make_run as make_run
-from .make import make_with as make_with
 from .parts import Parts as Parts
 from .recording import units_of as units_of
 from .replay import Playback as Playback

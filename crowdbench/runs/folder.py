@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from crowdbench.results.result_file import RESULT
 from crowdbench.results.run_result import RunResult
-from crowdbench.runs.make import make_run
+from crowdbench.runs.make import WorkersRun, make_run, make_with
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import directory_name
+from crowdbench.utils.executors import Executor
 
 
 def run_directory(run: Run, out: Path) -> Path:
@@ -44,3 +45,23 @@ def make_in_folder(run: Run, out: Path, progress: Callable[[float], None] | None
     """
     # Another process may have made it meanwhile.
     return is_complete(run, out) or make_run(run, run_directory(run, out), overwrite=True, progress=progress)
+
+
+def make_in_folder_with(
+    executor: Executor, runs: Sequence[Run], out: Path, progress: Callable[[float], None] | None = None
+) -> list[WorkersRun]:
+    """Make the runs that the folder lacks with workers, see `make_with`.
+
+    Args:
+        executor: The workers.
+        runs: The runs, loaded by `load_run` from their specification alone.
+        out: The folder.
+        progress: See `make_run`.
+
+    Returns:
+        The runs that were missing, with their errors.
+    """
+    missing = [run for run in runs if not is_complete(run, out)]
+    if progress is not None:
+        progress(sum(len(run.spec.cases) for run in runs) - sum(len(run.spec.cases) for run in missing))
+    return make_with(executor, [(run, run_directory(run, out)) for run in missing], overwrite=True, progress=progress)

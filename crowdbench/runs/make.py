@@ -21,6 +21,7 @@ from crowdbench.runs.shards import WHOLE, Shard
 from crowdbench.runs.trial import try_plugins
 from crowdbench.runs.worker import INTERVAL, PartReport, PartTask, make_part
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.commands import command
 from crowdbench.utils.errors import InputError, MachineFault, NotWritten, describe_error
 from crowdbench.utils.executors import Executor
 from crowdbench.utils.files import check_free
@@ -60,7 +61,8 @@ def make_run(
     parts = Parts.of(run, out)
     drive = drive or functools.partial(run.drive, progress=progress)
     with parts.open():
-        missing = parts.missing(share)
+        # Again, because another process may have merged all parts before this one made their folder anew.
+        missing = [] if is_made(run, out, overwrite) else parts.missing(share)
         if missing:
             try_plugins(run.scenario, share, run.metrics)
         report(len(share) - sum(map(len, missing)))
@@ -89,9 +91,10 @@ def is_made(run: Run, out: Path, overwrite: bool = False) -> bool:
                 error.add_note(f"it is this run, made with --record {result['stated']['record']}")
             elif result["run"] | {"metrics": {}} == json.loads(json.dumps(run.id.parts)) | {"metrics": {}}:
                 lacking = [name for name in run.id.metrics if name not in result["run"]["metrics"]]
+                given = [word for file in run.spec.metrics for word in ("--metric", file)]
                 error.add_note(
                     f"it is this run {f'without metric {lacking[0]}' if lacking else 'with other metrics'}: "
-                    f"`crowdbench score {out} --metric FILE --out DIR` computes it without driving again"
+                    f"`{command('score', out, *given, '--out', f'{out}-scored')}` computes it without driving again"
                 )
             before = result["run"]["planner"]["files"].get("planner", {})
             for name, digest in run.planner.files.get("planner", {}).items():
@@ -131,7 +134,12 @@ class WorkersRun:
 
 
 def make_with(
-    executor: Executor, runs: Sequence[tuple[Run, Path]], *, overwrite: bool = False, progress: Progress | None = None
+    executor: Executor,
+    runs: Sequence[tuple[Run, Path]],
+    *,
+    shard: Shard = WHOLE,
+    overwrite: bool = False,
+    progress: Progress | None = None,
 ) -> list[WorkersRun]:
     """Make runs with workers, and continue with existing parts. A run is merged as soon as all its parts are finished.
 
@@ -140,6 +148,7 @@ def make_with(
     Args:
         executor: The workers.
         runs: The runs, loaded by `load_run` from their specification alone, and their directories.
+        shard: The share of the cases of each run to drive.
         overwrite: True if earlier runs in the directories are replaced.
         progress: As in `make_run`.
 
@@ -155,17 +164,21 @@ def make_with(
     with contextlib.ExitStack() as stack:
         missing = []
         for each in made:
-            each.is_complete = is_made(each.parts.run, each.parts.out, overwrite)
+            run, gaps = each.parts.run, []
+            share = shard.share(run.spec.cases)
+            each.is_complete = is_made(run, each.parts.out, overwrite)
             if not each.is_complete:
                 stack.enter_context(each.parts.open())
-            missing.append([] if each.is_complete else each.parts.missing(each.parts.run.spec.cases))
-            if missing[-1]:
-                try_plugins(each.parts.run.scenario, each.parts.run.spec.cases, each.parts.run.metrics)
-            report(len(each.parts.run.spec.cases) - sum(map(len, missing[-1])))
-        share = math.ceil(sum(len(gap) for gaps in missing for gap in gaps) / executor.workers)
+                gaps = [] if is_made(run, each.parts.out, overwrite) else each.parts.missing(share)
+            if gaps:
+                try_plugins(run.scenario, share, run.metrics)
+            missing.append(gaps)
+            report(len(share) - sum(map(len, gaps)))
+        of_a_worker = math.ceil(sum(len(gap) for gaps in missing for gap in gaps) / executor.workers)
         try:
             for each, gaps in zip(made, missing, strict=True):
-                size = max(1, min(each.parts.run.spec.batch, share))
+                run = each.parts.run
+                size = max(1, min(run.spec.batch, of_a_worker)) if run.is_divisible else run.spec.batch
                 for part in (part for gap in gaps for part in gap.batches(size)):
                     task = _task(each.parts, part)
                     each.tasks[executor.submit(make_part, task)] = task

@@ -19,6 +19,7 @@ from crowdbench.core.types import Trace, World
 from crowdbench.metrics.registry import METRICS, Metric, need_undisturbed
 from crowdbench.metrics.user_metrics import measure
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.results.episodes import RECORDING, Episodes, planner_label
 from crowdbench.results.run_result import write_run
 from crowdbench.results.stored_commands import COMMANDS, write_commands
@@ -180,6 +181,15 @@ class Run:
             decision_limit=self.driver.decision_limit,
             code=code(),
         )
+
+    @property
+    def is_divisible(self) -> bool:
+        """True if parts smaller than a batch give the same results: commands are not the outputs of shipped networks.
+
+        The last bits of such outputs depend on the number of cases in lock-step. A choice among actions by their values
+        does not, unless two values are the same to seven digits.
+        """
+        return not self.driver.facts or isinstance(self.driver.planner, ValuePlanner)
 
     def _write(self, folder: Path, part: Cases, episodes: Episodes, recorder: RunRecorder, seconds: float) -> None:
         """Write the files of a run of some of the cases, apart from the recording."""

@@ -1,3 +1,4 @@
+from .commands import command as command
 from .compiled import njit as njit
 from .defaults import BATCH as BATCH
 from .errors import MachineFault as MachineFault
@@ -9,6 +10,8 @@ from .errors import require as require
 from .errors import require_count as require_count
 from .errors import require_not_negative as require_not_negative
 from .errors import require_positive as require_positive
+from .executors import Executor as Executor
+from .executors import open_executor as open_executor
 from .files import hold_lock as hold_lock
 from .files import new_directory as new_directory
 from .files import read_json as read_json

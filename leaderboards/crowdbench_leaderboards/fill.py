@@ -10,6 +10,7 @@ import functools
 import shutil
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,9 +19,17 @@ import typer
 from pydantic import Field
 
 from crowdbench import InputError
-from crowdbench.cli import announce_compilation, exit_on_interrupt, help_from_docstring, main, progress, say
+from crowdbench.cli import (
+    WorkersOption,
+    announce_compilation,
+    exit_on_interrupt,
+    help_from_docstring,
+    main,
+    progress,
+    say,
+)
 from crowdbench.runs import Progress
-from crowdbench.utils import Location, Name, TomlTable, find_named, parse_table, read_toml
+from crowdbench.utils import Executor, Location, Name, TomlTable, find_named, open_executor, parse_table, read_toml
 from crowdbench_leaderboards.board import Board, read_boards
 from crowdbench_leaderboards.board_runs import InUse
 from crowdbench_leaderboards.cli import ROOT, WORK
@@ -86,11 +95,13 @@ def fill(
     data: Path | None = None,
     root: Path = ROOT,
     work: Path = WORK,
+    workers: WorkersOption = None,
+    engine: str | None = None,
 ) -> None:
     """Enter every shipped planner on boards, freeze the entries once the season has closed, and verify them in it.
 
     Boards are filled one after the other; boards of recorded pedestrians need --data. Finished work is kept, and the
-    same command continues after it. Several processes can share the work.
+    same command continues after it. Several processes can share the work, each entry being made by one of them.
 
     Args:
         boards: Names of boards.
@@ -98,6 +109,8 @@ def fill(
         root: The folder of boards and entries.
         work: Folder that keeps finished runs until an entry or a verdict is made.
     """
+    root, work = root.absolute(), work.absolute()  # workers may start in another folder
+    key = key and key.absolute()
     if key is not None:
         find_signer(key, root)
     by_name = {board.name: board for board in read_boards(root)}
@@ -105,17 +118,21 @@ def fill(
     if data is not None and not any(board.spec.recorded for board in chosen):
         raise InputError(f"--data goes with boards of recorded people, unlike {chosen[0].name}")
     announce_compilation()
-    with exit_on_interrupt(f"the same command goes on with what is kept in {root} and {work}"):
+    with (
+        exit_on_interrupt(f"the same command goes on with what is kept in {root} and {work}"),
+        open_executor(engine, workers, None) as executor,
+    ):
         for board in chosen:
             if board.spec.recorded and data is None:
                 say(f"{board.name}: left out, because its people were recorded: give their tracks, --data DIR")
                 continue
-            _fill_board(board.with_data(data) if board.spec.recorded else board, root, work, key)
+            with_tracks = board.with_data(data) if board.spec.recorded else board
+            _fill_board(with_tracks, root, work, key, executor)
 
 
-def _fill_board(board: Board, root: Path, work: Path, key: Path | None) -> None:
+def _fill_board(board: Board, root: Path, work: Path, key: Path | None, executor: Executor | None) -> None:
     """Create the missing entries of a board, freeze them, and verify them if there is a key."""
-    if not do_all(functools.partial(to_submit, board, root, work), "entry"):
+    if not do_all(functools.partial(to_submit, board, root, work), "entry", executor):
         say(f"{board.name}: other processes are making the last entries")
         return
     try:
@@ -126,11 +143,20 @@ def _fill_board(board: Board, root: Path, work: Path, key: Path | None) -> None:
     if key is None:
         say(f"{board.name}: no entry is verified: give the key of a maintainer, --key FILE")
         return
-    do_all(functools.partial(to_verify, board, root, work, key), "verification")
+    do_all(functools.partial(to_verify, board, root, work, key), "verification", executor)
 
 
-def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
-    """Run the jobs that no other process runs; return False if other processes are still running jobs at the end."""
+def do_all(missing: Callable[[], Sequence[Job]], what: str, executor: Executor | None = None) -> bool:
+    """Run the jobs that no other process runs; return False if other processes are still running jobs at the end.
+
+    Args:
+        missing: Returns the jobs that are not done.
+        what: The kind of their results, in messages.
+        executor: Workers that run the jobs, if any.
+    """
+    if executor is not None:
+        _hand_out(missing(), what, executor)
+        return not missing()
     skipped: set[str] = set()
     while jobs := [job for job in missing() if job.title not in skipped]:
         job = jobs[0]
@@ -143,6 +169,32 @@ def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
         except InUse:
             skipped.add(job.title)
     return not missing()
+
+
+def _hand_out(jobs: Sequence[Job], what: str, executor: Executor) -> None:
+    """Run jobs on workers. Raises the first error of a job after the others are finished."""
+    errors = []
+    with progress(sum(job.cases for job in jobs), f"of {len(jobs)} jobs") as tell:
+        futures = {executor.submit(_do, job): job for job in jobs}
+        for future in as_completed(futures):
+            job, outcome = futures[future], future.result()
+            tell(job.cases)
+            if isinstance(outcome, float):
+                say(f"{what}: {job.title} took {outcome / 60:.1f} minutes")
+            elif not isinstance(outcome, InUse):
+                errors.append(outcome)
+    if errors:
+        raise errors[0]
+
+
+def _do(job: Job) -> float | InputError:
+    """Run a job on a worker, and return the seconds that it took, or its error."""
+    start = time.monotonic()
+    try:
+        job.do(progress=lambda done: None)
+    except InputError as error:
+        return error
+    return time.monotonic() - start
 
 
 def to_submit(board: Board, root: Path, work: Path) -> list[Job]:

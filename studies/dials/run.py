@@ -12,9 +12,9 @@ import typer
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench import InputError
-from crowdbench.cli import ThreadsOption, assignments, help_from_docstring, main, use_threads
+from crowdbench.cli import ThreadsOption, WorkersOption, assignments, help_from_docstring, main, use_threads
 from crowdbench.utils import Format, Location, markdown
-from studies.command import ShardOption, make_runs, print_study
+from studies.command import EngineOption, ShardOption, Sharing, make_runs, print_study
 
 COMMAND = "python studies/dials/run.py"
 FILE = Path(__file__).with_name("study.toml")
@@ -29,6 +29,8 @@ def dial(
     file: Path = FILE,
     out: Annotated[Path | None, typer.Option(show_default="runs/dials, or runs/study-dials for the page")] = None,
     shard: ShardOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -50,7 +52,7 @@ def dial(
     if (name is None) != (planner is None):
         raise InputError("a dial needs a planner: give NAME and --planner, or neither for the page")
     folder = out or Path("runs/study-dials" if name is None else "runs/dials")
-    make = functools.partial(make_runs, out=folder, shard=shard)
+    make = functools.partial(make_runs, out=folder, sharing=Sharing(shard, workers, engine, threads))
     if name is None or planner is None:
         spec, location = read_file(file, DialStudy), Location(file.name)
         tables = [DialsTable.of(each, location.at("dials", i)) for i, each in enumerate(spec.dials)]

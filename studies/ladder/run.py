@@ -11,9 +11,9 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, main, use_threads
 from crowdbench.utils import Format, Location, markdown, parse_table
-from studies.command import ShardOption, make_runs, print_study
+from studies.command import EngineOption, ShardOption, Sharing, make_runs, print_study
 
 COMMAND = "python studies/ladder/run.py"
 FILE = Path(__file__).with_name("study.toml")
@@ -27,6 +27,8 @@ def ladder(
     cases: str = "100",
     out: Annotated[Path | None, typer.Option(show_default="runs/ladders, or runs/study-ladders for the page")] = None,
     shard: ShardOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -46,7 +48,7 @@ def ladder(
     from studies.pages import keep, print_two_steps, read_file
 
     folder = out or Path("runs/ladders" if scenarios else "runs/study-ladders")
-    make = functools.partial(make_runs, out=folder, shard=shard)
+    make = functools.partial(make_runs, out=folder, sharing=Sharing(shard, workers, engine, threads))
     spec, location = read_file(FILE, LadderStudy), Location(FILE.name)
     if not scenarios:
         tables = [LaddersTable.of(each, location.at("ladders", i)) for i, each in enumerate(spec.ladders)]

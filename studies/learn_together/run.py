@@ -59,7 +59,7 @@ def cross_play(
     drawn = Cases.parse(cases)
     specs = [RunSpec(v, SCENARIO, drawn, pedestrians=crowd, record="none") for v in VEHICLES for crowd in CROWDS]
     runs = list(map(load_run, specs))
-    make_runs(runs, out, None)
+    make_runs(runs, out)
     grids = list(map(RunTable.read([run_directory(run, out) for run in runs], "pedestrians").cross, METRICS))
     tables = [f"{markdown(grid.header, grid.rows)}\n\n{grid.note}" for grid in grids]
     print("\n\n".join([printed_by("python studies/learn_together/run.py"), DESCRIPTION, *tables]))

@@ -10,9 +10,9 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, main, use_threads
 from crowdbench.utils import Format
-from studies.command import ShardOption, make_runs
+from studies.command import EngineOption, ShardOption, Sharing, make_runs
 
 
 @help_from_docstring
@@ -21,6 +21,8 @@ def reproduce(
     quick: bool = False,
     out: Path = Path("runs/li2020"),
     shard: ShardOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -41,7 +43,7 @@ def reproduce(
     from studies.pages import print_filled
 
     study = read_reproduction(table, quick)
-    make_runs(study.runs, out, shard)
+    make_runs(study.runs, out, Sharing(shard, workers, engine, threads))
     tables = [table for table in study.fill(out) if isinstance(table, FilledClaimedTable)]
     claims = [claim for each in tables for claim in each.claims]
     command = f"python studies/li2020/run.py{f' --table {table}' if table else ''}{' --quick' if quick else ''}"

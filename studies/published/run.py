@@ -11,9 +11,9 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, main, use_threads
 from crowdbench.utils import Format
-from studies.command import ShardOption, make_runs
+from studies.command import EngineOption, ShardOption, Sharing, make_runs
 
 
 @help_from_docstring
@@ -22,6 +22,8 @@ def published(
     cases: Annotated[str | None, typer.Option(show_default="as in study.toml")] = None,
     out: Path = Path("runs/study-published"),
     shard: ShardOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -41,7 +43,7 @@ def published(
     specs = [each.model_copy(update={"cases": Cases.parse(cases)}) if cases else each for each in spec.tables]
     tables = [PublishedTable.load(each, networks) for each in specs]
     command = f"python studies/published/run.py NETWORKS{f' --cases {cases}' if cases else ''}"
-    make = functools.partial(make_runs, out=out, shard=shard)
+    make = functools.partial(make_runs, out=out, sharing=Sharing(shard, workers, engine, threads))
     print_page(spec, tables, command, out, make, format)
 
 

@@ -15,10 +15,10 @@ import typer
 sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench import Cases
-from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, main, use_threads
 from crowdbench.runs import Run, RunSpec
 from crowdbench.utils import Format, Grid, Names, markdown, printed_by
-from studies.command import ShardOption, make_runs, print_study
+from studies.command import EngineOption, ShardOption, Sharing, make_runs, print_study
 from studies.folder import load_runs, read_episodes
 from studies.pages import SUCCESS, read_file
 from studies.schema import CasesText, Planners, StudyHead
@@ -54,6 +54,8 @@ def reactions(
     cases: Annotated[str | None, typer.Option(show_default="as in the file")] = None,
     out: Path = Path("runs/study-reactions"),
     shard: ShardOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -76,7 +78,11 @@ def reactions(
         name: [load_runs(spec.planners, dataclasses.replace(base, scenario=scenario)) for scenario in spec.scenarios]
         for name, base in specs.items()
     }
-    make_runs([run for scenarios in runs.values() for each in scenarios for run in each], out, shard)
+    make_runs(
+        [run for scenarios in runs.values() for each in scenarios for run in each],
+        out,
+        Sharing(shard, workers, engine, threads),
+    )
     rates = {name: mean_rates([read_cases(each, out) for each in scenarios]) for name, scenarios in runs.items()}
     fault = {name: np.mean([_at_fault(each, out) for each in scenarios], axis=0) for name, scenarios in runs.items()}
     labels = [run.label for run in runs["avoid"][0]]

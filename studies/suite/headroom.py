@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -12,10 +13,10 @@ from pydantic import Field
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, main, use_threads
 from crowdbench.runs import RunSpec
 from crowdbench.utils import Format, Grid, Names, markdown, printed_by
-from studies.command import ShardOption, make_runs, print_study
+from studies.command import EngineOption, ShardOption, Sharing, make_runs, print_study
 from studies.folder import load_runs, read_episodes
 from studies.pages import read_file
 from studies.schema import CasesText, Planners, StudyHead
@@ -50,6 +51,8 @@ def headroom(
     file: Path = FILE,
     out: Path = Path("runs/study-headroom"),
     shard: ShardOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = None,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
@@ -71,7 +74,7 @@ def headroom(
         for name, level in places
         if not scenario or name in scenario
     ]
-    make_runs([run for runs in rows for run in runs], out, shard)
+    make_runs([run for runs in rows for run in runs], out, Sharing(shard, workers, engine, threads))
     header = ["scenario", "level", *(run.label for run in rows[0]), "best", "struck", "struck though noticed"]
     cells, records = [], []
     for runs in rows:
@@ -88,7 +91,7 @@ def headroom(
     grid = Grid("Success, % (at fault, %)", header, cells, records, "ll" + "r" * (len(header) - 2))
     note = f"Cases {spec.cases}. A star marks levels at which the best succeeds in {LOWEST:g} to {HIGHEST:g} %."
     table = markdown(header, cells)
-    command = f"python studies/suite/headroom.py{'' if file == FILE else f' --file {file}'}"
+    command = f"python studies/suite/headroom.py{'' if file == FILE else f' --file {shlex.quote(str(file))}'}"
     page = "\n\n".join([printed_by(command), spec.description, table, note, *spec.sources])
     print_study(records, [grid], page, format)
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
+from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, main, use_threads
 from crowdbench.utils import Format, Location
-from studies.command import ShardOption, make_runs
+from studies.command import EngineOption, ShardOption, Sharing, make_runs
 
 FILE = Path(__file__).with_name("study.toml")
 
@@ -21,6 +21,8 @@ def transfer(
     out: Path = Path("runs/study-rankings"),
     data: Path | None = None,
     shard: ShardOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = None,
     threads: ThreadsOption = None,
     power: bool = False,
     format: Format = Format.MARKDOWN,
@@ -44,7 +46,7 @@ def transfer(
             print(f"{table.spec.title}. {say_power(table.power())}")
         return
     command = f"python studies/transfer/run.py{' --data DIR' if data else ''}"
-    make = functools.partial(make_runs, out=out, shard=shard)
+    make = functools.partial(make_runs, out=out, sharing=Sharing(shard, workers, engine, threads))
     print_page(spec, tables, command, out, make, format)
 
 

@@ -2,12 +2,14 @@
 
 import hashlib
 import json
+import os
 import re
 import signal
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -254,3 +256,105 @@ def test_the_command_line_merges_what_an_interrupt_has_kept(call, tmp_path):
     refused = call("merge", str(folder), "--out", str(tmp_path / "c"))
     assert refused.returncode == 1
     assert refused.stderr.endswith(f"give those in it: {folder}/*\n")
+
+
+def test_shards_share_out_the_cases_of_one_batch(whole, tmp_path):
+    assert [len(Shard(number, 5).share(Cases.parse("val:12"))) for number in range(1, 6)] == [2, 2, 3, 2, 3]
+    for number in range(1, 6):
+        assert go(tmp_path / "a", shard=Shard(number, 5)) == (number == 5)
+    assert digests(tmp_path / "a") == digests(whole)
+    for number in range(1, 6):  # each says that the run is complete
+        assert go(tmp_path / "a", shard=Shard(number, 5))
+
+
+def test_a_shard_says_what_it_did(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def shard(text, cases="val:3"):
+        done = call("run", "--planner", "orca", "--cases", cases, "--record", "none", "--out", "a", "--shard", text)
+        assert done.returncode == 0, done.stderr
+        return done.stderr
+
+    assert "shard 1/5 has no case, because there are 3 in all; 0 of 3 cases are finished" in shard("1/5")
+    assert list(tmp_path.glob("a*")) == []
+    assert re.search(
+        r"the cases val:0:1 of shard 1/2 are finished; 1 of 3 cases are finished in a\.parts-", shard("1/2")
+    )
+    assert "the cases val:0:1 of shard 1/2 are finished; 1 of 3" in shard("1/2")
+    assert "complete" not in shard("2/2")
+    assert (tmp_path / "a" / "result.json").exists()
+    for text in ("1/2", "2/2", "3/7"):
+        assert "crowdbench: a is complete, and nothing is driven again" in shard(text)
+
+
+def test_other_parts_fill_the_gaps(whole, tmp_path):
+    """Parts of another number of shards, which overlap with those of the first, are completed and merged."""
+    assert not go(tmp_path / "a", shard=Shard(2, 3))
+    assert not go(tmp_path / "a", shard=Shard(1, 2))
+    [folder] = tmp_path.glob("a.parts-*")
+    assert sorted(path.name for path in folder.iterdir()) == ["test-0-4", "test-4-8"]
+    assert go(tmp_path / "a")
+    assert digests(tmp_path / "a") == digests(whole)
+
+
+def test_of_overlapping_parts_some_make_the_run(whole, tmp_path):
+    run = run_of("orca", load_scenario("circle_crossing_5"), "12", record="commands")
+    parts = Parts.of(run, tmp_path / "a")
+    with parts.open():
+        for text in ("0:5", "3:9", "5:8", "9:12"):
+            run.drive(Cases.parse(text), parts.directory(Cases.parse(text)))
+        assert list(map(str, parts.finished())) == ["test:0:5", "test:5:8", "test:9:12"]
+        assert list(map(str, parts.missing(Cases.parse("7:12")))) == ["test:8:9"]
+    assert make_run(run, tmp_path / "a")
+    assert digests(tmp_path / "a") == digests(whole)
+
+
+def test_the_rest_of_a_merge_that_was_killed_is_removed(tmp_path):
+    run = run_of("orca", load_scenario("circle_crossing_5"), "2", record="commands")
+    make_run(run, tmp_path / "a")
+    parts = Parts.of(run, tmp_path / "a")
+    parts.folder.mkdir()
+    (tmp_path / f".{parts.folder.name}.merged-0").mkdir()
+    assert make_run(run, tmp_path / "a")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def recipe():
+    """The command of the SLURM recipe, with another planner and fewer cases."""
+    page = (Path(__file__).parents[2] / "docs" / "long_runs.md").read_text()
+    [command] = re.findall(r"^#SBATCH --time=.*\n(crowdbench run [^`]*)", page, re.MULTILINE)
+    for old, new in (("sarl_sgan_kce", "./slow.py"), ("--cases 10000", "--cases 24"), ("--threads 2 ", "")):
+        assert old in command
+        command = command.replace(old, new)
+    return command.replace("crowdbench run", f"{sys.executable} -m crowdbench run --record commands")
+
+
+@pytest.mark.slow
+def test_tasks_of_the_slurm_recipe_are_killed_and_submitted_again(tmp_path):
+    (tmp_path / "slow.py").write_text(
+        "import time\nfrom crowdbench.planners.reactive import ORCAPlanner\n"
+        "class Slow(ORCAPlanner):\n    def reset(self, rows):\n        time.sleep(1.0)\n"
+        "def planner():\n    return Slow()\n"
+    )
+    (tmp_path / "whole").mkdir()
+    go(tmp_path / "whole" / "run", cases="24")
+
+    def submit(number, count):
+        # SLURM counts the tasks of this submission.
+        variables = {"SLURM_ARRAY_TASK_ID": str(number), "SLURM_ARRAY_TASK_COUNT": str(count)}
+        return subprocess.Popen(
+            ["bash", "-c", f"exec {recipe()}"], cwd=tmp_path, env={**os.environ, **variables}, stdout=-3, stderr=-3
+        )
+
+    tasks = [submit(number, 8) for number in range(1, 9)]
+    while not list(tmp_path.glob("runs/*.parts-*/test-*")):
+        time.sleep(0.1)
+    killed = [number for number, task in enumerate(tasks, 1) if number % 3 == 0 and task.poll() is None]
+    for number in killed:
+        tasks[number - 1].kill()
+    assert [task.wait(120) for number, task in enumerate(tasks, 1) if number not in killed] == [0] * (8 - len(killed))
+    again = [submit(number, len(killed)) for number in killed]
+    assert [task.wait(120) for task in again] == [0] * len(killed)
+    assert digests(tmp_path / "runs" / "kce-10000") == digests(tmp_path / "whole" / "run")
+    assert submit(5, 1).wait(120) == 0
+    assert [path.name for path in (tmp_path / "runs").iterdir()] == ["kce-10000"]

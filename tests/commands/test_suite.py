@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from crowdbench.catalog import load_scenario, suite_families
-from crowdbench.cli import suite as command
 from crowdbench.metrics import Estimate, mean_over_scenarios, scenario_weights
+from crowdbench.runs import folder
 
 FAMILIES = {"circles": ["circle_crossing_5", "circle_crossing_5_visible"], "doorway": ["doorway_10"]}
 
@@ -48,18 +48,18 @@ def test_there_is_a_row_for_each_scenario_and_one_for_the_mean(call):
 def test_an_interrupted_command_goes_on_with_finished_scenarios(call, monkeypatch):
     made = []
 
-    def interrupted(spec, out, report):
+    def interrupted(run, out, report):
         if len(made) == 2:
             raise KeyboardInterrupt
-        made.append(spec.scenario)
-        return make(spec, out, report)
+        made.append(run.scenario.name)
+        return make(run, out, report)
 
-    make = command._make
-    monkeypatch.setattr(command, "_make", interrupted)
+    make = folder.make_in_folder
+    monkeypatch.setattr(folder, "make_in_folder", interrupted)
     done = call("suite", "straight", "--cases", "2")
     assert done.returncode == 130
     assert "finished batches are kept in runs/suite, with which the same command goes on" in done.stderr
-    monkeypatch.setattr(command, "_make", make)
+    monkeypatch.setattr(folder, "make_in_folder", make)
     times = {path: path.stat().st_mtime_ns for path in Path("runs/suite").glob("*/result.json")}
     assert len(times) == 2
     assert call("suite", "straight", "--cases", "2").returncode == 0
