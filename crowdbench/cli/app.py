@@ -18,7 +18,7 @@ import typer
 
 from crowdbench.cli.console import BAD, DEBUG, INTERRUPTED, NOTHING_KEPT, failure, flush_output, prepare_streams, say
 from crowdbench.cli.options import help_from_docstring
-from crowdbench.utils import interrupts
+from crowdbench.utils import interrupts, watchdog
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.terminal import width
 
@@ -143,6 +143,7 @@ def main(script: Callable[..., None] | None = None) -> None:
         arguments = ["--help"]
     prepare_streams()
     interrupts.handle()
+    watchdog.enable()
     try:
         app = build_script(script) if script else build_app(arguments[0])
         status = app(arguments, standalone_mode=False)

@@ -25,7 +25,6 @@ REACHED = (
     "agents/pedestrians",
     "catalog.py",
     "core",
-    "isolation/fork_guard.py",
     "networks",
     "planners",
     "plugins",
