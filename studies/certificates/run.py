@@ -54,6 +54,7 @@ def certify(
     use_threads(threads)
     from crowdbench import Cases, load_scenario, scenario_path
     from crowdbench.scenario import CERTIFICATES
+    from crowdbench.utils import command
     from studies.certificates.certificate import make
 
     examined, changes = Cases.parse(cases), assignments(overrides or [], "--set")
@@ -67,7 +68,8 @@ def certify(
     seconds = time.monotonic() - start
     print("\n".join(_report(loaded, examined, margin, rows, seconds)))
     run = directory / examined.split
-    print(f"\nKept in {run}; `crowdbench score {run}` checks it.")
+    given = [] if data is None else ["--data", data]
+    print(f"\nKept in {run}; `{command('score', run, *given)}` checks it.")
     if examined.start == 0:
         folder = scenario_path(scenario).parent
         listed, place = directory / f"{loaded.name}.toml", folder / CERTIFICATES / f"{loaded.name}.toml"
