@@ -21,7 +21,8 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import NamesSpec, SimulatedPedestriansSpec
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.utils.assignments import read_overrides
-from crowdbench.utils.errors import InputError, find_named, is_number, plugin_errors, require
+from crowdbench.utils.errors import InputError, find_named, is_number, require
+from crowdbench.utils.resources import plugin_in_time
 from crowdbench.utils.toml import Location, parse_table, read_toml
 
 SCENARIOS = ROOT / "scenarios"
@@ -32,7 +33,7 @@ SUITE = SCENARIOS / "suite" / "suite.toml"
 
 def _check_parameters(name: str, policy: PedestrianPolicy) -> None:
     """Raise InputError unless the parameters of a pedestrian policy are numbers by name."""
-    with plugin_errors(f"the parameters of {name} cannot be read:"):
+    with plugin_in_time(f"the parameters of {name} cannot be read:"):
         parameters = dict(policy.parameters)
     for key, value in parameters.items():
         if not isinstance(key, str) or not is_number(value):
@@ -160,6 +161,8 @@ def load_scenario(
     certified = Certified.read(file)
     if certified is None:
         return scenario
+    if (changes or pedestrians is not None) and certified.scenario != scenario.digest:
+        return scenario  # other cases than the certified ones
     status = CertificateStatus(spec, scenario.name, scenario.digest, file, certified)
     return dataclasses.replace(scenario, certificates=status)
 

@@ -40,7 +40,8 @@ pedestrian nearest to the vehicle."""
 def main() -> None:
     """Print the page."""
     described = dict(scenarios())
-    print(f"# Reactions in each scenario\n\n{printed_by('python docs/noticing_page.py')}\n\n{NOTE}")
+    source = f"{printed_by('python docs/noticing_page.py')} Do not edit this page: the command overwrites it."
+    print(f"# Reactions in each scenario\n\n{source}\n\n{NOTE}")
     for name in suite_names():
         print(f"\n## {name}\n\n{described[name]}. {sentence(load_scenario(name).rules)}\n")
         print(f"![Pedestrians that have noticed the vehicle in {name}](noticing/{name}.png)")

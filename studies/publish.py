@@ -18,6 +18,8 @@ sys.path.append(str(Path(__file__).parents[1]))
 from crowdbench.cli import help_from_docstring, main
 
 TABLE = re.compile(r"^\|.+\|\n\|[ :|-]+\|\n(?:\|.*\|\n?)+", re.MULTILINE)
+PRINTED = re.compile(r"^Printed by `.+`\.$", re.MULTILINE)
+GENERATED = "Do not edit this page: the command overwrites it."
 PAIRS = "significantly better or worse than"
 
 
@@ -32,6 +34,7 @@ def publish(page: str) -> tuple[str, dict[str, str]]:
     """
     files: dict[str, str] = {}
     sections = []
+    page = PRINTED.sub(lambda line: f"{line[0]} {GENERATED}", page, count=1)
     for section in re.split(r"^(?=## )", page, flags=re.MULTILINE):
         head, *parts = re.split(r"^(?=### )", section, flags=re.MULTILINE)
         rows: dict[str, list[dict[str, str]]] = {}

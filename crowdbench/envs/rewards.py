@@ -19,6 +19,7 @@ from crowdbench.core.types import Outcome, World
 from crowdbench.plugins.kind import Kind
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.resources import plugin_in_time
 
 PROGRESS = 0.2
 """Reward of `progress` per metre that the vehicle comes closer to its goal."""
@@ -147,7 +148,8 @@ class CheckedReward:
     def __call__(self, step: Step) -> Float[np.ndarray, "world"]:
         """Return the reward of a step. Raises InputError if the reward raises, or does not return one finite number per
         world."""
-        with plugin_errors(f"reward {self.name} raised"):
+        limited = plugin_errors if self.name in REWARDS.functions else plugin_in_time
+        with limited(f"reward {self.name} raised"):
             values = np.asarray(self.reward(step))
         if values.shape != step.gap.shape or values.dtype.kind not in "bfiu":
             raise InputError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import os
 import signal
 import sys
@@ -29,6 +30,7 @@ from crowdbench.planners.validation import AnswerFault, validate_array
 from crowdbench.plugins.kind import plugin_name
 from crowdbench.utils import interrupts
 from crowdbench.utils.errors import InputError, describe_error, plugin_errors
+from crowdbench.utils.resources import start_limit
 
 
 def main() -> None:
@@ -87,7 +89,8 @@ class PlannerServer:
         request = from_json(content)
         if request["version"] != VERSION:  # the parent reports the difference
             return MessageKind.READY, to_json({"version": VERSION})
-        self.planner = load_planner(request["planner"], request["options"])
+        with start_limit(math.inf):  # the parent process limits it
+            self.planner = load_planner(request["planner"], request["options"])
         self.name = plugin_name(request["planner"])
         if request.get("scene"):
             self.planner = self.planner.for_held_out_scene(request["scene"])

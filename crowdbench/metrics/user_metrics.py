@@ -10,7 +10,9 @@ from jaxtyping import Shaped
 from crowdbench.core.types import Trace
 from crowdbench.metrics.registry import METRICS, Metric
 from crowdbench.plugins.kind import Kind, file_and_function
-from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.defaults import START_LIMIT
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.resources import plugin_in_time
 
 METRIC = Kind("metric", "metric", METRICS)
 
@@ -57,7 +59,7 @@ def measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case
     Raises:
         InputError: The metric raises an exception, or does not return one value per episode up to `LARGEST`.
     """
-    with plugin_errors(f"metric {name} raised"):
+    with plugin_in_time(f"metric {name} raised", seconds=START_LIMIT * len(trace)):
         returned = metric(trace)
         # A subclass may override methods of ndarray.
         array = np.asarray(returned) if isinstance(returned, np.ndarray) else None

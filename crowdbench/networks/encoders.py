@@ -12,7 +12,8 @@ from crowdbench.networks.features_ahead import PEDESTRIAN_AHEAD, VEHICLE_AHEAD
 from crowdbench.networks.policy import Encoder, Policy, Seen
 from crowdbench.networks.set_encoder import SetEncoder
 from crowdbench.plugins.kind import Kind, file_and_function
-from crowdbench.utils.errors import InputError, is_integer, plugin_errors
+from crowdbench.utils.errors import InputError, is_integer
+from crowdbench.utils.resources import plugin_in_time
 
 ENCODERS = Kind("encoder", "encoder", makes=Encoder)
 
@@ -46,7 +47,7 @@ def _load_encoder(spec: str, ahead: bool) -> Encoder:
     of_vehicle, of_pedestrian = (VEHICLE_AHEAD, PEDESTRIAN_AHEAD) if ahead else (VEHICLE_FEATURES, PEDESTRIAN_FEATURES)
     mask = torch.tensor([[False, False], [True, False], [True, True]])
     seen = Seen(torch.ones(3, of_vehicle), mask[..., None] * torch.ones(3, 2, of_pedestrian), mask)
-    with plugin_errors(f"the encoder {name} raised"), torch.no_grad():
+    with plugin_in_time(f"the encoder {name} raised"), torch.no_grad():
         code, encoded = encoder(seen), encoder.encoded
         encoder(Seen(seen.vehicle, seen.pedestrians[:, :1], mask[:, :1]))
     if not is_integer(encoded) or not isinstance(code, torch.Tensor) or code.shape != (3, encoded):

@@ -19,8 +19,8 @@ from crowdbench.core.types import Observation
 from crowdbench.planners.planner import OneStepOnly, Planner
 from crowdbench.planners.validation import AnswerFault, Decision, validate_commands
 from crowdbench.utils.defaults import DECISION_LIMIT
-from crowdbench.utils.errors import InputError, describe_error, is_interrupt, plugin_errors
-from crowdbench.utils.resources import FairLimit, TimeLimit, interrupted_after
+from crowdbench.utils.errors import InputError, describe_error, is_interrupt
+from crowdbench.utils.resources import FairLimit, TimeLimit, interrupted_after, plugin_in_time
 
 
 class FaultyAnswer(Exception):
@@ -72,7 +72,7 @@ class Driver:
         """
         self._cases = cases.copy()
         start = time.perf_counter()
-        with plugin_errors(f"planner {self.name} raised", " in reset()"):
+        with plugin_in_time(f"planner {self.name} raised", " in reset()", self.decision_limit):
             self.planner.reset(np.arange(len(cases)))
         self.seconds += time.perf_counter() - start
 
@@ -145,7 +145,7 @@ class Driver:
 
 def _read_flag(planner: Planner, name: str, flag: str, words: tuple[str, ...] = ()) -> Any:
     """Return a property of a planner that must be a bool, or one of some words."""
-    with plugin_errors(f"planner {name} raised", f" in {flag}"):
+    with plugin_in_time(f"planner {name} raised", f" in {flag}"):
         value = getattr(planner, flag)
     if not (isinstance(value, bool) or (isinstance(value, str) and value in words)):
         right = f"True, False or one of {', '.join(map(repr, words))}" if words else "True or False"
@@ -155,5 +155,5 @@ def _read_flag(planner: Planner, name: str, flag: str, words: tuple[str, ...] = 
 
 def _read_facts(planner: Planner, name: str) -> dict[str, Any]:
     """Return a copy of the planner's facts, converted to JSON and back."""
-    with plugin_errors(f"planner {name} has facts that a result cannot hold, which must be texts by name:"):
+    with plugin_in_time(f"planner {name} has facts that a result cannot hold, which must be texts by name:"):
         return dict(json.loads(json.dumps(dict(planner.facts), allow_nan=False)))

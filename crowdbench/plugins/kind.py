@@ -28,6 +28,8 @@ from crowdbench.plugins.options import read_options, takes_any
 from crowdbench.plugins.plugin_files import package_digests, read_files, short_digest
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, did_you_mean, find_named, plugin_errors
+from crowdbench.utils.fork_guard import ForkGuard
+from crowdbench.utils.resources import plugin_in_time
 
 PACKAGE = Path(__file__).parent.parent
 
@@ -105,7 +107,7 @@ class Kind:
                 raise InputError(f"{source} defines no function {function or self.function}()")
             return plugin_name(spec), loaded
         if isinstance(source, EntryPoint):
-            with plugin_errors(f"the installed {self.word} {spec} cannot be loaded:"):
+            with plugin_in_time(f"the installed {self.word} {spec} cannot be loaded:"), ForkGuard(spec):
                 return spec, source.load()
         return spec, source
 
@@ -143,7 +145,7 @@ class Kind:
                 raise InputError(
                     f"{name} has no option {option!r}{meant}; its options are: {', '.join(known) or 'none'}"
                 )
-        with plugin_errors(f"{name} cannot be made with {dict(options)}:"):
+        with plugin_in_time(f"{name} cannot be made with {dict(options)}:"), ForkGuard(f"{self.word} {name}"):
             arguments = {
                 option: known[option].argument(value) if option in known else value for option, value in options.items()
             }
@@ -263,7 +265,7 @@ def load_module(path: Path) -> ModuleType:
     _import_from_source(path.parent)
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
-    with plugin_errors(f"{path} cannot be loaded:"):
+    with plugin_in_time(f"{path} cannot be loaded:"), ForkGuard(path.name):
         spec.loader.exec_module(module)
     return module
 

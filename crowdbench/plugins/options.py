@@ -13,7 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from crowdbench.utils.errors import InputError, is_integer, is_number, plugin_errors
+from crowdbench.utils.errors import InputError, is_integer, is_number
+from crowdbench.utils.resources import plugin_in_time
 
 REQUIRED = inspect.Parameter.empty
 """The value of `Option.default` for an option without a default."""
@@ -158,7 +159,7 @@ def _hints(factory: Callable[..., object]) -> dict[str, Any]:
         factory = factory.func
     called = factory.__init__ if inspect.isclass(factory) else factory
     # Annotations are evaluated: they may use names that are imported only for type checkers, or raise any exception.
-    with contextlib.suppress(InputError), plugin_errors("annotations raised"):
+    with contextlib.suppress(InputError), plugin_in_time("annotations raised"):
         return typing.get_type_hints(called)
     return {}
 

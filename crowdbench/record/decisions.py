@@ -151,7 +151,7 @@ def _draw_fan(log: _Log) -> Iterator[Chunk]:
 def _draw_lines(log: _Log, role: str) -> Iterator[Chunk]:
     """Draw lines over time in thirds, which fade with the time ahead. Each line loses one point per step.
 
-    They are logged as `[..., time, line, 2]`; those of pedestrians start at the decision, others one step later. A
+    They are logged as `[..., time, line, 2]`. Lines of pedestrians start at the decision, other lines one step later. A
     third number is the value of a
     line; only the best lines are drawn.
     """

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench import catalog
-from crowdbench.isolation.fork_guard import ForkGuard
 from crowdbench.metrics.user_metrics import load_metrics
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
@@ -20,7 +19,8 @@ from crowdbench.runs.identity import PlannerId, id_of_object, new_key
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.resources import plugin_in_time, start_limit
 
 
 def load_run(
@@ -37,18 +37,19 @@ def load_run(
     Raises:
         InputError: A plug-in or scenario in the spec does not exist, or does not accept these options or overrides.
     """
-    scenario = scenario or catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
     name, is_named = spec.planner, planner is None
-    if planner is None:
-        with ForkGuard(f"planner {name}"):
+    with start_limit(spec.decision_limit):
+        scenario = scenario or catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
+        if planner is None:
             planner = catalog.load_planner(spec.planner, spec.options)
-        name = plugin_name(spec.planner)
-    driver = Driver(hold_out(planner, name, scenario), name, spec.decision_limit)
+            name = plugin_name(spec.planner)
+        driver = Driver(hold_out(planner, name, scenario), name, spec.decision_limit)
+        metrics = load_metrics(spec.metrics)
     if is_named:
         identity = identify(spec.planner, spec.options, driver)
     else:
         identity = id_of_object(planner, name, driver.facts, key or new_key())
-    return Run(spec, driver, scenario, load_metrics(spec.metrics), identity, is_named=is_named)
+    return Run(spec, driver, scenario, metrics, identity, is_named=is_named)
 
 
 def hold_out(planner: Planner, name: str, scenario: Scenario) -> Planner:
@@ -58,7 +59,7 @@ def hold_out(planner: Planner, name: str, scenario: Scenario) -> Planner:
     """
     if not scenario.tracks:
         return planner
-    with plugin_errors(f"planner {name} raised", " in for_held_out_scene()"):
+    with plugin_in_time(f"planner {name} raised", " in for_held_out_scene()"):
         return planner.for_held_out_scene(scenario.tracks.scene)
 
 

@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome, Trace, World
-from crowdbench.isolation.fork_guard import ForkGuard
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.spec import EVERY_STEP, Replanning
 from crowdbench.scenario.cases import Cases
@@ -29,6 +28,8 @@ from crowdbench.sim.simulator import (
     step_pedestrians,
 )
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.fork_guard import ForkGuard
+from crowdbench.utils.resources import plugin_in_time
 
 Rows = Int[np.ndarray, "running"]
 Velocities = Float[np.ndarray, "running 2"]
@@ -95,7 +96,7 @@ def rollout(
     for t in range(scenario.rules.max_steps):
         if watch is not None:
             watch(world)
-        crowd, world = crowd_decisions(world, scenario.policies)
+        crowd, world = _decide(world, scenario)
         ahead = replanning.steps_executed(t)
         if ahead == 0:
             future = limit_velocities(world, crowd) if driver.privileged else None
@@ -142,9 +143,17 @@ def _walk_alone(scenario: Scenario, world: World, trace: Trace) -> Float[np.ndar
             break
         if not running.all():
             world, rows = world.take(running), rows[running]
-        crowd, world = crowd_decisions(world, scenario.policies)
+        crowd, world = _decide(world, scenario)
         world = step_pedestrians(world, crowd, scenario.post_step_rule)
     return positions
+
+
+def _decide(world: World, scenario: Scenario) -> tuple[Velocities, World]:
+    """Return `crowd_decisions`. A policy of the user has a limit of time."""
+    if not scenario.has_files:
+        return crowd_decisions(world, scenario.policies)
+    with plugin_in_time("a pedestrian policy raised"):
+        return crowd_decisions(world, scenario.policies)
 
 
 class _Shares:

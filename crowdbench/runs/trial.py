@@ -42,10 +42,8 @@ def try_plugins(scenario: Scenario, cases: Cases, metrics: Mapping[str, Metric])
     Raises:
         InputError: A layout, a policy or a metric fails.
     """
-    table = scenario.table
-    has_files = table["pedestrians"]["policy_files"] or table.get("layout", {}).get("generator_file")
     of_user = {name: metric for name, metric in metrics.items() if name not in METRICS}
-    if has_files or of_user:
+    if scenario.has_files or of_user:
         trace = trial_trace(scenario, cases)
         for name, metric in of_user.items():
             measure(name, metric, trace)

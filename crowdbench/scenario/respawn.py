@@ -18,7 +18,8 @@ from crowdbench.core.types import World
 from crowdbench.scenario.layouts.placer import CLEARANCE, WALL_CLEARANCE
 from crowdbench.scenario.placement import Layout, LayoutCall, Placement, Position, Trip, add_routes, check_shape
 from crowdbench.sim.visibility_graph import edges_of, nearest_on, solids
-from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.resources import plugin_in_time
 
 TRIES = 20
 """Largest number of draws for one pedestrian per step. A draw among walls takes milliseconds."""
@@ -152,7 +153,7 @@ def redraw(layout: LayoutCall, *arguments: Any) -> Trip | None:
         InputError: The layout raises, or returns neither None nor two points.
     """
     draw = layout.func.again if isinstance(layout.func, LayoutWithRespawn) else None
-    with plugin_errors("the layout raised"):
+    with plugin_in_time("the layout raised"):
         answer = draw(*arguments, **layout.keywords) if draw else _respawn_by_layout(layout, *arguments)
     if answer is None:
         return None

@@ -80,6 +80,11 @@ class Scenario:
         return self.starts.layout if isinstance(self.starts, LayoutStarts) else None
 
     @property
+    def has_files(self) -> bool:
+        """True if a pedestrian policy or the layout is in a file of the user."""
+        return bool(self.table["pedestrians"]["policy_files"] or self.table.get("layout", {}).get("generator_file"))
+
+    @property
     def max_agents(self) -> int:
         """The largest number of agents: the vehicle and the pedestrians."""
         return self.crowd.number[1] + 1

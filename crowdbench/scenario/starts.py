@@ -20,7 +20,8 @@ from crowdbench.scenario.population import Population, Traits
 from crowdbench.scenario.post_step_rule import LayoutPostStepRule
 from crowdbench.scenario.schema import VehicleSpec
 from crowdbench.sim import simulator
-from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.resources import plugin_in_time
 from crowdbench.utils.toml import Location
 
 TRIES = 1000
@@ -92,7 +93,7 @@ class LayoutStarts:
             stream = np.random.Generator(seed_legacy(CROWDNAV_TEST_SEED + case.number))
 
         def call_layout(radius: PerAgent, speed: PerAgent) -> object:
-            with plugin_errors("the layout raised"):
+            with plugin_in_time("the layout raised"):
                 return self.layout(stream, radius, speed)
 
         standing = rng.generator(case.key, "standing")

@@ -3,6 +3,10 @@
 DECISION_LIMIT = 60.0
 """Seconds that a planner may take for one decision, for all worlds of a batch together."""
 
+START_LIMIT = 60.0
+"""Seconds that a plug-in may take for its import, for its construction, and for any call that is not a decision. A
+longer decision limit applies to the start of a run too."""
+
 BATCH = 500
 """Cases that run in lock-step: enough for all cores, few enough for the memory."""
 

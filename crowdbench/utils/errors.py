@@ -11,6 +11,7 @@ import sysconfig
 import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import FrameType
 from typing import Any, TypeVar
 
 Item = TypeVar("Item")
@@ -80,13 +81,17 @@ def describe_error(error: BaseException, where: str = "") -> str:
     sentence = f"{type(error).__name__}{where}"
     if message:
         sentence += f": {message}"
-    return sentence + _line_of(error)
+    return sentence + line_of(traceback.walk_tb(error.__traceback__))
 
 
-def _line_of(error: BaseException) -> str:
-    """Return the innermost line of an exception outside of installed packages, as `, in line 8 of mine.py`."""
+def line_of(frames: Iterable[tuple[FrameType, int]]) -> str:
+    """Return the innermost line outside of installed packages, as `, in line 8 of mine.py`; empty if there is none.
+
+    Args:
+        frames: Frames with their line numbers, the innermost last.
+    """
     place = ""
-    for frame, number in traceback.walk_tb(error.__traceback__):
+    for frame, number in frames:
         file = frame.f_code.co_filename
         if not file.startswith(("<", *INSTALLED)):
             place = f", in line {number} of {Path(file).name}"

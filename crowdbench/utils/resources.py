@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import contextvars
 import ctypes
+import os
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import FrameType
+
+from crowdbench.utils import watchdog
+from crowdbench.utils.defaults import START_LIMIT
+from crowdbench.utils.errors import plugin_errors
 
 MAX_FACTOR = 10.0
 """Largest elapsed time as a multiple of the limit, even if a process waits for a processor."""
@@ -68,7 +74,11 @@ def _waited(processes: Iterable[int]) -> dict[Path, float]:
 
 
 class TimeLimit(BaseException):
-    """Raised inside a planner that takes too long. Not an Exception, which planners may catch."""
+    """Raised inside a plug-in that takes too long. Not an Exception, which plug-ins may catch."""
+
+
+_running: list[FairLimit] = []
+"""The limits of the contexts that the main thread is in."""
 
 
 @contextlib.contextmanager
@@ -81,20 +91,53 @@ def interrupted_after(limit: FairLimit) -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         # An exception in the code that leaves the context would keep the timer running.
         is_leaving = frame is not None and frame.f_code.co_filename in (__file__, contextlib.__file__)
-        if limit.over() and not is_leaving:
-            raise TimeLimit
+        if is_leaving:
+            return
+        for one in _running:
+            if one.over():
+                raise TimeLimit(f"it took longer than {one.seconds:g} s")
 
+    watchdog.start(_running)
     handler = signal.signal(signal.SIGALRM, interrupt)
-    # Repeated until the limit is over, and because planners may catch the exception and continue.
+    # Repeated until the limit is over, and because plug-ins may catch the exception and continue.
     timer = signal.setitimer(signal.ITIMER_REAL, limit.head, min(0.5, limit.head))
+    _running.append(limit)
     try:
         yield
     finally:
         # The last alarm may still arrive here.
         try:
+            _running.remove(limit)
             signal.setitimer(signal.ITIMER_REAL, *timer)
         finally:
             signal.signal(signal.SIGALRM, handler)
+
+
+_start_limit = contextvars.ContextVar("start limit", default=START_LIMIT)
+
+
+@contextlib.contextmanager
+def start_limit(seconds: float) -> Iterator[None]:
+    """Give plug-ins more time than `START_LIMIT` for a call of `plugin_in_time`."""
+    token = _start_limit.set(max(START_LIMIT, seconds))
+    try:
+        yield
+    finally:
+        _start_limit.reset(token)
+
+
+@contextlib.contextmanager
+def plugin_in_time(beginning: str, where: str = "", seconds: float | None = None) -> Iterator[None]:
+    """Turn any exception of a plug-in into an InputError, as `plugin_errors` does, and a call that takes too long.
+
+    Args:
+        beginning: See `plugin_errors`.
+        where: See `plugin_errors`.
+        seconds: The limit; by default that of `start_limit`.
+    """
+    limit = FairLimit(_start_limit.get() if seconds is None else seconds, lambda: (os.getpid(),))
+    with plugin_errors(beginning, where), interrupted_after(limit):
+        yield
 
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of malloc.h

@@ -45,8 +45,8 @@ class Grid:
 
 
 def printed_by(command: str) -> str:
-    """Return the first line of a page that a command prints: it warns against editing the page by hand."""
-    return f"Printed by `{command}`. Do not edit this page: the command overwrites it."
+    """Return the first line of a page that a command prints."""
+    return f"Printed by `{command}`."
 
 
 def format_tables(grids: Sequence[Grid], kind: Format) -> str:

@@ -6,6 +6,7 @@ from functools import partial
 import pytest
 from small_boards import SEASON, card, not_timed
 
+from crowdbench.utils import open_executor
 from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.board import read_board
 from crowdbench_leaderboards.board_runs import InUse

@@ -58,7 +58,7 @@ def certify(
     use_threads(threads)
     from crowdbench import Cases, load_scenario, scenario_path
     from crowdbench.scenario import CERTIFICATES
-    from crowdbench.utils import open_executor
+    from crowdbench.utils import command, open_executor
     from studies.certificates.certificate import make
 
     examined, changes = Cases.parse(cases), assignments(overrides or [], "--set")
@@ -77,7 +77,8 @@ def certify(
     seconds = time.monotonic() - start
     print("\n".join(_report(loaded, examined, margin, rows, seconds)))
     run = directory / examined.split
-    print(f"\nKept in {run}; `crowdbench score {run}` checks it.")
+    given = [] if data is None else ["--data", data]
+    print(f"\nKept in {run}; `{command('score', run, *given)}` checks it.")
     if examined.start == 0:
         folder = scenario_path(scenario).parent
         listed, place = directory / f"{loaded.name}.toml", folder / CERTIFICATES / f"{loaded.name}.toml"

@@ -262,7 +262,7 @@ def test_forked_workers_end_by_signals_and_quietly():
 def test_a_forked_process_does_not_go_on_with_the_run(ends, status, told):
     code = (
         "import os\n"
-        "from crowdbench.isolation.fork_guard import ForkGuard\n"
+        "from crowdbench.utils.fork_guard import ForkGuard\n"
         "with ForkGuard('planner p'):\n"
         "    child = os.fork()\n"
         f"    if child == 0: {ends}\n"

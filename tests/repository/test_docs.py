@@ -8,7 +8,7 @@ import pytest
 
 from crowdbench.catalog import PLANNERS
 from crowdbench.plugins.kind import load_module
-from studies.publish import publish
+from studies.publish import GENERATED, publish
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -85,13 +85,13 @@ def test_the_heat_table_is_drawn_from_its_script():
 
 def test_a_printed_page_is_split_into_an_overview_and_tables():
     printed = (
-        "Printed\n\n## Crowds\n\n| success | a |\n| --- | --- |\n| one | 1.0 % |\n\n"
+        "Printed by `a command`.\n\n## Crowds\n\n| success | a |\n| --- | --- |\n| one | 1.0 % |\n\n"
         "### one\n\n| planner | success |\n| --- | --- |\n| a | **1.0 %** |\n\n"
         "| significantly better or worse than | a |\n| --- | --- |\n| b | better: time; worse: jerk, gap |\n\n"
         "### two\n\n| planner | success | wall |\n| --- | --- | --- |\n| a | 2.0 % | 3 |\n\nA note.\n"
     )
     page, files = publish(printed)
-    assert page.startswith("Printed\n\n## Crowds\n\n| success | a |")
+    assert page.startswith(f"Printed by `a command`. {GENERATED}\n\n## Crowds\n\n| success | a |")
     assert page.endswith(", [crowds_pairs.csv](tables/crowds_pairs.csv).\n\nA note.\n")
     assert files["crowds.csv"] == "scenario,planner,success,wall\none,a,1.0 %,\ntwo,a,2.0 %,3\n"
     assert files["crowds_pairs.csv"] == 'scenario,planner,other planner,better,worse,note\none,b,a,time,"jerk, gap",\n'

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from crowdbench.core.types import World
 from crowdbench.utils.compiled import njit
 from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.resources import plugin_in_time
 
 Parameters = Mapping[str, Float[np.ndarray, "world agent"]]
 """For each parameter of a policy a value per agent; column 0, the vehicle's, is not used."""
@@ -129,7 +130,7 @@ def init_memory(policy: PolicyWithMemory, name: str, world: World) -> Memory:
     Raises:
         InputError: The policy raises an exception, or does not return arrays with a row per world.
     """
-    with plugin_errors(f"pedestrian policy {name} raised"):
+    with plugin_in_time(f"pedestrian policy {name} raised"):
         answer = policy.memory(world, world.parameters[name])
     for path, array in memory_arrays(name, answer):
         if array.shape[:1] != (len(world),):
