@@ -6,6 +6,7 @@ arXiv:1707.06347) with generalised advantage estimation. Ctrl-C exports the poli
 """
 
 import argparse
+import shlex
 import time
 from pathlib import Path
 
@@ -115,7 +116,7 @@ def train(minutes: float, scenario: str, seed: int, out: Path) -> None:
     except KeyboardInterrupt:
         print("\ninterrupted: exporting what has been learned", end="")
     crowdbench.export_policy(actor, out, envs)
-    print(f"\nexported {out}: crowdbench run --planner {out}")
+    print(f"\nexported {out}: crowdbench run --planner {shlex.quote(str(out))}")
 
 
 if __name__ == "__main__":

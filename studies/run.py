@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -42,7 +43,7 @@ def page(
     name = file.absolute().parent.name if file.name == "study.toml" else file.stem
     folder = out or Path("runs") / f"study-{name}"
     make = functools.partial(make_runs, out=folder, sharing=Sharing(shard, workers, engine, threads))
-    command = f"python studies/run.py {file}{' --data DIR' if data else ''}"
+    command = f"python studies/run.py {shlex.quote(str(file))}{' --data DIR' if data else ''}"
     print_page(head, tables, command, folder, make, format, name)
 
 

@@ -18,6 +18,7 @@ from torch import Tensor
 from crowdbench import InputError
 from crowdbench.cli import help_from_docstring, main
 from crowdbench.networks import NETWORKS, WEIGHTS_SUFFIX, ValueNetwork, save_network
+from crowdbench.utils import command
 
 LAYERS = {
     "sarl": {"mlp1": "embedding", "mlp2": "features", "attention": "attention", "mlp3": "value"},
@@ -88,7 +89,8 @@ def convert(model: Path, out: Path) -> None:
     network = read_network(content, model.name)
     source = {"file": model.name, "sha256": hashlib.sha256(content).hexdigest()}
     save_network(network, network.name, out, {"converted_from": source})
-    print(f"{out} has the weights of {network.name}: crowdbench run --planner {network.name} --option weights={out}")
+    run = command("run", "--planner", network.name, "--option", f"weights={out}")
+    print(f"{out} has the weights of {network.name}: {run}")
 
 
 if __name__ == "__main__":

@@ -6,22 +6,26 @@ python adapters/ros2/score_bags.py drive.toml --out runs/drive --tracks tracks
 from __future__ import annotations
 
 import hashlib
+import itertools
 from pathlib import Path
 
 import numpy as np
 from drive import trace_of
 from drive_file import read_drive_file
 
-from crowdbench import Episodes, Trace
+from crowdbench import Episodes, InputError, Trace, load_scenario
 from crowdbench.cli import main, say
 from crowdbench.metrics import load_metrics
 from crowdbench.record import Recorder
 from crowdbench.results import RECORDING, TRACKS, write_run, write_tracks
 from crowdbench.runs import PlannerId, RunId, code, read_versions, source_of, units_of
-from crowdbench.utils import new_directory
+from crowdbench.utils import command, new_directory
 
 FRAME, STEP = 10, 0.4
 """Difference of the numbers of consecutive frames of tracks, and the seconds between them, as in ETH/UCY."""
+
+TIME_LIMITS, DISTANCES = (25.0, 15.0, 10.0, 5.0, 3.0, 1.5), (8.0, 5.0, 3.0, 2.0, 1.0)
+"""Seconds of an episode and metres of a trip that are tried for a command."""
 
 
 def convert(file: Path, out: Path = Path("runs/drive"), tracks: Path | None = None) -> None:
@@ -41,12 +45,36 @@ def convert(file: Path, out: Path = Path("runs/drive"), tracks: Path | None = No
         for part in sorted(bag.iterdir()) if bag.is_dir() else [bag]:
             contents.update(part.read_bytes())
     write(trace, drive.planner, file.stem, contents.hexdigest(), out)
-    say(f"wrote {out}: crowdbench score {out}, crowdbench view {out}")
+    say(f"wrote {out}\n  {command('score', out)}\n  {command('view', out)}")
     if tracks is not None:
         tracks.mkdir(parents=True, exist_ok=True)
         for row, name in enumerate(drive.bags):
             write_pedestrians(trace, row, tracks / f"{Path(name).stem}.txt")
-        say(f"wrote {tracks}: crowdbench run --scenario eth_recorded --set tracks.scene={Path(drive.bags[0]).stem}")
+        say(f"wrote {tracks}\n  {describe_next(tracks, Path(drive.bags[0]).stem)}")
+
+
+def describe_next(tracks: Path, scene: str) -> str:
+    """Return a command that drives among the pedestrians of a bag, with the longest episodes and trips that fit.
+
+    Args:
+        tracks: The folder with the tracks.
+        scene: The name of the file with the pedestrians, without suffix.
+    """
+    reason = ""
+    for seconds, metres in itertools.product(TIME_LIMITS, DISTANCES):
+        changes = {"tracks.scene": scene, "time_limit": seconds, "tracks.distance": metres}
+        try:
+            scenario = load_scenario("eth_recorded", changes, data=tracks)
+            assert scenario.tracks is not None
+            cases = len(scenario.tracks.windows["test"])
+            scenario.draw("test", np.arange(cases))
+        except InputError as error:
+            reason = reason or f"no planner can be tried among these pedestrians: {error}"
+            continue
+        words = [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
+        options = ("--planner", "orca", "--scenario", "eth_recorded", "--data", tracks, "--cases", cases)
+        return command("run", *options, *words)
+    return reason
 
 
 def write(trace: Trace, planner: str, scenario: str, digest: str, out: Path) -> None:

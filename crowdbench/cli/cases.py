@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from crowdbench.cli.console import BAD, GOOD, announce_compilation, write
 from crowdbench.utils.errors import InputError
@@ -14,6 +15,7 @@ from crowdbench.utils.errors import InputError
 if TYPE_CHECKING:
     from crowdbench.results.run_result import RunResult
     from crowdbench.runs.replay import Loader
+    from crowdbench.scenario.scenario import Scenario
 
 NAMED = 10
 """How many cases of an outcome are named."""
@@ -103,6 +105,17 @@ def describe_cases(outcome: str, cases: Sequence[int]) -> str:
     many = ("es" if outcome.endswith("s") else "s") * (len(cases) != 1)
     which = f"case{'s'[: len(cases) != 1]} {', '.join(map(str, cases[:NAMED]))}{', ...' * (len(cases) > NAMED)}"
     return f"{len(cases)} {outcome.replace('_', ' ')}{many} ({which})"
+
+
+def replay_options(scenario: Scenario, data: Path | None) -> list[str]:
+    """Return the options by which commands simulate the cases of a run again: the user's files and recorded tracks."""
+    table = scenario.table
+    files = table["pedestrians"].get("policy_files", {})
+    plugins: list[tuple[str, Any]] = [("--pedestrians", type(scenario.policies[name])) for name in files]
+    if scenario.layout is not None and table["layout"]["generator_file"] is not None:
+        plugins.append(("--layout", scenario.layout.func))
+    words = [word for option, plugin in plugins for word in (option, inspect.getfile(plugin))]
+    return words if data is None else [*words, "--data", str(data)]
 
 
 def make_loader(pedestrians: Sequence[str] | None, layout: str | None, data: Path | None) -> Loader:

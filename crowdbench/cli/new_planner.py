@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from crowdbench.cli.console import say
+from crowdbench.utils.commands import command
 from crowdbench.utils.errors import InputError
 
 
@@ -24,7 +25,7 @@ def new_planner(name: str, out: Path = Path()) -> None:
     file = folder / f"{name}.py"
     say(
         f"made {folder}: {name}.py drives, test_{name}.py tests it (with pytest), card.toml says what it is\n"
-        f"  crowdbench check {file}\n"
-        f"  crowdbench run --planner {file}\n"
-        f"  crowdbench suite {file} --cases 10"
+        f"  {command('check', file)}\n"
+        f"  {command('run', '--planner', file)}\n"
+        f"  {command('suite', file, '--cases', 10)}"
     )

@@ -133,7 +133,7 @@ def export(
     """
     from crowdbench.export.replay_page import PAGE, export_page
     from crowdbench.export.steps import STEPS
-    from crowdbench.export.tracks import export_tracks
+    from crowdbench.export.tracks import FOLDER, export_tracks
     from crowdbench.results.run_result import RunResult
     from crowdbench.utils import files
 
@@ -150,4 +150,8 @@ def export(
             cases = export_page(results, load, folder, report)
         else:
             cases = export_tracks(results[0], load, folder, report, format)
-    print(f"{cases} cases in {out}")
+    if format == "replay":
+        print(f"{cases} cases in {out / PAGE}")
+    else:
+        first = min(path.name for path in (out / FOLDER).iterdir())
+        print(f"{cases} cases in {out / FOLDER}, such as {first}; their steps are in {out / STEPS}")

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import json
-import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from crowdbench.cli.cases import replay_options
 from crowdbench.cli.console import BAD, announce_compilation, exit_on_interrupt, print_table, progress, say, write
 from crowdbench.cli.options import ThreadsOption, WorkersOption, assignments, use_threads
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
+from crowdbench.utils.commands import command
 from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
 from crowdbench.utils.errors import InputError
 
@@ -101,8 +102,9 @@ def run(
         loaded, directory = make_one_run(spec, out, Shard.parse(shard), overwrite, executor)
     changes = "".join(f", {key}={value}" for key, value in spec.changes.items())
     title = f"{loaded.label} on {loaded.scenario.name}{changes}"
-    print_result(title, directory, loaded.metrics, as_json, all_metrics)
-    check_whole(loaded, directory, spec.metrics)
+    replay = replay_options(loaded.scenario, data)
+    print_result(title, directory, loaded.metrics, as_json, all_metrics, replay)
+    check_whole(loaded, directory, spec.metrics, replay)
 
 
 def make_one_run(
@@ -167,23 +169,24 @@ def describe_parts(parts: Parts, shard: Shard) -> str:
     return f"{own}; {number} of {len(cases)} cases are finished{where}, and the last process to finish merges the run"
 
 
-def check_whole(run: Run, directory: Path, files: Sequence[str]) -> None:
+def check_whole(run: Run, directory: Path, files: Sequence[str], replay: Sequence[str]) -> None:
     """Raise InputError if a complete run lacks something: a metric of the user that failed, or its recording.
 
     Args:
         run: The run.
         directory: Its directory.
         files: The files of the user's metrics.
+        replay: The options by which the run is simulated again.
     """
     from crowdbench.results.result_file import read_result
 
     lacking = [name for name in run.metrics if name not in read_result(directory)["metrics"]]
     if lacking:
         reason = run.failed.get(lacking[0], f"metric {lacking[0]} failed in another process")
-        given = " ".join(f"--metric {shlex.quote(file)}" for file in files)
+        given = [word for file in files for word in ("--metric", file)]
         raise InputError(
             f"{reason}: the run is kept without it; correct the metric, and compute it with "
-            f"`crowdbench score {shlex.quote(str(directory))} {given} --out DIR`"
+            f"`{command('score', directory, *given, *replay, '--out', f'{directory}-scored')}`"
         )
     if run.lost:
         raise InputError(f"{run.lost[0]}; the results are kept, and `crowdbench view` simulates a case again")
@@ -227,7 +230,14 @@ def merge(
     print_result(f"{result_label(result)} on {result['scenario']['name']}", out, metrics, as_json, all_metrics)
 
 
-def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_json: bool, all_metrics: bool) -> None:
+def print_result(
+    title: str,
+    directory: Path,
+    metrics: Mapping[str, Metric],
+    as_json: bool,
+    all_metrics: bool,
+    replay: Sequence[str] = (),
+) -> None:
     """Print the table of a run, commands to view its failures, and its directory; or print its result as JSON.
 
     Args:
@@ -236,6 +246,7 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
         metrics: The metrics of the run, by name.
         as_json: True to print JSON.
         all_metrics: True if all metrics are printed.
+        replay: The options by which cases that are not recorded are simulated again.
     """
     from crowdbench.cli.cases import describe_cases
     from crowdbench.results.episodes import EPISODES, RECORDING, Episodes, read_estimate
@@ -264,7 +275,8 @@ def print_result(title: str, directory: Path, metrics: Mapping[str, Metric], as_
     if result["stated"]["record"] != "none":
         # A case that is not recorded is simulated again.
         for outcome, cases in Episodes.read(directory / EPISODES).failures.items():
-            write(f"{describe_cases(outcome, cases)}: crowdbench view {directory} --case {cases[0]}", BAD)
+            view = command("view", directory, "--case", cases[0], *replay)
+            write(f"{describe_cases(outcome, cases)}: {view}", BAD)
             if number:
                 from crowdbench.record.recorded_cases import read_recorded
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_origin, get_type_hints
@@ -90,7 +91,7 @@ def run_training(
 def _run(runner: Runner) -> None:
     """Train to the end with progress, and print the path of the weights."""
     training = runner.training
-    with exit_on_interrupt(f"continue with {training.config.program} --resume {runner.directory}"):
+    with exit_on_interrupt(f"continue with {training.config.program} --resume {shlex.quote(str(runner.directory))}"):
         with progress(1.0, "trained") as advance:
             advance(0.0)
             shown = 0.0
@@ -103,7 +104,8 @@ def _run(runner: Runner) -> None:
             weights = runner.finish(advance)
     print(f"The best validated network was kept: {' '.join(training.describe(training.best()[0]).split())}")
     print(f"Its card has figures on other cases: {weights.with_suffix('.md')}")
-    print(f"The weights are in {weights}; use them with crowdbench {training.config.usage} --option weights={weights}")
+    option = shlex.quote(f"weights={weights}")
+    print(f"The weights are in {weights}; use them with crowdbench {training.config.usage} --option {option}")
 
 
 def with_method_options(

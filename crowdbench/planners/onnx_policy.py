@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crowdbench.planners.policy_planner import PolicyPlanner
+from crowdbench.utils.commands import command
 from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.files import read_regular
 from crowdbench.views.view import NEAREST
@@ -68,7 +69,8 @@ def load_onnx(
     trained |= {name: value for name, value in given.items() if value is not None}
     if missing := [name for name in ("observation", "action") if name not in trained]:
         options = " ".join(f"--option {name}=goal_frame" for name in missing)
-        raise InputError(f"{file} has no metadata of its training: give {options}; see crowdbench list planners {file}")
+        about = command("list", "planners", file)
+        raise InputError(f"{file} has no metadata of its training: give {options}; see {about}")
     state = [tuple(one.shape[1:]) for one in session.get_inputs() if one.name.startswith(STATE)]
     view = trained["observation"], trained["action"], trained.get("nearest", NEAREST)
     planner = PolicyPlanner(_function(file, session), *view, state, trained.get("dynamics"), trained.get("rays", 0))

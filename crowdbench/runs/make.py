@@ -21,6 +21,7 @@ from crowdbench.runs.shards import WHOLE, Shard
 from crowdbench.runs.trial import try_plugins
 from crowdbench.runs.worker import INTERVAL, PartReport, PartTask, make_part
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.commands import command
 from crowdbench.utils.errors import InputError, MachineFault, NotWritten, describe_error
 from crowdbench.utils.executors import Executor
 from crowdbench.utils.files import check_free
@@ -90,9 +91,10 @@ def is_made(run: Run, out: Path, overwrite: bool = False) -> bool:
                 error.add_note(f"it is this run, made with --record {result['stated']['record']}")
             elif result["run"] | {"metrics": {}} == json.loads(json.dumps(run.id.parts)) | {"metrics": {}}:
                 lacking = [name for name in run.id.metrics if name not in result["run"]["metrics"]]
+                given = [word for file in run.spec.metrics for word in ("--metric", file)]
                 error.add_note(
                     f"it is this run {f'without metric {lacking[0]}' if lacking else 'with other metrics'}: "
-                    f"`crowdbench score {out} --metric FILE --out DIR` computes it without driving again"
+                    f"`{command('score', out, *given, '--out', f'{out}-scored')}` computes it without driving again"
                 )
             before = result["run"]["planner"]["files"].get("planner", {})
             for name, digest in run.planner.files.get("planner", {}).items():

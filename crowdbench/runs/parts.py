@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import re
 import secrets
+import shlex
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from crowdbench.runs.merge import merge
 from crowdbench.runs.run import Run
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
+from crowdbench.utils.commands import command
 from crowdbench.utils.errors import InputError, NotWritten
 from crowdbench.utils.files import new_directory, parent_of
 
@@ -139,7 +141,8 @@ class Parts:
             is_resumable = self.run.planner.is_resumable
             finished = f"{number} of {len(self.run.spec.cases)} cases are kept in {self.folder}"
             resumes = GOES_ON if is_resumable else ""
-            error.add_note(f"{finished}; {resumes}`crowdbench merge {self.folder}/* --out DIR` makes a run of them")
+            merge = f"{command('merge', self.folder)}/* --out {shlex.quote(f'{self.out}-merged')}"
+            error.add_note(f"{finished}; {resumes}`{merge}` makes a run of them")
             if not is_resumable:
                 error.add_note("a planner object with a key, `run(..., key=...)`, goes on with what is kept")
 

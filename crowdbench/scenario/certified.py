@@ -7,6 +7,7 @@ certificates writes it.
 from __future__ import annotations
 
 import itertools
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -94,7 +95,7 @@ class CertificateStatus:
     def sentence(self, cases: Cases) -> str:
         """Return the number of cases of a run without a certificate, or the command that determines it; an empty text
         if all have one."""
-        split, by = cases.split, f"`python studies/certificates/run.py {self.spec}"
+        split, by = cases.split, f"`python studies/certificates/run.py {shlex.quote(self.spec)}"
         if self.certified.scenario != self.digest:
             difference = f"for the digest {self.certified.scenario}, but {self.name} has {self.digest} now"
             return f"{self.file} is {difference}: {by}` makes it again"

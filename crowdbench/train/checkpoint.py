@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shlex
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -90,7 +91,8 @@ def check_free(directory: Path, program: str) -> None:
     """
     if (directory / CHECKPOINT).exists():
         raise InputError(
-            f"{directory} holds a training: name another --out, or go on with {program} --resume {directory}"
+            f"{directory} holds a training: name another --out, or go on with "
+            f"{program} --resume {shlex.quote(str(directory))}"
         )
     if directory.is_dir() and {*directory.iterdir()} - {directory / LOCK, *half_written(directory)}:
         raise InputError(f"{directory} exists already: name another place with --out")

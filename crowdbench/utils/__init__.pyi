@@ -1,3 +1,4 @@
+from .commands import command as command
 from .compiled import njit as njit
 from .defaults import BATCH as BATCH
 from .errors import MachineFault as MachineFault

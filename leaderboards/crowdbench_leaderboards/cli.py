@@ -22,6 +22,7 @@ from crowdbench.cli import (
     use_threads,
 )
 from crowdbench.isolation import one_line
+from crowdbench.utils import command
 
 if TYPE_CHECKING:
     from crowdbench_leaderboards.entry import Entry
@@ -112,7 +113,7 @@ def _say_entry(entry: Entry, failures: Mapping[str, str], cases: int, root: Path
         say(f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.1f} % in {cases} cases")
     say(
         f"made {entry.directory}. {_describe_season(entry.spec.board, root)} Next:\n"
-        f"  crowdbench verify {entry.directory}   re-runs it on held-out cases\n"
+        f"  {command('verify', entry.directory)}   re-runs it on held-out cases\n"
         "  then open a pull request with this folder: see docs/boards.md"
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -90,7 +91,7 @@ def headroom(
     grid = Grid("Success, % (at fault, %)", header, cells, records, "ll" + "r" * (len(header) - 2))
     note = f"Cases {spec.cases}. A star marks levels at which the best succeeds in {LOWEST:g} to {HIGHEST:g} %."
     table = markdown(header, cells)
-    command = f"python studies/suite/headroom.py{'' if file == FILE else f' --file {file}'}"
+    command = f"python studies/suite/headroom.py{'' if file == FILE else f' --file {shlex.quote(str(file))}'}"
     page = "\n\n".join([printed_by(command), spec.description, table, note, *spec.sources])
     print_study(records, [grid], page, format)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -150,7 +151,7 @@ def motion(scenarios: Names = None, data: Path | None = None, cases: int = 100) 
     for name in scenarios or [path.stem for folder in FOLDERS for path in sorted((SCENARIOS / folder).glob("*.toml"))]:
         walks, besides = simulate(load_scenario(name), Cases("val", 0, cases))
         rows.append(row(name, [*measure(walks), *besides]))
-    asked = [*(scenarios or []), *["--data DIR"] * bool(data), *[f"--cases {cases}"] * (cases != 100)]
+    asked = [*map(shlex.quote, scenarios or []), *["--data DIR"] * bool(data), *[f"--cases {cases}"] * (cases != 100)]
     command = " ".join(["python studies/validity/motion.py", *asked])
     numbers = {"near": NEAR, "middle": MIDDLE, "brushing": BRUSHING, "radius": RECORDED_RADIUS, "shortest": SHORTEST}
     text = TEXT.read_text(encoding="utf-8").strip().format(cases=cases, dt=ETH_UCY_DT, moving=MOVING, **numbers)

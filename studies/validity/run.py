@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -43,7 +44,7 @@ def validity(
         for setting in experiments:
             results[setting] = run_experiment(setting)
             tell(1)
-    print(page(results, " ".join(["python studies/validity/run.py", *(policies or [])])))
+    print(page(results, shlex.join(["python", "studies/validity/run.py", *(policies or [])])))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
 """Robots' bags: a bag of a simulated run scores as the run does, and what is missing or wrong in a bag is said."""
 
 import json
+import shlex
+import subprocess
 import sys
 from pathlib import Path
 
@@ -332,3 +334,21 @@ def test_drives_are_played_in_a_browser(drives, tmp_path, call):
     assert scenarios["drive"]["runs"]["robot"]["outcomes"] == "st"
     assert len(scenarios["drive"]["outline"]) > 3
     assert (tmp_path / "page" / "data" / "drive" / "test-1.js").is_file()
+
+
+def test_the_commands_after_a_conversion_run_as_printed(tmp_path, capfd):
+    from score_bags import convert
+
+    messages = []
+    for t in np.arange(0.0, 12.0, 0.1).tolist():
+        messages.append(("/odom", t, odometry(t + 100.0, 0.1 * t, -3.0)))
+        walkers = [(f"{y}", 10.0 - t if y % 2 else t, float(y)) for y in range(6)]
+        messages.append(("/people", t, people(t + 100.0, *walkers)))
+    bag_of(tmp_path / "monday 1", messages)
+    drive_file(tmp_path, ["monday 1"], VEHICLE)
+    convert(tmp_path / "drive.toml", tmp_path / "a drive", tmp_path / "my tracks")
+    commands = [line.strip() for line in capfd.readouterr().err.splitlines() if line.startswith("  crowdbench ")]
+    assert [shlex.split(one)[1] for one in commands] == ["score", "view", "run"]
+    for one in commands[::2]:
+        done = subprocess.run(one, shell=True, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
