@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import types
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,10 @@ def episodes(success, **columns):
     )
 
 
+NOTHING = types.SimpleNamespace(commands=None, number=0)
+"""A recorder that has recorded nothing."""
+
+
 def leave(run, out, table):
     """As if a run had left this table of episodes; metrics that it lacks are undefined."""
     others = {name: np.full(len(table), np.nan) for name in run.metrics} | {
@@ -132,7 +137,7 @@ def leave(run, out, table):
     table = dataclasses.replace(table, columns=others | table.columns)
     directory = run_directory(run, out)
     directory.mkdir(parents=True)
-    run._write(directory, run.spec.cases, table, 0, 0.0)
+    run._write(directory, run.spec.cases, table, NOTHING, 0.0)
 
 
 def fill(asked, out, **rows):

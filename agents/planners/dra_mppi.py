@@ -272,5 +272,5 @@ def planner(
     Returns:
         The planner.
     """
-    chosen = load_predictor(predictor)[1]
+    chosen = load_predictor(predictor)
     return DraMppi(chosen, samples, horizon, points, threshold, soft, hard, speed, change, spread, noise, effective)

@@ -124,4 +124,4 @@ def planner(predictor: str = "constant_velocity", objective: Objective = OBJECTI
     Returns:
         The planner.
     """
-    return DWAPlanner(load_predictor(predictor)[1], objective, horizon)
+    return DWAPlanner(load_predictor(predictor), objective, horizon)

@@ -103,4 +103,4 @@ def planner(
         The planner.
     """
     policy = load_policy(weights, predictor=predictor)
-    return HybridPlanner(load_predictor(predictor)[1], search, costs, horizon, policy=policy, patience=patience)
+    return HybridPlanner(load_predictor(predictor), search, costs, horizon, policy=policy, patience=patience)

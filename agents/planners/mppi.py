@@ -26,4 +26,4 @@ def planner(
     Returns:
         The planner.
     """
-    return MPPIPlanner(load_predictor(predictor)[1], search, weights, horizon, worst)
+    return MPPIPlanner(load_predictor(predictor), search, weights, horizon, worst)

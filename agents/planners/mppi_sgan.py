@@ -27,4 +27,4 @@ def planner(
     Returns:
         The planner.
     """
-    return MPPIPlanner(load_predictor("sgan", {"modes": modes})[1], search, weights, horizon, worst)
+    return MPPIPlanner(load_predictor("sgan", {"modes": modes}), search, weights, horizon, worst)

@@ -20,6 +20,7 @@ from crowdbench.cli.console import BAD, DEBUG, INTERRUPTED, NOTHING_KEPT, failur
 from crowdbench.cli.options import help_from_docstring
 from crowdbench.utils import interrupts, watchdog
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.terminal import width
 
 COMMANDS = {
     "run": ("Run", "run:run"),
@@ -38,6 +39,9 @@ COMMANDS = {
     "export": ("Look", "results:export"),
 }
 """The commands in the order of --help, with their group in --help, and their function in a module of this folder."""
+
+WIDE = 70
+"""Smallest number of columns for the tables of --help."""
 
 EXAMPLES = {
     "run": "--planner orca --cases val:40",
@@ -111,8 +115,9 @@ def build_script(command: Callable[..., None]) -> typer.Typer:
 
 
 def _new_app(epilog: str | None = None) -> typer.Typer:
-    # Markdown joins the lines of a docstring's paragraph.
-    return typer.Typer(add_completion=False, rich_markup_mode="markdown", epilog=epilog)
+    # Markdown joins the lines of a docstring's paragraph. Its tables would break words on a narrow terminal.
+    is_narrow = (width(sys.stdout) or WIDE) < WIDE
+    return typer.Typer(add_completion=False, rich_markup_mode=None if is_narrow else "markdown", epilog=epilog)
 
 
 @functools.cache

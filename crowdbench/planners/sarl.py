@@ -46,7 +46,7 @@ def lookahead_planner(
     """
     return ValuePlanner(
         # III-B.1, equations 1 and 2: several futures of the crowd.
-        predictor=load_predictor(predictor, {} if modes is None else {"modes": modes})[1],
+        predictor=load_predictor(predictor, {} if modes is None else {"modes": modes}),
         # III-B.2, equations 3 and 4: the value V_s of the state that a command leads to, the mean over all futures.
         value=load_network(network, weights, device),
         # III-C, equations 5 and 6: commands that the vehicle cannot follow are left out.

@@ -147,7 +147,7 @@ def load_policy(
     nearest = training.get("nearest")
     if not is_integer(nearest) or nearest < 1:
         raise InputError(f"the card of the weights {path} does not say how many pedestrians the policy is shown")
-    interface = PolicyInterface(int(nearest), load_predictor(predictor)[1] if policy.remembered else None)
+    interface = PolicyInterface(int(nearest), load_predictor(predictor) if policy.remembered else None)
     return NetworkPlanner(policy, interface, network, _most_pedestrians(training), training_dt(card))
 
 

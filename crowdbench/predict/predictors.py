@@ -10,20 +10,18 @@ from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled,
 from crowdbench.predict.predictor import Predictor
 
 
-def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Predictor]:
+def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> Predictor:
     """Load a predictor by its name or from a file, and construct it.
 
     Args:
         spec: The name of a built-in predictor, `file.py` or `file.py:function`.
         options: Keyword arguments of the predictor.
 
-    Returns:
-        The predictor's name, and the predictor.
-
     Raises:
         InputError: There is no such predictor, it does not accept the options, or its file is broken.
     """
-    return PREDICTORS.load(spec, options)
+    predictor: Predictor = PREDICTORS.load(spec, options)[1]
+    return predictor
 
 
 def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device: str = "cpu") -> Predictor:

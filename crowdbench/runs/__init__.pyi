@@ -10,6 +10,7 @@ from .identity import source_of as source_of
 from .loading import identify as identify
 from .loading import load_run as load_run
 from .loading import load_stored_scenario as load_stored_scenario
+from .make import is_made as is_made
 from .make import make_run as make_run
 from .parts import Parts as Parts
 from .recording import units_of as units_of

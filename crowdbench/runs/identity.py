@@ -156,16 +156,18 @@ def source_of(thing: type | Callable[..., Any]) -> str:
     try:
         source = inspect.getsource(thing)
     except (OSError, TypeError):
+        if not isinstance(thing, type):  # an object that can be called
+            return source_of(type(thing))
         source = _class_in_cell(thing) or secrets.token_hex(8)
     return hashlib.sha256(source.encode()).hexdigest()[:16]
 
 
-def _class_in_cell(thing: object) -> str | None:
+def _class_in_cell(kind: type) -> str | None:
     """Return the source of a class of a notebook cell: `inspect.getsource` finds only its functions before 3.13."""
-    for function in filter(inspect.isfunction, getattr(thing, "__dict__", {}).values()):
+    for function in filter(inspect.isfunction, vars(kind).values()):
         cell = "".join(linecache.getlines(function.__code__.co_filename))
         for node in ast.walk(ast.parse(cell)):
-            if isinstance(node, ast.ClassDef) and node.name == getattr(thing, "__name__", ""):
+            if isinstance(node, ast.ClassDef) and node.name == kind.__name__:
                 return ast.get_source_segment(cell, node)
     return None
 

@@ -19,7 +19,6 @@ from crowdbench.core.types import Trace, World
 from crowdbench.metrics.registry import METRICS, Metric, need_undisturbed
 from crowdbench.metrics.user_metrics import measure
 from crowdbench.planners.driver import Driver
-from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.results.episodes import RECORDING, Episodes, planner_label
 from crowdbench.results.run_result import write_run
 from crowdbench.results.stored_commands import COMMANDS, write_commands
@@ -189,7 +188,11 @@ class Run:
         The last bits of such outputs depend on the number of cases in lock-step. A choice among actions by their values
         does not, unless two values are the same to seven digits.
         """
-        return not self.driver.facts or isinstance(self.driver.planner, ValuePlanner)
+        if not self.driver.facts:
+            return True
+        from crowdbench.planners.lookahead import ValuePlanner  # imports torch
+
+        return isinstance(self.driver.planner, ValuePlanner)
 
     def _write(self, folder: Path, part: Cases, episodes: Episodes, recorder: RunRecorder, seconds: float) -> None:
         """Write the files of a run of some of the cases, apart from the recording."""

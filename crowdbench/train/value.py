@@ -97,7 +97,7 @@ class ValueTraining(DrivingTraining):
     curve_metric = "discounted_return"
 
     def __init__(self, config: ValueConfig, device: str) -> None:
-        _, self.predictor = load_predictor(config.predictor)
+        self.predictor = load_predictor(config.predictor)
         super().__init__(config, device)
         self.limits = Limits(**UNLIMITED | config.limits) if config.limits else None
         with torch.random.fork_rng(devices=[]):

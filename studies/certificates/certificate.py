@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import itertools
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,9 +18,9 @@ from jaxtyping import Float
 
 from crowdbench import METRICS, Cases, Driver, InputError, Outcome, Planner, Scenario, Trace, rollout
 from crowdbench.core import PERFECT_SENSOR, SPLITS
-from crowdbench.runs import Parts, PlannerId, Playback, Progress, Run, RunSpec, fit_batch, make_run
+from crowdbench.runs import Parts, PlannerId, Playback, Progress, Run, RunSpec, fit_batch, is_made, make_run
 from crowdbench.scenario import MAX_MARGIN, Certified, Examined
-from crowdbench.utils import hold_lock, sha256, write_whole
+from crowdbench.utils import Executor, hold_lock, sha256, write_whole
 from studies.certificates.crowds import Crowd, Known, Reacting, known_steps
 from studies.certificates.search import Effort, SearchResult, Task, search
 from studies.pages import keep
@@ -186,6 +188,7 @@ def make(
     *,
     overrides: Mapping[str, Any],
     overwrite: bool = False,
+    executor: Executor | None = None,
     progress: Progress,
 ) -> list[Certificate]:
     """Create the missing certificates of cases.
@@ -200,6 +203,7 @@ def make(
         out: The directory to write.
         overrides: Changes of the scenario, for `result.json`.
         overwrite: True if earlier certificates of this split are replaced.
+        executor: Workers that create them, if any.
         progress: Called with the number of cases that are done.
 
     Returns:
@@ -211,27 +215,86 @@ def make(
     """
     if not 0.0 <= margin < MAX_MARGIN:
         raise InputError(f"a margin of {margin:g} m is not possible: give 0 m or more, and less than {MAX_MARGIN:g} m")
-    margins = list(dict.fromkeys([margin, 0.0]))
-    directory, table = out / cases.split, out / f"{cases.split}.json"
-    spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))
-    sources = {path.name: sha256(path) for path in CODE}
-    identity = PlannerId(NAME, files={"study": sources}, key=f"margins {margins}")
-    run = Run(spec, Driver(play_back([], scenario), NAME), scenario, METRICS, identity)
-    parts = Parts.of(run, directory).folder
-
-    def drive(part: Cases, folder: Path) -> None:
-        found = certificates(scenario, part, margins, progress)
-        _write(found, parts / f"found-{part.start}.json")
-        with hold_lock(parts / ".table"):
-            _write(_read(sorted(parts.glob("found-*.json"))), table)
-        player = play_back([each.commands for each in found], scenario)
-        dataclasses.replace(run, driver=Driver(player, NAME)).drive(part, folder)
-
-    make_run(run, directory, drive=drive, overwrite=overwrite, progress=progress)
-    rows = _read([table])
+    search = CertificateSearch(scenario, cases, list(dict.fromkeys([margin, 0.0])), out, overrides)
+    if executor is not None and not is_made(search.run, search.directory, overwrite):
+        _make_with(executor, search, progress)
+        progress = _ignore
+    drive = functools.partial(search.drive, progress)
+    make_run(search.run, search.directory, drive=drive, overwrite=overwrite, progress=progress)
+    rows = _read([search.table])
     if cases.start == 0:
         _list_without(scenario, cases.split, margin, rows, out / f"{scenario.name}.toml")
     return rows
+
+
+@dataclasses.dataclass(frozen=True)
+class CertificateSearch:
+    """The certificates of cases as a run, which is made in parts, in any process.
+
+    Attributes:
+        scenario: The scenario.
+        cases: The cases.
+        margins: The margins to try, in metres, the widest first.
+        out: The folder of the certificates.
+        overrides: Changes of the scenario, for `result.json`.
+    """
+
+    scenario: Scenario
+    cases: Cases
+    margins: Sequence[float]
+    out: Path
+    overrides: Mapping[str, Any]
+
+    @property
+    def directory(self) -> Path:
+        """The directory of the run."""
+        return self.out / self.cases.split
+
+    @property
+    def table(self) -> Path:
+        """The file with the origin of each certificate."""
+        return self.out / f"{self.cases.split}.json"
+
+    @property
+    def run(self) -> Run:
+        """The run, with a planner that each part replaces by its own commands."""
+        batch = fit_batch(PART, self.scenario)
+        spec = RunSpec(NAME, self.scenario.name, self.cases, overrides=self.overrides, batch=batch)
+        sources = {path.name: sha256(path) for path in CODE}
+        identity = PlannerId(NAME, files={"study": sources}, key=f"margins {self.margins}")
+        return Run(spec, Driver(play_back([], self.scenario), NAME), self.scenario, METRICS, identity)
+
+    def drive(self, progress: Progress, part: Cases, folder: Path) -> None:
+        """Create the certificates of a part in a folder, and add them to the table."""
+        parts = Parts.of(self.run, self.directory).folder
+        found = certificates(self.scenario, part, self.margins, progress)
+        _write(found, parts / f"found-{part.start}.json")
+        with hold_lock(parts / ".table"):
+            _write(_read(sorted(parts.glob("found-*.json"))), self.table)
+        player = Driver(play_back([each.commands for each in found], self.scenario), NAME)
+        dataclasses.replace(self.run, driver=player).drive(part, folder)
+
+
+def _make_with(executor: Executor, search: CertificateSearch, progress: Progress) -> None:
+    """Create the missing parts with workers."""
+    search = dataclasses.replace(search, out=search.out.absolute())  # workers may start in another folder
+    parts = Parts.of(search.run, search.directory)
+    with parts.open():
+        missing = parts.missing(search.cases)
+        progress(len(search.cases) - sum(map(len, missing)))
+        batches = itertools.chain(*(gap.batches(search.run.spec.batch) for gap in missing))
+        futures = {executor.submit(_make_part, search, part): part for part in batches}
+        for future in as_completed(futures):
+            future.result()
+            progress(len(futures[future]))
+
+
+def _make_part(search: CertificateSearch, part: Cases) -> None:
+    Parts.of(search.run, search.directory).make(part, functools.partial(search.drive, _ignore))
+
+
+def _ignore(done: float) -> None:
+    """Report no progress: the process that hands out the parts does."""
 
 
 def _write(found: Sequence[Certificate], path: Path) -> None:

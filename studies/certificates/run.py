@@ -15,6 +15,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench.cli import (
     ThreadsOption,
+    WorkersOption,
     announce_compilation,
     assignments,
     exit_on_interrupt,
@@ -23,6 +24,7 @@ from crowdbench.cli import (
     progress,
     use_threads,
 )
+from studies.command import EngineOption
 
 if TYPE_CHECKING:
     from crowdbench import Cases, Scenario
@@ -38,6 +40,8 @@ def certify(
     data: Path | None = None,
     out: Annotated[Path | None, typer.Option(show_default="runs/certified-SCENARIO")] = None,
     overwrite: bool = False,
+    workers: WorkersOption = None,
+    engine: EngineOption = None,
     threads: ThreadsOption = None,
 ) -> None:
     """Find commands by which the vehicle succeeds in the cases of a scenario, given the pedestrians' future.
@@ -54,7 +58,7 @@ def certify(
     use_threads(threads)
     from crowdbench import Cases, load_scenario, scenario_path
     from crowdbench.scenario import CERTIFICATES
-    from crowdbench.utils import command
+    from crowdbench.utils import command, open_executor
     from studies.certificates.certificate import make
 
     examined, changes = Cases.parse(cases), assignments(overrides or [], "--set")
@@ -63,8 +67,13 @@ def certify(
     directory = out or Path("runs") / f"certified-{loaded.name}"
     announce_compilation()
     start = time.monotonic()
-    with exit_on_interrupt(), progress(len(examined)) as tell:
-        rows = make(loaded, examined, margin, directory, overrides=changes, overwrite=overwrite, progress=tell)
+    with (
+        exit_on_interrupt(),
+        open_executor(engine, workers, threads) as executor,
+        progress(len(examined)) as tell,
+    ):
+        settings = {"overrides": changes, "overwrite": overwrite, "executor": executor}
+        rows = make(loaded, examined, margin, directory, **settings, progress=tell)
     seconds = time.monotonic() - start
     print("\n".join(_report(loaded, examined, margin, rows, seconds)))
     run = directory / examined.split

@@ -77,12 +77,13 @@ def evaluate_predictor(
 
 def _load_predictors(specs: list[str], options: Mapping[str, Any]) -> dict[str, Predictor]:
     from crowdbench import load_predictor
+    from crowdbench.plugins import plugin_name
 
     if options and len(specs) > 1:
         raise InputError(f"--option does not go with {len(specs)} predictors: give one, or a file that sets its own")
     predictors: dict[str, Predictor] = {}
     for spec in specs:
-        name, predictor = load_predictor(spec, options)
+        name, predictor = plugin_name(spec), load_predictor(spec, options)
         if name in predictors:
             raise InputError(f"two predictors are called {name}: rename one, or name another function")
         predictors[name] = predictor

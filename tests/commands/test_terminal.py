@@ -172,7 +172,7 @@ def test_a_run_on_a_real_terminal_shows_a_bar_to_its_end_and_leaves_the_cursor(t
     text = without_codes(shown.decode())
     assert process.returncode == status
     assert "loading" in text
-    assert len(set(re.findall(r"(\d+) % of 4 cases", text))) > 5
+    assert len(set(re.findall(r"(\d+) % of 4 cases", text))) > (1 if status else 3)
     assert shown.rindex(b"\x1b[?25h") > shown.rindex(b"\x1b[?25l")
     if status:
         assert " ".join(text.split()).endswith("crowdbench: interrupted: nothing was kept")

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import crowdbench
 from benchmarks import __main__ as command
-from benchmarks import commands, decisions, first_runs, measurement, simulator
+from benchmarks import commands, decisions, first_runs, measurement, simulator, workers
 from crowdbench import InputError
 
 
@@ -105,3 +105,11 @@ def test_works_that_are_compared_take_turns():
     ours, theirs = measurement.in_turns(3, lambda: work("ours"), lambda: work("theirs"))
     assert order == ["ours", "theirs"] * 4
     assert (ours, theirs) == (4.0, 5.0)
+
+
+@pytest.mark.slow
+def test_workers_are_compared_with_one_process(capsys):
+    workers.workers("straight", cases=4)
+    table = capsys.readouterr().out.splitlines()
+    assert [line.split()[-2:] for line in table if line.startswith("one process")] == [["yes", "1.00"]]
+    assert sum(" yes " in line for line in table) == 4

@@ -77,7 +77,7 @@ def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(reco
     assert card["training"]["scenes"] == ["eth"]
     assert card["figures"]["validation"]["ade"] == running.training.best()[0]["ade"]
     assert "| scene held out | hotel |" in path.with_suffix(".md").read_text()
-    made = load_predictor("sgan", {"weights": str(path), "modes": 2})[1]
+    made = load_predictor("sgan", {"weights": str(path), "modes": 2})
     assert made.for_held_out_scene("hotel") is made
     with pytest.raises(InputError, match="were trained on eth"):
         made.for_held_out_scene("eth")

@@ -52,7 +52,7 @@ def planner(
     Returns:
         The planner.
     """
-    return MPCPlanner(load_predictor(predictor)[1], terms, horizon, iterations)
+    return MPCPlanner(load_predictor(predictor), terms, horizon, iterations)
 
 
 @dataclasses.dataclass(eq=False)

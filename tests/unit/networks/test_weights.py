@@ -154,7 +154,7 @@ def test_a_social_gan_that_cannot_be_is_refused(options, message):
 
 
 def test_social_gans_that_come_along_say_what_they_were_trained_on():
-    real, simulated = (load_predictor(name)[1] for name in ("sgan", "sgan_simulated"))
+    real, simulated = (load_predictor(name) for name in ("sgan", "sgan_simulated"))
     assert real.about["dt"] == simulated.about["dt"] == 0.25
     assert real.about["scenes"] == ["eth", "hotel", "univ", "zara1", "zara2"]
     assert simulated.about["scenes"] == []

@@ -156,7 +156,7 @@ def test_fewer_sampled_modes_are_the_first_of_more():
 
 
 def test_options_reach_the_predictor_and_wrong_ones_are_told():
-    assert load_predictor("constant_velocity_sampled", {"modes": 3})[1].modes == 3
+    assert load_predictor("constant_velocity_sampled", {"modes": 3}).modes == 3
     for name, options, expected in [
         ("linear", {"modes": 3}, "linear has no option 'modes'; its options are: none"),
         (
@@ -196,7 +196,7 @@ def test_the_oracle_knows_the_next_step_and_goes_straight_on_from_there(name):
 
 
 def test_only_the_oracle_is_privileged_and_it_needs_the_future():
-    assert [name for name in PREDICTORS.functions if load_predictor(name)[1].privileged] == ["oracle"]
+    assert [name for name in PREDICTORS.functions if load_predictor(name).privileged] == ["oracle"]
     with pytest.raises(PermissionError):
         Oracle().predict(observation(bent()), 3)
 
@@ -221,12 +221,10 @@ def wrong():
 def test_a_predictor_is_found_by_name_or_in_a_file(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(MINE)
-    kinds = [type(load_predictor(name)[1]).__name__ for name in PREDICTORS.functions]
+    kinds = [type(load_predictor(name)).__name__ for name in PREDICTORS.functions]
     assert kinds == ["Linear", "ConstantVelocity", "ConstantVelocitySampled", "Oracle", "SocialGAN", "SocialGAN"]
-    name, predictor = load_predictor(str(path))
-    assert (name, type(predictor).__name__) == ("mine", "Mine")
-    name, predictor = load_predictor(f"{path}:other")
-    assert (name, type(predictor)) == ("other", Linear)
+    assert type(load_predictor(str(path))).__name__ == "Mine"
+    assert isinstance(load_predictor(f"{path}:other"), Linear)
     for spec, expected in [
         ("linaer", "no predictor is called 'linaer' .did you mean linear.*; there are linear, constant_velocity, "),
         (f"{path}:wrong", "made a int, but must make a crowdbench.Predictor"),

@@ -1,6 +1,7 @@
 """What makes two runs the same: F14 and F16 of the reviews, and edits that count or do not."""
 
 import dataclasses
+import linecache
 import shutil
 import subprocess
 import sys
@@ -242,3 +243,34 @@ def test_a_copy_of_the_package_has_the_same_digest(package):
     assert copied == package()
     (identity.PACKAGE / "sim" / "episode.py").rename(identity.PACKAGE / "sim" / "episodes.py")
     assert package() != copied
+
+
+CELL = """
+class Mine:
+    pace = 1
+
+    def __call__(self, trace):
+        return 2
+
+
+def mine(trace):
+    return 1
+"""
+
+
+def run_cell(text):
+    """Execute a notebook cell as IPython does, and return its names."""
+    name, space = f"<cell {text!r}>", {"__name__": "a notebook"}
+    linecache.cache[name] = (len(text), None, text.splitlines(True), name)
+    exec(compile(text, name, "exec"), space)
+    return space
+
+
+def test_code_of_a_notebook_cell_has_the_digest_of_its_text():
+    first, other, changed = (run_cell(text) for text in (CELL, f"{CELL}x = 1\n", CELL.replace("pace = 1", "pace = 2")))
+    for name in ("Mine", "mine"):
+        assert identity.source_of(first[name]) == identity.source_of(other[name])
+    assert (
+        identity.source_of(first["Mine"]()) == identity.source_of(first["Mine"]) != identity.source_of(changed["Mine"])
+    )
+    assert identity.source_of(first["mine"]) == identity.source_of(changed["mine"])
