@@ -47,7 +47,7 @@ def read_network(content: bytes, name: str) -> ValueNetwork:
     """
     try:
         found = torch.load(io.BytesIO(content), "cpu", weights_only=True)
-        tensors: dict[str, Tensor] = {key: torch.as_tensor(tensor) for key, tensor in found.items()}
+        tensors: dict[str, Tensor] = {str(key): torch.as_tensor(tensor) for key, tensor in found.items()}
     except Exception:  # torch raises many kinds of exceptions, and advises against `weights_only`
         right = "what torch.save(network.state_dict(), file) writes"
         raise InputError(f"{name} cannot be read, or holds something other than tensors: give {right}") from None

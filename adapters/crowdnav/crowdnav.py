@@ -10,12 +10,15 @@ humans in its sight. `predict` returns a velocity, or a turn and a speed.
 from __future__ import annotations
 
 import configparser
+import contextlib
 import copy
 import importlib
 import math
 import sys
 from collections import namedtuple
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -31,6 +34,8 @@ from crowdbench.utils import plugin_errors
 STATES = "crowd_sim.envs.utils.state"
 """The module in which CrowdNav and CrowdNav++ define their states."""
 
+SOURCE = "https://github.com/vita-epfl/CrowdNav"
+
 FAR = 20.0
 """Distance in metres of a substitute pedestrian, which the policy receives while the vehicle sees no pedestrian."""
 
@@ -45,17 +50,52 @@ def planner(clone: str = "CrowdNav", output: str = "crowd_nav/data/output", poli
 
     Returns:
         The planner.
+
+    Raises:
+        InputError: There is no clone or no trained model, or the model is not of this policy.
     """
+    config_file, weights = (Path(clone, output, name) for name in ("policy.config", "rl_model.pth"))
+    if not Path(clone).is_dir():
+        raise InputError(f"there is no clone of CrowdNav in {clone}: git clone {SOURCE}, or give --option clone=DIR")
+    missing = [file.name for file in (config_file, weights) if not file.is_file()]
+    if missing:
+        raise InputError(
+            f"there is no model in {config_file.parent}, which has no file {' and no '.join(missing)}: train first, "
+            f"with python train.py --policy {policy} in {Path(clone, 'crowd_nav')}, or give --option output=FOLDER"
+        )
     # Only CrowdNav's simulator needs these modules, which can no longer be installed.
     sys.modules |= {"rvo2": ModuleType("rvo2"), "gym": gymnasium, "gym.envs.registration": gymnasium.envs.registration}
     sys.path.insert(0, clone)
-    chosen = importlib.import_module("crowd_nav.policy.policy_factory").policy_factory[policy]()
-    config = configparser.RawConfigParser()
-    config.read(f"{clone}/{output}/policy.config")
-    chosen.configure(config)
-    chosen.get_model().load_state_dict(torch.load(f"{clone}/{output}/rl_model.pth", weights_only=True))
+    try:
+        factory = importlib.import_module("crowd_nav.policy.policy_factory").policy_factory
+    except ImportError as error:
+        raise InputError(f"{clone} is no clone of CrowdNav: {error}") from None
+    if policy not in factory:
+        raise InputError(f"CrowdNav has no policy {policy!r}, but {', '.join(map(str, factory))}")
+    chosen, config = factory[policy](), configparser.RawConfigParser()
+    with _described(f"{config_file} configures no {policy}"):
+        config.read_string(config_file.read_text(encoding="utf-8"))
+        chosen.configure(config)
+    if (network := _network(chosen)) is None:
+        raise InputError(f"the policy {policy} of CrowdNav has no network: give --option policy=sarl, or lstm_rl")
+    try:
+        state = torch.load(weights, "cpu", weights_only=True)
+    except Exception:  # torch raises many kinds of exceptions, and advises against `weights_only`
+        raise InputError(f"{weights} cannot be read, or holds something other than tensors") from None
+    with _described(f"{weights} has no weights of {policy} as {config_file.name} configures it"):
+        network.load_state_dict(state)
     chosen.query_env = False
     return CrowdNavPlanner(chosen)
+
+
+@contextlib.contextmanager
+def _described(sentence: str) -> Iterator[None]:
+    """Turn any error into an InputError: a sentence and the reason, in one line."""
+    try:
+        yield
+    except Exception as error:  # CrowdNav, configparser and torch raise many kinds
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"{sentence}: {reason}") from None
 
 
 class _Agent:

@@ -14,9 +14,11 @@ pedestrians, and their predicted positions in the next five steps. `act` returns
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import pickle
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -30,6 +32,11 @@ from torch import Tensor
 
 from crowdbench import InputError, Observation, Planner
 from crowdbench.networks import clip_to_disc, weights_digest
+
+SOURCE = "https://github.com/Shuijing725/CrowdNav_Prediction_AttnGraph"
+
+CODE = ("rl/networks/model.py", "gst_updated/scripts/wrapper/crowd_nav_interface_parallel.py")
+"""The files of CrowdNav++ that are imported."""
 
 STEPS = 5
 """Number of predicted steps, and of observed positions in the input of a predictor."""
@@ -63,8 +70,22 @@ def planner(clone: str = "CrowdNav_Prediction_AttnGraph", model: str = "GST_pred
 
     Returns:
         The planner.
+
+    Raises:
+        InputError: The clone lacks a file, or a file has no weights of the model.
     """
     root = Path(clone).resolve()
+    if model not in CHECKPOINTS:
+        raise InputError(f"CrowdNav++ has no trained model {model!r}, but {', '.join(CHECKPOINTS)}")
+    trained = root / "trained_models" / model
+    weights = trained / "checkpoints" / CHECKPOINTS[model]
+    needed = [root / file for file in CODE] + [trained / "arguments.py", trained / "configs" / "config.py", weights]
+    missing = [str(file.relative_to(root)) for file in needed if not file.is_file()]
+    if missing:
+        raise InputError(
+            f"{clone} is no complete clone of CrowdNav++, because it has no {', no '.join(missing)}: "
+            f"git clone {SOURCE}, or give --option clone=DIR"
+        )
     # Only the environments of CrowdNav++ need gym, baselines and rvo2, which can no longer be installed.
     environments = ModuleType("rl.networks.envs")
     vars(environments)["VecNormalize"] = None
@@ -78,25 +99,38 @@ def planner(clone: str = "CrowdNav_Prediction_AttnGraph", model: str = "GST_pred
         config = importlib.import_module(f"trained_models.{model}.configs.config").Config
     finally:
         sys.argv = given
-    weights = root / "trained_models" / model / "checkpoints" / CHECKPOINTS[model]
-    state = torch.load(weights, map_location="cpu", weights_only=True)
+    try:
+        state = torch.load(weights, map_location="cpu", weights_only=True)
+        inputs = state["base.spatial_attn.embedding_layer.0.weight"].shape[1]
+    except Exception:  # torch raises many kinds of exceptions, and advises against `weights_only`
+        raise InputError(f"{weights} cannot be read, or holds something other than weights of {model}") from None
     # `env_name` selects the input of a network, and the saved arguments need not have the value of the training.
-    is_shown_predictions = state["base.spatial_attn.embedding_layer.0.weight"].shape[1] > 2
-    arguments.env_name = "CrowdSimPred-v0" if is_shown_predictions else "CrowdSimVarNum-v0"
+    arguments.env_name = "CrowdSimPred-v0" if inputs > 2 else "CrowdSimVarNum-v0"
     arguments.no_cuda, arguments.num_processes = True, 1
     people = config.sim.human_num + config.sim.human_num_range
     spaces = {"spatial_edges": SimpleNamespace(shape=(people, 2 * (config.sim.predict_steps + 1)))}
     network = policy(spaces, Box(-1.0, 1.0, (2,)), base=config.robot.policy, base_kwargs=arguments)
-    network.load_state_dict(state)
+    with _described(f"{weights} has no weights of {model}"):
+        network.load_state_dict(state)
     folder = root / config.pred.model_dir
-    with (folder / "checkpoint" / "args.pickle").open("rb") as file:
+    with _described(f"{folder} has no predictor"), (folder / "checkpoint" / "args.pickle").open("rb") as file:
         settings = Settings(file).load()
     # The file of the predictor's weights also contains losses, which are NumPy scalars.
     kinds = [type(np.dtype(kind)) for kind in (np.float32, np.float64)]
     harmless: list[Any] = [(scalar, "numpy.core.multiarray.scalar"), np.dtype, *kinds]
-    with torch.serialization.safe_globals(harmless):
+    with _described(f"{folder} has no predictor"), torch.serialization.safe_globals(harmless):
         predictor = interface.CrowdNavPredInterfaceMultiEnv(str(folder), "cpu", settings, 1)
     return CrowdNavPlusPlanner(network, predictor)
+
+
+@contextlib.contextmanager
+def _described(sentence: str) -> Iterator[None]:
+    """Turn any error into an InputError: a sentence and the reason, in one line."""
+    try:
+        yield
+    except Exception as error:  # pickle and torch raise many kinds
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"{sentence}: {reason}") from None
 
 
 class CrowdNavPlusPlanner(Planner):

@@ -20,6 +20,9 @@ from safetensors.torch import load
 from torch import Tensor, nn
 
 from crowdbench import InputError, Observation, Planner
+from crowdbench.utils import read_regular
+
+SOURCE = "https://github.com/Shuijing725/CrowdNav_DSRNN"
 
 MOST_CHANGE = 0.1
 """Largest change in one step of a unicycle's speed in m/s, and of its heading in radians."""
@@ -103,7 +106,11 @@ def load_ds_rnn(weights: Path) -> DSRNN:
     """
     network = DSRNN()
     try:
-        content = weights.read_bytes()
+        content = read_regular(weights)
+    except OSError as error:
+        advice = f"get those of {SOURCE}, and give --option weights=FILE"
+        raise InputError(f"the weights {weights} cannot be read: {error.strerror}; {advice}") from None
+    try:
         is_checkpoint = weights.suffix == ".pt"
         tensors = torch.load(io.BytesIO(content), "cpu", weights_only=True) if is_checkpoint else load(content)
         state = {}

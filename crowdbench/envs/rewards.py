@@ -17,6 +17,7 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.reward import reward
 from crowdbench.core.types import Outcome, World
 from crowdbench.plugins.kind import Kind
+from crowdbench.sim.pedestrians.policy import moment_of
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.resources import plugin_in_time
@@ -149,7 +150,7 @@ class CheckedReward:
         """Return the reward of a step. Raises InputError if the reward raises, or does not return one finite number per
         world."""
         limited = plugin_errors if self.name in REWARDS.functions else plugin_in_time
-        with limited(f"reward {self.name} raised"):
+        with limited(f"reward {self.name} raised", f" ({moment_of(step.before)})"):
             values = np.asarray(self.reward(step))
         if values.shape != step.gap.shape or values.dtype.kind not in "bfiu":
             raise InputError(
@@ -159,7 +160,8 @@ class CheckedReward:
         # A sum is finite only if all its terms are, and takes half the time of a test of each.
         if not math.isfinite(values.sum()) and not np.isfinite(values).all():
             row = int(np.flatnonzero(~np.isfinite(values))[0])
-            raise InputError(f"reward {self.name} is {values[row]} in world {row}, but must be finite")
+            where = f"world {row}, case {step.before.case[row]}, step {step.before.step[row]}"
+            raise InputError(f"reward {self.name} is {values[row]} in {where}, but must be finite")
         return values.astype(np.float64, copy=False)
 
 

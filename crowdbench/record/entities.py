@@ -70,14 +70,14 @@ class _Agents:
         return [vehicle] + [pedestrian] * (len(self.number) - 1)
 
 
-def draw_episode(trace: Trace, row: int, title: str, values: Mapping[str, float | bool]) -> Iterator[Chunk]:
+def draw_episode(trace: Trace, row: int, title: str, values: Mapping[str, str]) -> Iterator[Chunk]:
     """Draw all of one episode.
 
     Args:
         trace: The trace with the episode.
         row: Its row in the trace.
         title: Planner and scenario of the run.
-        values: Its metrics by name, with units.
+        values: Its metrics as texts, by title.
     """
     agents = _Agents(trace, row)
     yield still("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]))

@@ -153,11 +153,8 @@ def legend_text(trace: Trace, row: int) -> str:
     return "\n".join(["| mark | meaning |", "|---|---|", *shown])
 
 
-def metrics_text(values: Mapping[str, float | bool]) -> str:
-    """Return the metrics of an episode, by names with units; those that are undefined are left out."""
-    rows = [f"| {name} | {_value_text(value)} |" for name, value in values.items() if np.isfinite(value)]
-    return "\n".join(["| metric | value |", "|---|---:|", *rows])
-
-
-def _value_text(value: float | bool) -> str:
-    return ("yes" if value else "no") if isinstance(value, bool) else f"{value:.4g}"
+def metrics_text(values: Mapping[str, str]) -> str:
+    """Return the metrics of an episode as a table."""
+    return "\n".join(
+        ["| metric | value |", "|---|---:|", *(f"| {title} | {value} |" for title, value in values.items())]
+    )

@@ -9,6 +9,7 @@ import contextlib
 import dataclasses
 import importlib.metadata
 import json
+import math
 import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,6 +25,7 @@ from jaxtyping import Float, Int, Shaped
 from rerun.chunk import Chunk, LazyChunkStream
 
 from crowdbench.core.types import Outcome, Trace
+from crowdbench.metrics.registry import info_of
 from crowdbench.record import rrd
 from crowdbench.record.blueprint import blueprint, logged_curves
 from crowdbench.record.entities import draw_episode, extent
@@ -88,7 +90,7 @@ class Recorder:
             measured = {name: column[row].item() for name, column in values.items()}
             chunks = [
                 *self._properties(trace, row, measured),
-                *draw_episode(trace, row, title, self._with_units(measured)),
+                *draw_episode(trace, row, title, self._texts(measured)),
             ]
             name = f"{trace.split}-{trace.case[row]:04d}-{outcome.label}"
             name = f"{name}-{self.identity}" if self.identity else name
@@ -117,13 +119,16 @@ class Recorder:
             about[VERDICT] = sentences
         yield Chunk.from_property(PROPERTIES, rr.AnyValues(**about))
 
-    def _with_units(self, measured: Mapping[str, float | bool]) -> dict[str, float | bool]:
-        """Return metrics by readable names with units."""
-        named = {}
+    def _texts(self, measured: Mapping[str, float | bool]) -> dict[str, str]:
+        """Return the defined metrics as texts, by their titles."""
+        texts = {}
         for name, value in measured.items():
-            unit = self.units.get(name)
-            named[name.replace("_", " ") + (f", {unit}" if unit else "")] = value
-        return named
+            info = dataclasses.replace(info_of(name), unit=self.units.get(name, ""))
+            if isinstance(value, bool):
+                texts[info.title] = "yes" if value else "no"
+            elif math.isfinite(value):
+                texts[info.title] = info.amount(value)
+        return texts
 
     def copy(self, path: Path) -> int:
         """Record the episodes of another recording, which contains a part of the same run.

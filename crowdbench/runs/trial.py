@@ -7,6 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from crowdbench.core.types import Trace
+from crowdbench.envs.rewards import CheckedReward
+from crowdbench.envs.stepping import drive
 from crowdbench.metrics.registry import METRICS, Metric
 from crowdbench.metrics.user_metrics import measure
 from crowdbench.planners.driver import Driver
@@ -14,6 +16,7 @@ from crowdbench.runs.replay import Playback
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.views.view import View
 
 
 def trial_trace(scenario: Scenario, cases: Cases) -> Trace:
@@ -29,6 +32,18 @@ def trial_trace(scenario: Scenario, cases: Cases) -> Trace:
     first = next(cases.batches(1))
     stand = Playback(np.zeros((1, scenario.rules.max_steps, 2)))
     return rollout(Driver(stand, "of the trial"), scenario, first)
+
+
+def try_reward(reward: CheckedReward, scenario: Scenario) -> None:
+    """Simulate a training case with a vehicle that stands still, and compute the reward of each step.
+
+    Raises InputError if the reward, the layout or a pedestrian policy fails.
+    """
+    world, view = scenario.draw("train", np.zeros(1, np.int64)), View(scenario)
+    while len(world):
+        step = drive(view, world, np.zeros((1, 2)))
+        reward(step)
+        world = step.after.take(~step.ended)
 
 
 def try_plugins(scenario: Scenario, cases: Cases, metrics: Mapping[str, Metric]) -> None:

@@ -18,6 +18,7 @@ from crowdbench.scenario.placement import LayoutCall, Position
 from crowdbench.scenario.population import Population, Traits
 from crowdbench.scenario.respawn import Surroundings, redraw
 from crowdbench.sim.routes import with_route
+from crowdbench.utils.toml import Location
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,8 @@ class LayoutPostStepRule:
         surroundings = Surroundings.of(world, row, agents)
         stream = rng.generator(world.key[row], "places again", *of_this)
         middle = None if is_new else start.mean(axis=0)
-        trip = redraw(self.layout, stream, surroundings, group_reach(radius), speed, middle)
+        with Location(f"case {world.case[row]}, step {world.step[row]}").named():
+            trip = redraw(self.layout, stream, surroundings, group_reach(radius), speed, middle)
         if trip is None:
             return world
         offset = member_offsets(trip[1] - trip[0], radius, stands=False)

@@ -32,6 +32,7 @@ from crowdbench.planners.trained_policy import NetworkPlanner
 from crowdbench.plugins.kind import file_and_function
 from crowdbench.plugins.options import Option
 from crowdbench.plugins.plugin_files import read_files
+from crowdbench.runs.trial import try_reward
 from crowdbench.train.config import PPOConfig, split_names
 from crowdbench.train.driving import DrivingTraining, describe_scenario
 from crowdbench.train.experience import Experience
@@ -127,6 +128,7 @@ class PPOTraining(DrivingTraining):
         # The first scenarios have one more world if worlds cannot be shared evenly.
         shares = np.array_split(np.arange(self.parameters.worlds), len(scenarios))
         cases, reward = max(CASES // len(scenarios), FEWEST_CASES), load_reward(config.reward)
+        try_reward(reward, self.scenario)
         self.worlds = [
             PolicyWorlds(scenario, rows, cases, reward, self.interface)
             for scenario, rows in zip(scenarios, shares, strict=True)

@@ -140,6 +140,8 @@ REFUSED = {
         r"has the layers lstm, mlp, mlp1, but must have one of these sets: .* lstm, mlp \(lstm_rl\)",
     ),
     "code": (lambda: os.system, "holds something other than tensors: give what torch.save"),
+    "numbered layers": (lambda: {0: torch.zeros(1)}, "has the layers 0, but must have one of"),
+    "a list": (lambda: [torch.zeros(1)], "holds something other than tensors"),
     "no tensors": (lambda: {"model": {"weight": torch.zeros(1)}}, "holds something other than tensors"),
 }
 
@@ -158,4 +160,8 @@ def test_other_files_get_one_sentence(name, tmp_path):
 
 def test_a_missing_file_and_another_suffix_get_one_sentence(tmp_path):
     assert "absent.pth cannot be read" in str(convert(tmp_path / "absent.pth", tmp_path / "a.safetensors").exception)
+    (tmp_path / "folder").mkdir()
+    assert "cannot be read: Is a dir" in str(convert(tmp_path / "folder", tmp_path / "a.safetensors").exception)
+    (tmp_path / "empty.pth").write_text("")
+    assert "empty.pth cannot be read" in str(convert(tmp_path / "empty.pth", tmp_path / "a.safetensors").exception)
     assert "must end in .safetensors" in str(convert(tmp_path / "absent.pth", tmp_path / "a.pth").exception)

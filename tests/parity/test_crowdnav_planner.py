@@ -305,18 +305,26 @@ def test_a_policy_is_always_shown_somebody_where_there_is_anybody():
     assert alone[0][1].position == pytest.approx((alone[0][0][0], alone[0][0][1] - 20.0))
 
 
-def test_a_network_of_a_clone_drives(tmp_path, monkeypatch):
-    class Sarl(Straight):
-        query_env = True
+class Sarl(Straight):
+    query_env = True
 
-        def configure(self, config):
-            self.model = torch.nn.Linear(int(config.get("sarl", "inputs")), 1)
+    def configure(self, config):
+        self.model = torch.nn.Linear(int(config.get("sarl", "inputs")), 1)
 
-        def get_model(self):
-            return self.model
+    def get_model(self):
+        return self.model
 
+
+class NoNetwork(Straight):
+    def configure(self, config):
+        self.model = None
+
+
+@pytest.fixture
+def trained(tmp_path, monkeypatch):
+    """The folder of a trained model in a clone of CrowdNav."""
     factory = ModuleType("crowd_nav.policy.policy_factory")
-    factory.policy_factory = {"sarl": Sarl}
+    factory.policy_factory = {"sarl": Sarl, "orca": NoNetwork}
     for name in ("crowd_nav", "crowd_nav.policy", "crowd_nav.policy.policy_factory"):
         monkeypatch.setitem(sys.modules, name, factory)
     for name in ("rvo2", "gym", "gym.envs.registration"):  # which the example replaces
@@ -328,6 +336,80 @@ def test_a_network_of_a_clone_drives(tmp_path, monkeypatch):
     (trained / "policy.config").write_text("[sarl]\ninputs = 3\n")
     network = torch.nn.Linear(3, 1)
     torch.save(network.state_dict(), trained / "rl_model.pth")
+    return trained
+
+
+def test_a_network_of_a_clone_drives(trained):
+    network = torch.nn.Linear(3, 1)
+    network.load_state_dict(torch.load(trained / "rl_model.pth"))
     planner = load_planner(str(FILE))
     assert planner.facts == {"policy": "Sarl", "weights": weights_digest(network)}
     assert same(drive(planner, "2"), drive(NativeStraight(), "2"))
+
+
+def replace_by_folder(file):
+    file.unlink()
+    file.mkdir()
+
+
+WRONG = {
+    "no config": (
+        lambda at: (at / "policy.config").unlink(),
+        "there is no model in .*output, .* no file policy.config",
+    ),
+    "no weights": (
+        lambda at: (at / "rl_model.pth").unlink(),
+        "no file rl_model.pth: train first, with python train",
+    ),
+    "neither": (shutil.rmtree, "no file policy.config and no rl_model.pth: train first"),
+    "folders": (lambda at: replace_by_folder(at / "rl_model.pth"), "no file rl_model.pth: train first"),
+    "no clone": (
+        lambda at: shutil.rmtree(at.parents[2]),
+        "there is no clone of CrowdNav in CrowdNav: git clone",
+    ),
+    "empty config": (lambda at: (at / "policy.config").write_text(""), "policy.config configures no sarl: No section"),
+    "wrong config": (
+        lambda at: (at / "policy.config").write_text("sarl"),
+        "policy.config configures no sarl: File",
+    ),
+    "no number": (
+        lambda at: (at / "policy.config").write_text("[sarl]\ninputs = a"),
+        "configures no sarl: invalid",
+    ),
+    "binary config": (lambda at: (at / "policy.config").write_bytes(b"\xff\x00"), "configures no sarl: 'utf-8' codec"),
+    "empty weights": (
+        lambda at: (at / "rl_model.pth").write_text(""),
+        "rl_model.pth cannot be read, or holds something other",
+    ),
+    "text": (lambda at: (at / "rl_model.pth").write_text("a"), "rl_model.pth cannot be read, or holds something other"),
+    "other weights": (
+        lambda at: torch.save({"weight": torch.zeros(2)}, at / "rl_model.pth"),
+        "rl_model.pth has no weights of sarl as policy.config configures it: Error.* in loading state_dict",
+    ),
+    "code": (
+        lambda at: torch.save(torch.nn.Linear(3, 1), at / "rl_model.pth"),
+        "rl_model.pth cannot be read, or holds something other than tensors",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_missing_or_broken_model_gets_one_sentence(name, trained):
+    change, sentence = WRONG[name]
+    change(trained)
+    with pytest.raises(InputError, match=sentence) as error:
+        load_planner(str(FILE))
+    assert "\n" not in str(error.value)
+
+
+def test_a_policy_without_a_network_and_an_unknown_one_get_one_sentence(trained):
+    with pytest.raises(InputError, match="CrowdNav has no policy 'sal', but sarl, orca"):
+        load_planner(str(FILE), {"policy": "sal"})
+    with pytest.raises(InputError, match="the policy orca of CrowdNav has no network: give --option policy=sarl"):
+        load_planner(str(FILE), {"policy": "orca"})
+
+
+def test_a_folder_that_is_no_clone_gets_one_sentence(trained, monkeypatch):
+    monkeypatch.setitem(sys.modules, "crowd_nav.policy.policy_factory", None)
+    with pytest.raises(InputError, match="CrowdNav is no clone of CrowdNav: "):
+        load_planner(str(FILE))

@@ -1,6 +1,7 @@
 """Networks of CrowdNav++: what they are shown, and that each episode has its own memory."""
 
 import dataclasses
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -111,3 +112,44 @@ def test_too_many_people_and_other_objects_get_one_sentence():
         CrowdNavPlusPlanner(Still())
     with pytest.raises(InputError, match="was made for 6 people, but here are 7"):
         shown(CrowdNavPlusPlanner(Network()), crowded(2, 7))
+
+
+def test_an_incomplete_clone_and_an_unknown_model_get_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    with pytest.raises(InputError, match=r"no complete clone of CrowdNav\+\+, because it has no rl/networks/model.py"):
+        adapter.planner(str(tmp_path))
+    with pytest.raises(InputError, match=r"CrowdNav\+\+ has no trained model 'GST', but GST_predictor_non_rand,"):
+        adapter.planner(str(tmp_path), "GST")
+    trained = "trained_models/GST_predictor_rand"
+    for file in (*adapter.CODE, f"{trained}/arguments.py", f"{trained}/configs/config.py"):
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).touch()
+    with pytest.raises(InputError, match=f"it has no {trained}/checkpoints/41665.pt: git clone"):
+        adapter.planner(str(tmp_path), "GST_predictor_rand")
+
+
+@pytest.mark.parametrize("weights", ["empty", "other", "code"])
+def test_wrong_weights_get_one_sentence(weights, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    trained = tmp_path / "trained_models" / "GST_predictor_rand"
+    texts = {
+        adapter.CODE[0]: "class Policy: pass\n",
+        adapter.CODE[1]: "",
+        "trained_models/GST_predictor_rand/arguments.py": "def get_args(): pass\n",
+        "trained_models/GST_predictor_rand/configs/config.py": "class Config: pass\n",
+        "trained_models/GST_predictor_rand/checkpoints/41665.pt": "",
+    }
+    for file, text in texts.items():
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).write_text(text)
+    if weights != "empty":
+        content = {"a": torch.zeros(1)} if weights == "other" else torch.nn.Linear(1, 1)
+        torch.save(content, trained / "checkpoints" / "41665.pt")
+    loaded = set(sys.modules)
+    with pytest.raises(
+        InputError, match=r"41665\.pt cannot be read, or holds something other than weights of GST_predictor"
+    ) as error:
+        adapter.planner(str(tmp_path), "GST_predictor_rand")
+    for name in set(sys.modules) - loaded:
+        monkeypatch.delitem(sys.modules, name)
+    assert "\n" not in str(error.value)

@@ -63,8 +63,12 @@ def test_weights_are_read_from_a_checkpoint_and_from_safetensors(suffix, tmp_pat
 def test_other_files_get_one_sentence(tmp_path):
     torch.save({"base.robot_linear.weight": torch.zeros(3, 7)}, tmp_path / "other.pt")
     (tmp_path / "text.safetensors").write_text("no weights")
-    for name in ("other.pt", "text.safetensors", "absent.pt"):
-        with pytest.raises(InputError, match=f"{name} do not belong to a DS-RNN: ") as error:
+    (tmp_path / "empty.pt").write_text("")
+    (tmp_path / "folder.pt").mkdir()
+    unreadable = "cannot be read: .*get those of https://github.com"
+    for name in ("other.pt", "text.safetensors", "empty.pt", "absent.pt", "folder.pt"):
+        sentence = unreadable if name in ("absent.pt", "folder.pt") else "do not belong to a DS-RNN: "
+        with pytest.raises(InputError, match=f"{name} {sentence}") as error:
             adapter.load_ds_rnn(tmp_path / name)
         assert "\n" not in str(error.value)
 

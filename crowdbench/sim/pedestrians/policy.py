@@ -103,7 +103,7 @@ def query_policy(policy: PedestrianPolicy, name: str, world: World) -> tuple[Vel
         InputError: The policy raises an exception, or its return value is invalid.
     """
     memory = (world.memory[name],) if isinstance(policy, PolicyWithMemory) else ()
-    with plugin_errors(f"pedestrian policy {name} raised", f" ({_moment(world)})"):
+    with plugin_errors(f"pedestrian policy {name} raised", f" ({moment_of(world)})"):
         answer: Any = policy.velocities(world, world.parameters[name], *memory)
     velocity, after = answer, None
     if memory:
@@ -115,7 +115,7 @@ def query_policy(policy: PedestrianPolicy, name: str, world: World) -> tuple[Vel
     return validate_finite(validate_shape(velocity, name, world), name, world), after
 
 
-def _moment(world: World) -> str:
+def moment_of(world: World) -> str:
     """Return the case, if there is one, and the step, for errors."""
     cases = f"case {world.case[0]}" if len(world) == 1 else f"one of {len(world)} cases"
     return f"{cases}, step {world.step[0]}"

@@ -150,8 +150,8 @@ def test_a_reward_of_ones_own_is_a_file(tmp_path):
             lambda step: np.zeros(3),
             r"^reward mine gave shape \[3\] of float64, but must give one number per world, \[2\]$",
         ),
-        (lambda step: np.array([0.0, np.nan]), r"^reward mine is nan in world 1, but must be finite$"),
-        (lambda step: 1 / 0, r"^reward mine raised ZeroDivisionError"),
+        (lambda step: np.array([0.0, np.nan]), r"^reward mine is nan in world 1, case 1, step 0, but must be finite$"),
+        (lambda step: 1 / 0, r"^reward mine raised ZeroDivisionError \(one of 2 cases, step 0\): division"),
     ],
 )
 def test_a_reward_that_is_wrong_gets_one_sentence(answer, sentence):

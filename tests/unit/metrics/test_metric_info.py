@@ -107,7 +107,7 @@ def test_the_crowd_is_simulated_a_second_time_for_those_who_need_it(names, own, 
     run = dataclasses.replace(run, metrics={name: METRICS[name] for name in names} | own)
     out = Path("run")
     monkeypatch.setattr("crowdbench.runs.run.write_run", lambda *arguments, **contents: None)
-    monkeypatch.setattr("crowdbench.runs.run.Episodes.of", lambda trace, metrics: 1 / 0)
+    monkeypatch.setattr("crowdbench.runs.run.measure", lambda name, metric, trace: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run.drive(run.spec.cases, out)
     assert asked == [expected]

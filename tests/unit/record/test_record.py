@@ -316,3 +316,10 @@ def test_decisions_are_kept_of_all_that_is_recorded(driven, tmp_path):
     for entry in reader.recordings():
         paths = {chunk.entity_path for chunk in reader.store(store=entry).stream().to_chunks()}
         assert {"/plots/planner/value", "/world/planner/commands"} <= paths
+
+
+def test_metrics_are_shown_under_their_titles_with_their_units(tmp_path):
+    recorder = Recorder(tmp_path / "a.rrd", planner="", scenario="", scenario_digest="", units={"minimum_gap": "m"})
+    measured = {"success_rate": True, "intimate_zone": 0.25, "minimum_gap": 0.5, "mine_rate": 2.0, "spl": np.nan}
+    shown = {"success": "yes", "time in intimate zone": "25.0 %", "smallest gap": "0.500 m", "mine": "2.000"}
+    assert recorder._texts(measured) == shown

@@ -1,8 +1,9 @@
 import pytest
 
 from crowdbench.catalog import load_scenario
+from crowdbench.envs.rewards import load_reward
 from crowdbench.metrics.registry import METRICS
-from crowdbench.runs.trial import trial_trace, try_plugins
+from crowdbench.runs.trial import trial_trace, try_plugins, try_reward
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
@@ -54,3 +55,34 @@ def test_a_layout_that_fails_is_named_with_the_case(files):
 def test_a_scenario_without_files_of_the_user_is_not_tried(monkeypatch):
     monkeypatch.setattr("crowdbench.runs.trial.trial_trace", None)
     try_plugins(load_scenario("circle_crossing_5"), Cases.parse("3"), METRICS)
+
+
+LATE_LAYOUT = """
+import numpy as np
+from crowdbench.scenario.placement import Placement
+
+calls = []
+
+def layout(rng, radius, speed):
+    calls.append(1)
+    if len(calls) > 1:
+        raise RuntimeError("in a respawn")
+    start = np.stack([3.0 * np.arange(len(radius)), np.zeros(len(radius))], axis=1)
+    return Placement(start, start + [0.0, 3.0])
+"""
+
+
+def test_a_layout_that_fails_in_a_respawn_is_named_with_case_and_step(tmp_path):
+    (tmp_path / "mine.py").write_text(LATE_LAYOUT)
+    overrides = {"layout": {"generator": str(tmp_path / "mine.py")}, "pedestrians.arrival": "respawn"}
+    with pytest.raises(InputError, match=r"^case 3, step \d+: the layout raised RuntimeError: in a respawn"):
+        try_plugins(load_scenario("circle_crossing_5", overrides), Cases.parse("val:3:9"), METRICS)
+
+
+def test_a_reward_that_fails_in_a_late_step_is_named_with_case_and_step(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "def reward(step):\n    if step.ended.any(): raise RuntimeError('at the end')\n    return step.gap * 0.0"
+    )
+    reward = load_reward(str(tmp_path / "mine.py"))
+    with pytest.raises(InputError, match=r"reward mine raised RuntimeError \(case 0, step \d+\): at the end"):
+        try_reward(reward, load_scenario("circle_crossing_5"))
