@@ -254,7 +254,7 @@ from crowdbench import Cases, Driver, load_planner, load_scenario, parallel_env,
 
 def episodes():
     for planner, scenario in (("orca", "circle_crossing_5"), ("social_force", "doorway_10")):
-        driver = Driver(load_planner(planner)[1], planner)
+        driver = Driver(load_planner(planner), planner)
         yield rollout(driver, load_scenario(scenario, {"time_limit": 1.5}), Cases.parse("val/3")).position
     for observation in ("flat", "dict"):
         env = parallel_env("circle_crossing_5", observation=observation)
