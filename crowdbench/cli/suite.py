@@ -101,12 +101,21 @@ def _make_runs(
     runs: dict[str, Run] = {}
 
     def make(name: str) -> None:
+        done = 0.0
+
+        def count(cases: float) -> None:
+            nonlocal done
+            done += cases
+            report(cases)
+
         with open_run(specs[name]) as run:
             runs[name] = run
-            if executor is None and is_complete(run, out):
-                report(len(run.spec.cases))
-            elif executor is None:
-                make_in_folder(run, out, report)
+            if executor is None:
+                try:
+                    if not is_complete(run, out):
+                        make_in_folder(run, out, count)
+                finally:
+                    report(len(run.spec.cases) - done)  # also after an error: nothing more is driven here
 
     failures = make_each(specs, make)
     if executor is not None:

@@ -67,11 +67,13 @@ def test_an_interrupted_command_goes_on_with_finished_scenarios(call, monkeypatc
     assert len(list(Path("runs/suite").glob("*/result.json"))) == 3
 
 
-def test_a_scenario_that_cannot_be_driven_counts_0(call):
+def test_a_scenario_that_cannot_be_driven_counts_0(call, monkeypatch):
+    monkeypatch.setattr("crowdbench.utils.progress_bars.SLOW", 0.0)
     Path("stops.py").write_text(STOPS_AT_DOORS)
     done = call("suite", "stops.py", "--cases", "2", "--json")
     assert done.returncode == 0, done.stderr
     assert "doorway_10 counts 0, because it cannot be driven" in done.stderr
+    assert "100 % of the suite" in done.stderr
     metrics = json.loads(done.stdout)["metrics"]
     assert metrics["doorway_10"]["success_rate"]["mean"] == 0.0
     assert metrics["mean"]["success_rate"]["mean"] > 0.0
