@@ -184,10 +184,9 @@ def check_whole(run: Run, directory: Path, files: Sequence[str], replay: Sequenc
     if lacking:
         reason = run.failed.get(lacking[0], f"metric {lacking[0]} failed in another process")
         given = [word for file in files for word in ("--metric", file)]
-        raise InputError(
-            f"{reason}: the run is kept without it; correct the metric, and compute it with "
-            f"`{command('score', directory, *given, *replay, '--out', f'{directory}-scored')}`"
-        )
+        score = command("score", directory, *given, *replay, "--out", f"{directory}-scored")
+        how = "make the run again" if run.spec.record == "none" else f"compute it with `{score}`"
+        raise InputError(f"{reason}: the run is kept without it; correct the metric, and {how}")
     if run.lost:
         raise InputError(f"{run.lost[0]}; the results are kept, and `crowdbench view` simulates a case again")
 

@@ -79,7 +79,7 @@ def show(file: Path, *, web: bool = False) -> None:
         page = _free_port(WEB_PORT)
         options = ["--web-viewer", "--web-viewer-port", str(page)]
         source = quote(f"rerun+http://127.0.0.1:{port}/proxy", safe="")
-        say(f"The viewer is at http://127.0.0.1:{page}?url={source} until Ctrl-C.")
+        say(f"The viewer runs until Ctrl-C: http://127.0.0.1:{page}?url={source}")
     with contextlib.suppress(Interrupted):  # Ctrl-C closes the viewer
         # Its log is not for users, and errors are printed as one sentence.
         environment = {"RUST_LOG": "warn", **os.environ, "NO_COLOR": "1"}

@@ -148,7 +148,7 @@ def _walk_alone(scenario: Scenario, world: World, trace: Trace) -> Float[np.ndar
     return positions
 
 
-def _decide(world: World, scenario: Scenario) -> tuple[Velocities, World]:
+def _decide(world: World, scenario: Scenario) -> tuple[Float[np.ndarray, "running pedestrian 2"], World]:
     """Return `crowd_decisions`. A policy of the user has a limit of time."""
     if not scenario.has_files:
         return crowd_decisions(world, scenario.policies)

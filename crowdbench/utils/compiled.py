@@ -93,8 +93,9 @@ def number_of_threads() -> int:
 
 
 def on_first_compilation(tell: Callable[[], None]) -> None:
-    """Call a function the first time that a kernel is not in the cache."""
-    _listeners.append(tell)
+    """Call a function, once, when a kernel is not in the cache."""
+    if tell not in _listeners:
+        _listeners.append(tell)
 
 
 def cache_folder() -> Path:

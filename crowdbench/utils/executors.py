@@ -8,8 +8,11 @@ worker, and neither reports tasks one by one.
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import os
+import signal
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -24,6 +27,9 @@ ENGINES = ("ray", "dask")
 
 RETRIES = 3
 """Number of times that a task is started again after its worker was killed."""
+
+CONNECTING = 8.0
+"""Longest time in seconds to connect to a cluster."""
 
 Submit = Callable[..., "Future[Any]"]
 """Starts a function with arguments on a worker, and returns its future. The function must be importable there."""
@@ -76,7 +82,7 @@ def open_executor(engine: str | None, workers: int | None, threads: int | None) 
                 executor = stack.enter_context(_open_processes(workers or 1, threads))
         except ModuleNotFoundError as error:
             raise InputError(f"--engine {engine} needs pip install 'crowdbench[{engine}]': {error}") from None
-        except (OSError, RuntimeError, ConnectionError, TimeoutError) as error:
+        except (OSError, RuntimeError, ValueError) as error:
             raise MachineFault(f"the {engine or 'local'} workers cannot be reached: {error}") from None
         yield executor
 
@@ -130,8 +136,6 @@ def _open_processes(workers: int, threads: int | None) -> Iterator[Executor]:
 
 def _start_process() -> None:
     """Prepare a process: it leaves Ctrl-C to its parent, and ends if its parent is killed."""
-    import signal
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 
@@ -148,6 +152,9 @@ def _open_ray(workers: int | None, threads: int) -> Iterator[Executor]:
     import ray
 
     address = os.environ.get("RAY_ADDRESS")
+    host, colon, port = (address or "").rpartition(":")
+    if colon and "//" not in host:
+        socket.create_connection((host, int(port)), CONNECTING).close()  # Ray would try for more than a minute
     local = {} if address else {"num_cpus": workers and workers * threads, "include_dashboard": False}
     variables = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"), str(threads))
     ray.init(address, runtime_env={"env_vars": variables}, log_to_driver=False, logging_level="error", **local)
@@ -170,9 +177,22 @@ def _open_dask(workers: int | None, threads: int) -> Iterator[Executor]:
     from distributed import Client
 
     address = os.environ.get("DASK_SCHEDULER_ADDRESS")
-    local = {} if address else {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
-    with _set_threads(threads), Client(address, **local) as client:
+    quiet = {"dashboard_address": None, "silence_logs": logging.CRITICAL}
+    local = {} if address else {"n_workers": workers, "threads_per_worker": 1, **quiet}
+    with _set_threads(threads), _without_interrupts():
+        client = Client(address, timeout=CONNECTING, **local)
+    with client:
         client.wait_for_workers(1, timeout=60.0)
         executor = client.get_executor(pure=False, retries=RETRIES)
         yield Executor(executor.submit, workers or max(1, sum(client.nthreads().values())))
         executor.shutdown(wait=False)
+
+
+@contextlib.contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Ignore Ctrl-C, also in the processes that are started meanwhile, which their parent ends."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

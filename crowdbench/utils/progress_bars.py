@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import sys
 import threading
@@ -163,7 +164,7 @@ def _lines(work: _Work) -> Iterator[None]:
 
 
 def announce_compilation() -> None:
-    """Print a message when the simulator is compiled, which happens when it first runs on a machine."""
+    """Print a message, once, when the simulator is compiled, which happens when it first runs on a machine."""
     from crowdbench.utils.compiled import on_first_compilation
 
     on_first_compilation(_tell_compilation)
@@ -175,4 +176,9 @@ def _tell_compilation() -> None:
             work.phase = COMPILING
             work.update()
     if not (_shown and sys.stderr.isatty()):
-        say("compiling what has not run on this machine before (takes some seconds; later runs use a cache)")
+        _say_compilation()
+
+
+@functools.cache
+def _say_compilation() -> None:
+    say("compiling what has not run on this machine before (takes some seconds; later runs use a cache)")

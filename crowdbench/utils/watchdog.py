@@ -14,7 +14,7 @@ import threading
 import time
 import traceback
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from crowdbench.utils.errors import line_of
 
@@ -35,6 +35,7 @@ END { if (place) { sub(/^ *File /, "", place); print "crowdbench: compiled code 
 """Program of awk: prints a sentence with the innermost line of the main thread, the last one that is listed."""
 
 
+@runtime_checkable
 class Limit(Protocol):
     """A limit of time, see `resources.FairLimit`."""
 

@@ -72,8 +72,16 @@ def certify(
         open_executor(engine, workers, threads) as executor,
         progress(len(examined)) as tell,
     ):
-        settings = {"overrides": changes, "overwrite": overwrite, "executor": executor}
-        rows = make(loaded, examined, margin, directory, **settings, progress=tell)
+        rows = make(
+            loaded,
+            examined,
+            margin,
+            directory,
+            overrides=changes,
+            overwrite=overwrite,
+            executor=executor,
+            progress=tell,
+        )
     seconds = time.monotonic() - start
     print("\n".join(_report(loaded, examined, margin, rows, seconds)))
     run = directory / examined.split

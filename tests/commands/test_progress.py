@@ -11,8 +11,9 @@ from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils import compiled
 from crowdbench.utils import progress_bars as module
-from crowdbench.utils.progress_bars import progress
+from crowdbench.utils.progress_bars import announce_compilation, progress
 
 
 class Terminal(io.StringIO):
@@ -151,3 +152,12 @@ def test_parts_of_episodes_are_told_at_each_step_and_sum_to_the_episodes(planner
     assert len(told) == trace.steps.max()
     assert told.min() >= 0.0
     assert told.sum() == pytest.approx(30)
+
+
+def test_compilation_is_announced_once_in_a_process(capsys):
+    module._say_compilation.cache_clear()
+    for _ in range(3):
+        announce_compilation()
+        module._tell_compilation()
+    assert capsys.readouterr().err.count("compiling") == 1
+    assert compiled._listeners.count(module._tell_compilation) == 1

@@ -93,6 +93,8 @@ def where_else(arguments):
     text = " ".join(arguments)
     places = {
         "--shard": "tests/commands/test_parts.py",
+        "--workers": "tests/commands/test_workers.py",
+        "--engine": "tests/commands/test_workers.py",
         "weights=runs": ".ci/train",
         "--data": "tests/unit/scenario/test_recorded.py",
         "number=10000": "tests/unit/sim/test_thousands.py",

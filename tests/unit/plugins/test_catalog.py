@@ -216,7 +216,7 @@ def untyped(tmp_path, function, options):
     """What a planner receives whose options have defaults and no annotations."""
     path = tmp_path / "mine.py"
     path.write_text(UNANNOTATED)
-    return catalog.load_planner(f"{path}:{function}", assignments(options, "--option"))[1].given
+    return catalog.load_planner(f"{path}:{function}", assignments(options, "--option")).given
 
 
 @UNTYPED
