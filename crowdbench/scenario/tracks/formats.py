@@ -92,7 +92,7 @@ def read_jrdb(paths: Sequence[Path], scale: float | None, frame_rate: float | No
             number = int(Path(frame).stem)
             rows += [(number, int(it["label_id"].split(":")[1]), it["box"]["cx"], it["box"]["cy"]) for it in here]
         table = np.array(rows, np.float64).reshape(-1, 4)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError):
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError):
         raise InputError(
             f'{path}: frame {frame} must be a list of boxes such as {{"label_id": "pedestrian:3", "box": {{"cx": 1.0, '
             '"cy": 2.0}}'
@@ -190,7 +190,8 @@ def _recording(
         raise InputError(f"{path}: a coordinate is {np.abs(position).max():g} m, but must be {FARTHEST:g} m at most")
     tick = np.rint(TICKS * seconds).astype(np.int64)
     order = np.lexsort((tick, number))
-    tracks = RecordedTracks(str(path), tick[order], number[order].astype(np.int64), position[order], FRAME_STEP / TICKS)
+    pedestrian = np.unique(number, return_inverse=True)[1][order]
+    tracks = RecordedTracks(str(path), tick[order], pedestrian, position[order], FRAME_STEP / TICKS)
     again = np.flatnonzero((np.diff(tracks.frame) == 0) & (np.diff(tracks.pedestrian) == 0))
     for row in again[:1].tolist():
         raise InputError(

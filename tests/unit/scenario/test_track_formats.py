@@ -255,6 +255,11 @@ def test_one_far_position_costs_no_memory(tmp_path):
     assert len(load(tmp_path).tracks.free_space["mine"].free) < 10_000
 
 
+def test_one_wrong_time_costs_no_memory(tmp_path):
+    write_eth(tmp_path, [*ROWS, (10**13, 500, 1.0, 1.0)])
+    assert 12 <= sum(map(len, load(tmp_path).tracks.windows.values())) <= 14
+
+
 def test_a_number_in_pythons_notation_and_a_blank_line_are_read(tmp_path):
     write_eth(tmp_path, ROWS)
     text = (tmp_path / "mine.txt").read_text()

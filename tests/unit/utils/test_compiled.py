@@ -250,12 +250,11 @@ def test_a_variable_that_numba_refuses_gets_one_sentence(tmp_path, variable, val
 WITHOUT_COMPILATION = """
 import sys
 import numpy as np
-from crowdbench import Cases, Driver, load_planner, load_scenario, parallel_env, rollout
+from crowdbench import Cases, load_scenario, parallel_env, rollout
 
 def episodes():
     for planner, scenario in (("orca", "circle_crossing_5"), ("social_force", "doorway_10")):
-        driver = Driver(load_planner(planner), planner)
-        yield rollout(driver, load_scenario(scenario, {"time_limit": 1.5}), Cases.parse("val/3")).position
+        yield rollout(planner, load_scenario(scenario, {"time_limit": 1.5}), Cases.parse("val/3")).position
     for observation in ("flat", "dict"):
         env = parallel_env("circle_crossing_5", observation=observation)
         env.reset(options={"case": "val/3"})
