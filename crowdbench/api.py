@@ -198,12 +198,9 @@ def rollout(
         raise InputError(f"a trace of {len(chosen)} cases of {scenario.name} is too large: roll out {most} or fewer")
     announce_compilation()
     name = type(planner).__name__
-    return lockstep.rollout(
-        Driver(hold_out(planner, name, scenario), name),
-        scenario,
-        chosen,
-        replanning=replanning,
-        keep_logs=keep_logs,
-        undisturbed=undisturbed,
-        watch=watch,
-    )
+    driver = Driver(hold_out(planner, name, scenario), name)
+    settings: dict[str, Any] = {"keep_logs": keep_logs, "undisturbed": undisturbed, "watch": watch}
+    try:
+        return lockstep.rollout(driver, scenario, chosen, replanning=replanning, **settings)
+    except lockstep.LogsTooLarge as error:
+        raise InputError(f"the planner's logs are too large: roll out {error.fitting} cases or fewer") from None

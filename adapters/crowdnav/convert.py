@@ -82,6 +82,8 @@ def convert(model: Path, out: Path) -> None:
     """
     if out.suffix != WEIGHTS_SUFFIX:
         raise InputError(f"{out} must end in {WEIGHTS_SUFFIX}")
+    if out.is_dir() or not out.parent.is_dir():
+        raise InputError(f"{out} cannot be written: name a file in a folder that exists")
     try:
         content = model.read_bytes()
     except OSError as error:

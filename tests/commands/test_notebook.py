@@ -253,7 +253,7 @@ def test_an_interrupted_run_keeps_its_finished_parts_and_the_note_is_true(monkey
     with pytest.raises(KeyboardInterrupt) as error:
         crowdbench.run("straight", cases=6, progress=interrupt)
     (note,) = error.value.__notes__
-    folder = Path(re.search(r"`crowdbench merge (\S+)/\* --out DIR`", note)[1])
+    folder = Path(re.search(r"`crowdbench merge (\S+)/\* --out ", note)[1])
     assert "the same command" not in note
     assert [path.name for path in folder.iterdir()] == ["test-0-2"]
     shutil.rmtree(folder.parent)
@@ -288,6 +288,19 @@ def test_overrides_are_a_table_or_texts():
         crowdbench.load_scenario("circle_crossing_5", overrides=3)
     with pytest.raises(InputError, match="scenario is None, but must be a name"):
         crowdbench.load_scenario(None)
+
+
+def test_a_rollout_whose_logs_are_too_large_says_how_many_cases_fit(monkeypatch):
+    class Talks(Halts):
+        def plan(self, obs):
+            obs.log("pace", np.zeros(len(obs)))
+            return super().plan(obs)
+
+    arguments = Talks(), crowdbench.load_scenario("circle_crossing_5", ["time_limit=2.0"]), 4
+    assert crowdbench.rollout(*arguments, keep_logs=True).logs["pace"].shape[0] == 4
+    monkeypatch.setattr("crowdbench.runs.rollout.LOG_MEMORY", 140)
+    with pytest.raises(InputError, match="the planner's logs are too large: roll out 3 cases or fewer"):
+        crowdbench.rollout(*arguments, keep_logs=True)
 
 
 def test_a_rollout_takes_objects_or_names():

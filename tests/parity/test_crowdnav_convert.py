@@ -164,4 +164,9 @@ def test_a_missing_file_and_another_suffix_get_one_sentence(tmp_path):
     assert "cannot be read: Is a dir" in str(convert(tmp_path / "folder", tmp_path / "a.safetensors").exception)
     (tmp_path / "empty.pth").write_text("")
     assert "empty.pth cannot be read" in str(convert(tmp_path / "empty.pth", tmp_path / "a.safetensors").exception)
+    torch.save(theirs("sarl").state_dict(), tmp_path / "rl_model.pth")
+    (tmp_path / "folder.safetensors").mkdir()
+    for out in ("folder.safetensors", "no/a.safetensors"):
+        assert "cannot be written: name a file" in str(convert(tmp_path / "rl_model.pth", tmp_path / out).exception)
+    assert not list(tmp_path.glob("*.json"))
     assert "must end in .safetensors" in str(convert(tmp_path / "absent.pth", tmp_path / "a.pth").exception)

@@ -6,7 +6,7 @@ tabs or spaces. Lines may come in any order.
 
 from __future__ import annotations
 
-import io
+import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from crowdbench.scenario.tracks.recorded_tracks import (
     check_speeds,
     split_reused_numbers,
 )
+from crowdbench.scenario.tracks.tables import read_numbers
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 
@@ -50,19 +51,11 @@ def read_tracks(path: Path, scale: float = 1.0, frame_rate: float | None = None)
         InputError: The file cannot be read or has another format, with the line in the message, or speeds are
             impossible.
     """
-    try:
-        text = files.read_text(path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file, but tracks are lines of {', '.join(COLUMNS)}") from None
-    if not text.strip():
-        raise InputError(f"{path} is empty, but must have a line {', '.join(COLUMNS)} for each position")
-    table = _read_table(path, text)
+    table = _read_table(path)
     frame, pedestrian = table[:, :2].astype(np.int64).T
     for row in np.flatnonzero((frame - frame[0]) % FRAME_STEP)[: frame_rate is None].tolist():
         raise InputError(
-            f"{path}, line {_line_numbers(text)[row]}: frame {frame[row]} is not on the grid of the first one, "
+            f"{path}, line {_line_numbers(path)[row]}: frame {frame[row]} is not on the grid of the first one, "
             f"{frame[0]}: frames must be multiples of {FRAME_STEP} apart, {FRAME_STEP} in {ETH_UCY_DT:g} s, or "
             "tracks.frame_rate must be set"
         )
@@ -71,7 +64,7 @@ def read_tracks(path: Path, scale: float = 1.0, frame_rate: float | None = None)
     tracks = RecordedTracks(path.stem, frame[order], pedestrian[order], scale * table[order, 2:], dt)
     is_again = (np.diff(tracks.frame) == 0) & (np.diff(tracks.pedestrian) == 0)
     for row, again in zip(order[:-1][is_again], order[1:][is_again], strict=True):
-        number = _line_numbers(text)
+        number = _line_numbers(path)
         raise InputError(
             f"{path}, line {number[again]}: pedestrian {pedestrian[again]} is in frame {frame[again]} a second time, "
             f"after line {number[row]}, but must be there once"
@@ -80,17 +73,19 @@ def read_tracks(path: Path, scale: float = 1.0, frame_rate: float | None = None)
     return split_reused_numbers(tracks)
 
 
-def _read_table(path: Path, text: str) -> Float[np.ndarray, "row 4"]:
+def _read_table(path: Path) -> Float[np.ndarray, "row 4"]:
     """Return the numbers of a file. Raises InputError with the line of the first wrong one."""
-    try:
-        table = np.loadtxt(io.StringIO(text), ndmin=2, comments=None)
-    except ValueError:
-        table = np.empty((0, 0))
-    if table.shape[1] == len(COLUMNS) and _is_valid(table):
-        return table
-    # NumPy states no line, and reads fewer notations of numbers than Python.
-    rows = (_read_line(f"{path}, line {n}", line.split()) for n, line in enumerate(text.split("\n"), 1) if line.strip())
-    return np.array(list(rows))
+    for separator in "\t ":
+        with contextlib.suppress(InputError):
+            columns, _ = read_numbers(path, COLUMNS, names=COLUMNS, separators=f"{separator}.")
+            table = np.stack([columns[name] for name in COLUMNS], axis=1)
+            if _is_valid(table):
+                return table
+    # Slower, but with the line in errors, and for lines with several separators.
+    lines = _read_lines(path)
+    if not lines:
+        raise InputError(f"{path} is empty, but must have a line {', '.join(COLUMNS)} for each position")
+    return np.array([_read_line(f"{path}, line {number}", line.split()) for number, line in lines.items()])
 
 
 def _is_valid(table: Float[np.ndarray, "row 4"]) -> bool:
@@ -98,9 +93,20 @@ def _is_valid(table: Float[np.ndarray, "row 4"]) -> bool:
     return bool((np.abs(whole) <= 2**53).all() and (whole % 1.0 == 0.0).all() and (np.abs(lengths) <= FARTHEST).all())
 
 
-def _line_numbers(text: str) -> list[int]:
-    """Return the number of each line that is not blank."""
-    return [n for n, line in enumerate(text.split("\n"), 1) if line.strip()]
+def _read_lines(path: Path) -> dict[int, str]:
+    """Return the lines that are not blank, by their number. Raises InputError if the file cannot be read."""
+    try:
+        lines = files.read_text(path).split("\n")
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file, but tracks are lines of {', '.join(COLUMNS)}") from None
+    return {number: line for number, line in enumerate(lines, 1) if line.strip()}
+
+
+def _line_numbers(path: Path) -> list[int]:
+    """Return the numbers of the lines that are not blank."""
+    return list(_read_lines(path))
 
 
 def _read_line(where: str, fields: list[str]) -> list[float]:

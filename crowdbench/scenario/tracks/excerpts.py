@@ -189,7 +189,15 @@ def _windows(recording: SceneRecording, steps: int, dt: float) -> list[tuple[flo
     start, end = float(time.min()), float(time.max())
     if not recording.cars:
         number = math.floor((end - start) / length + _ROUNDING)
-        return [(start + index * length, None, None) for index in range(number)]
+        # Not all of them: a wrong time would make billions of empty windows.
+        near = {
+            index
+            for person in recorded_pedestrians(recording.tracks)
+            for index in range(
+                math.floor((person.time[0] - start) / length) - 1, math.floor((person.time[-1] - start) / length) + 2
+            )
+        }
+        return [(start + index * length, None, None) for index in sorted(near) if 0 <= index < number]
     end = max(end, *(float(car.time[-1]) for car in recording.cars))
     windows: list[tuple[float, Car | None, CarMotion | None]] = []
     for car in recording.cars:
