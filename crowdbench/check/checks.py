@@ -17,7 +17,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.resources import FairLimit
+from crowdbench.utils.resources import FairLimit, TimeLimit, interrupted_after
 
 Answer = TypeVar("Answer")
 
@@ -125,9 +125,12 @@ class AnswerLog:
             limit = FairLimit(self.limit, lambda: (os.getpid(),))
             start = time.perf_counter()
             try:
-                answer = call()
-            except InputError as error:
-                raise ContractBroken(f"{self.where}{error}") from error
+                with interrupted_after(limit):
+                    answer = call()
+            except (InputError, TimeLimit) as error:
+                is_late = isinstance(error, TimeLimit) or isinstance(error.__cause__, TimeLimit)
+                if not (is_late and limit.over()):
+                    raise ContractBroken(f"{self.where}{error}") from error
             self.seconds.append(time.perf_counter() - start)
             if limit.over():
                 late = f"the plug-in took longer than the limit of {self.limit:g} s ({names[0]})"

@@ -67,7 +67,7 @@ def run_training(
         InputError: An option is impossible, or a file cannot be read or written.
     """
     use_threads(threads)
-    from crowdbench.train.runner import Runner
+    from crowdbench.train.runner import Finished, Runner
 
     given = {name: value for name, value in options.items() if value is not None}
     if resume is None:
@@ -82,7 +82,11 @@ def run_training(
                 "started with, except --device and --threads"
             )
         announce_compilation()
-        runner = Runner.resume(resume, device, threads, methods)
+        try:
+            runner = Runner.resume(resume, device, threads, methods)
+        except Finished as finished:
+            say(f"crowdbench: {finished}")
+            return
         if runner.training.config.network != network:
             raise InputError(f"the training in {resume} is of {runner.training.config.network}, not of {network}")
     _run(runner)

@@ -79,7 +79,7 @@ def command_lines(draw):
     command = draw(st.sampled_from(sorted(BASES)))
     line = [command, *BASES[command]]
     known = {name: is_flag for name, is_flag in options_of(command).items() if name not in LONG}
-    for option in draw(st.lists(st.sampled_from(sorted(known)), min_size=0, max_size=2)):
+    for option in draw(st.lists(st.sampled_from(sorted(known)), max_size=2)) if known else []:
         value = draw(WORDS)
         if option in ("--set", "--option", "--ppo"):
             value = f"{draw(st.sampled_from(KEYS))}={value}"

@@ -10,6 +10,8 @@ import pytest
 from helpers import drive
 
 from crowdbench import catalog
+from crowdbench.check.checks import check_plugin
+from crowdbench.check.kinds import find_kind, load_subject
 from crowdbench.core.types import Trace
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.metrics.user_metrics import load_metrics, measure
@@ -152,7 +154,7 @@ watchdog.HANG = 2.0
 from crowdbench.cli import main
 main()
 """
-COMPILED = "import numba\n@numba.njit(nogil={})\ndef hang():\n  while True: pass\n"
+COMPILED = "import numba\n@numba.njit(nogil=True)\ndef hang():\n  while True: pass\n"
 IN_DECISION = """
 from crowdbench import Planner
 class planner(Planner):
@@ -164,10 +166,13 @@ class planner(Planner):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        (f"{COMPILED.format(False)}hang()", r'compiled code hangs, called from ".*mine.py", line 5 in <module>'),
         (
-            f"{COMPILED.format(True)}{IN_DECISION}",
-            "a plug-in took longer than 0.3 s and cannot be interrupted, in line 9 of",
+            "import itertools\nmax(itertools.repeat(0))",
+            r'compiled code hangs, called from ".*mine.py", line 2 in <module>',
+        ),
+        (
+            f"{COMPILED}{IN_DECISION}",
+            "(a plug-in took longer than 0.3 s and cannot be interrupted, in line 9|planner mine took longer)",
         ),
         (
             "while True:\n  try:\n    while True: pass\n  except BaseException: pass",
@@ -185,3 +190,19 @@ def test_a_command_ends_with_one_sentence_if_a_plug_in_hangs(mine, tmp_path, tex
     assert re.search(f"^crowdbench: .*{sentence}", last)
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "import numpy as np\nfrom crowdbench import PedestrianPolicy\n"
+        "class policy(PedestrianPolicy):\n    def velocities(self, world, parameters):\n        while True: pass\n",
+        f"def metric(trace):\n    {HANGS}",
+        f"def reward(step):\n    {HANGS}",
+    ],
+)
+def test_the_check_of_a_plug_in_that_hangs_ends(mine, text):
+    file = mine(text)
+    subject = load_subject(find_kind(file), file, {}, None, 0.3, None)
+    results = check_plugin(subject, Cases.parse("val:2"), lambda share: None)
+    assert any("took longer than the limit of 0.3 s" in str(result) for result in results)
