@@ -108,7 +108,7 @@ def load_ds_rnn(weights: Path) -> DSRNN:
     try:
         content = read_regular(weights)
     except OSError as error:
-        advice = f"get those of {SOURCE}, and give --option weights=FILE"
+        advice = f"get them from {SOURCE}, and give --option weights=FILE"
         raise InputError(f"the weights {weights} cannot be read: {error.strerror}; {advice}") from None
     try:
         is_checkpoint = weights.suffix == ".pt"

@@ -64,7 +64,8 @@ def list_(
         print_table(_names_grid(kind))
         return
     if kind in ("weights", "scenarios"):
-        print(read_text(_find_text(kind, name)).strip())
+        show = print if kind == "scenarios" else write  # a line of TOML must stay a line
+        show(read_text(_find_text(kind, name)).strip())
         return
     text, title, options = _plugin_page(kind, name)
     # The lines of a paragraph are joined, which are then broken where the terminal ends.

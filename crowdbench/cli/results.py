@@ -74,13 +74,14 @@ def score(
         out: Directory for the run with all metrics that were computed, such as a metric that failed in the run.
     """
     from crowdbench.metrics.user_metrics import load_metrics
+    from crowdbench.results.result_file import digest_of, has_run
     from crowdbench.results.run_result import RunResult
     from crowdbench.results.table import metric_grid
-    from crowdbench.runs.score import replay_run, write_scored
+    from crowdbench.runs.score import replay_run, scored_parts, write_scored
     from crowdbench.utils.files import check_free
 
     stored, metrics = RunResult.read(run), load_metrics(metric or [])
-    if out is not None:
+    if out is not None and not has_run(out, digest_of(scored_parts(stored, metrics))):
         check_free(out, overwrite)
     announce_compilation()
     scenario = make_loader(pedestrians, layout, data)(stored) if stored.is_simulated else None

@@ -257,8 +257,10 @@ def check_comparable(a: RunResult, b: RunResult) -> None:
     if _scenario(a) != _scenario(b):
         tables = [{key: repr(value) for key, value in flatten(run.result["scenario"]).items()} for run in (a, b)]
         keys = dict.fromkeys(key for key, _ in sorted(tables[0].items() ^ tables[1].items()) if key != "description")
+        names = [run.result["scenario"]["name"] for run in (a, b)]
+        different = f"{names[0]} and {names[1]}" if names[0] != names[1] else f"in {', '.join(keys)}"
         raise InputError(
-            f"{a.directory} and {b.directory} are runs of different scenarios, in {', '.join(keys)}: "
+            f"{a.directory} and {b.directory} are runs of different scenarios, {different}: "
             "run both planners on the same one"
         )
     if a.cases.split != b.cases.split:

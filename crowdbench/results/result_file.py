@@ -184,6 +184,11 @@ def check_result(directory: Path, tables_only: bool = False) -> dict[str, Any]:
     return result
 
 
+def has_run(directory: Path, digest: str) -> bool:
+    """Return whether a directory contains the run with an id. Raises InputError if its files are not as written."""
+    return (directory / RESULT).exists() and bool(check_result(directory)["id"] == digest)
+
+
 def digest_of(contents: Mapping[str, Any]) -> str:
     """Return the sha256 of a table of JSON values: of the parts of a run's identity, or of a result without `files`."""
     return hashlib.sha256(json.dumps(contents, sort_keys=True).encode()).hexdigest()

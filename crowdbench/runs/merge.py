@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from crowdbench.results.episodes import RECORDING, Episodes
+from crowdbench.results.result_file import digest_of, has_run, read_result
 from crowdbench.results.run_result import RunResult, write_run
 from crowdbench.results.stored_commands import COMMANDS, join_commands
 from crowdbench.runs.identity import code
@@ -30,7 +31,7 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False) -> di
 
     Args:
         directories: The runs, in any order.
-        out: The directory to write.
+        out: The directory to write. If it has the merged run already, nothing is written.
         overwrite: True if an earlier run in `out` is replaced.
 
     Returns:
@@ -45,6 +46,9 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False) -> di
     episodes = Episodes.join([part.episodes.without(part.episodes.columns.keys() - metrics) for part in parts])
     first, last = parts[0].cases, parts[-1].cases
     cases = Cases(first.split, first.start, last.stop)
+    run = parts[0].result["run"] | {"cases": str(cases), "metrics": metrics}
+    if not overwrite and has_run(out, digest_of(run)):
+        return read_result(out)
     stated = [part.result["stated"] for part in parts]
     joined = {name: _join([table[name] for table in stated]) for name in ("versions", "isolation") if name in stated[0]}
     with new_directory(out, overwrite) as directory:
@@ -53,7 +57,7 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False) -> di
         return write_run(
             directory,
             episodes,
-            run=parts[0].result["run"] | {"cases": str(cases), "metrics": metrics},
+            run=run,
             scenario=parts[0].result["scenario"],
             recorded=_join_recordings(parts, directory / RECORDING),
             stated={**stated[0], "timing": _timing(parts), **joined},

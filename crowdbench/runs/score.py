@@ -17,7 +17,7 @@ import numpy as np
 from crowdbench.core.types import Outcome
 from crowdbench.metrics.registry import Metric, need_undisturbed
 from crowdbench.results.episodes import EPISODES, RECORDING, Episodes
-from crowdbench.results.result_file import RESULT
+from crowdbench.results.result_file import RESULT, digest_of, has_run
 from crowdbench.results.run_result import RunResult, write_run
 from crowdbench.results.stored_commands import COMMANDS
 from crowdbench.results.stored_tracks import TRACKS
@@ -120,6 +120,11 @@ def replay_run(
     )
 
 
+def scored_parts(run: RunResult, metrics: Mapping[str, Metric]) -> dict[str, Any]:
+    """Return the parts of the identity of a stored run with these metrics."""
+    return run.result["run"] | {"metrics": {name: source_of(metric) for name, metric in metrics.items()}}
+
+
 def write_scored(run: RunResult, replay: Replay, metrics: Mapping[str, Metric], out: Path, overwrite: bool) -> None:
     """Write a stored run with the metrics of its replay, as if it had been driven with them.
 
@@ -127,7 +132,7 @@ def write_scored(run: RunResult, replay: Replay, metrics: Mapping[str, Metric], 
         run: The stored run.
         replay: Its replay.
         metrics: The metrics of the replay, by name.
-        out: The directory to write.
+        out: The directory to write. If it has this run already, nothing is written.
         overwrite: True to replace an earlier run in `out`.
 
     Raises:
@@ -135,6 +140,9 @@ def write_scored(run: RunResult, replay: Replay, metrics: Mapping[str, Metric], 
     """
     if replay.differences:
         raise InputError(f"{out} is not written, because {run.directory} differs from its replay: make the run again")
+    parts = scored_parts(run, metrics)
+    if not overwrite and has_run(out, digest_of(parts)):
+        return
     result = run.result
     with new_directory(out, overwrite) as folder:
         for name in (COMMANDS, TRACKS, RECORDING):
@@ -143,7 +151,7 @@ def write_scored(run: RunResult, replay: Replay, metrics: Mapping[str, Metric], 
         write_run(
             folder,
             replay.episodes,
-            run=result["run"] | {"metrics": {name: source_of(metric) for name, metric in metrics.items()}},
+            run=parts,
             scenario=result["scenario"],
             recorded=result["recorded"],
             stated=result["stated"],

@@ -126,6 +126,7 @@ def hold(directory: Path, program: str) -> Iterator[None]:
     except OSError as error:
         result = "nothing was kept: name another place with --out"
         if (directory / CHECKPOINT).exists():
-            result = f"its last checkpoint is kept: make room, and go on with {program} --resume {directory}"
+            resume = f"{program} --resume {shlex.quote(str(directory))}"
+            result = f"its last checkpoint is kept: make room, and go on with {resume}"
         reason = error.strerror or error
         raise InputError(f"the training in {directory} cannot be written: {reason}; {result}") from None

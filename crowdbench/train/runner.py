@@ -27,6 +27,10 @@ from crowdbench.utils.files import write_whole
 WEIGHTS = "weights.safetensors"
 
 
+class Finished(InputError):
+    """Raised for a training that has nothing left to do."""
+
+
 @dataclass(frozen=True)
 class Runner:
     """A training in its directory. Iterate over `train`, and then call `finish`.
@@ -68,13 +72,14 @@ class Runner:
             methods: The options of the methods, by the name of the network.
 
         Raises:
-            InputError: There is no checkpoint, or the training is finished or cannot be continued.
+            Finished: The training is finished.
+            InputError: There is no checkpoint, or the training cannot be continued.
         """
         path, weights = directory / CHECKPOINT, directory / WEIGHTS
         if not directory.is_dir():
             raise InputError(f"there is no directory {directory}: name the one of a training with --resume")
         if not path.exists() and weights.exists():
-            raise InputError(f"the training in {directory} is finished: its weights are {weights}")
+            raise Finished(f"the training in {directory} is finished: its weights are {weights}")
         if not path.exists():
             raise InputError(f"there is no checkpoint {path}: nothing can be resumed there")
         _prepare(device)

@@ -93,10 +93,10 @@ def submit(
     message = f"finished batches are kept in {work}, with which the same command goes on"
     with exit_on_interrupt(message), progress(cases, f"of {cases} public cases") as update:
         entry, failures = submit_planner(submission, root, work, update)
-    _say_entry(entry, failures, rules.spec.public_cases, root)
+    _say_entry(entry, failures, rules.spec.public_cases, root, data)
 
 
-def _say_entry(entry: Entry, failures: Mapping[str, str], cases: int, root: Path) -> None:
+def _say_entry(entry: Entry, failures: Mapping[str, str], cases: int, root: Path, data: Path | None) -> None:
     """Print what an entry reports, the season in which it is verified, and the next commands.
 
     Args:
@@ -104,6 +104,7 @@ def _say_entry(entry: Entry, failures: Mapping[str, str], cases: int, root: Path
         failures: The error of each scenario that cannot be driven.
         cases: The public cases of each scenario.
         root: The folder of boards.
+        data: The folder with recorded tracks, if the board needs it.
     """
     for scenario, reason in failures.items():
         say(f"{scenario}: counts 0, because it cannot be driven: {reason}")
@@ -111,9 +112,10 @@ def _say_entry(entry: Entry, failures: Mapping[str, str], cases: int, root: Path
         say("the planner is privileged: it is shown, and has no rank")
     for scenario, metrics in entry.spec.reported.items():
         say(f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.1f} % in {cases} cases")
+    given = [] if data is None else ["--data", data]
     say(
         f"made {entry.directory}. {_describe_season(entry.spec.board, root)} Next:\n"
-        f"  {command('verify', entry.directory)}   re-runs it on held-out cases\n"
+        f"  {command('verify', entry.directory, *given)}   re-runs it on held-out cases\n"
         "  then open a pull request with this folder: see docs/boards.md"
     )
 

@@ -48,6 +48,7 @@ def test_a_metric_that_fails_late_is_computed_afterwards(run, call):
     Path("late.py").write_text(LATE.replace("7", "-1"))
     scored = call("score", "a", "--metric", "./late.py:late", "--out", "a-scored")
     assert scored.returncode == 0, scored.stderr
+    assert call("score", "a", "--metric", "./late.py:late", "--out", "a-scored").returncode == 0
     assert run("b", "--metric", "./late.py:late").returncode == 0
     for name in ("episodes.csv", "commands.parquet"):
         assert Path("a-scored", name).read_bytes() == Path("b", name).read_bytes()

@@ -65,7 +65,7 @@ def test_other_files_get_one_sentence(tmp_path):
     (tmp_path / "text.safetensors").write_text("no weights")
     (tmp_path / "empty.pt").write_text("")
     (tmp_path / "folder.pt").mkdir()
-    unreadable = "cannot be read: .*get those of https://github.com"
+    unreadable = "cannot be read: .*get them from https://github.com"
     for name in ("other.pt", "text.safetensors", "empty.pt", "absent.pt", "folder.pt"):
         sentence = unreadable if name in ("absent.pt", "folder.pt") else "do not belong to a DS-RNN: "
         with pytest.raises(InputError, match=f"{name} {sentence}") as error:

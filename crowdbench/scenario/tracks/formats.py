@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import csv
 import logging
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -33,7 +34,7 @@ SDD_RATE, JRDB_RATE = 30.0, 15.0
 
 CSV_COLUMNS: Mapping[str, tuple[str, ...]] = {
     "time": ("t", "time", "time_s", "timestamp", "seconds", "frame"),
-    "id": ("id", "track_id", "pedestrian", "person", "agent_id"),
+    "id": ("id", "track_id", "trackid", "pedestrian", "pedestrian_id", "ped_id", "person", "person_id", "agent_id"),
     "x": ("x", "pos_x", "x_m"),
     "y": ("y", "pos_y", "y_m"),
 }
@@ -118,7 +119,7 @@ def _labels_of(path: Path) -> dict[str, Any]:
 def read_csv(paths: Sequence[Path], scale: float | None, frame_rate: float | None) -> RecordedTracks:
     """Read a table with a header, see `CSV_COLUMNS`. Columns are separated by commas, semicolons or tabs."""
     path = paths[0]
-    first, second = _first_lines(path)
+    first, sample = _first_lines(path)
     separator = max(",;\t", key=first.count)
     header = [name.strip().lower() for name in next(csv.reader([first], delimiter=separator), [])]
     found = {kind: next((name for name in names if name in header), "") for kind, names in CSV_COLUMNS.items()}
@@ -128,7 +129,7 @@ def read_csv(paths: Sequence[Path], scale: float | None, frame_rate: float | Non
     time, person, x, y = found.values()
     if time == "frame" and frame_rate is None:
         raise InputError(f"{path} has a column frame and no times: set tracks.frame_rate, the frames per second")
-    decimal = "," if separator != "," and "," in second else "."
+    decimal = "," if separator != "," and re.search(r"\d,\d", sample) else "."
     columns = [name if header.index(name) == i else f"again {i}" for i, name in enumerate(header)]
     table, labels = read_numbers(path, (time, x, y), person, names=columns, skip=1, separators=separator + decimal)
     position = (scale or 1.0) * np.stack([table[x], table[y]], axis=1)
@@ -141,10 +142,11 @@ def read_csv(paths: Sequence[Path], scale: float | None, frame_rate: float | Non
 
 
 def _first_lines(path: Path) -> tuple[str, str]:
+    """Return the first line of a text, and some of the others."""
     try:
         files.check_regular(path)
         with path.open(encoding="utf-8-sig") as file:
-            return file.readline(10_000).rstrip("\n"), file.readline(10_000)
+            return file.readline(10_000).rstrip("\n"), file.read(100_000)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
@@ -185,9 +187,11 @@ def _recording(
         raise InputError(f"{path} has no positions of pedestrians")
     seconds, number, position = (values[kept] for values in (time / rate, number, position))
     if not (np.abs(seconds) < 2**53 / TICKS).all():
-        raise InputError(f"{path}: a time is {np.abs(seconds).max():g} s, but must be below {2**53 / TICKS:g} s")
+        wrong = f"{path}: a time is {np.abs(seconds).max():g} s, but must be below {2**53 / TICKS:g} s"
+        raise InputError(f"{wrong}: if these are no seconds, set tracks.frame_rate, the units of time per second")
     if not (np.abs(position) <= FARTHEST).all():
-        raise InputError(f"{path}: a coordinate is {np.abs(position).max():g} m, but must be {FARTHEST:g} m at most")
+        wrong = f"{path}: a coordinate is {np.abs(position).max():g} m, but must be {FARTHEST:g} m at most"
+        raise InputError(f"{wrong}: if these are no metres, set tracks.scale, the metres of a pixel or other unit")
     tick = np.rint(TICKS * seconds).astype(np.int64)
     order = np.lexsort((tick, number))
     pedestrian = np.unique(number, return_inverse=True)[1][order]

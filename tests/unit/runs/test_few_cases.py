@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from crowdbench import run
+from crowdbench import InputError, Result, run
 from crowdbench.metrics.registry import MAIN, info_of
 from crowdbench.metrics.summary import LEAST_CASES, Estimate
 from crowdbench.results.compare import Comparison, comparison_grid, correct
@@ -92,6 +92,12 @@ def test_each_scenario_of_a_pooled_difference_has_enough_cases():
 def folders(tmp_path_factory):
     folder = tmp_path_factory.mktemp("few")
     return [run(name, cases=4, out=folder / name).directory for name in ("orca", "straight")]
+
+
+def test_runs_of_two_scenarios_are_told_apart_by_their_names(folders, tmp_path):
+    other = run("straight", "doorway_10", cases=2, out=tmp_path / "other")
+    with pytest.raises(InputError, match="runs of different scenarios, circle_crossing_5 and doorway_10: run both"):
+        Result.read(folders[0]).compare(other)
 
 
 def test_tables_of_runs_show_no_interval_over_few_cases(folders):

@@ -17,7 +17,7 @@ from crowdbench.sim.sensor import observe
 from crowdbench.train import driving, value
 from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.config import ValueConfig
-from crowdbench.train.runner import Runner
+from crowdbench.train.runner import Finished, Runner
 from crowdbench.train.value import EpsilonGreedy, ValueTraining
 
 
@@ -103,7 +103,7 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
         in text
     )
     assert "| test test:0:5 |" in text
-    with pytest.raises(InputError, match="is finished: its weights are"):
+    with pytest.raises(Finished, match="is finished: its weights are"):
         Runner.resume(tmp_path / "run", "cpu")
 
 
