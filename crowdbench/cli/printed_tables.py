@@ -32,10 +32,10 @@ def print_table(table: Grid, colors: Mapping[str, str] = MappingProxyType({})) -
     from rich.table import Table
 
     write(table.title)
-    columns = width(sys.stdout) or OF_FILES
+    columns, align = width(sys.stdout) or OF_FILES, table.align or "l".ljust(len(table.header), "r")
     console = Console(width=columns, markup=False, highlight=False, emoji=False)
     rows = [[_styled(cell, colors) for cell in row] for row in table.rows]
-    widths = _fit([table.header, *([cell.plain for cell in row] for row in rows)], table.align, columns)
+    widths = _fit([table.header, *([cell.plain for cell in row] for row in rows)], align, columns)
     if widths is None:
         for first, *cells in rows:
             console.print(first, style="bold", soft_wrap=True)
@@ -44,7 +44,7 @@ def print_table(table: Grid, colors: Mapping[str, str] = MappingProxyType({})) -
                     write(f"  {heading}: {cell.plain}", str(cell.style))
     else:
         printed = Table(box=None, pad_edge=False)
-        for heading, alignment, most in zip(table.header, table.align, widths, strict=True):
+        for heading, alignment, most in zip(table.header, align, widths, strict=True):
             printed.add_column(heading, justify="left" if alignment == "l" else "right", width=most)
         for row in rows:
             printed.add_row(*row)

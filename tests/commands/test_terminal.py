@@ -75,12 +75,14 @@ COMMANDS = {
     "options": ["list", "planners", "sarl_sgan_kce"],
     "compare": ["compare"],
     "table": ["table"],
+    "all metrics": ["table", "--all-metrics"],
+    "one metric": ["table", "--columns", "scenario"],
 }
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_no_word_is_broken_at_any_width(monkeypatch, on_terminal, runs, name):
-    arguments = [*COMMANDS[name], *(runs if name in ("compare", "table") else [])]
+    arguments = [*COMMANDS[name], *(runs if COMMANDS[name][0] != "list" else [])]
 
     def words(text):
         return set(without_codes(text).replace(":", "").split())
