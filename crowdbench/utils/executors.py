@@ -157,7 +157,9 @@ def _open_ray(workers: int | None, threads: int) -> Iterator[Executor]:
         socket.create_connection((host, int(port)), CONNECTING).close()  # Ray would try for more than a minute
     local = {} if address else {"num_cpus": workers and workers * threads, "include_dashboard": False}
     variables = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"), str(threads))
-    ray.init(address, runtime_env={"env_vars": variables}, log_to_driver=False, logging_level="error", **local)
+    ray.init(
+        address or "local", runtime_env={"env_vars": variables}, log_to_driver=False, logging_level="error", **local
+    )
     try:
         cores = int(ray.cluster_resources().get("CPU", 1))
         options = {"num_cpus": threads, "max_retries": RETRIES}
