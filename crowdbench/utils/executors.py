@@ -25,6 +25,9 @@ from crowdbench.utils.errors import InputError, MachineFault, require_count
 ENGINES = ("ray", "dask")
 """Engines of clusters."""
 
+THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
+"""Variables with the number of threads of the simulator and of the networks."""
+
 RETRIES = 3
 """Number of times that a task is started again after its worker was killed."""
 
@@ -90,9 +93,8 @@ def open_executor(engine: str | None, workers: int | None, threads: int | None) 
 @contextlib.contextmanager
 def _set_threads(threads: int) -> Iterator[None]:
     """Set the number of threads of the processes that are started meanwhile."""
-    names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ |= dict.fromkeys(names, str(threads))
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ |= dict.fromkeys(THREADS, str(threads))
     try:
         yield
     finally:
