@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import shlex
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_origin, get_type_hints
 
@@ -17,6 +19,9 @@ from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
     from crowdbench.train.runner import Runner
+
+PERIOD = 1.0
+"""Seconds between two reports of the progress of a training."""
 
 
 @help_from_docstring  # before the options of the methods are added
@@ -96,13 +101,9 @@ def _run(runner: Runner) -> None:
     """Train to the end with progress, and print the path of the weights."""
     training = runner.training
     with exit_on_interrupt(f"continue with {training.config.program} --resume {shlex.quote(str(runner.directory))}"):
-        with progress(1.0, "trained") as advance:
-            advance(0.0)
-            shown = 0.0
+        with progress(1.0, "trained") as advance, _follow(lambda: training.progress, advance):
             for point in runner.train():
                 say(training.describe(point))
-                advance(training.progress - shown)
-                shown = training.progress
         cases = sum(map(len, training.card_cases.values()))
         with progress(cases, f"of {cases} cases for the card") as advance:
             weights = runner.finish(advance)
@@ -110,6 +111,37 @@ def _run(runner: Runner) -> None:
     print(f"Its card has figures on other cases: {weights.with_suffix('.md')}")
     option = shlex.quote(f"weights={weights}")
     print(f"The weights are in {weights}; use them with crowdbench {training.config.usage} --option {option}")
+
+
+@contextlib.contextmanager
+def _follow(read: Callable[[], float], advance: Callable[[float], None]) -> Iterator[None]:
+    """Report a progress every second, also between two validations, which may take minutes.
+
+    Args:
+        read: Returns the progress.
+        advance: Called with its growth.
+    """
+    shown, ended = 0.0, threading.Event()
+
+    def report() -> None:
+        nonlocal shown
+        now = read()
+        advance(now - shown)
+        shown = now
+
+    def follow() -> None:
+        report()
+        while not ended.wait(PERIOD):
+            report()
+
+    thread = threading.Thread(target=follow, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        report()
 
 
 def with_method_options(

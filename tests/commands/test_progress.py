@@ -8,6 +8,7 @@ import pytest
 from helpers import Still
 
 from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.cli import train
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
@@ -161,3 +162,13 @@ def test_compilation_is_announced_once_in_a_process(capsys):
         module._tell_compilation()
     assert capsys.readouterr().err.count("compiling") == 1
     assert compiled._listeners.count(module._tell_compilation) == 1
+
+
+def test_the_progress_of_a_training_is_followed_between_its_validations(monkeypatch):
+    monkeypatch.setattr(train, "PERIOD", 0.01)
+    done, told = [0.0], []
+    with train._follow(lambda: done[0], told.append):
+        for done[0] in (0.2, 0.5, 0.9):
+            time.sleep(0.1)
+        done[0] = 1.0
+    assert {0.2, 0.5, 0.9, 1.0} <= {round(value, 9) for value in np.cumsum(told)}
