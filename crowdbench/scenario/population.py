@@ -79,7 +79,13 @@ class Distribution(TomlTable):
 
 
 class WholeDistribution(Distribution):
-    """A distribution of whole numbers, to which values are rounded."""
+    """A distribution of whole numbers, to which values are rounded; a constant must be a whole number."""
+
+    @model_validator(mode="after")
+    def _check_constant(self) -> WholeDistribution:
+        if self.std == 0.0 and self.mean != round(self.mean):
+            raise ValueError
+        return self
 
     def draw(self, generator: np.random.Generator, n: int) -> Float[np.ndarray, "{n}"]:
         """Draw a whole number for each of n pedestrians."""

@@ -43,12 +43,12 @@ class Size(Distribution):
     low: float = Field(ge=MIN_SIZE)
 
 
-def quantity(default: float, least: float = 0.0) -> Any:
+def quantity(default: float, least: float = 0.0, noun: str = "a number") -> Any:
     """Return the field of a `Distribution` with its default and the smallest allowed value."""
     return Field(
         default=default,
         validate_default=True,
-        description=f"a number of at least {least:g}, or a Gaussian {{ mean = 1.0, std = 0.2, low = 0.6, high = 1.4 }} "
+        description=f"{noun} of at least {least:g}, or a Gaussian {{ mean = 1.0, std = 0.2, low = 0.6, high = 1.4 }} "
         f"with {least:g} <= low <= mean <= high and bounds that are not narrower than a tenth of std, or a uniform "
         f"distribution {{ low = 0.6, high = 1.4 }} with {least:g} <= low <= high",
     )
@@ -228,7 +228,9 @@ def scenario_spec(
     policies = {}
     for name, defaults in parameters.items():
         quantities = {
-            key: (WholeDistribution if isinstance(default, int) else Distribution, quantity(default))
+            key: (WholeDistribution, quantity(default, noun="a whole number"))
+            if isinstance(default, int)
+            else (Distribution, quantity(default))
             for key, default in defaults.items()
         }
         policies[name] = _extended(TomlTable, quantities), table(f"pedestrians.{name}")

@@ -7,6 +7,7 @@ import errno
 import glob
 import hashlib
 import json
+import math
 import os
 import re
 import secrets
@@ -192,16 +193,25 @@ def _restore_earlier(path: Path) -> None:
             earlier.rename(path)
 
 
-def check_regular(path: Path) -> None:
-    """Raise OSError with the reason unless a path is a regular file: reading a pipe or a device might never end."""
+LARGEST = 500e6
+"""Bytes of the largest file that is read as a whole."""
+
+
+def check_regular(path: Path, largest: float = LARGEST) -> None:
+    """Raise OSError with the reason unless a path is a regular file of at most `largest` bytes.
+
+    Reading a pipe or a device might never end, and a large file takes memory.
+    """
     try:
-        mode = path.stat().st_mode
+        status = path.stat()
     except ValueError:
         raise OSError(errno.EINVAL, "its name holds a null character") from None
-    if stat.S_ISDIR(mode):
+    if stat.S_ISDIR(status.st_mode):
         raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    if not stat.S_ISREG(mode):
+    if not stat.S_ISREG(status.st_mode):
         raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+    if status.st_size > largest:
+        raise OSError(errno.EFBIG, f"it has {status.st_size / 1e9:.1f} GB, more than {largest / 1e9:g} GB", str(path))
 
 
 def read_regular(path: Path) -> bytes:
@@ -232,6 +242,6 @@ def read_json(path: Path) -> Any:
 
 def sha256(path: Path) -> str:
     """Return the sha256 of a file of any size. Raises OSError if it cannot be read."""
-    check_regular(path)
+    check_regular(path, math.inf)
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -47,7 +47,7 @@ from crowdbench.scenario.placement import EXTENT
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.lines_of_sight import wall_distances
 from crowdbench.sim.sensor import observe
-from crowdbench.utils.errors import is_number, require
+from crowdbench.utils.errors import is_integer, is_number, require
 from crowdbench.views.ego import AGENT_FEATURES, flatten, flatten_vehicle
 
 OBSERVATIONS = ("flat", "goal_frame", "dict")
@@ -151,9 +151,9 @@ def check_view(observation: str, action: str, nearest: int, rays: int) -> None:
     """Raise InputError unless the observation and the action exist and the numbers are valid."""
     for name, value, known in (("observation", observation, OBSERVATIONS), ("action", action, ACTIONS)):
         require(name, value, value in known, f"one of {', '.join(known)}")
-    is_count = isinstance(nearest, int) and nearest >= 1
+    is_count = is_integer(nearest) and nearest >= 1
     require("nearest", nearest, is_count, "a whole number of pedestrians, 1 or more")
-    has_rays = isinstance(rays, int) and (rays == 0 or (rays > 0 and observation != "flat"))
+    has_rays = is_integer(rays) and (rays == 0 or (rays > 0 and observation != "flat"))
     require("rays", rays, has_rays, "a whole number, 0 where the observation is flat")
 
 

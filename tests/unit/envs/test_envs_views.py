@@ -91,6 +91,8 @@ def test_many_worlds_show_what_one_world_shows(observation):
         ),
         ({"observation": "round"}, r"^observation is 'round', but must be one of flat, goal_frame, dict$"),
         ({"nearest": 0}, r"^nearest is 0, but must be a whole number of pedestrians, 1 or more$"),
+        ({"nearest": True}, r"^nearest is True, but must be a whole number"),
+        ({"observation": "dict", "rays": True}, r"^rays is True, but must be a whole number"),
     ],
 )
 def test_what_does_not_exist_gets_one_sentence(options, sentence):

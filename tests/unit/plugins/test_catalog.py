@@ -1,4 +1,5 @@
 import importlib.metadata
+import os
 
 import numpy as np
 import pytest
@@ -284,3 +285,27 @@ def test_the_parameters_of_a_part_are_checked(tmp_path):
     path.write_text(PARTS)
     with pytest.raises(InputError, match=r"^in pace, gain is 'abc', but must be a number$"):
         catalog.load_planner(str(path), {"pace": {"gain": "abc"}})
+
+
+@pytest.mark.parametrize("name", ["mine.py", "mine.onnx", "mine.toml"])
+def test_a_file_that_is_too_large_to_be_read_gets_one_sentence(tmp_path, name):
+    path = tmp_path / name
+    path.touch()
+    os.truncate(path, 10**12)  # takes no room
+    load = catalog.load_scenario if name.endswith(".toml") else catalog.load_planner
+    with pytest.raises(InputError, match=r"mine\.\w+.* it has 1000\.0 GB, more than 0\.5 GB"):
+        load(str(path))
+
+
+@pytest.mark.parametrize("value", [1.5, {"mean": 1.5, "std": 0.0, "low": 1.5, "high": 1.5}])
+def test_a_whole_number_of_a_policy_is_not_rounded(tmp_path, value):
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "import numpy as np\nfrom crowdbench import PedestrianPolicy\n"
+        "class policy(PedestrianPolicy):\n    parameters = {'n': 3}\n"
+        "    def velocities(self, world, parameters):\n        return 0.0 * world.velocity[:, 1:]\n"
+    )
+    scenario = catalog.load_scenario("circle_crossing_5", {"pedestrians.mine.n": 4}, pedestrians=str(path))
+    assert scenario.crowd.parameters["mine"]["n"].mean == 4
+    with pytest.raises(InputError, match=r"pedestrians\.mine\.n is .*1\.5.*, but must be a whole number"):
+        catalog.load_scenario("circle_crossing_5", {"pedestrians.mine.n": value}, pedestrians=str(path))
