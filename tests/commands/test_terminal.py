@@ -104,9 +104,9 @@ def test_a_sentence_breaks_at_spaces_and_a_command_at_its_end_does_not(on_termin
 
 
 def print_verdicts():
-    print_table(
-        Grid("", ("", "check"), [("passed", "one"), ("failed", "two")], align="ll"), {"passed": GOOD, "failed": BAD}
-    )
+    colors = {"passed": GOOD, "failed": BAD}
+    grid = Grid("", ("", "check"), [("passed", "one"), ("failed", "two")], align="ll")
+    print_table(grid, lambda row, cell: colors.get(cell, ""))
 
 
 def test_verdicts_are_green_and_red_where_the_terminal_can(on_terminal, capsys):
