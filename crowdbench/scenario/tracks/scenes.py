@@ -85,6 +85,8 @@ def _digest(path: Path, scene: str) -> str:
     try:
         return files.sha256(path)
     except FileNotFoundError:
-        raise InputError(f"{path.parent} has no file {path.name}, which the scene {scene} needs") from None
+        fits = [form for form, it in FORMATS.items() if (path.parent / it.files[0].format(scene)).is_file()]
+        hint = f"; its files are of tracks.format {' or '.join(fits)}" if fits else ""
+        raise InputError(f"{path.parent} has no file {path.name}, which the scene {scene} needs{hint}") from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None

@@ -240,6 +240,12 @@ def test_a_folder_in_place_of_a_file_and_a_missing_file_get_one_sentence(name, t
         load(tmp_path, format=name, scale=0.1)
 
 
+def test_a_file_of_another_format_is_named(tmp_path):
+    write_csv(tmp_path, seconds())
+    with pytest.raises(InputError, match=r"no file mine.txt, .*; its files are of tracks.format csv$"):
+        load(tmp_path)
+
+
 def test_an_unknown_format_and_keys_that_do_not_fit_get_one_sentence(tmp_path):
     write_eth(tmp_path, ROWS)
     with pytest.raises(InputError, match="in tracks, format is 'cvs', but must be one of eth_ucy, csv, sdd, ind, jrdb"):
