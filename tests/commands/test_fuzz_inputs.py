@@ -150,6 +150,8 @@ def test_studies(folder, edits):
         read_tables(folder / "study.toml", None)
 
 
+UNCHECKED = {"disable_env_checker": True}
+
 NUMBERS = st.integers(-2, 64) | st.sampled_from([True, None, 0.5, "x", [], 2**63, float("nan")])
 NAMES = st.sampled_from(["", "x", "flat", "dict", "goal_frame", "world", "native", "progress", "crowdnav", "/dev/zero"])
 ARGUMENTS = st.fixed_dictionaries(
@@ -193,8 +195,9 @@ def test_environments(kind, arguments, seed, options, action):
         if kind == "pettingzoo":
             env, action = crowdbench.parallel_env("doorway_10", **arguments), {"vehicle": action}
         else:
-            make = gymnasium.make if kind == "gym" else gymnasium.make_vec
-            env = make(VEHICLE, scenario="doorway_10", **arguments, **({"num_envs": 2} if kind == "vector" else {}))
+            # The checker of Gymnasium itself fails after a reset that was refused.
+            make, more = (gymnasium.make_vec, {"num_envs": 2}) if kind == "vector" else (gymnasium.make, UNCHECKED)
+            env = make(VEHICLE, scenario="doorway_10", **arguments, **more)
         with contextlib.suppress(ValueError, gymnasium.error.Error):
             env.reset(seed=seed, options=options)
         env.reset(seed=0)
