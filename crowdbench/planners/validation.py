@@ -94,10 +94,11 @@ def validate_commands(
     if not finite.all():
         row, ahead = np.argwhere(~finite)[0].tolist()
         return AnswerFault(f"returned {commands[row, ahead].tolist()}, but a command must be finite", row, ahead)
-    beyond = ~dynamics.is_within(commands, np.broadcast_to(max_speed[:, None], finite.shape))
-    if beyond.any():
-        row, ahead = np.argwhere(beyond)[0].tolist()
-        return AnswerFault(dynamics.broken_limit(commands[row, ahead], float(max_speed[row])), row, ahead)
+    with np.errstate(over="ignore"):
+        beyond = ~dynamics.is_within(commands, np.broadcast_to(max_speed[:, None], finite.shape))
+        if beyond.any():
+            row, ahead = np.argwhere(beyond)[0].tolist()
+            return AnswerFault(dynamics.broken_limit(commands[row, ahead], float(max_speed[row])), row, ahead)
     return values
 
 

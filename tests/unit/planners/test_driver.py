@@ -268,3 +268,15 @@ def test_a_run_says_where_steps_are_longer_or_shorter_than_in_training(planner, 
     told = capsys.readouterr().err
     assert told.startswith(said)
     assert bool(told) == bool(said)
+
+
+@pytest.mark.parametrize("scenario", ["circle_crossing_5", "unicycle_10", "car_12"])
+def test_a_huge_command_gets_one_sentence_and_no_warning_of_numpy(scenario):
+    class Huge(Planner):
+        native = True
+
+        def plan(self, obs):
+            return np.full((len(obs), 2), 1e300)
+
+    with pytest.raises(InputError, match=r"1e\+300"):
+        drive(Huge(), "1", scenario)
