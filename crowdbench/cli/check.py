@@ -53,7 +53,8 @@ def check(
     with progress(1.0, "checked") as report:
         subject = load_subject(kind, plugin, options, scenario, decision_limit, data)
         results = check_plugin(subject, Cases.parse(cases), report)
-    print_table(check_table(subject.name, results), {PASSED: GOOD, FAILED: BAD})
+    colors = {PASSED: GOOD, FAILED: BAD}
+    print_table(check_table(subject.name, results), lambda row, cell: colors.get(cell, ""))
     if not all(result.passed for result in results):
         raise typer.Exit(1)
 

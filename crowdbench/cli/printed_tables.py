@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from crowdbench.utils.tables import Grid
@@ -21,21 +20,21 @@ OF_FILES = 200
 """Number of columns of a table in a file or a pipe."""
 
 
-def print_table(table: Grid, colors: Mapping[str, str] = MappingProxyType({})) -> None:
+def print_table(table: Grid, color: Callable[[int, str], str] = lambda row, cell: "") -> None:
     """Print a table under its title, and its note below.
 
     Args:
         table: The table. Its cells may contain the bold text of Markdown.
-        colors: The colour of cells by their text, on a terminal.
+        color: Returns the colour of a cell on a terminal, by the number of its row and its text; empty for none.
     """
     from rich.console import Console
     from rich.table import Table
 
     write(table.title)
-    columns = width(sys.stdout) or OF_FILES
+    columns, align = width(sys.stdout) or OF_FILES, table.align or "l".ljust(len(table.header), "r")
     console = Console(width=columns, markup=False, highlight=False, emoji=False)
-    rows = [[_styled(cell, colors) for cell in row] for row in table.rows]
-    widths = _fit([table.header, *([cell.plain for cell in row] for row in rows)], table.align, columns)
+    rows = [[_styled(cell, color(number, cell)) for cell in row] for number, row in enumerate(table.rows)]
+    widths = _fit([table.header, *([cell.plain for cell in row] for row in rows)], align, columns)
     if widths is None:
         for first, *cells in rows:
             console.print(first, style="bold", soft_wrap=True)
@@ -44,7 +43,7 @@ def print_table(table: Grid, colors: Mapping[str, str] = MappingProxyType({})) -
                     write(f"  {heading}: {cell.plain}", str(cell.style))
     else:
         printed = Table(box=None, pad_edge=False)
-        for heading, alignment, most in zip(table.header, table.align, widths, strict=True):
+        for heading, alignment, most in zip(table.header, align, widths, strict=True):
             printed.add_column(heading, justify="left" if alignment == "l" else "right", width=most)
         for row in rows:
             printed.add_row(*row)
@@ -53,11 +52,11 @@ def print_table(table: Grid, colors: Mapping[str, str] = MappingProxyType({})) -
         write(f"\n{table.note}")
 
 
-def _styled(cell: str, colors: Mapping[str, str]) -> Text:
+def _styled(cell: str, color: str) -> Text:
     """Return a cell with its colour, and with the bold text of Markdown in bold."""
     from rich.text import Text
 
-    text = Text(style=colors.get(cell, ""))
+    text = Text(style=color)
     for number, part in enumerate(re.split(r"\*\*(.+?)\*\*", cell)):
         text.append(part.replace(r"\*", "*"), "bold" if number % 2 else "")
     return text

@@ -37,12 +37,16 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
     if format is not None:
         print(format_tables([grid], format))
         return
-    cell, colors = grid.header.index(DIFFERENCE), {}
-    for row, record in zip(grid.rows, grid.records, strict=True):
-        if record["significant"]:
-            gain = info_of(record["metric"]).sign * record["difference"].mean
-            colors[row[cell]] = GOOD if gain > 0.0 else BAD if gain < 0.0 else ""
-    print_table(grid, colors)
+    column = grid.header.index(DIFFERENCE)
+
+    def color_of(row: int, cell: str) -> str:
+        record = grid.records[row]
+        if cell != grid.rows[row][column] or not record["significant"]:
+            return ""
+        gain = info_of(record["metric"]).sign * record["difference"].mean
+        return GOOD if gain > 0.0 else BAD if gain < 0.0 else ""
+
+    print_table(grid, color_of)
     several = len({comparison.scenario for comparison in comparisons}) > 1
     for comparison in comparisons:
         for line in comparison.list_changed_cases():

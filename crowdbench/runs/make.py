@@ -8,10 +8,11 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from crowdbench.results.result_file import check_result, read_result
 from crowdbench.runs.parts import Drive, Parts
@@ -83,25 +84,30 @@ def is_made(run: Run, out: Path, overwrite: bool = False) -> bool:
     except NotWritten as error:
         with contextlib.suppress(InputError):
             result = read_result(out)
-            if result["id"] == run.id.digest:
-                if result["stated"]["record"] == run.spec.record:
-                    check_result(out)
-                    _remove_parts(Parts.of(run, out))
-                    return True
-                error.add_note(f"it is this run, made with --record {result['stated']['record']}")
-            elif result["run"] | {"metrics": {}} == json.loads(json.dumps(run.id.parts)) | {"metrics": {}}:
-                lacking = [name for name in run.id.metrics if name not in result["run"]["metrics"]]
-                given = [word for file in run.spec.metrics for word in ("--metric", file)]
-                error.add_note(
-                    f"it is this run {f'without metric {lacking[0]}' if lacking else 'with other metrics'}: "
-                    f"`{command('score', out, *given, '--out', f'{out}-scored')}` computes it without driving again"
-                )
-            before = result["run"]["planner"]["files"].get("planner", {})
-            for name, digest in run.planner.files.get("planner", {}).items():
-                if before.get(name, digest) != digest:
-                    error.add_note(f"{name} was edited since that run")
+            if result["id"] == run.id.digest and result["stated"]["record"] == run.spec.record:
+                check_result(out)
+                _remove_parts(Parts.of(run, out))
+                return True
+            for note in _describe_other(run, out, result):
+                error.add_note(note)
         raise
     return False
+
+
+def _describe_other(run: Run, out: Path, result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the known differences between a run and the one that is in its directory."""
+    if result["id"] == run.id.digest:
+        yield f"it is this run, made with --record {result['stated']['record']}"
+    elif result["run"] | {"metrics": {}} == json.loads(json.dumps(run.id.parts)) | {"metrics": {}}:
+        lacking = [name for name in run.id.metrics if name not in result["run"]["metrics"]]
+        given = [word for file in run.spec.metrics for word in ("--metric", file)]
+        score = command("score", out, *given, "--out", f"{out}-scored")
+        which = f"without metric {lacking[0]}" if lacking else "with other metrics"
+        yield f"it is this run {which}: `{score}` computes it without driving again"
+    before = result["run"]["planner"]["files"].get("planner", {})
+    for name, digest in run.planner.files.get("planner", {}).items():
+        if before.get(name, digest) != digest:
+            yield f"{name} was edited since that run"
 
 
 def _remove_parts(parts: Parts) -> None:

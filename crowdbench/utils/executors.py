@@ -25,6 +25,9 @@ from crowdbench.utils.errors import InputError, MachineFault, require_count
 ENGINES = ("ray", "dask")
 """Engines of clusters."""
 
+THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
+"""Variables with the number of threads of the simulator and of the networks."""
+
 RETRIES = 3
 """Number of times that a task is started again after its worker was killed."""
 
@@ -90,9 +93,8 @@ def open_executor(engine: str | None, workers: int | None, threads: int | None) 
 @contextlib.contextmanager
 def _set_threads(threads: int) -> Iterator[None]:
     """Set the number of threads of the processes that are started meanwhile."""
-    names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ |= dict.fromkeys(names, str(threads))
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ |= dict.fromkeys(THREADS, str(threads))
     try:
         yield
     finally:
@@ -157,7 +159,9 @@ def _open_ray(workers: int | None, threads: int) -> Iterator[Executor]:
         socket.create_connection((host, int(port)), CONNECTING).close()  # Ray would try for more than a minute
     local = {} if address else {"num_cpus": workers and workers * threads, "include_dashboard": False}
     variables = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"), str(threads))
-    ray.init(address, runtime_env={"env_vars": variables}, log_to_driver=False, logging_level="error", **local)
+    ray.init(
+        address or "local", runtime_env={"env_vars": variables}, log_to_driver=False, logging_level="error", **local
+    )
     try:
         cores = int(ray.cluster_resources().get("CPU", 1))
         options = {"num_cpus": threads, "max_retries": RETRIES}

@@ -75,12 +75,14 @@ COMMANDS = {
     "options": ["list", "planners", "sarl_sgan_kce"],
     "compare": ["compare"],
     "table": ["table"],
+    "all metrics": ["table", "--all-metrics"],
+    "one metric": ["table", "--columns", "scenario"],
 }
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_no_word_is_broken_at_any_width(monkeypatch, on_terminal, runs, name):
-    arguments = [*COMMANDS[name], *(runs if name in ("compare", "table") else [])]
+    arguments = [*COMMANDS[name], *(runs if COMMANDS[name][0] != "list" else [])]
 
     def words(text):
         return set(without_codes(text).replace(":", "").split())
@@ -102,9 +104,9 @@ def test_a_sentence_breaks_at_spaces_and_a_command_at_its_end_does_not(on_termin
 
 
 def print_verdicts():
-    print_table(
-        Grid("", ("", "check"), [("passed", "one"), ("failed", "two")], align="ll"), {"passed": GOOD, "failed": BAD}
-    )
+    colors = {"passed": GOOD, "failed": BAD}
+    grid = Grid("", ("", "check"), [("passed", "one"), ("failed", "two")], align="ll")
+    print_table(grid, lambda row, cell: colors.get(cell, ""))
 
 
 def test_verdicts_are_green_and_red_where_the_terminal_can(on_terminal, capsys):
