@@ -127,7 +127,10 @@ class OneWorld:
 
 def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*shape"]:
     """Return actions as float64. Raises InputError if they are not finite numbers of that shape."""
-    checked = np.asarray(actions, np.float64)
+    try:
+        checked = np.asarray(actions, np.float64)
+    except (TypeError, ValueError):
+        checked = np.full(shape, np.nan)
     # A sum is finite only if all its terms are, and takes half the time of a test of each.
     if checked.shape != shape or not (math.isfinite(checked.sum()) or np.isfinite(checked).all()):
         raise InputError(f"an action must be a finite velocity (vx, vy) in m/s, or a native command, not {actions!r}")

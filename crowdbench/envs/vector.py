@@ -193,6 +193,10 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
     def _one_each(self, name: str, values: Sequence[Any] | None) -> Sequence[Any]:
         if values is None:
             return [None] * self.num_envs
+        if not isinstance(values, Sequence | np.ndarray):
+            raise InputError(
+                f"{name} is {values!r}, but must be a list with a value for each of {self.num_envs} worlds"
+            )
         if len(values) != self.num_envs:
             raise InputError(f"{name} has {len(values)} values, but there are {self.num_envs} worlds")
         return values

@@ -20,6 +20,7 @@ from crowdbench.envs.rewards import (
     load_reward,
     progress,
 )
+from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.features import features
 from crowdbench.networks.policy import Seen
@@ -311,3 +312,18 @@ def test_rays_and_the_motion_are_named_parts_and_stand_at_the_end_of_a_vector():
     assert parts["rays"].min() < 5.0
     with pytest.raises(InputError, match="rays is 24, but must be a whole number, 0 where the observation is flat"):
         gymnasium.make(**made)
+
+
+@pytest.mark.parametrize("action", [{}, None, "left", [1.0], [[1.0], [1.0, 2.0]], [np.nan, 0.0]])
+def test_an_action_that_is_no_pair_of_numbers_gets_one_sentence(action):
+    env = VehicleEnv()
+    env.reset(seed=0)
+    with pytest.raises(InputError, match="an action must be a finite velocity"):
+        env.step(action)
+
+
+@pytest.mark.parametrize(("name", "value"), [("seed", 0.5), ("seed", {1, 2}), ("case", 3)])
+def test_a_value_for_all_worlds_that_is_no_list_gets_one_sentence(name, value):
+    envs = gymnasium.make_vec(ID, num_envs=2)
+    with pytest.raises(InputError, match=f"{name} is .*, but must be a list with a value for each of 2 worlds"):
+        envs.reset(**({"seed": value} if name == "seed" else {"options": {name: value}}))
