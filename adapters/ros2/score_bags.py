@@ -37,6 +37,9 @@ def convert(file: Path, out: Path = Path("runs/drive"), tracks: Path | None = No
         tracks: Folder for a file with the pedestrians of each bag, for scenarios with a table [tracks].
     """
     drive = read_drive_file(file)
+    names = [Path(bag).stem for bag in drive.bags]
+    if tracks is not None and len({*names}) < len(names):
+        raise InputError(f"{file}: the bags have the names {', '.join(names)}, but for --tracks all must be different")
     trace, notes = trace_of(drive)
     for note in notes:
         say(note)
@@ -48,9 +51,9 @@ def convert(file: Path, out: Path = Path("runs/drive"), tracks: Path | None = No
     say(f"wrote {out}\n  {command('score', out)}\n  {command('view', out)}")
     if tracks is not None:
         tracks.mkdir(parents=True, exist_ok=True)
-        for row, name in enumerate(drive.bags):
-            write_pedestrians(trace, row, tracks / f"{Path(name).stem}.txt")
-        say(f"wrote {tracks}\n  {describe_next(tracks, Path(drive.bags[0]).stem)}")
+        for row, name in enumerate(names):
+            write_pedestrians(trace, row, tracks / f"{name}.txt")
+        say(f"wrote {tracks}\n  {describe_next(tracks, names[0])}")
 
 
 def describe_next(tracks: Path, scene: str) -> str:

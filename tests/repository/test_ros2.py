@@ -336,6 +336,16 @@ def test_drives_are_played_in_a_browser(drives, tmp_path, call):
     assert (tmp_path / "page" / "data" / "drive" / "test-1.js").is_file()
 
 
+def test_tracks_of_two_bags_do_not_replace_each_other(tmp_path):
+    from score_bags import convert
+
+    for folder in ("monday", "tuesday"):
+        bag_of(tmp_path / folder / "a", straight())
+    drive_file(tmp_path, ["monday/a", "tuesday/a"], VEHICLE)
+    with pytest.raises(InputError, match="the bags have the names a, a, but for --tracks all must be different"):
+        convert(tmp_path / "drive.toml", tmp_path / "run", tmp_path / "tracks")
+
+
 def test_the_commands_after_a_conversion_run_as_printed(tmp_path, capfd):
     from score_bags import convert
 

@@ -23,8 +23,8 @@ LONGEST_ABSENCE = 4.0
 FASTEST = 10.0
 """Speed in m/s above which two annotations belong to two pedestrians. The largest speed in ETH/UCY is 6.5 m/s."""
 
-WALKING = (0.1, 3.0)
-"""Typical speeds in m/s outside which a warning is logged. Pedestrians of ETH walk at 2.4 m/s."""
+WALKING = (0.2, 3.0)
+"""Typical speeds in m/s outside which a warning is logged. In the files of ETH/UCY they are 0.5 to 2.4 m/s."""
 
 MOST_TYPICAL = 5.0
 """Largest typical speed in m/s: no crowd runs faster."""

@@ -84,6 +84,12 @@ def test_feet_are_warned_about(tmp_path, caplog):
     assert not caplog.messages
 
 
+def test_a_frame_rate_that_is_ten_times_too_low_is_warned_about(tmp_path, caplog):
+    write_eth(tmp_path, ROWS)
+    load(tmp_path, frame_rate=2.5)
+    assert "mine: pedestrians typically move at 0.15 m/s, which is unusual" in caplog.text
+
+
 def test_one_wrong_jump_among_good_tracks_is_split_and_counted(tmp_path, caplog):
     rows = [(f, p, x + 50.0 * (i == 200), y) for i, (f, p, x, y) in enumerate(sorted(ROWS, key=lambda row: row[1]))]
     write_eth(tmp_path, rows)
