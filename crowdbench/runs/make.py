@@ -62,7 +62,7 @@ def make_run(
     parts = Parts.of(run, out)
     drive = drive or functools.partial(run.drive, progress=progress)
     with parts.open():
-        # Again, because another process may have merged all parts before this one made their folder anew.
+        # Again, because another process may have merged all parts before this one made their folder again.
         missing = [] if is_made(run, out, overwrite) else parts.missing(share)
         if missing:
             try_plugins(run.scenario, share, run.metrics)
