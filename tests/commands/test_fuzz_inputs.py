@@ -60,7 +60,7 @@ BASES = {
     "run": ["--planner", "orca", "--cases", "val:2", "--set", "time_limit=3.0", "--out", "out", "--overwrite"],
     "check": ["success_rate", "--kind", "metrics", "--cases", "val:2"],
     "suite": ["nothing", "--cases", "1"],
-    "train": ["ppo", "--out", "a"],
+    "train": ["ppo", "--out", "a", "--steps", "-1"],
     "merge": ["a", "b", "--out", "out", "--overwrite"],
     "new-planner": ["mine", "--out", "planners"],
     "list": ["planners", "orca"],
@@ -74,7 +74,7 @@ BASES = {
 }
 """A valid command line of each command, apart from `suite` and `train`, which take long."""
 
-LONG = ("--workers", "--engine", "--threads", "--isolated", "--shard", "--minutes", "--help")
+LONG = ("--workers", "--engine", "--threads", "--isolated", "--shard", "--minutes", "--steps", "--episodes", "--help")
 """Options that start processes or threads, or that take long with a valid value."""
 
 
