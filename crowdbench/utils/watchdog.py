@@ -16,7 +16,7 @@ import threading
 import time
 import traceback
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from crowdbench.utils.errors import line_of
 
@@ -30,6 +30,7 @@ HANG = 60.0
 """Shortest time in seconds without Python code after which the process ends; with longer limits, twice the limit."""
 
 
+@runtime_checkable
 class Limit(Protocol):
     """A limit of time, see `resources.FairLimit`."""
 

@@ -29,7 +29,25 @@ from crowdbench.utils.errors import InputError
 ROOT = Path(__file__).parents[2]
 
 WORDS = st.sampled_from(
-    [*(token for token in TOKENS if "\0" not in token and "test:0:1" not in token), "val/0", "a", "b", "jerk"]
+    [
+        *(token for token in TOKENS if "\0" not in token and "test:0:1" not in token),
+        *("val/0", "val:1", "a", "b", "jerk", "success_rate", "circle_crossing_5", "doorway_10", "social_force", "pdf"),
+        *(
+            "10",
+            "3.7",
+            "1e-9",
+            "true",
+            "all",
+            "none",
+            "csv",
+            "latex",
+            "planners",
+            "unicycle",
+            "respawn",
+            "out",
+            "x.gif",
+        ),
+    ]
 )
 KEYS = (
     *("time_limit", "dt", "seed", "vehicle.radius", "vehicle.dynamics", "vehicle.visible", "vehicle.preferred_speed"),
@@ -42,7 +60,7 @@ BASES = {
     "run": ["--planner", "orca", "--cases", "val:2", "--set", "time_limit=3.0", "--out", "out", "--overwrite"],
     "check": ["success_rate", "--kind", "metrics", "--cases", "val:2"],
     "suite": ["nothing", "--cases", "1"],
-    "train": ["ppo", "--out", "a"],
+    "train": ["ppo", "--out", "a", "--steps", "-1"],
     "merge": ["a", "b", "--out", "out", "--overwrite"],
     "new-planner": ["mine", "--out", "planners"],
     "list": ["planners", "orca"],
@@ -56,7 +74,7 @@ BASES = {
 }
 """A valid command line of each command, apart from `suite` and `train`, which take long."""
 
-LONG = ("--workers", "--engine", "--threads", "--isolated", "--shard", "--minutes", "--help")
+LONG = ("--workers", "--engine", "--threads", "--isolated", "--shard", "--minutes", "--steps", "--episodes", "--help")
 """Options that start processes or threads, or that take long with a valid value."""
 
 
@@ -79,7 +97,7 @@ def command_lines(draw):
     command = draw(st.sampled_from(sorted(BASES)))
     line = [command, *BASES[command]]
     known = {name: is_flag for name, is_flag in options_of(command).items() if name not in LONG}
-    for option in draw(st.lists(st.sampled_from(sorted(known)), max_size=2)) if known else []:
+    for option in draw(st.lists(st.sampled_from(sorted(known)), max_size=3)) if known else []:
         value = draw(WORDS)
         if option in ("--set", "--option", "--ppo"):
             value = f"{draw(st.sampled_from(KEYS))}={value}"

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs 
 
 @pytest.fixture(autouse=True)
 def short_limits():
-    token = resources._start_limit.set(0.3)
+    token = resources._start_limit.set(0.2)
     yield
     resources._start_limit.reset(token)
 
@@ -65,7 +65,7 @@ LOADERS = {
 
 @pytest.mark.parametrize("kind", LOADERS)
 def test_a_file_that_hangs_in_its_import_gets_one_sentence(mine, kind):
-    with pytest.raises(InputError, match=r"mine\.py cannot be loaded: .*it took longer than 0\.3 s, in line 1 of mine"):
+    with pytest.raises(InputError, match=r"mine\.py cannot be loaded: .*it took longer than 0\.2 s, in line 1 of mine"):
         LOADERS[kind](mine(HANGS))
 
 
@@ -80,7 +80,7 @@ def test_a_file_that_hangs_in_its_import_gets_one_sentence(mine, kind):
     ],
 )
 def test_a_factory_that_hangs_gets_one_sentence(mine, kind, text):
-    with pytest.raises(InputError, match=r"cannot be made with \{\}: .*it took longer than 0\.3 s, in line . of mine"):
+    with pytest.raises(InputError, match=r"cannot be made with \{\}: .*it took longer than 0\.2 s, in line . of mine"):
         LOADERS[kind](mine(text))
 
 
@@ -107,13 +107,13 @@ class Hanging(Planner):
 
 @pytest.mark.parametrize("where", ["privileged", "native", "facts", "reset"])
 def test_a_planner_that_hangs_outside_of_decisions_gets_one_sentence(where):
-    with pytest.raises(InputError, match=r"it took longer than 0\.3 s, in line"):
-        Driver(Hanging(where), "mine", 0.3).reset(np.arange(2))
+    with pytest.raises(InputError, match=r"it took longer than 0\.2 s, in line"):
+        Driver(Hanging(where), "mine", 0.2).reset(np.arange(2))
 
 
 def test_a_planner_that_hangs_for_a_held_out_scene_gets_one_sentence(shared):
     scenario = catalog.load_scenario("eth_recorded", data=shared / "data" / "eth_ucy")
-    with pytest.raises(InputError, match=r"in for_held_out_scene\(\): it took longer than 0\.3 s"):
+    with pytest.raises(InputError, match=r"in for_held_out_scene\(\): it took longer than 0\.2 s"):
         hold_out(Hanging("for_held_out_scene"), "mine", scenario)
 
 
@@ -133,7 +133,7 @@ def test_a_policy_that_hangs_in_a_step_gets_one_sentence(mine):
 def test_a_layout_that_hangs_gets_one_sentence(mine):
     file = mine(f"def layout(rng, radius, preferred_speed):\n  {HANGS}")
     scenario = catalog.load_scenario("circle_crossing_5", {"layout": {"generator": file}})
-    with pytest.raises(InputError, match=r"in case test/0, the layout raised TimeLimit: it took longer than 0\.3 s"):
+    with pytest.raises(InputError, match=r"in case test/0, the layout raised TimeLimit: it took longer than 0\.2 s"):
         scenario.worlds(Cases.parse("1"))
 
 
@@ -142,14 +142,14 @@ def test_a_metric_that_hangs_gets_one_sentence(monkeypatch):
         while True:
             pass
 
-    monkeypatch.setattr("crowdbench.metrics.user_metrics.START_LIMIT", 0.3)
-    with pytest.raises(InputError, match=r"metric mine raised TimeLimit: it took longer than 0\.3 s"):
+    monkeypatch.setattr("crowdbench.metrics.user_metrics.START_LIMIT", 0.2)
+    with pytest.raises(InputError, match=r"metric mine raised TimeLimit: it took longer than 0\.2 s"):
         measure("mine", hangs, drive("straight", "1"))
 
 
 COMMAND = """
 from crowdbench.utils import defaults, watchdog
-defaults.START_LIMIT = watchdog.GRACE = watchdog.TICK = 0.3
+defaults.START_LIMIT = watchdog.GRACE = watchdog.TICK = 0.2
 watchdog.HANG = 2.0
 from crowdbench.cli import main
 main()
@@ -172,7 +172,7 @@ class planner(Planner):
         ),
         (
             f"{COMPILED}{IN_DECISION}",
-            "(a plug-in took longer than 0.3 s and cannot be interrupted, in line 9|planner mine took longer)",
+            "(a plug-in took longer than 0.2 s and cannot be interrupted, in line 9|planner mine took longer)",
         ),
         (
             "while True:\n  try:\n    while True: pass\n  except BaseException: pass",
@@ -182,7 +182,7 @@ class planner(Planner):
     ],
 )
 def test_a_command_ends_with_one_sentence_if_a_plug_in_hangs(mine, tmp_path, text, sentence):
-    arguments = ["run", "--planner", mine(text), "--cases", "1", "--decision-limit", "0.3", "--out", tmp_path / "run"]
+    arguments = ["run", "--planner", mine(text), "--cases", "1", "--decision-limit", "0.2", "--out", tmp_path / "run"]
     command = [sys.executable, "-c", COMMAND, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     last = done.stderr.splitlines()[-1]
@@ -203,6 +203,6 @@ def test_a_command_ends_with_one_sentence_if_a_plug_in_hangs(mine, tmp_path, tex
 )
 def test_the_check_of_a_plug_in_that_hangs_ends(mine, text):
     file = mine(text)
-    subject = load_subject(find_kind(file), file, {}, None, 0.3, None)
+    subject = load_subject(find_kind(file), file, {}, None, 0.2, None)
     results = check_plugin(subject, Cases.parse("val:2"), lambda share: None)
-    assert any("took longer than the limit of 0.3 s" in str(result) for result in results)
+    assert any("took longer than the limit of 0.2 s" in str(result) for result in results)
