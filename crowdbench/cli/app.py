@@ -6,6 +6,7 @@ command line starts fast.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.metadata
 import os
@@ -155,6 +156,8 @@ def main(script: Callable[..., None] | None = None) -> None:
         sentence, status = report
         if type(error).__name__ == "MissingParameter" and arguments[0] in EXAMPLES:
             sentence += f" For example: crowdbench {arguments[0]} {EXAMPLES[arguments[0]]}"
+        with contextlib.suppress(OSError):
+            flush_output()
         say(f"crowdbench: {sentence}", BAD)
         sys.exit(status)
     if status == INTERRUPTED:
