@@ -133,7 +133,7 @@ def draw_fault(title: str, kind: Fault, planner: str, case: int) -> Picture:
         **{name: getattr(moment, name)[pair] for name in ("goal", "radius")},
         **{name: getattr(moment, name)[states] for name in ("step", "heading")},
         person=moment.person[states][:, [pair[1] - 1]],
-        seen=moment.seen[[pair[1] - 1]],
+        **{name: getattr(moment, name)[[pair[1] - 1]] for name in ("seen", "measured")},
     )
     middle = moment.position[-1].mean(axis=0)
     note = f"φ = {contacts.share[0]:.2f}", LIGHT.text

@@ -59,6 +59,9 @@ WHOLE = 7.0
 FILMS = {".gif": 144, ".webp": 144, ".mp4": 288}
 """The endings of films, and the dots per inch of their pictures. With more, a .gif file would be too large."""
 
+WIDE = 3.0
+"""Smallest length in inches of a side with room for a title and a key."""
+
 RATE = 20
 """Pictures of a film per second."""
 
@@ -78,7 +81,8 @@ class Episode:
         paths: Paths that the planner predicted, considered and planned, by the number of the state.
         title: A title of its pictures; empty for none.
         side: Length in inches of the longer side of its pictures.
-        has_key: True if its pictures have a key of the marks of measured positions.
+        has_key: True if its pictures have a key of the marks of measured positions. A narrow picture with a title has
+            no room for it.
     """
 
     trace: Trace
@@ -141,7 +145,8 @@ class Episode:
         moment = Moment.of_trace(trace, row, state, at - state)
         plane = self.bounds(None if step is None else moment.position[-1, 0])
         note = self.outcome if at == self.end else (f"{at * trace.rules.dt:.2f} s", LIGHT.text)
-        title = "   ".join(filter(None, [self.title, self.key if self.has_key else ""]))
+        has_room = self.has_key and (not self.title or self.side >= WIDE)
+        title = "   ".join(filter(None, [self.title, self.key if has_room else ""]))
         bands, bounds, inch = draw_bands(plane, self.side, note, title)
         shapes = [*self.paths.get(state, PlannedPaths()).shapes(), *draw_moment(moment)]
         if step is None:

@@ -294,7 +294,7 @@ def test_a_page_fits_its_screen_and_has_the_colours_of_the_site(visit, link, wid
 
 def test_columns_can_be_sorted(visit):
     table = visit(BOARD).locator("table.entries").first
-    head = table.locator("thead th").filter(has_text=re.compile("^time"))
+    head = table.locator("thead th").filter(has_text=re.compile("^time, s"))
     column = head.evaluate("each => each.cellIndex")
     for order in ("ascending", "descending"):
         head.get_by_role("button").click()

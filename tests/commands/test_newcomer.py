@@ -85,7 +85,7 @@ def test_an_onnx_file_is_driven(done):
     export("policy.onnx")
     shown = done("run", "--planner", "policy.onnx", "--cases", "val:6")
     assert shown.startswith("policy on circle_crossing_5, cases val:0:6\n")
-    assert re.search(r"^success_rate +[\d.]+ % .* 6$", shown, re.MULTILINE)
+    assert re.search(r"^success +[\d.]+ % .* 6$", shown, re.MULTILINE)
     assert "Kept in runs/policy-circle_crossing_5-val-6; " in shown
 
 

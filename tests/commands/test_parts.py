@@ -353,6 +353,7 @@ def test_tasks_of_the_slurm_recipe_are_killed_and_submitted_again(tmp_path):
     killed = [number for number, task in enumerate(tasks, 1) if number % 3 == 0 and task.poll() is None]
     for number in killed:
         tasks[number - 1].kill()
+        tasks[number - 1].wait(120)
     assert [task.wait(120) for number, task in enumerate(tasks, 1) if number not in killed] == [0] * (8 - len(killed))
     again = [submit(number, len(killed)) for number in killed]
     assert [task.wait(120) for task in again] == [0] * len(killed)

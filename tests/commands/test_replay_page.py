@@ -14,8 +14,9 @@ from crowdbench.core.types import Outcome
 from crowdbench.export.replay_page import COARSE, PAGE, QUANTUM
 from crowdbench.record.recorded_cases import read_recorded
 from crowdbench.results.run_result import RunResult
-from crowdbench.runs.loading import load_run
+from crowdbench.runs.loading import load_run, load_stored_scenario
 from crowdbench.runs.make import make_run
+from crowdbench.runs.replay import stored_traces
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 
@@ -99,7 +100,7 @@ def same(value, other, tolerance=1e-9):
 @pytest.mark.parametrize("number", range(len(RUNS)))
 def test_the_page_has_the_positions_of_the_recording_to_the_quantum(runs, visit, number):
     planner, scenario, cases = RUNS[number]
-    trace = runs[0][number].recording.trace
+    [trace] = stored_traces(runs[0][number], load_stored_scenario)
     page = visit()
     for case in range(min(cases, 2)):
         page.goto(page.url.partition("#")[0] + f"#any/{scenario}/val/{case}/{planner}@0")
@@ -152,7 +153,7 @@ def test_a_link_shows_its_frame_and_stays(runs, visit):
     assert page.locator("#clock").inner_text() == "3.25 s"
     assert page.locator("#time").input_value() == "3.25"
     for number, planner in ((1, "mppi"), (0, "orca")):
-        trace = runs[0][number].recording.trace
+        [trace] = stored_traces(runs[0][number], load_stored_scenario)
         label = page.get_by_role("img", name=re.compile(f"^{planner} at 3.25 s")).get_attribute("aria-label")
         assert f"gap {trace.gap[1, 12]:.2f} m" in label
         assert "sees 10 of 10 pedestrians" in label

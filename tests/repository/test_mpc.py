@@ -60,7 +60,7 @@ def test_it_drives_around_a_block():
 
 
 def test_wrong_options_and_a_missing_casadi_are_told_in_a_sentence(monkeypatch):
-    with pytest.raises(InputError, match="near is -1, but must be a number, 0 or more"):
+    with pytest.raises(InputError, match=r"in terms, near is -1\.0, but must be a number, 0 or more"):
         load_planner("mpc", {"terms": {"near": -1}})
     with pytest.raises(InputError, match="horizon is 14, but must be 20 or more, the steps that are asked for at once"):
         mpc.MPCPlanner(ConstantVelocity()).plan_ahead(lone_vehicle(), 20)

@@ -120,7 +120,7 @@ def test_the_runs_that_are_shown_run(command, monkeypatch, tmp_path, capsys):
         env = VehicleEnv()
         export_policy(nn.Linear(*env.observation_space.shape, 2), "policy.onnx", env)
     app([*command.split(), "--cases", "val:3", "--record", "none"], standalone_mode=False)
-    assert "success_rate" in capsys.readouterr().out
+    assert "\nsuccess " in capsys.readouterr().out
     assert len(list(Path("runs").glob("*/episodes.csv"))) == 1
 
 

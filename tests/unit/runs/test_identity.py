@@ -178,10 +178,11 @@ def test_every_file_and_folder_that_a_rollout_reaches_exists():
 
 DRIVE = """
 import sys
-from crowdbench import Driver, load_planner, rollout
+from crowdbench import Cases, Driver, load_planner, load_scenario
 from crowdbench.catalog import PLANNERS
+from crowdbench.runs.rollout import rollout
 drivers = [Driver(load_planner(name), name) for name in PLANNERS.built_in()]
-rollout("orca", "circle_crossing_5", 1)
+rollout(Driver(load_planner("orca"), "orca"), load_scenario("circle_crossing_5"), Cases("test", 0, 1))
 print(*(module.__file__ for name, module in sys.modules.items() if name.startswith("crowdbench.")))
 """
 
