@@ -239,7 +239,7 @@ class Result:
 
 
 def find_earlier(directory: Path, run: Mapping[str, Any]) -> str:
-    """Return the id of the run in a directory if it differs from a run at most in the random key of a planner object.
+    """Return the id of the run in a directory if it differs from a run at most by objects without a key of the author.
 
     The id is empty if the directory has no such run.
 

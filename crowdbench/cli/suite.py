@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -149,10 +150,16 @@ def _table(title: str, families: Mapping[str, list[str]], estimates: Mapping[str
     """
     from crowdbench.metrics.registry import info_of
     from crowdbench.metrics.scenario_means import FAILED, mean_over_scenarios, scenario_weights
-    from crowdbench.results.table import estimate_grid
+    from crowdbench.metrics.summary import LEAST_CASES
+    from crowdbench.results.table import NO_INTERVAL, estimate_grid
 
     weights = scenario_weights(families)
     rows = {name: estimates.get(name, dict.fromkeys(METRICS, FAILED)) for names in families.values() for name in names}
     means = {metric: mean_over_scenarios(weights, [row[metric] for row in rows.values()]) for metric in METRICS}
     records = [{"scenario": name, **row} for name, row in (rows | {"mean": means}).items()]
-    return estimate_grid(title, records, {metric: info_of(metric) for metric in METRICS})
+    # The interval of the mean is shown only if each scenario that was driven has one.
+    least = min((row["success_rate"].n for row in rows.values() if row["success_rate"].n), default=0)
+    shown = {metric: mean.for_display(least) for metric, mean in means.items()}
+    infos = {metric: info_of(metric) for metric in METRICS}
+    grid = estimate_grid(title, [*records[:-1], {"scenario": "mean", **shown}], infos)
+    return replace(grid, records=records, note="" if least >= LEAST_CASES else NO_INTERVAL)

@@ -28,8 +28,8 @@ SIGNIFICANT = " *"
 
 CASES = (
     "n: the number of cases of a row. Rates (p: McNemar's exact test) and metrics that include failures are over all "
-    "shared cases, the others over the cases that both runs solve. Intervals are of the paired difference, and go "
-    "with p."
+    "shared cases in which they are defined, the others over the cases that both runs solve. Intervals are of the "
+    "paired difference, and go with p."
 )
 MARKED = "Marked with *: significant, by p < 0.05, or without p by an interval that excludes 0."
 CORRECTED = (

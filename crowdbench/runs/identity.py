@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from crowdbench.metrics.registry import METRICS
 from crowdbench.plugins.kind import PACKAGE, ROOT
 from crowdbench.plugins.plugin_files import read_files
 from crowdbench.results.result_file import digest_of
@@ -134,10 +135,15 @@ def new_key() -> str:
 
 
 def without_random_key(parts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parts of an identity with the same key for all planner objects whose author gives none."""
+    """Return the parts of an identity with the same key for all objects whose author gives none, and no user metrics.
+
+    The parts are unchanged if there is a key.
+    """
     planner = parts["planner"]
-    key = UNKNOWN if planner["key"].startswith(UNKNOWN) else planner["key"]
-    return {**parts, "planner": {**planner, "key": key}}
+    if not planner["key"].startswith(UNKNOWN):
+        return dict(parts)
+    metrics = {name: digest for name, digest in parts["metrics"].items() if name in METRICS}
+    return {**parts, "planner": {**planner, "key": UNKNOWN}, "metrics": metrics}
 
 
 def source_of(thing: type | Callable[..., Any]) -> str:

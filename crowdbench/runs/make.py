@@ -104,6 +104,8 @@ def _describe_other(run: Run, out: Path, result: Mapping[str, Any]) -> Iterator[
         score = command("score", out, *given, "--out", f"{out}-scored")
         which = f"without metric {lacking[0]}" if lacking else "with other metrics"
         yield f"it is this run {which}: `{score}` computes it without driving again"
+    if result["run"]["cases"] != str(run.spec.cases):
+        yield f"it has the cases {result['run']['cases']}, not {run.spec.cases}"
     before = result["run"]["planner"]["files"].get("planner", {})
     for name, digest in run.planner.files.get("planner", {}).items():
         if before.get(name, digest) != digest:

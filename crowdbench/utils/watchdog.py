@@ -7,6 +7,7 @@ stopped (Ctrl-Z, a suspended job) may go on later.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import select
@@ -51,6 +52,8 @@ def enable() -> None:
         return
     source, _sink = os.pipe()
     if os.fork() == 0:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)  # it ends with the command
         os.close(_sink)
         _end_silent(source, os.getppid())
         os._exit(0)
@@ -74,7 +77,8 @@ def _report(running: Sequence[Limit]) -> None:
     """Tell the other process for how many seconds this one may be silent from now on."""
     longest = max((limit.seconds for limit in running), default=0.0)
     assert _sink is not None
-    os.write(_sink, f"{max(HANG, 2.0 * longest)} ".encode())
+    with contextlib.suppress(OSError):  # raised if the other process was killed
+        os.write(_sink, f"{max(HANG, 2.0 * longest)} ".encode())
 
 
 def _watch(running: Sequence[Limit]) -> None:

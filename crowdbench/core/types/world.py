@@ -192,7 +192,7 @@ def _nested(function: Callable[..., np.ndarray], first: Any, *others: Any) -> An
     return {name: _nested(function, value, *(other[name] for other in others)) for name, value in first.items()}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trace:
     """Episodes of a rollout. Metrics are functions of a trace.
 
@@ -267,6 +267,10 @@ class Trace:
 
     def __len__(self) -> int:
         return len(self.case)
+
+    def __repr__(self) -> str:
+        worlds, states, agents, _ = self.position.shape
+        return f"Trace({worlds} {self.split} episodes, {states} states, {agents} agents)"
 
     def episode(self, row: int) -> Trace:
         """Return one episode as a trace of one world, without the padding after its end.
