@@ -55,6 +55,7 @@ def call(monkeypatch, capfd):
     from crowdbench.cli import app as cli  # after the hook that checks shapes
 
     monkeypatch.setattr(cli.interrupts, "handle", lambda: None)
+    monkeypatch.setattr(cli.watchdog, "enable", lambda: None)  # its process would hold files that tests have open
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["crowdbench", *arguments])

@@ -44,6 +44,7 @@ def on_terminal(monkeypatch):
                 patch.setenv(name, value)
             patch.setattr(cli, "prepare_streams", lambda: None)
             patch.setattr(cli.interrupts, "handle", lambda: None)
+            patch.setattr(cli.watchdog, "enable", lambda: None)
             do()
         return terminal.getvalue()
 

@@ -50,6 +50,7 @@ def driven(scenario, cases="test:6", planner=None):
 def run(monkeypatch, *words):
     """The exit status of a command, 0 if it ends by itself."""
     monkeypatch.setattr(cli.interrupts, "handle", lambda: None)
+    monkeypatch.setattr(cli.watchdog, "enable", lambda: None)  # its process would hold files that tests have open
     monkeypatch.setattr(sys, "argv", ["crowdbench", *map(str, words)])
     try:
         cli.main()
