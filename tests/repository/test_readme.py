@@ -106,6 +106,7 @@ COMMANDS = [
     command
     for page in ("README.md", "docs/commands.md")
     for command in re.findall(r"`crowdbench (run [^`]*)`", (ROOT / page).read_text())
+    if "--workers" not in command and "--engine" not in command  # these run in tests/commands/test_workers.py
 ]
 
 
