@@ -92,6 +92,10 @@ _loaded: list[tuple[str, contextlib.ExitStack, Run]] = []
 """The run that the process has loaded, with its digest and the context that closes it; at most one."""
 
 
+_files: dict[tuple[str, str], str] = {}
+"""The digest of each file and metric that the process has loaded, by the working directory and its name."""
+
+
 def make_part(task: PartTask) -> PartReport:
     """Make a part of a run, unless it is finished or another process is making it."""
     machine = platform.node()
@@ -135,7 +139,22 @@ def _load(task: PartTask) -> Run:
             f"the worker on {platform.node()} has another version of crowdbench, or of a file of the run, than this "
             "machine: install the same one"
         )
+    _check_unedited(task, run)
     return run
+
+
+def _check_unedited(task: PartTask, run: Run) -> None:
+    """Raise MachineFault if a file was edited after this process loaded it.
+
+    Python keeps imported modules, and a worker of a Dask cluster outlives commands: the edit would have no effect.
+    """
+    digests = {name: digest for files in run.planner.files.values() for name, digest in files.items()}
+    for name, digest in {**digests, **run.id.metrics}.items():
+        if _files.setdefault((task.working_directory, name), digest) != digest:
+            _close()
+            raise MachineFault(
+                f"{name} was edited after the worker on {platform.node()} had loaded it: start the workers again"
+            )
 
 
 @atexit.register

@@ -22,6 +22,7 @@ LATE = "def metric(trace):\n    return trace.gap[:, 0] if 5 not in trace.case el
 def forget():
     yield
     worker._close()
+    worker._files.clear()
 
 
 @pytest.fixture
@@ -88,6 +89,19 @@ def test_an_error_stops_its_run_only(run, tmp_path):
     made = make_with(here(fail), runs)
     assert [each.is_complete for each in made] == [True, False]
     assert "late.py" in str(made[1].error)
+
+
+def test_a_worker_that_outlives_an_edit_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text("from crowdbench.planners.reactive import ORCAPlanner\nfrom gap import GAP\n")
+    with (tmp_path / "mine.py").open("a") as file:
+        file.write("def planner():\n    return ORCAPlanner(GAP)\n")
+    spec = RunSpec("./mine.py", "circle_crossing_5", Cases.parse("2"), record="none")
+    (tmp_path / "gap.py").write_text("GAP = 0.1\n")
+    make_with(here(), [(load_run(spec), tmp_path / "a")])
+    (tmp_path / "gap.py").write_text("GAP = 0.2\n")
+    with pytest.raises(MachineFault, match=r"gap\.py was edited after the worker on .* had loaded it: start"):
+        make_with(here(), [(load_run(spec), tmp_path / "b")])
 
 
 def test_the_progress_of_a_worker_is_read_from_its_file(run, tmp_path):
