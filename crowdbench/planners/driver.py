@@ -105,8 +105,8 @@ class Driver:
             )
         if self.privileged and obs.sensor.detector is not None:
             raise InputError(
-                f"planner {self.name} is privileged, but the next velocities of pedestrians are not those of the "
-                "tracks of a detector: leave out sensor.detector"
+                f"planner {self.name} is privileged, but the tracks of a detector do not name the pedestrians whose "
+                "next velocities it gets: leave out sensor.detector"
             )
         limit = FairLimit(self.decision_limit, lambda: (os.getpid(),))
         start = time.perf_counter()

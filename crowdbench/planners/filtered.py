@@ -102,7 +102,8 @@ class KalmanFilter:
 
 def _move_on(mean: Means, covariance: Covariances, time: Float[np.ndarray, "world #pedestrian"]) -> Estimates:
     """Return estimates after some seconds at constant velocity, with white acceleration."""
-    later = extrapolate_covariance(*np.moveaxis(covariance, -1, 0), time)
+    p, c, v = np.moveaxis(covariance, -1, 0)
+    later = extrapolate_covariance(p, c, v, time)
     position = mean[..., :2] + time[..., None] * mean[..., 2:]
     return np.concatenate([position, mean[..., 2:]], axis=-1), np.stack(later, axis=-1)
 

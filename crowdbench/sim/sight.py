@@ -11,7 +11,7 @@
 - `observed` `[world, pedestrian]`, `history` `[world, time, pedestrian, 2]` and `filled` `[world, time, pedestrian]` as
   in `crowdbench.core.types.Pedestrians`.
 
-With a detector, `sent` has detections, the tracks are those of `crowdbench.sim.tracker.Tracks`, and there are
+With a detector, `sent` has detections, the tracks are `crowdbench.sim.tracker.Tracks`, and there are
 
 - `detected` `[world, pedestrian]`: True for pedestrians whose detection arrives now; `on_way` `[world, delay,
   pedestrian]`: the same for those in `sent`.
@@ -77,7 +77,7 @@ def _look_by_detector(world: World) -> dict[str, np.ndarray]:
     before = world.sight or _no_detections(now, delay)
     sent, (detections, detected) = _delay(before, now, delay)
     tracks = tracker.Tracks(*(before[name] for name in tracker.Tracks._fields))
-    if sensor.detector.raw:
+    if sensor.detector is not None and sensor.detector.raw:
         tracks = tracker.untracked(tracks, detections)
     else:
         tracks = tracker.track(tracks, detections, world.step == delay, sensor, dt)

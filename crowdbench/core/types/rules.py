@@ -50,8 +50,8 @@ class Lidar(TomlTable):
 class Detector(TomlTable):
     """`[sensor.detector]`: a detector of people, and the tracker of its detections.
 
-    The defaults are those of published detectors, see the page on scenarios. The range, the field of view, occlusion
-    and the delay are those of the sensor.
+    The page on scenarios names the sources of the defaults. The range, the field of view, occlusion and the delay are
+    keys of the sensor.
 
     Attributes:
         position: Standard deviation of each coordinate of a detection in metres.
