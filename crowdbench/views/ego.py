@@ -20,7 +20,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.dynamics import DISC, Holonomic
+from crowdbench.core.dynamics import DIRECT, DISC, Holonomic
 from crowdbench.core.types import PERFECT_SENSOR, Observation, World
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells, nearest_of_all
 from crowdbench.sim.routes import goals_on_way
@@ -114,7 +114,8 @@ def with_own_motion(views: World, world: World, past: Float[np.ndarray, "1 time 
         world: The world.
         past: The last positions of the vehicle in metres, as `World.history`; None to leave out the histories.
     """
-    velocity, rules = views.velocity[:, 0], dataclasses.replace(views.rules, dynamics=Holonomic(), body=DISC)
+    velocity = views.velocity[:, 0]
+    rules = dataclasses.replace(views.rules, dynamics=Holonomic(), actuation=DIRECT, body=DISC)
     heading = np.arctan2(velocity[:, 1], velocity[:, 0])
     views = views.replace(rules=rules, heading=heading, angular_speed=np.zeros(len(views)))
     if past is None:
