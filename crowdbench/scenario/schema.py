@@ -225,10 +225,10 @@ def scenario_spec(
     Raises:
         InputError: See `layout_spec`.
     """
-    defaults = {field.name: field.default for field in dataclasses.fields(DYNAMICS[dynamics])}
+    usual = {field.name: field.default for field in dataclasses.fields(DYNAMICS[dynamics])}
     limits = {
-        name: (float | None, number(None if default in (0.0, math.inf) else default, above=0.0, below=1e6))
-        for name, default in defaults.items()
+        name: (float | None, number(None if limit in (0.0, math.inf) else limit, above=0.0, below=1e6))
+        for name, limit in usual.items()
     }
     policies = {}
     for name, defaults in parameters.items():
