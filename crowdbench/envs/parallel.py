@@ -55,7 +55,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
       replaced on arrival, the agent continues with the new goal or as the new pedestrian. All agents terminate when the
       vehicle reaches its goal or collides.
     - Truncations: all agents, at the scenario's time limit.
-    - Infos: numbers alone: `case`; `outcome`, the number of the agent's `Outcome`; `is_success`; and `gap`, the smallest
+    - Infos: numbers: `case`; `outcome`, the number of the agent's `Outcome`; `is_success`; and `gap`, the smallest
       distance in metres between the rims of the agent and another one during the step.
 
     The attribute `case` is the name of the case, such as `test/37`.

@@ -31,7 +31,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
 
     All worlds are simulated at once. `vectorization_mode="sync"` steps them one after the other: with 128 worlds this
     takes about twice as long if observations are `flat`, and otherwise eight times as long. Only that mode renders.
-    With stable-baselines3, `CrowdVecEnv` of examples/stable_baselines.py is as fast as this environment.
+    With stable-baselines3, `crowdbench.envs.CrowdVecEnv` is as fast as this environment.
 
     Args:
         num_envs: Number of worlds.

@@ -28,8 +28,8 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
     - Starting state: the case in the options of `reset`, or else a training case drawn from the seed.
     - Termination: success or collision.
     - Truncation: the scenario's time limit.
-    - Info: numbers alone: `case`; `outcome`, the number of its `Outcome`; `is_success`; and `gap`, the smallest distance
-      in metres between the rims of the vehicle and a pedestrian during the step.
+    - Info: numbers: `case`; `outcome`, the number of its `Outcome`; `is_success`; and `gap`, the smallest distance in
+      metres between the rims of the vehicle and a pedestrian during the step.
 
     The attribute `case` is the name of the case, such as `test/37`.
 

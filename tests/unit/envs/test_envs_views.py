@@ -1,5 +1,6 @@
 """Rewards, observations and actions of environments, and the vector environment for stable-baselines3."""
 
+import sys
 import warnings
 
 import gymnasium
@@ -8,6 +9,7 @@ import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
 
+import crowdbench.envs
 from crowdbench import InputError, load_scenario, parallel_env
 from crowdbench.core.types import Outcome
 from crowdbench.envs.rewards import (
@@ -20,6 +22,7 @@ from crowdbench.envs.rewards import (
     load_reward,
     progress,
 )
+from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.features import features
@@ -31,7 +34,6 @@ from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.views.actions import ACTIONS
 from crowdbench.views.ego import ego_views
 from crowdbench.views.view import OBSERVATIONS
-from examples.stable_baselines import CrowdVecEnv
 
 ID = "crowdbench/Vehicle-v0"
 
@@ -184,6 +186,14 @@ def test_the_vec_env_keeps_the_contract_of_stable_baselines():
                 assert info["outcome"] in (Outcome.SUCCESS, Outcome.COLLISION, Outcome.TIMEOUT)
                 assert info["terminal_observation"]["vehicle"].shape == (5,)
     assert ends > 4
+
+
+def test_without_stable_baselines_a_sentence_says_how_it_is_installed(monkeypatch):
+    monkeypatch.delitem(sys.modules, "crowdbench.envs.stable_baselines")
+    monkeypatch.setitem(sys.modules, "stable_baselines3.common.vec_env", None)
+    monkeypatch.delitem(vars(crowdbench.envs), "CrowdVecEnv", raising=False)
+    with pytest.raises(ImportError, match=r"^CrowdVecEnv needs stable-baselines3: pip install 'crowdbench\[ppo\]'$"):
+        from crowdbench.envs import CrowdVecEnv  # noqa: F401
 
 
 def test_the_vec_env_repeats_itself():

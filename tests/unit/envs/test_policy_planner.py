@@ -16,9 +16,9 @@ from torch import nn
 
 from crowdbench import InputError, Planner, PolicyPlanner, export_policy, load_planner, load_scenario
 from crowdbench.envs import stepping
+from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.sim.sensor import observe
-from examples.stable_baselines import CrowdVecEnv
 
 NEAREST = 3
 CASES = 12

@@ -9,11 +9,19 @@ from typing import Any
 import numpy as np
 from gymnasium import error
 from jaxtyping import Bool, Float
-from stable_baselines3.common.vec_env import VecEnv
 
-from crowdbench import InputError, Outcome, Scenario
-from crowdbench.envs import CASES, Reward, TrainingWorlds, as_scenario, check_actions, load_reward
-from crowdbench.views import NEAREST, Observed, View, row_of
+from crowdbench.core.types import Outcome
+from crowdbench.envs.rewards import Reward, load_reward
+from crowdbench.envs.stepping import as_scenario, check_actions
+from crowdbench.envs.training_worlds import CASES, TrainingWorlds
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.errors import InputError
+from crowdbench.views.view import NEAREST, Observed, View, row_of
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError as missing:
+    raise ImportError("CrowdVecEnv needs stable-baselines3: pip install 'crowdbench[ppo]'") from missing
 
 
 class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not looked into
