@@ -38,7 +38,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         seed: The seed of the training cases and of their order.
         reward: See `VehicleEnv`, also for the next three.
         observation: `flat`, `goal_frame` or `dict`.
-        action: `world`, `goal_frame` or `native`.
+        action: A name of `crowdbench.views.actions`.
         nearest: Largest number of observed pedestrians in the frame of the goal.
         rays: Number of observed rays to walls in the frame of the goal.
         cases: Number of training cases.
@@ -102,7 +102,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
                 infos[row] = {
                     "terminal_observation": row_of(last, index),
                     "TimeLimit.truncated": bool(step.outcome[row] == Outcome.TIMEOUT),
-                    "outcome": Outcome(step.outcome[row]).label,
+                    "outcome": int(step.outcome[row]),
                     "episode": {"r": float(returned[row]), "l": int(length[row])},
                 }
         return self.view.observe(self._running.worlds), reward, step.ended, infos

@@ -54,7 +54,7 @@ def load_onnx(
     Args:
         file: The file.
         observation: Observation of the policy: flat, goal_frame or dict; by default as in the metadata.
-        action: Frame of its actions: world, goal_frame or native; by default as in the metadata.
+        action: Its actions, such as normalized, velocity or goal_frame; by default as in the metadata.
         nearest: Largest number of pedestrians that it observes; by default as in the metadata, or 10.
         dynamics: The vehicles that it may drive: holonomic, unicycle or bicycle; by default as in the metadata, or any.
 
@@ -78,9 +78,8 @@ def load_onnx(
     first = 0 if batch == NO_BATCH else 1  # axis of the state of one world
     state = [tuple(one.shape[first:]) for one in session.get_inputs() if one.name.startswith(STATE)]
     view = trained["observation"], trained["action"], trained.get("nearest", NEAREST)
-    planner = PolicyPlanner(
-        _function(file, session, batch), *view, state, trained.get("dynamics"), trained.get("rays", 0)
-    )
+    more = trained.get("dynamics"), trained.get("rays", 0), "float64"  # the inputs of the network are cast to its types
+    planner = PolicyPlanner(_function(file, session, batch), *view, state, *more)
     planner.trained_pedestrians = int(trained["pedestrians"]) if "pedestrians" in trained else None
     planner.trained_dt = float(trained["dt"]) if "dt" in trained else None
     return planner

@@ -31,8 +31,9 @@ from crowdbench.planners.trained_policy import NetworkPlanner, PolicyInterface
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.views.actions import ACTIONS
 from crowdbench.views.ego import ego_views
-from crowdbench.views.view import ACTIONS, OBSERVATIONS
+from crowdbench.views.view import OBSERVATIONS
 
 ID = "crowdbench/Vehicle-v0"
 
@@ -182,7 +183,7 @@ def test_the_vec_env_keeps_the_contract_of_stable_baselines():
             if done:
                 ends += 1
                 assert info["episode"]["l"] <= 100
-                assert info["outcome"] in ("success", "collision", "timeout")
+                assert info["outcome"] in (Outcome.SUCCESS, Outcome.COLLISION, Outcome.TIMEOUT)
                 assert info["terminal_observation"]["vehicle"].shape == (5,)
     assert ends > 4
 
@@ -212,7 +213,7 @@ def test_the_vec_env_tells_the_end_of_an_episode_as_it_was():
     action, returned, ends = np.tile([[1.0, 0.0], [0.2, 0.1]], (3, 1)), np.zeros(6), []
     for _ in range(70):
         before = env._running.worlds
-        command = env.view.commands(before.position[:, 0], before.goal[:, 0], action)
+        command = env.view.commands(before.position[:, 0], before.goal[:, 0], before.preferred_speed[:, 0], action)
         after, (outcome, gap, _) = step(before, command, crowd_velocities(before, scenario.policies))
         last = env.view.observe(after)
         seen, rewards, dones, infos = env.step(action)
@@ -229,7 +230,7 @@ def test_the_vec_env_tells_the_end_of_an_episode_as_it_was():
                 assert infos[row]["episode"]["r"] == pytest.approx(returned[row])
                 assert not np.array_equal(seen["vehicle"][row], last["vehicle"][row])
                 returned[row] = 0.0
-    assert {"timeout", "collision"} <= set(ends)
+    assert {Outcome.TIMEOUT, Outcome.COLLISION} <= set(ends)
 
 
 def test_every_agent_has_a_world_of_its_own():
@@ -324,11 +325,18 @@ def test_rays_and_the_motion_are_named_parts_and_stand_at_the_end_of_a_vector():
         gymnasium.make(**made)
 
 
-@pytest.mark.parametrize("action", [{}, None, "left", [1.0], [[1.0], [1.0, 2.0]], [np.nan, 0.0]])
+@pytest.mark.parametrize(
+    "action",
+    [
+        *({}, None, "left", [1.0], [[1.0], [1.0, 2.0]], [np.nan, 0.0], ["1", "1"], np.array(["1", "1"], object)),
+        *([1j, 0j], [True, False], np.zeros(2, "datetime64[s]"), np.zeros(2, "timedelta64[s]"), [b"1", b"1"]),
+        *([10**400, 0], torch.zeros(2, requires_grad=True)),
+    ],
+)
 def test_an_action_that_is_no_pair_of_numbers_gets_one_sentence(action):
     env = VehicleEnv()
     env.reset(seed=0)
-    with pytest.raises(InputError, match="an action must be a finite velocity"):
+    with pytest.raises(InputError, match="an action must be two finite numbers"):
         env.step(action)
 
 
