@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from gymnasium.spaces import Box, Dict, Space
+from gymnasium.spaces import Box, Space
 from gymnasium.utils import seeding
 from jaxtyping import Float, Int
 from pettingzoo import ParallelEnv
@@ -24,6 +24,7 @@ from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, finish_step, move
 from crowdbench.utils.errors import InputError
 from crowdbench.views.ego import ego_views, flatten_everybody, with_own_motion
+from crowdbench.views.global_state import global_state, state_bounds
 from crowdbench.views.view import NEAREST, Observed, View, row_of
 
 VEHICLE = "vehicle"
@@ -41,8 +42,9 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
 
     - Agents: `vehicle`, and `pedestrian_0`, `pedestrian_1`, ... for the pedestrians of the case. In a scenario with
       recorded pedestrians, only the vehicle.
-    - Observations: see `crowdbench.views.view`. The vehicle uses the scenario's sensor, pedestrians observe all agents
-      and have no lidar. A pedestrian is a disc that moves in any direction; its heading is that of its velocity.
+    - Observations: see `crowdbench.views.view`. The vehicle uses the scenario's sensor, pedestrians observe all agents.
+      A pedestrian is a disc that moves in any direction; its heading is that of its velocity.
+    - State: see `crowdbench.views.global_state`.
     - Actions: by default a velocity `(vx, vy)` as a share of the agent's preferred speed, in [-1, 1]; see
       `crowdbench.views.actions`. A speed above the preferred speed is reduced to it. The scenario's `limits` bound
       changes of a pedestrian's velocity. A pedestrian without an action, or with None, follows the scenario's policy.
@@ -54,7 +56,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
       and follows the scenario's policy, unless the scenario's `arrival` removes it. If pedestrians get new goals or are
       replaced on arrival, the agent continues with the new goal or as the new pedestrian. All agents terminate when the
       vehicle reaches its goal or collides.
-    - Truncations: all agents, at the scenario's time limit.
+    - Truncations: all agents, at the scenario's time limit or after `max_episode_steps`.
     - Infos: numbers: `case`; `outcome`, the number of the agent's `Outcome`; `is_success`; and `gap`, the smallest
       distance in metres between the rims of the agent and another one during the step.
 
@@ -69,6 +71,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         nearest: Largest number of other agents in an observation in the frame of the goal.
         rays: Number of rays to walls in an observation in the frame of the goal.
         dtype: Type of the numbers of an observation: `float32`, or `float64` for unrounded numbers.
+        max_episode_steps: Largest number of steps of an episode, after which it is truncated.
 
     Raises:
         InputError: Scenario, render mode, reward, observation, action or type do not exist; or agents see only the
@@ -91,7 +94,9 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         nearest: int = NEAREST,
         rays: int = 0,
         dtype: str = "float32",
+        max_episode_steps: int | None = None,
     ) -> None:
+        self._max_steps = stepping.check_max_steps(max_episode_steps)
         scenario = stepping.as_scenario(scenario)
         view = View(scenario, observation, action, nearest, rays, dtype)
         super().__init__(view, render_mode, reward)
@@ -106,13 +111,9 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         pedestrians = 0 if scenario.tracks else most
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
         self.agents: list[str] = []
-        space = view.observation_space
-        without_lidar = (
-            Dict({k: part for k, part in space.items() if k != "lidar"}) if isinstance(space, Dict) else space
-        )
-        self.observation_spaces = {agent: without_lidar for agent in self.possible_agents}
-        self.observation_spaces[VEHICLE] = space
-        self.action_spaces = {agent: view.pedestrian_action_space for agent in self.possible_agents}
+        self.observation_spaces = dict.fromkeys(self.possible_agents, view.observation_space)
+        self.state_space = view.box(*state_bounds(scenario))
+        self.action_spaces = dict.fromkeys(self.possible_agents, view.pedestrian_action_space)
         self.action_spaces[VEHICLE] = view.action_space
         self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
         self._generator: np.random.Generator | None = None
@@ -127,6 +128,11 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
     def action_space(self, agent: str) -> Box:
         """Return the action space of an agent, the same object at each call."""
         return self.action_spaces[agent]
+
+    def state(self) -> Float[np.ndarray, "features"]:
+        """Return the global state of the world."""
+        self._check_reset()
+        return global_state(self._world)[0].astype(self.view.dtype)
 
     def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Observations, Infos]:
         """Start a new episode.
@@ -172,7 +178,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         outcome, gap, present = outcomes.tolist(), gaps.tolist(), self._world.present[0].tolist()
         observations = self._by_agent(views)
         columns = [(agent, self._column[agent]) for agent in agents]
-        truncated = outcome[0] == _TIMEOUT
+        truncated = outcome[0] == _TIMEOUT or int(self._world.step[0]) >= self._max_steps
         over = outcome[0] not in (_RUNNING, _TIMEOUT)
         leaves = self.scenario.crowd.arrival not in CONTINUING_ARRIVALS
         rewards_of, terminations, infos = {}, {}, {}

@@ -105,17 +105,18 @@ def ego_views(world: World) -> World:
 
 
 def with_own_motion(views: World, world: World, past: Float[np.ndarray, "1 time 2"] | None = None) -> World:
-    """Return the ego views of one world with what else a pedestrian observes: its motion, and the others' histories.
+    """Return the ego views of one world with what else an agent observes: its motion, a lidar, the others' histories.
 
-    A pedestrian is a disc that moves in any direction. Its heading is the direction of its velocity.
+    A pedestrian is a disc that moves in any direction. Its heading is the direction of its velocity. It has the lidar
+    of the vehicle.
 
     Args:
         views: `ego_views` of the world.
         world: The world.
         past: The last positions of the vehicle in metres, as `World.history`; None to leave out the histories.
     """
-    velocity = views.velocity[:, 0]
-    rules = dataclasses.replace(views.rules, dynamics=Holonomic(), actuation=DIRECT, body=DISC)
+    velocity, sensor = views.velocity[:, 0], PERFECT_SENSOR.model_copy(update={"lidar": world.rules.sensor.lidar})
+    rules = dataclasses.replace(views.rules, dynamics=Holonomic(), actuation=DIRECT, body=DISC, sensor=sensor)
     heading = np.arctan2(velocity[:, 1], velocity[:, 0])
     views = views.replace(rules=rules, heading=heading, angular_speed=np.zeros(len(views)))
     if past is None:
