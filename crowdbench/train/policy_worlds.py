@@ -52,7 +52,7 @@ class PolicyWorlds:
         self, scenario: Scenario, rows: np.ndarray, cases: int, reward: CheckedReward, interface: PolicyInterface
     ) -> None:
         self.rows = rows
-        self.worlds = TrainingWorlds(len(rows), View(scenario), reward, cases)
+        self.worlds = TrainingWorlds(len(rows), View(scenario, action="velocity"), reward, cases)
         self._interface = interface
         self._filter = KalmanFilter()
 

@@ -20,7 +20,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.dynamics import DISC, Holonomic
+from crowdbench.core.dynamics import DIRECT, DISC, Holonomic
 from crowdbench.core.types import PERFECT_SENSOR, Observation, World
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells, nearest_of_all
 from crowdbench.sim.routes import goals_on_way
@@ -105,16 +105,18 @@ def ego_views(world: World) -> World:
 
 
 def with_own_motion(views: World, world: World, past: Float[np.ndarray, "1 time 2"] | None = None) -> World:
-    """Return the ego views of one world with what else a pedestrian observes: its motion, and the others' histories.
+    """Return the ego views of one world with what else an agent observes: its motion, a lidar, the others' histories.
 
-    A pedestrian is a disc that moves in any direction. Its heading is the direction of its velocity.
+    A pedestrian is a disc that moves in any direction. Its heading is the direction of its velocity. It has the lidar
+    of the vehicle.
 
     Args:
         views: `ego_views` of the world.
         world: The world.
         past: The last positions of the vehicle in metres, as `World.history`; None to leave out the histories.
     """
-    velocity, rules = views.velocity[:, 0], dataclasses.replace(views.rules, dynamics=Holonomic(), body=DISC)
+    velocity, sensor = views.velocity[:, 0], PERFECT_SENSOR.model_copy(update={"lidar": world.rules.sensor.lidar})
+    rules = dataclasses.replace(views.rules, dynamics=Holonomic(), actuation=DIRECT, body=DISC, sensor=sensor)
     heading = np.arctan2(velocity[:, 1], velocity[:, 0])
     views = views.replace(rules=rules, heading=heading, angular_speed=np.zeros(len(views)))
     if past is None:
