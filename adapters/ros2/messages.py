@@ -166,7 +166,7 @@ class Clock:
         return 1e-9 * (nanoseconds - self._begin)
 
     def _behind(self, delays: list[float]) -> float:
-        """Return by how many seconds stamps are behind those of the reference; 0 without stamps."""
+        """Return by how many seconds stamps are behind the stamps of the reference; 0 without stamps."""
         delay = self._median(delays)
         return 0.0 if delay is None else delay - self._delay
 

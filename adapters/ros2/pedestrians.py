@@ -88,7 +88,7 @@ def _sightings(message: Message, table: PeopleTable) -> Iterator[Sighting]:
 
 
 def _fields_of(kind: str, table: PeopleTable) -> Fields:
-    """Return the fields of a type of messages: those in the drive file, or else those of a known type."""
+    """Return the fields of a type of messages: as in the drive file, or else as in a known type."""
     usual = FIELDS.get(kind, Fields("", "", ""))
     fields = Fields(table.list or usual.list, table.position or usual.position, table.id or usual.id)
     if not (fields.list and fields.position):

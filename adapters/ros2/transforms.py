@@ -40,7 +40,7 @@ class Trajectory(NamedTuple):
 
         Args:
             rows: The stamp in seconds, x, y and yaw of each message.
-            name: What has moved, for errors.
+            name: Name of the moving thing, for errors.
 
         Raises:
             InputError: A pose is not finite, or the stamps go back far.
