@@ -25,7 +25,7 @@ from crowdbench.plugins.kind import file_and_function
 from crowdbench.plugins.plugin_files import read_files
 from crowdbench.predict.predictor import Predictor, predict
 from crowdbench.predict.predictors import load_predictor
-from crowdbench.sim.lines_of_sight import wall_distances
+from crowdbench.sim.lidar import wall_distances
 from crowdbench.utils.errors import InputError, is_integer
 
 

@@ -45,7 +45,7 @@ from crowdbench.networks.features_ahead import MOTION, REACH, motion
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import EXTENT
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.lines_of_sight import wall_distances
+from crowdbench.sim.lidar import wall_distances
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import is_integer, is_number, require
 from crowdbench.views.ego import AGENT_FEATURES, flatten, flatten_vehicle

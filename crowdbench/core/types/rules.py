@@ -40,10 +40,21 @@ class Lidar(TomlTable):
     Attributes:
         beams: Number of beams. The first one points along the heading, the others follow counter-clockwise.
         range: Length of a beam in metres.
+        legs: True if a person is a pair of legs that walk, see `crowdbench.sim.lidar`; otherwise a disc.
+        noise: Standard deviation in metres of the normal noise of each distance below the range.
+        dropout: Probability that a beam that meets something returns the range.
+        false_returns: Probability that a beam returns a distance that is uniform between 0 and the measured one.
+
+    The last four are None by default, which means False or 0, so that they change the digest of no scenario without
+    them.
     """
 
     beams: int = integer(least=1, most=10_000)
     range: float = number(above=0.0, below=1e6)
+    legs: bool | None = Field(default=None, description="true or false")
+    noise: float | None = number(None, least=0.0, below=1e3)
+    dropout: float | None = number(None, least=0.0, below=1.0)
+    false_returns: float | None = number(None, least=0.0, below=1.0)
 
 
 class Sensor(TomlTable):
