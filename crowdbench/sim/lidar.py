@@ -15,9 +15,12 @@ from jaxtyping import Float
 
 from crowdbench.core.arrays import Walls, WorldPoints
 from crowdbench.core.rng import philox, purpose_bits
-from crowdbench.core.types import Lidar, World
+from crowdbench.core.types import Lidar, Observation, World
 from crowdbench.sim.obstacles import number_of_corners
 from crowdbench.utils.compiled import njit
+
+DEFAULT_LIDAR = Lidar(beams=180, range=10.0)
+"""The lidar of policies that need one in scenarios without `[sensor.lidar]`."""
 
 LEG_RADIUS = 0.07
 """Radius of a leg in metres."""
@@ -63,6 +66,23 @@ def scan(world: World, lidar: Lidar, agents: int = 1) -> Float[np.ndarray, "worl
     if any(chances):
         _disturb(world.key, world.step, *chances, lidar.range, distance)
     return distance
+
+
+def scan_of(obs: Observation) -> Float[np.ndarray, "world beam"]:
+    """Return the scan of an observation: that of the scenario's lidar, or else of `DEFAULT_LIDAR`.
+
+    The default lidar measures the pedestrians in the observation, as discs, and the obstacles.
+    """
+    if obs.lidar is not None:
+        return obs.lidar
+    vehicle, crowd, lidar = obs.vehicle, obs.pedestrians, DEFAULT_LIDAR
+    position = np.concatenate([vehicle.position[:, None], crowd.position], axis=1)
+    radius = np.concatenate([vehicle.radius[:, None], crowd.radius], axis=1)
+    present = np.concatenate([np.ones((len(obs), 1), bool), crowd.seen], axis=1)
+    person, distance = np.zeros(crowd.seen.shape, np.int64), np.empty((len(obs), 1, lidar.beams))
+    people = position, np.zeros_like(position), radius, present, person
+    measure_beams(vehicle.heading[:, None], *people, np.zeros(0), np.zeros(0), obs.obstacles, lidar.range, distance)
+    return distance[:, 0]
 
 
 def wall_distances(
