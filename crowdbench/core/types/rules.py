@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, FREE, Body, Dynamics
 from crowdbench.core.types.attention import Attention
@@ -45,8 +45,7 @@ class Lidar(TomlTable):
         dropout: Probability that a beam that meets something returns the range.
         false_returns: Probability that a beam returns a distance that is uniform between 0 and the measured one.
 
-    The last four are None by default, which means False or 0, so that they change the digest of no scenario without
-    them.
+    The last four are None for False or 0, so that they change the digest of no scenario without them.
     """
 
     beams: int = integer(least=1, most=10_000)
@@ -55,6 +54,11 @@ class Lidar(TomlTable):
     noise: float | None = number(None, least=0.0, below=1e3)
     dropout: float | None = number(None, least=0.0, below=1.0)
     false_returns: float | None = number(None, least=0.0, below=1.0)
+
+    @field_validator("legs", "noise", "dropout", "false_returns")
+    @classmethod
+    def _without_default(cls, value: float | None) -> float | None:
+        return value or None
 
 
 class Sensor(TomlTable):
