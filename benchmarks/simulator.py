@@ -234,7 +234,7 @@ def gymnasium_step(worlds: int, steps: int) -> float:
 
 def stable_baselines_step(worlds: int, steps: int) -> float:
     """Return seconds per vehicle and step of `CrowdVecEnv`."""
-    from examples.stable_baselines import CrowdVecEnv
+    from crowdbench.envs import CrowdVecEnv
 
     envs = CrowdVecEnv(worlds, SCENARIO, **VEC_OPTIONS, cases=worlds)
     envs.reset()

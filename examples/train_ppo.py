@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numba
 import torch
-from stable_baselines import CrowdVecEnv
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from crowdbench import export_policy
+from crowdbench.envs import CrowdVecEnv
 from crowdbench.networks import Seen, SetEncoder
 
 NEAREST = 5

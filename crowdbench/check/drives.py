@@ -36,7 +36,7 @@ from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.visibility_graph import who
 from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.toml import Location
-from crowdbench.views.view import NEAREST, View
+from crowdbench.views.view import View
 
 PLAN_AHEAD = Replanning(8, look_first=1)
 """Replanning of the check of `plan_ahead`."""
@@ -123,7 +123,7 @@ def _drive_simply(scenario: Scenario, world: World) -> Step:
     """Simulate a step in which the vehicle stands in every third case, and drives straight ahead in the others."""
     velocity = toward_goal(world.position[:, 0], goals_on_way(world)[:, 0], world.preferred_speed[:, 0])
     velocity[world.case % 3 == 2] = 0.0
-    return drive_step(View(scenario, "flat", "world", NEAREST), world, velocity)
+    return drive_step(View(scenario, action="velocity"), world, velocity)
 
 
 def _sample_observations(scenario: Scenario, cases: Cases) -> Iterator[tuple[list[str], dict[str, Any]]]:

@@ -24,6 +24,7 @@ from crowdbench.sim.neighbors import CELLS_FROM
 from crowdbench.sim.pedestrians.orca_crowd import ORCA, avoidance_of, orca_in_one
 from crowdbench.sim.simulator import After, move_agents, name_fields, state_before
 from crowdbench.utils.compiled import njit
+from crowdbench.views.actions import ACTIONS
 from crowdbench.views.ego import AGENT_FEATURES, flatten_agents
 from crowdbench.views.view import View
 
@@ -36,7 +37,8 @@ class Exchange(NamedTuple):
 
     Attributes:
         visible: Agents that pedestrians see.
-        action: Velocities in m/s, NaN for agents that do not act.
+        action: Actions, NaN for agents that do not act.
+        normalized: True for actions in [-1, 1], False for velocities in m/s.
         observed: Observations, filled by the kernel.
         outcome: An `Outcome` for each observer, filled by the kernel.
         gap: Smallest distances in metres, filled by the kernel.
@@ -45,6 +47,7 @@ class Exchange(NamedTuple):
 
     visible: Bool[np.ndarray, "1 agent"]
     action: Float[np.ndarray, "agent 2"]
+    normalized: bool
     observed: Float[np.ndarray, "1 observer features"]
     outcome: Int[np.ndarray, "observer"]
     gap: Float[np.ndarray, "observer"]
@@ -62,10 +65,12 @@ class CompiledStep:
 
     Args:
         world: The world at its start; see `fits`.
+        view: Observations of a policy, and the interpretation of its actions.
         everybody: True if every agent observes and has a reward; False if only the vehicle does.
     """
 
-    def __init__(self, world: World, everybody: bool) -> None:
+    def __init__(self, world: World, view: View, everybody: bool) -> None:
+        self._normalized, self._dtype = ACTIONS[view.action].normalized, view.dtype
         self.world = world = world.replace(**_copies(world))
         self._next = world.replace(**_copies(world))
         agents = world.radius.shape[1]
@@ -85,7 +90,8 @@ class CompiledStep:
         arrays = tuple(getattr(after, name) for name in After._fields)
         check = np.empty(1, np.int64), np.empty(1), np.empty(1)
         margins = tuple(map(per_agent, (parameters["safety_space"], *avoidance_of(parameters)[:3])))
-        exchange = visible, self._action, self._observed, self.outcome, self.gap, self.reward
+        acting = visible, self._action, self._normalized
+        exchange = *acting, self._observed, self.outcome, self.gap, self.reward
         return tuple(before.rules.numbers), state, commands, arrays, check, margins, exchange
 
     @staticmethod
@@ -96,7 +102,7 @@ class CompiledStep:
             view: Observations of a policy, and the interpretation of its actions.
         """
         scenario, rules = view.scenario, world.rules
-        is_usual = view.observation == "flat" and view.action == "world" and reward.reward is crowdnav
+        is_usual = view.observation == "flat" and ACTIONS[view.action].axes == "world" and reward.reward is crowdnav
         is_alone = isinstance(rules.dynamics, Holonomic) and rules.body == DISC and scenario.post_step_rule is None
         sees_all = rules.sensor.sees_all and not rules.sensor.nearest
         is_orca = [type(policy) for policy in scenario.policies.values()] == [ORCA]
@@ -112,7 +118,7 @@ class CompiledStep:
 
         Args:
             columns: Indices of the agents that act; others follow the scenario's policy.
-            actions: Their velocities in m/s.
+            actions: Their actions.
 
         Returns:
             The observation after the step.
@@ -122,7 +128,7 @@ class CompiledStep:
         _step_and_observe(*self._arguments[0])
         self._arguments.reverse()
         self.world, self._next = self._next, self.world
-        return self._observed[0].copy()
+        return self._observed[0].astype(self._dtype)
 
 
 def _copies(world: World) -> dict[str, np.ndarray]:
@@ -148,6 +154,10 @@ def _step_and_observe(numbers, state, commands, arrays, check, margins, exchange
     limits, agents = Margins(*margins), Exchange(*exchange)
     goal, speed, radius, crowd = before.goal, before.preferred_speed, before.radius, orders.crowd
     action, visible, outcome, gap = agents.action, agents.visible, agents.outcome, agents.gap
+    if agents.normalized:
+        for a in range(len(action)):
+            for k in range(2):
+                action[a, k] = 0.0 + min(max(action[a, k], -1.0), 1.0) * speed[0, a]  # 0.0 + x is never -0.0
     is_asked = False
     for a in range(1, len(action)):
         is_asked = is_asked or (before.present[0, a] and math.isnan(action[a, 0]))

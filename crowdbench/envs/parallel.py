@@ -24,7 +24,7 @@ from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, finish_step, move
 from crowdbench.utils.errors import InputError
 from crowdbench.views.ego import ego_views, flatten_everybody, with_own_motion
-from crowdbench.views.view import NEAREST, Observed, View, pedestrian_action_space, row_of
+from crowdbench.views.view import NEAREST, Observed, View, row_of
 
 VEHICLE = "vehicle"
 """The name of the vehicle as an agent. The others are `pedestrian_0`, `pedestrian_1`, ..."""
@@ -43,10 +43,10 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
       recorded pedestrians, only the vehicle.
     - Observations: see `crowdbench.views.view`. The vehicle uses the scenario's sensor, pedestrians observe all agents
       and have no lidar. A pedestrian is a disc that moves in any direction; its heading is that of its velocity.
-    - Actions: velocities `(vx, vy)` in m/s, along the axes of the world or in the frame of the agent's goal. A speed
-      above the agent's preferred speed is reduced to it. The scenario's `limits` bound changes of a pedestrian's
-      velocity. A pedestrian without an action, or with None, follows the scenario's policy. The vehicle must have an
-      action.
+    - Actions: by default a velocity `(vx, vy)` as a share of the agent's preferred speed, in [-1, 1]; see
+      `crowdbench.views.actions`. A speed above the preferred speed is reduced to it. The scenario's `limits` bound
+      changes of a pedestrian's velocity. A pedestrian without an action, or with None, follows the scenario's policy.
+      The vehicle must have an action.
     - Rewards: see `crowdbench.envs.rewards`, computed from the outcome and gap of each agent in
       its ego view (`crowdbench.views.ego.ego_views`).
     - Starting state: the case in the options of `reset`, or else a training case drawn from the seed.
@@ -55,21 +55,24 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
       replaced on arrival, the agent continues with the new goal or as the new pedestrian. All agents terminate when the
       vehicle reaches its goal or collides.
     - Truncations: all agents, at the scenario's time limit.
-    - Infos: `case`, its name such as `test/37`; after a step also `outcome`, the name of the agent's `Outcome`, and
-      `gap`, the smallest distance in metres between the rims of the agent and another one during the step.
+    - Infos: numbers: `case`; `outcome`, the number of the agent's `Outcome`; `is_success`; and `gap`, the smallest
+      distance in metres between the rims of the agent and another one during the step.
+
+    The attribute `case` is the name of the case, such as `test/37`.
 
     Args:
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
         observation: `flat`, `goal_frame` or `dict`.
-        action: `world` or `goal_frame`, the axes of a velocity, or `native`, commands of the vehicle's dynamics.
+        action: `normalized` or another name of `crowdbench.views.actions`.
         nearest: Largest number of other agents in an observation in the frame of the goal.
         rays: Number of rays to walls in an observation in the frame of the goal.
+        dtype: Type of the numbers of an observation: `float32`, or `float64` for unrounded numbers.
 
     Raises:
-        InputError: Scenario, render mode, reward, observation or action do not exist; or agents see only the nearest
-            others (`Sensor.nearest`), and the observation is not `flat` or the reward not `crowdnav`.
+        InputError: Scenario, render mode, reward, observation, action or type do not exist; or agents see only the
+            nearest others (`Sensor.nearest`), and the observation is not `flat` or the reward not `crowdnav`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -84,12 +87,13 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         render_mode: str | None = None,
         reward: str | Reward = "crowdnav",
         observation: str = "flat",
-        action: str = "world",
+        action: str = "normalized",
         nearest: int = NEAREST,
         rays: int = 0,
+        dtype: str = "float32",
     ) -> None:
         scenario = stepping.as_scenario(scenario)
-        view = View(scenario, observation, action, nearest, rays)
+        view = View(scenario, observation, action, nearest, rays, dtype)
         super().__init__(view, render_mode, reward)
         most, shown = scenario.max_agents - 1, scenario.rules.sensor.nearest
         is_default = observation == "flat" and self.reward.reward is crowdnav
@@ -108,7 +112,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         )
         self.observation_spaces = {agent: without_lidar for agent in self.possible_agents}
         self.observation_spaces[VEHICLE] = space
-        self.action_spaces = {agent: pedestrian_action_space(scenario) for agent in self.possible_agents}
+        self.action_spaces = {agent: view.pedestrian_action_space for agent in self.possible_agents}
         self.action_spaces[VEHICLE] = view.action_space
         self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
         self._generator: np.random.Generator | None = None
@@ -145,7 +149,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         self._start(case, self._generator, everybody=True)
         self.agents = [agent for agent in self.possible_agents if self._world.present[0, self._column[agent]]]
         self._bodies = int(self._world.present[0].sum()) if self.scenario.tracks is None else self.scenario.max_agents
-        return self._by_agent(self._observe()), {agent: {"case": self._case} for agent in self.agents}
+        return self._by_agent(self._observe()), {agent: stepping.make_info(self._number) for agent in self.agents}
 
     def step(
         self, actions: Mapping[str, np.ndarray | None]
@@ -153,13 +157,13 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         """Simulate one step.
 
         Args:
-            actions: Velocities `[2]` in m/s by agent: of the vehicle, and of any pedestrians.
+            actions: Actions `[2]` by agent: of the vehicle, and of any pedestrians.
 
         Returns:
             Observations, rewards, terminations, truncations and infos by agent, of the agents before the step.
 
         Raises:
-            InputError: The vehicle has no action, an action belongs to no current agent, or is not a finite velocity.
+            InputError: The vehicle has no action, an action belongs to no current agent, or is not two finite numbers.
         """
         if not self.agents and not actions:
             return {}, {}, {}, {}, {}
@@ -176,24 +180,24 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
             arrived = outcome[column] == _SUCCESS and leaves
             rewards_of[agent] = rewards[column]
             terminations[agent] = over or arrived or not present[column]
-            infos[agent] = {"outcome": stepping.LABELS[outcome[column]], "gap": gap[column], "case": self._case}
+            infos[agent] = stepping.make_info(self._number, outcome[column], gap[column])
         self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
         return observations, rewards_of, terminations, dict.fromkeys(agents, truncated), infos
 
     def _advance(
-        self, acting: list[int], velocities: Float[np.ndarray, "n 2"]
+        self, acting: list[int], actions: Float[np.ndarray, "n 2"]
     ) -> tuple[Int[np.ndarray, "agent"], Float[np.ndarray, "agent"], list[float], Observed]:
         """Advance the world by one step.
 
         Args:
             acting: Columns of the acting agents.
-            velocities: Their velocities in m/s.
+            actions: Their actions.
 
         Returns:
             Outcomes, gaps in metres, rewards, and the observation of each agent after the step.
         """
         if (compiled := self._compiled) is not None:
-            views = compiled.step(acting, velocities)
+            views = compiled.step(acting, actions)
             self._enter(compiled.world)
             return compiled.outcome, compiled.gap, compiled.reward.tolist(), views
         before, world = self._world, self._world
@@ -201,7 +205,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         # A policy with a memory is updated at every step, even if no pedestrian follows it.
         if len(acting) < self._bodies or any(world.memory.values()):
             chosen[:, 1:], world = crowd_decisions(world, self.scenario.policies)
-        chosen[0, acting] = velocities
+        of = tuple(array[0, acting] for array in (before.position, goals_on_way(before), before.preferred_speed))
+        chosen[0, acting] = self.view.commands(*of, actions, np.array(acting) == 0)
         moved, check = move(world, self.view.to_command(world, chosen[:, 0]), chosen[:, 1:])
         outcomes, gaps = outcomes_of_agents(before, moved, check)
         if self.reward.reward is crowdnav:  # it needs no ego views
@@ -227,7 +232,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
     def _observe(self) -> Observed:
         """Return the observation of each agent, by column."""
         if self.view.observation == "flat":
-            return flatten_everybody(self._world)[0]
+            return self.view.rounded(flatten_everybody(self._world)[0])
         ego = self._ego_views(self._world)
         if self.view.observation == "goal_frame" and not self.view.rays and self._world.rules.sensor.sees_all:
             return self.view.observe(ego)
@@ -239,7 +244,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         return {agent: views[self._column[agent]] for agent in self.agents}
 
     def _check_actions(self, actions: Mapping[str, np.ndarray | None]) -> tuple[list[int], Float[np.ndarray, "n 2"]]:
-        """Return the columns of the acting agents, and their velocities in m/s. Raises InputError as `step` does."""
+        """Return the columns of the acting agents, and their actions. Raises InputError as `step` does."""
         given = {agent: action for agent, action in actions.items() if action is not None}
         if not self.agents:
             raise InputError("the episode is over: call reset()")
@@ -249,10 +254,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
                 f"there may be others for {', '.join(self.agents[1:]) or 'no other agent'}"
             )
         chosen = stepping.check_actions(list(given.values()), (len(given), 2))
-        columns, world = [self._column[agent] for agent in given], self._world
-        if self.view.action == "goal_frame":
-            chosen = self.view.commands(world.position[0, columns], goals_on_way(world)[0, columns], chosen)
-        return columns, chosen
+        return [self._column[agent] for agent in given], chosen
 
 
 parallel_env = CrowdParallelEnv

@@ -27,8 +27,8 @@ from crowdbench.views.view import View
 TRAINING_CASES = 2**32
 """Without `options={"case": ...}`, `reset` draws one of this many training cases."""
 
-LABELS = tuple(outcome.label for outcome in Outcome)
-"""The name of each `Outcome` in infos, by its number."""
+# As integers, because access to members of an enumeration is slow.
+_RUNNING, _SUCCESS = int(Outcome.RUNNING), int(Outcome.SUCCESS)
 
 
 def as_scenario(scenario: str | Path | Scenario) -> Scenario:
@@ -51,6 +51,17 @@ def check_options(options: Mapping[str, Any] | None, *names: str) -> Mapping[str
 def choose_case(case: object, generator: np.random.Generator) -> str:
     """Return the case of a new episode: the given case, such as `test/37`, or else a random training case."""
     return f"train/{generator.integers(TRAINING_CASES)}" if case is None else str(case)
+
+
+def make_info(case: int, outcome: int = _RUNNING, gap: float = math.inf) -> dict[str, int | float | bool]:
+    """Return the info of an agent, numbers alone.
+
+    Args:
+        case: The number of the case.
+        outcome: The `Outcome` of the step.
+        gap: The smallest distance in metres between the agent's rim and another rim during the step.
+    """
+    return {"outcome": outcome, "is_success": outcome == _SUCCESS, "gap": gap, "case": case}
 
 
 def start(scenario: Scenario, cases: Sequence[str]) -> World:
@@ -77,6 +88,9 @@ def start(scenario: Scenario, cases: Sequence[str]) -> World:
 class OneWorld:
     """Shared parts of the environments of one world: its scenario, its case, its state and its picture.
 
+    Attributes:
+        case: The name of the case, such as `test/37`; empty before the first reset.
+
     Args:
         view: The scenario, the observations of a policy, and the interpretation of its actions.
         render_mode: `human`, `rgb_array` or None.
@@ -94,31 +108,33 @@ class OneWorld:
         self.metadata = {**self.metadata, "render_fps": round(1 / self.scenario.rules.dt)}  # type: ignore[misc]
         self._renderer = Renderer(render_mode)
         self._window = Window()
-        self._case = ""
+        self.case, self._number = "", 0
         self._world: World
         self._compiled: CompiledStep | None = None
 
     def _start(self, case: object, generator: np.random.Generator, *, everybody: bool) -> None:
         """Start a case, or a random training case if None. `everybody` is True if pedestrians observe too."""
-        self._case = choose_case(case, generator)
-        self._enter(start(self.scenario, [self._case]))
+        self.case = choose_case(case, generator)
+        world = start(self.scenario, [self.case])
+        self._number = int(world.case[0])
+        self._enter(world)
         fits = CompiledStep.fits(self._world, self.view, self.reward)
-        self._compiled = CompiledStep(self._world, everybody) if fits else None
+        self._compiled = CompiledStep(self._world, self.view, everybody) if fits else None
 
     def _enter(self, world: World) -> None:
         self._world = world
         self._renderer.remember(world)
-        if self.render_mode == "human" and (picture := self._renderer.picture(self._case)) is not None:
+        if self.render_mode == "human" and (picture := self._renderer.picture(self.case)) is not None:
             self._window.show(picture, world.rules.dt)
 
     def _check_reset(self) -> None:
-        if not self._case:
+        if not self.case:
             raise error.ResetNeeded("call reset() first")
 
     def render(self) -> np.ndarray | None:
         """Return the picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""
         self._check_reset()
-        return None if self.render_mode == "human" else self._renderer.picture(self._case)
+        return None if self.render_mode == "human" else self._renderer.picture(self.case)
 
     def close(self) -> None:
         """Close the window of mode `human`."""
@@ -128,12 +144,13 @@ class OneWorld:
 def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*shape"]:
     """Return actions as float64. Raises InputError if they are not finite numbers of that shape."""
     try:
-        checked = np.asarray(actions, np.float64)
-    except (TypeError, ValueError):
-        checked = np.full(shape, np.nan)
+        given = np.asarray(actions)
+    except (TypeError, ValueError, RuntimeError):  # torch raises the last one for a tensor with a gradient
+        given = np.array(None)
+    checked = given.astype(np.float64, copy=False) if given.dtype.kind in "fiu" else np.full(shape, np.nan)
     # A sum is finite only if all its terms are, and takes half the time of a test of each.
     if checked.shape != shape or not (math.isfinite(checked.sum()) or np.isfinite(checked).all()):
-        raise InputError(f"an action must be a finite velocity (vx, vy) in m/s, or a native command, not {actions!r}")
+        raise InputError(f"an action must be two finite numbers, not {actions!r:.200}")
     return checked
 
 
@@ -144,7 +161,8 @@ def drive(view: View, before: World, actions: Float[np.ndarray, "world 2"]) -> S
         view: Interpretation of actions, and the scenario.
         actions: The vehicles' actions, checked.
     """
-    velocity = view.commands(before.position[:, 0], goals_on_way(before)[:, 0], actions)
+    speed = before.preferred_speed[:, 0]
+    velocity = view.commands(before.position[:, 0], goals_on_way(before)[:, 0], speed, actions)
     command = view.to_command(before, velocity)
     crowd, before = crowd_decisions(before, view.scenario.policies)
     after, (outcome, gap, _) = step(before, command, crowd, view.scenario.post_step_rule)

@@ -20,8 +20,6 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
 from crowdbench.views.view import NEAREST, Observed, View, row_of
 
-LABELS = np.array(stepping.LABELS, object)
-
 _Flags = Bool[np.ndarray, "world"]
 
 
@@ -29,24 +27,25 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
     """The vehicle in many worlds of a scenario, `crowdbench/Vehicle-v0` for `gymnasium.make_vec`.
 
     Observations, actions, rewards, terminations, truncations and infos of each world equal the ones of a `VehicleEnv`
-    with the same seed.
+    with the same seed. The attribute `cases` lists the names of the cases, such as `test/37`.
 
     All worlds are simulated at once. `vectorization_mode="sync"` steps them one after the other: with 128 worlds this
     takes about twice as long if observations are `flat`, and otherwise eight times as long. Only that mode renders.
-    With stable-baselines3, `CrowdVecEnv` of examples/stable_baselines.py is as fast as this environment.
+    With stable-baselines3, `crowdbench.envs.CrowdVecEnv` is as fast as this environment.
 
     Args:
         num_envs: Number of worlds.
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         autoreset_mode: When worlds whose episode is over are reset, as in Gymnasium's `SyncVectorEnv`.
-        reward: As for `VehicleEnv`, and so are the next four.
+        reward: As for `VehicleEnv`, and so are the next five.
         observation: `flat`, `goal_frame` or `dict`.
-        action: `world`, `goal_frame` or `native`.
+        action: `normalized` or another name of `crowdbench.views.actions`.
         nearest: Largest number of pedestrians in an observation in the frame of the goal.
         rays: Number of rays to walls in an observation in the frame of the goal.
+        dtype: Type of the numbers of an observation: `float32` or `float64`.
 
     Raises:
-        InputError: Scenario, reward, observation or action do not exist.
+        InputError: Scenario, reward, observation, action or type do not exist.
     """
 
     def __init__(
@@ -56,22 +55,24 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         reward: str | Reward = "crowdnav",
         observation: str = "flat",
-        action: str = "world",
+        action: str = "normalized",
         nearest: int = NEAREST,
         rays: int = 0,
+        dtype: str = "float32",
     ) -> None:
         self.num_envs = num_envs
         self.scenario = stepping.as_scenario(scenario)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
-        self.view = View(self.scenario, observation, action, nearest, rays)
+        self.view = View(self.scenario, observation, action, nearest, rays, dtype)
         self.reward = load_reward(reward)
         self.single_observation_space = self.view.observation_space
         self.single_action_space = self.view.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
-        self._cases = np.full(num_envs, None, object)
+        self.cases = [""] * num_envs
+        self._numbers = np.zeros(num_envs, np.int64)
         self._over = np.zeros(num_envs, bool)
         self._worlds: World | None = None
 
@@ -106,21 +107,21 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         self._worlds = self._restart(self._worlds, mask, cases)
         self._over[mask] = False
         infos: dict[str, Any] = {}
-        _add(infos, mask, case=self._cases)
+        _add(infos, mask, **self._facts(np.full(self.num_envs, Outcome.RUNNING), np.full(self.num_envs, np.inf)))
         return self.view.observe(self._worlds), infos
 
     def step(self, actions: np.ndarray) -> tuple[Observed, Float[np.ndarray, "world"], _Flags, _Flags, dict[str, Any]]:
         """Simulate one step in all worlds.
 
         Args:
-            actions: The vehicles' velocities `[world, 2]` in m/s.
+            actions: The vehicles' actions `[world, 2]`.
 
         Returns:
             Observations, rewards, terminations, truncations and infos. In mode `SAME_STEP`, the last observations and
             infos of episodes that ended are in infos as `final_obs` and `final_info`.
 
         Raises:
-            InputError: The actions are not finite velocities.
+            InputError: The actions are not finite numbers.
             gymnasium.error.ResetNeeded: There was no reset yet or, in mode `DISABLED`, an episode is over.
         """
         if self._worlds is None or (self.autoreset_mode == AutoresetMode.DISABLED and self._over.any()):
@@ -142,8 +143,8 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             self._over = np.zeros(self.num_envs, bool)
             infos = self._final(step, restarted)
             worlds = self._restart(worlds, restarted)
-        _add(infos, ~restarted, outcome=LABELS[outcome], gap=gap)
-        _add(infos, np.ones(self.num_envs, bool), case=self._cases)
+            outcome[restarted], gap[restarted] = Outcome.RUNNING, np.inf
+        _add(infos, np.ones(self.num_envs, bool), **self._facts(outcome, gap))
         self._worlds = worlds
         return self.view.observe(worlds), rewards, terminated, truncated, infos
 
@@ -168,7 +169,9 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             case = None if cases is None else cases[row]
             names.append(stepping.choose_case(case, generator))
         fresh = stepping.start(self.scenario, names)
-        self._cases[rows] = names
+        for row, name in zip(rows.tolist(), names, strict=True):
+            self.cases[row] = name
+        self._numbers[rows] = fresh.case
         return fresh if worlds is None or mask.all() else worlds.put(rows, fresh)
 
     def _final(self, step: Step, ended: _Flags) -> dict[str, Any]:
@@ -178,8 +181,12 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         for index, row in enumerate(np.flatnonzero(ended)):
             final_obs[row] = row_of(seen, index)
         final_info: dict[str, Any] = {}
-        _add(final_info, ended, outcome=LABELS[step.outcome], gap=step.gap, case=self._cases)
+        _add(final_info, ended, **self._facts(step.outcome, step.gap))
         return {"final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended.copy()}
+
+    def _facts(self, outcome: np.ndarray, gap: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the infos of all worlds, as `stepping.make_info` of each."""
+        return {"outcome": outcome, "is_success": outcome == Outcome.SUCCESS, "gap": gap, "case": self._numbers}
 
     def _mask(self, mask: object) -> _Flags:
         if mask is None:
@@ -203,10 +210,8 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
 
 
 def _add(infos: dict[str, Any], mask: _Flags, **values: np.ndarray) -> None:
-    """Add values of some worlds to infos in Gymnasium's form, each with a mask `_name`; the others get 0 or None."""
+    """Add values of some worlds to infos in Gymnasium's form, each with a mask `_name`; the others get 0."""
     if mask.any():
         for name, value in values.items():
-            missing = None if value.dtype == object else 0
-            infos[name] = np.full_like(value, missing)
-            infos[name][mask] = value[mask]
+            infos[name] = np.where(mask, value, np.zeros_like(value))
             infos[f"_{name}"] = mask.copy()

@@ -22,25 +22,29 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
     `gymnasium.make("crowdbench:crowdbench/Vehicle-v0")` also works in a program that does not import crowdbench.
 
     - Observation: see `crowdbench.views.view`.
-    - Action: a velocity `(vx, vy)` in m/s. A speed above the vehicle's preferred speed is reduced to it.
+    - Action: by default a velocity `(vx, vy)` as a share of the preferred speed, in [-1, 1]; see
+      `crowdbench.views.actions`. A speed above the vehicle's preferred speed is reduced to it.
     - Reward: see `crowdbench.envs.rewards`.
     - Starting state: the case in the options of `reset`, or else a training case drawn from the seed.
     - Termination: success or collision.
     - Truncation: the scenario's time limit.
-    - Info: `case`, its name such as `test/37`; after a step also `outcome`, the name of its `Outcome`, and `gap`, the
-      smallest distance in metres between the rims of the vehicle and a pedestrian during the step.
+    - Info: numbers: `case`; `outcome`, the number of its `Outcome`; `is_success`; and `gap`, the smallest distance in
+      metres between the rims of the vehicle and a pedestrian during the step.
+
+    The attribute `case` is the name of the case, such as `test/37`.
 
     Args:
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
         observation: `flat`, `goal_frame` or `dict`.
-        action: `world` or `goal_frame`: the axes of a velocity; or `native`: commands of the vehicle's dynamics.
+        action: `normalized` or another name of `crowdbench.views.actions`.
         nearest: Largest number of pedestrians in an observation in the frame of the goal.
         rays: Number of rays to walls in an observation in the frame of the goal.
+        dtype: Type of the numbers of an observation: `float32`, or `float64` for unrounded numbers.
 
     Raises:
-        InputError: Scenario, render mode, reward, observation or action do not exist.
+        InputError: Scenario, render mode, reward, observation, action or type do not exist.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": RENDER_MODES}  # type: ignore[misc]
@@ -51,12 +55,13 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         render_mode: str | None = None,
         reward: str | Reward = "crowdnav",
         observation: str = "flat",
-        action: str = "world",
+        action: str = "normalized",
         nearest: int = NEAREST,
         rays: int = 0,
+        dtype: str = "float32",
     ) -> None:
         loaded = stepping.as_scenario(scenario)
-        super().__init__(View(loaded, observation, action, nearest, rays), render_mode, reward)
+        super().__init__(View(loaded, observation, action, nearest, rays, dtype), render_mode, reward)
         self.observation_space = self.view.observation_space
         self.action_space = self.view.action_space
 
@@ -78,19 +83,19 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         case = stepping.check_options(options, "case").get("case")
         super().reset(seed=seed)
         self._start(case, self.np_random, everybody=False)
-        return self._observation(), {"case": self._case}
+        return self._observation(), stepping.make_info(self._number)
 
     def step(self, action: np.ndarray) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
         """Simulate one step; the pedestrians follow the scenario's policies.
 
         Args:
-            action: The vehicle's velocity `[2]` in m/s, or its command.
+            action: The vehicle's action `[2]`.
 
         Returns:
             Observation, reward, terminated, truncated, info.
 
         Raises:
-            InputError: The action is not a finite velocity.
+            InputError: The action is not two finite numbers.
         """
         self._check_reset()
         action = stepping.check_actions(action, (2,))
@@ -105,7 +110,7 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
             outcome, gap, reward = step.outcome[0], step.gap[0], self.reward(step)[0]
         truncated = bool(outcome == Outcome.TIMEOUT)
         terminated = bool(outcome != Outcome.RUNNING) and not truncated
-        info = {"outcome": stepping.LABELS[outcome], "gap": float(gap), "case": self._case}
+        info = stepping.make_info(self._number, int(outcome), float(gap))
         return observed, float(reward), terminated, truncated, info
 
     def _observation(self) -> Observed:

@@ -1,16 +1,16 @@
 """Drives with the policy in an ONNX file, `--planner policy.onnx`. Reading the file runs no code.
 
-`crowdbench.export_policy` writes such files, with the training conditions of the policy as metadata. In files from
-other programs, the batch axis of each input must be dynamic. There is one input, or one for each key of an observation
-`dict`. Inputs whose name begins with `state` are the memory of a recurrent policy. The first output is the action, the
-others are the new memory, in the order of these inputs.
+`crowdbench.export_policy` writes such files, with the training conditions of the policy as metadata. There is one
+input, or one for each key of an observation `dict`. The first axis of an input is the batch: it is dynamic or fixed, or
+is missing if the network computes one world. Inputs whose name begins with `state` are the memory of a recurrent
+policy. The first output is the action, the others are the new memory, in the order of these inputs.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,9 @@ Normalisation and squashing are in the graph.
 STATE = "state"
 """Prefix of the inputs that hold the memory of a recurrent policy."""
 
+NO_BATCH = 0
+"""The batch of a network whose inputs have no batch axis: it computes one world."""
+
 TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 
@@ -51,7 +54,7 @@ def load_onnx(
     Args:
         file: The file.
         observation: Observation of the policy: flat, goal_frame or dict; by default as in the metadata.
-        action: Frame of its actions: world, goal_frame or native; by default as in the metadata.
+        action: Its actions, such as normalized, velocity or goal_frame; by default as in the metadata.
         nearest: Largest number of pedestrians that it observes; by default as in the metadata, or 10.
         dynamics: The vehicles that it may drive: holonomic, unicycle or bicycle; by default as in the metadata, or any.
 
@@ -71,9 +74,12 @@ def load_onnx(
         options = " ".join(f"--option {name}=goal_frame" for name in missing)
         about = command("list", "planners", file)
         raise InputError(f"{file} has no metadata of its training: give {options}; see {about}")
-    state = [tuple(one.shape[1:]) for one in session.get_inputs() if one.name.startswith(STATE)]
+    batch = _read_batch(file, session)
+    first = 0 if batch == NO_BATCH else 1  # axis of the state of one world
+    state = [tuple(one.shape[first:]) for one in session.get_inputs() if one.name.startswith(STATE)]
     view = trained["observation"], trained["action"], trained.get("nearest", NEAREST)
-    planner = PolicyPlanner(_function(file, session), *view, state, trained.get("dynamics"), trained.get("rays", 0))
+    more = trained.get("dynamics"), trained.get("rays", 0), "float64"  # the inputs of the network are cast to its types
+    planner = PolicyPlanner(_function(file, session, batch), *view, state, *more)
     planner.trained_pedestrians = int(trained["pedestrians"]) if "pedestrians" in trained else None
     planner.trained_dt = float(trained["dt"]) if "dt" in trained else None
     return planner
@@ -94,8 +100,29 @@ def _read(file: Path) -> tuple[InferenceSession, dict[str, Any]]:
         return session, dict(json.loads(session.get_modelmeta().custom_metadata_map.get(METADATA, "{}")))
 
 
-def _function(file: Path, session: InferenceSession) -> Callable[..., Any]:
-    """Return a network as the function of a `PolicyPlanner`."""
+def _read_batch(file: Path, session: InferenceSession) -> int | None:
+    """Return the fixed batch of a network, `NO_BATCH` if its inputs have no batch axis, or None if it is dynamic.
+
+    Raises InputError if its inputs have different fixed batches.
+    """
+    inputs = session.get_inputs()
+    if any(len(one.shape) == 1 for one in inputs if not one.name.startswith(STATE)):
+        return NO_BATCH
+    batches = {one.name: one.shape[0] for one in inputs if one.shape and isinstance(one.shape[0], int)}
+    if len(set(batches.values())) > 1:
+        found = ", ".join(f"{batch} in {name}" for name, batch in batches.items())
+        raise InputError(f"{file}: the first axis of all inputs must be the same batch, but is {found}")
+    return next(iter(batches.values()), None)
+
+
+def _function(file: Path, session: InferenceSession, batch: int | None) -> Callable[..., Any]:
+    """Return a network as the function of a `PolicyPlanner`.
+
+    Args:
+        file: The file of the network.
+        session: The network.
+        batch: Its batch, see `_read_batch`.
+    """
     types = {one.name: TYPES.get(one.type, np.float32) for one in session.get_inputs()}
     memory = [name for name in types if name.startswith(STATE)]
 
@@ -103,7 +130,35 @@ def _function(file: Path, session: InferenceSession) -> Callable[..., Any]:
         shown = observed if isinstance(observed, dict) else dict.fromkeys(types, observed)
         arrays = {**shown, **dict(zip(memory, state, strict=True))}
         with plugin_errors(f"{file} does not fit the scenario, or option observation or nearest:"):
-            answer = session.run(None, {name: arrays[name].astype(kind) for name, kind in types.items()})
+            inputs = {name: arrays[name].astype(kind) for name, kind in types.items()}
+            answer = _run(session, inputs, [(-1,), *(one.shape[1:] for one in state)], batch)
         return answer if state else answer[0]
 
     return act
+
+
+def _run(
+    session: InferenceSession, inputs: Mapping[str, np.ndarray], shapes: Sequence[tuple[int, ...]], batch: int | None
+) -> list[np.ndarray]:
+    """Run a network on all worlds. The last world fills up its last batch.
+
+    Args:
+        session: The network.
+        inputs: Arrays `[world, ...]` by name.
+        shapes: The shapes of its outputs for one world, which may lack their batch axis in a batch of one world.
+        batch: Its batch, see `_read_batch`.
+
+    Returns:
+        Its outputs `[world, ...]`.
+    """
+    number = len(next(iter(inputs.values())))
+    size = number if batch is None else max(batch, 1)
+    parts = []
+    for start in range(0, number, size):
+        rows = np.arange(start, start + size).clip(max=number - 1)
+        part = {name: array[start if batch == NO_BATCH else rows] for name, array in inputs.items()}
+        outputs = session.run(None, part)[: len(shapes)]
+        if size == 1:
+            outputs = [output.reshape(1, *shape) for output, shape in zip(outputs, shapes, strict=True)]
+        parts.append([output[: number - start] for output in outputs])
+    return [np.concatenate(part) for part in zip(*parts, strict=True)]

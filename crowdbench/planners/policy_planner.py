@@ -15,7 +15,8 @@ from crowdbench.networks.features import clip_to_disc, direction, to_world
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.validation import AnswerFault, validate_array
 from crowdbench.utils.errors import InputError
-from crowdbench.views.view import NEAREST, check_view, encode
+from crowdbench.views.actions import ACTIONS, scale
+from crowdbench.views.view import NEAREST, as_dtype, check_view, encode
 
 
 @dataclass(eq=False)
@@ -30,14 +31,15 @@ class PolicyPlanner(Planner):
             or a dictionary of arrays `[world, ...]`. With a `state`, it is called as `function(observed, *state)` and
             returns `(actions, *state)`.
         observation: Its observation: `flat`, `goal_frame` or `dict`, see `crowdbench.views.view`.
-        action: Frame of its actions: `world`, `goal_frame` or `native`.
+        action: Its actions, such as `normalized` or `velocity`, see `crowdbench.views.actions`.
         nearest: Largest number of pedestrians that it observes in the frame of the goal.
         state: Shapes of the memory arrays of a recurrent policy for one world, which are zeros when an episode starts.
         dynamics: The dynamics of the vehicles that it may drive, such as `holonomic`; any if None.
         rays: Number of rays to walls that it observes in the frame of the goal.
+        dtype: Type of the numbers that it observes, `float32` or `float64`.
 
     Raises:
-        InputError: There is no such observation or action.
+        InputError: There is no such observation, action or type.
     """
 
     function: Callable[..., Any]
@@ -47,10 +49,11 @@ class PolicyPlanner(Planner):
     state: Sequence[tuple[int, ...]] = ()
     dynamics: str | None = None
     rays: int = 0
+    dtype: str = "float32"
 
     def __post_init__(self) -> None:
-        check_view(self.observation, self.action, self.nearest, self.rays)
-        self.native = self.action == "native"
+        check_view(self.observation, self.action, self.nearest, self.rays, self.dtype)
+        self.native = ACTIONS[self.action].axes == "native"
         self.reset(np.arange(0))
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
@@ -69,16 +72,18 @@ class PolicyPlanner(Planner):
         if isinstance(action, AnswerFault) or not np.isfinite(action).all():
             return answer  # the driver raises an error that names the case
         speed, dynamics = vehicle.preferred_speed, vehicle.dynamics if self.native else FREE
-        action = np.clip(action, *dynamics.space(speed))
+        axes, normalized = ACTIONS[self.action]
+        low, high = dynamics.space(speed)
+        action = scale(action, low, high) if normalized else np.clip(action, low, high)
         if dynamics.name != FREE.name:
             return action
-        if self.action == "goal_frame":
+        if axes == "goal":
             action = to_world(action, direction(vehicle.position, vehicle.local_goal))
         return clip_to_disc(action, speed)
 
     def _act(self, obs: Observation) -> Any:
         """Return the actions of the function, and store its state."""
-        observed = encode(obs, self.observation, self.nearest, self.rays)
+        observed = as_dtype(encode(obs, self.observation, self.nearest, self.rays), self.dtype)
         if not self.state:
             return self.function(observed)
         if len(self.memory[0]) <= obs.row.max():  # called without a reset

@@ -39,7 +39,7 @@ def try_reward(reward: CheckedReward, scenario: Scenario) -> None:
 
     Raises InputError if the reward, the layout or a pedestrian policy fails.
     """
-    world, view = scenario.draw("train", np.zeros(1, np.int64)), View(scenario)
+    world, view = scenario.draw("train", np.zeros(1, np.int64)), View(scenario, action="velocity")
     while len(world):
         step = drive(view, world, np.zeros((1, 2)))
         reward(step)

@@ -60,7 +60,7 @@ class PolicyWorlds:
         interface: PolicyInterface | ScanInterface,
     ) -> None:
         self.rows = rows
-        self.worlds = TrainingWorlds(len(rows), View(scenario), reward, cases)
+        self.worlds = TrainingWorlds(len(rows), View(scenario, action="velocity"), reward, cases)
         self._interface = interface
         self._filter = KalmanFilter()
 

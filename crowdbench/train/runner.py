@@ -20,6 +20,7 @@ from crowdbench.runs.run import read_versions
 from crowdbench.train import checkpoint
 from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.config import METHODS, Config
+from crowdbench.train.event_files import log_curve
 from crowdbench.train.training import Point, Training
 from crowdbench.utils.errors import InputError, describe_error, find_named
 from crowdbench.utils.files import write_whole
@@ -112,9 +113,11 @@ class Runner:
         with checkpoint.hold(self.directory, training.config.program):
             if not training.curve:
                 self._save()  # at once, so that a full disk is reported before hours of work
-            for _ in training.learn():
-                self._save()
-                yield training.curve[-1]
+            with log_curve(self.directory, training) as log:
+                for _ in training.learn():
+                    self._save()
+                    log()
+                    yield training.curve[-1]
 
     def finish(self, progress: Callable[[float], None]) -> Path:
         """Measure the best network and write weights and card; the checkpoint is removed.

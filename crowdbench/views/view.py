@@ -12,11 +12,9 @@ Observations, of the vehicle:
 
 The vehicle observes through the scenario's sensor.
 
-Actions are velocities in m/s, along the axes of the world (`world`) or in the frame of the goal (`goal_frame`), which a
-vehicle on wheels follows as closely as its dynamics allow; or commands of the vehicle's dynamics (`native`), see
-`crowdbench.core.dynamics`.
+Actions: see `crowdbench.views.actions`. A vehicle on wheels follows a velocity as closely as its dynamics allow.
 
-Spaces are of float64, so that nothing is rounded. Their bounds follow from the scenario.
+Observations are of float32, or of float64, in which nothing is rounded. The bounds of spaces follow from the scenario.
 """
 
 from __future__ import annotations
@@ -28,8 +26,10 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 from gymnasium.spaces import Box
+from jaxtyping import Bool, Float
 
-from crowdbench.core.dynamics import SPEED_TOLERANCE, State
+from crowdbench.core.arrays import Numbers
+from crowdbench.core.dynamics import FREE, SPEED_TOLERANCE, State
 from crowdbench.core.rng import MOST_NORMAL
 from crowdbench.core.types import HISTORY, Observation, World
 from crowdbench.networks.features import (
@@ -48,16 +48,19 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.lidar import wall_distances
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import is_integer, is_number, require
+from crowdbench.views.actions import ACTIONS, scale
 from crowdbench.views.ego import AGENT_FEATURES, flatten, flatten_vehicle
 
 OBSERVATIONS = ("flat", "goal_frame", "dict")
-ACTIONS = ("world", "goal_frame", "native")
+DTYPES = ("float32", "float64")
 
 KEYS = ("vehicle", "pedestrians", "mask", "lidar", "motion", "rays", "history")
 """The keys of an observation `dict`, in its order; the order of its space is alphabetical."""
 
 NEAREST = 10
 """Default for the largest number of pedestrians in an observation in the frame of the goal."""
+
+Flags = Bool[np.ndarray, "world"]
 
 Observed = Any
 """An array `[world, features]`, or a dictionary of arrays `[world, ...]`."""
@@ -73,84 +76,119 @@ class View:
         action: One of `ACTIONS`.
         nearest: Largest number of pedestrians in an observation in the frame of the goal.
         rays: Number of rays to walls in the frame of the goal; 0 for neither rays nor the part `motion`.
+        dtype: Type of the numbers of observations, and of actions in physical units: `float32` or `float64`.
 
     Raises:
-        InputError: There is no such observation or action.
+        InputError: There is no such observation, action or type.
     """
 
     scenario: Scenario
     observation: str = "flat"
-    action: str = "world"
+    action: str = "normalized"
     nearest: int = NEAREST
     rays: int = 0
+    dtype: str = "float32"
 
     def __post_init__(self) -> None:
-        check_view(self.observation, self.action, self.nearest, self.rays)
+        check_view(self.observation, self.action, self.nearest, self.rays, self.dtype)
 
     @property
     def observation_space(self) -> spaces.Space[Any]:
         """The space of the observations of one world."""
         if self.observation == "flat":
-            return flat_space(self.scenario)
+            return self._box(*flat_bounds(self.scenario))
         k = self.nearest
         parts = {
-            "vehicle": _box(VEHICLE_FEATURES),
-            "pedestrians": _box(k, PEDESTRIAN_FEATURES),
-            "mask": Box(0.0, 1.0, (k,), np.float64),
+            "vehicle": self._unbounded(VEHICLE_FEATURES),
+            "pedestrians": self._unbounded(k, PEDESTRIAN_FEATURES),
+            "mask": self._box(np.zeros(k), np.ones(k)),
         }
         if self.rays:
-            parts |= {"motion": _box(MOTION + 4), "rays": Box(0.0, REACH, (self.rays,), np.float64)}
+            parts |= {
+                "motion": self._unbounded(MOTION + 4),
+                "rays": self._box(np.zeros(self.rays), np.full(self.rays, REACH)),
+            }
         if self.observation == "dict":
             lidar = self.scenario.rules.sensor.lidar
             if lidar is not None:
-                parts["lidar"] = Box(0.0, lidar.range, (lidar.beams,), np.float64)
-            return spaces.Dict({**parts, "history": _box(HISTORY, k, 2)})
+                parts["lidar"] = self._box(np.zeros(lidar.beams), np.full(lidar.beams, lidar.range))
+            return spaces.Dict({**parts, "history": self._unbounded(HISTORY, k, 2)})
         size = VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1)
         if self.rays:
             size += MOTION + 4 + self.rays
-        return _box(size)
+        return self._unbounded(size)
 
     @property
     def action_space(self) -> Box:
-        """The space of the vehicle's actions in one world.
+        """The space of the vehicle's actions in one world, [-1, 1] for normalized actions.
 
         Each axis of a velocity is within the preferred speed. In a corner the speed is larger: the simulator limits it.
         """
-        speed = self.scenario.vehicle.preferred_speed
-        if self.action == "native":
-            low, high = self.scenario.rules.dynamics.space(np.array([speed]))
-            return Box(low[0], high[0], dtype=np.float64)
-        return Box(-speed, speed, (2,), np.float64)
+        speed = np.array(self.scenario.vehicle.preferred_speed)
+        axes, normalized = ACTIONS[self.action]
+        return self._actions(*(self.scenario.rules.dynamics if axes == "native" else FREE).space(speed), normalized)
+
+    @property
+    def pedestrian_action_space(self) -> Box:
+        """The space of a pedestrian's actions. The largest preferred speed of the scenario bounds velocities."""
+        speed = np.array(self.scenario.crowd.preferred_speed.high)
+        return self._actions(*FREE.space(speed), ACTIONS[self.action].normalized)
+
+    def _actions(self, low: np.ndarray, high: np.ndarray, normalized: bool) -> Box:
+        return Box(-1.0, 1.0, (2,), np.float32) if normalized else self._box(low, high)
+
+    def _unbounded(self, *shape: int) -> Box:
+        return Box(-np.inf, np.inf, shape, np.dtype(self.dtype).type)
+
+    def _box(self, low: np.ndarray, high: np.ndarray) -> Box:
+        """Return a space whose bounds are rounded as its numbers are, so that no number is outside by rounding."""
+        return Box(low.astype(self.dtype), high.astype(self.dtype), dtype=np.dtype(self.dtype).type)
 
     def observe(self, worlds: World) -> Observed:
         """Return the observation of each world."""
         if self.observation == "flat":
-            return flatten_vehicle(worlds)
-        return encode(observe(worlds), self.observation, self.nearest, self.rays)
+            return self.rounded(flatten_vehicle(worlds))
+        return self.rounded(encode(observe(worlds), self.observation, self.nearest, self.rays))
 
-    def commands(self, position: Vectors, goal: Vectors, action: Vectors) -> Vectors:
-        """Return actions as velocities in m/s along the axes of the world; native actions are unchanged.
+    def rounded(self, observed: Observed) -> Observed:
+        """Return an observation in the type of its space."""
+        return as_dtype(observed, self.dtype)
+
+    def commands(
+        self, position: Vectors, goal: Vectors, speed: Numbers, action: Vectors, is_vehicle: Flags | None = None
+    ) -> Vectors:
+        """Return actions as velocities in m/s along the axes of the world, or as native commands.
 
         Args:
-            position: Positions of the vehicles in metres.
+            position: Positions of the agents in metres.
             goal: Their goals in metres.
+            speed: Their preferred speeds in m/s.
+            action: Their actions.
+            is_vehicle: True for vehicles, False for pedestrians; all are vehicles if None.
         """
-        if self.action == "goal_frame":
-            return to_world(action, direction(position, goal))
-        return action
+        axes, normalized = ACTIONS[self.action]
+        if normalized:
+            low, high = FREE.space(speed)
+            if axes == "native":
+                chosen = np.True_ if is_vehicle is None else is_vehicle[:, None]
+                slowest, fastest = self.scenario.rules.dynamics.space(speed)
+                low, high = np.where(chosen, slowest, low), np.where(chosen, fastest, high)
+            action = scale(action, low, high)
+        return to_world(action, direction(position, goal)) if axes == "goal" else action
 
     def to_command(self, worlds: World, velocity: Vectors) -> Vectors:
         """Return the commands that drive the vehicles of worlds at velocities in m/s; native commands unchanged."""
-        if self.action == "native":
+        if ACTIONS[self.action].axes == "native":
             return velocity
         state = State(worlds.position[:, 0], worlds.velocity[:, 0], worlds.heading, worlds.angular_speed)
         return worlds.rules.dynamics.follow(state, velocity, worlds.preferred_speed[:, 0], worlds.rules.dt)
 
 
-def check_view(observation: str, action: str, nearest: int, rays: int) -> None:
-    """Raise InputError unless the observation and the action exist and the numbers are valid."""
-    for name, value, known in (("observation", observation, OBSERVATIONS), ("action", action, ACTIONS)):
-        require(name, value, value in known, f"one of {', '.join(known)}")
+def check_view(observation: str, action: str, nearest: int, rays: int, dtype: str = "float32") -> None:
+    """Raise InputError unless observation, action and type exist and the numbers are valid."""
+    named = {"observation": (observation, OBSERVATIONS), "action": (action, ACTIONS), "dtype": (dtype, DTYPES)}
+    for name, (value, known) in named.items():
+        require(name, value, isinstance(value, str) and value in known, f"one of {', '.join(known)}")
     is_count = is_integer(nearest) and nearest >= 1
     require("nearest", nearest, is_count, "a whole number of pedestrians, 1 or more")
     has_rays = is_integer(rays) and (rays == 0 or (rays > 0 and observation != "flat"))
@@ -182,6 +220,13 @@ def encode(obs: Observation, observation: str, nearest: int, rays: int = 0) -> O
     return {**parts, "history": histories(obs, numbers)}
 
 
+def as_dtype(observed: Observed, dtype: str) -> Observed:
+    """Return an observation as an array of a type, or as a dictionary of such arrays."""
+    if isinstance(observed, dict):
+        return {name: part.astype(dtype, copy=False) for name, part in observed.items()}
+    return observed.astype(dtype, copy=False)
+
+
 def row_of(seen: Observed, index: int) -> Observed:
     """Return the observation of one of several worlds."""
     if isinstance(seen, dict):
@@ -189,18 +234,8 @@ def row_of(seen: Observed, index: int) -> Observed:
     return seen[index]
 
 
-def _box(*shape: int) -> Box:
-    return Box(-np.inf, np.inf, shape, np.float64)
-
-
-def pedestrian_action_space(scenario: Scenario) -> Box:
-    """Return the space of a pedestrian's velocities in m/s, bounded by the largest preferred speed of the scenario."""
-    speed = scenario.crowd.preferred_speed.high
-    return Box(-speed, speed, (2,), np.float64)
-
-
-def flat_space(scenario: Scenario) -> Box:
-    """Return the space of the flat observations of any agent, see `crowdbench.views.ego`."""
+def flat_bounds(scenario: Scenario) -> tuple[Float[np.ndarray, "features"], Float[np.ndarray, "features"]]:
+    """Return the lowest and the highest flat observation of any agent, see `crowdbench.views.ego`."""
     speed = _max_speed(scenario)
     body = scenario.rules.body
     radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, scenario.crowd.radius.high)
@@ -216,8 +251,7 @@ def flat_space(scenario: Scenario) -> Box:
     signed = np.array([True, True, True, True, False, False])
     others = min(sensor.nearest or scenario.max_agents, scenario.max_agents - 1)
     high = np.concatenate([viewer, np.tile(other, others)])
-    low = np.where(np.tile(signed, len(high) // AGENT_FEATURES), -high, 0.0)
-    return Box(low, high, dtype=np.float64)
+    return np.where(np.tile(signed, len(high) // AGENT_FEATURES), -high, 0.0), high
 
 
 def layout_bound(scenario: Scenario) -> float:

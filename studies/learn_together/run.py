@@ -72,7 +72,7 @@ def train_both(minutes: float) -> None:
     from stable_baselines3.common.utils import set_random_seed
 
     from crowdbench import export_policy, parallel_env
-    from examples.stable_baselines import CrowdVecEnv
+    from crowdbench.envs import CrowdVecEnv
 
     set_random_seed(0)
     alone = CrowdVecEnv(WORLDS * 6, SCENARIO, **VIEW)

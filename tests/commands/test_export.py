@@ -34,7 +34,7 @@ def test_steps_are_what_the_environment_shows_and_pays(tmp_path, scenario):
     make(tmp_path / "run", scenario)
     assert invoke(tmp_path / "run", "--out", tmp_path / "out").exit_code == 0
     table = pq.read_table(tmp_path / "out" / "steps.parquet").to_pylist()
-    env = gymnasium.make("crowdbench/Vehicle-v0", scenario=scenario, action="native")
+    env = gymnasium.make("crowdbench/Vehicle-v0", scenario=scenario, action="native", dtype="float64")
     case = None
     for row in table:
         if row["case"] != case:

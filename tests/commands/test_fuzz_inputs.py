@@ -171,7 +171,9 @@ def test_studies(folder, edits):
 UNCHECKED = {"disable_env_checker": True}
 
 NUMBERS = st.integers(-2, 64) | st.sampled_from([True, None, 0.5, "x", [], 2**63, float("nan")])
-NAMES = st.sampled_from(["", "x", "flat", "dict", "goal_frame", "world", "native", "progress", "crowdnav", "/dev/zero"])
+NAMES = st.sampled_from(
+    ["", "x", "flat", "dict", "goal_frame", "velocity", "native", "progress", "crowdnav", "/dev/zero"]
+)
 ARGUMENTS = st.fixed_dictionaries(
     {},
     optional={

@@ -79,6 +79,7 @@ FINISHED = {"weights.safetensors", "weights.json", "weights.md", "curve.csv"}
 def method(monkeypatch):
     monkeypatch.setitem(METHODS, "counting", CountConfig)
     monkeypatch.setattr(runner, "_commit", lambda: None)
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)  # its thread calls the file system
 
 
 class Killed(BaseException):

@@ -14,6 +14,7 @@ from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.views.ego import flatten
 
 CASES = 5
+EXACT = {"action": "velocity", "dtype": "float64"}
 SCENARIOS = ["circle_crossing_5", "circle_crossing_5_visible", "circle_crossing_5_social_force", "square_crossing_5"]
 
 
@@ -38,20 +39,18 @@ def recorded(request):
 
 
 def ending(trace, row):
-    """The reward of each step, and outcome and gap of the last."""
+    """The reward of each step, and the info of the last."""
     steps = trace.steps[row]
     outcome = np.zeros(steps, int)
     outcome[-1] = trace.outcome[row]
-    return (
-        reward(outcome, trace.gap[row, :steps], trace.rules.dt),
-        Outcome(outcome[-1]).label,
-        trace.gap[row, steps - 1],
-    )
+    gap, last = trace.gap[row, steps - 1], int(outcome[-1])
+    info = {"outcome": last, "is_success": last == Outcome.SUCCESS, "gap": gap, "case": trace.case[row]}
+    return reward(outcome, trace.gap[row, :steps], trace.rules.dt), info
 
 
 def test_gymnasium_gives_the_episode_of_a_rollout(recorded):
     scenario, trace, seen = recorded
-    env = VehicleEnv(scenario)
+    env = VehicleEnv(scenario, **EXACT)
     for row, case in enumerate(trace.case.tolist()):
         obs, _ = env.reset(options={"case": f"test/{case}"})
         rewards = []
@@ -60,14 +59,15 @@ def test_gymnasium_gives_the_episode_of_a_rollout(recorded):
             obs, paid, terminated, truncated, info = env.step(trace.velocity[row, step + 1, 0])
             rewards.append(paid)
             assert (terminated or truncated) == (step == trace.steps[row] - 1)
-        expected, outcome, gap = ending(trace, row)
+        expected, ended = ending(trace, row)
         assert rewards == expected.tolist()
-        assert info == {"outcome": outcome, "gap": gap, "case": f"test/{case}"}
+        assert info == ended
+        assert env.case == f"test/{case}"
 
 
 def test_the_vector_environment_gives_the_episodes_of_a_rollout(recorded):
     scenario, trace, seen = recorded
-    env = VehicleVectorEnv(CASES, scenario)
+    env = VehicleVectorEnv(CASES, scenario, **EXACT)
     obs, _ = env.reset(options={"case": [f"test/{case}" for case in trace.case.tolist()]})
     returns = np.zeros(CASES)
     for step in range(trace.steps.max()):
@@ -79,15 +79,14 @@ def test_the_vector_environment_gives_the_episodes_of_a_rollout(recorded):
         returns[running] += paid[running]
         assert np.array_equal((terminated | truncated)[running], (step == trace.steps - 1)[running])
         for row in np.flatnonzero(step == trace.steps - 1).tolist():
-            assert infos["outcome"][row] == Outcome(trace.outcome[row]).label
-            assert infos["gap"][row] == trace.gap[row, step]
+            assert {name: infos[name][row] for name in ending(trace, row)[1]} == ending(trace, row)[1]
     assert returns == pytest.approx([ending(trace, row)[0].sum() for row in range(CASES)], abs=1e-12)
 
 
 @pytest.mark.parametrize("given", [(), (1, 3, 4, 5)])
 def test_pettingzoo_gives_the_episode_of_a_rollout_whoever_is_commanded(recorded, given):
     scenario, trace, seen = recorded
-    env = parallel_env(scenario)
+    env = parallel_env(scenario, **EXACT)
     names = env.possible_agents
     for row, case in enumerate(trace.case.tolist()):
         observations, _ = env.reset(options={"case": f"test/{case}"})
@@ -98,9 +97,9 @@ def test_pettingzoo_gives_the_episode_of_a_rollout_whoever_is_commanded(recorded
                 {agent: command for agent, command in commands.items() if agent in env.agents}
             )
             assert np.array_equal(env._world.position[0], trace.position[row, step + 1])
-        expected, outcome, gap = ending(trace, row)
+        expected, ended = ending(trace, row)
         assert rewards["vehicle"] == expected[-1]
-        assert infos["vehicle"] == {"outcome": outcome, "gap": gap, "case": f"test/{case}"}
+        assert infos["vehicle"] == ended
         assert env.agents == []
-        assert set(truncated.values()) == {outcome == "timeout"}
-        assert terminated["vehicle"] == (outcome != "timeout")
+        assert set(truncated.values()) == {ended["outcome"] == Outcome.TIMEOUT}
+        assert terminated["vehicle"] == (ended["outcome"] != Outcome.TIMEOUT)

@@ -7,7 +7,8 @@ import pytest
 from crowdbench import load_scenario
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.rewards import REWARDS
-from crowdbench.views.view import ACTIONS, OBSERVATIONS
+from crowdbench.views.actions import ACTIONS
+from crowdbench.views.view import OBSERVATIONS
 
 WORLDS = {
     "nobody": ("circle_crossing_5", {"pedestrians.number": 0}),
@@ -27,6 +28,7 @@ CHOICES = [
     *({"observation": observation, "rays": 8} for observation in OBSERVATIONS if observation != "flat"),
     *({"action": action} for action in ACTIONS),
     *({"reward": reward} for reward in REWARDS.built_in()),
+    *({"observation": observation, "dtype": "float64"} for observation in OBSERVATIONS),
 ]
 """Each observation, action and reward once, with defaults for the others."""
 
@@ -44,7 +46,7 @@ def steps(env, number=3):
     return [env.step(env.action_space.sample()) for _ in range(number)]
 
 
-@pytest.mark.parametrize("choice", [choice for choice in CHOICES if "action" not in choice], ids=str)
+@pytest.mark.parametrize("choice", [choice for choice in CHOICES], ids=str)
 def test_every_agent_observes_and_is_rewarded(scenario, choice):
     env = parallel_env(scenario, **choice)
     observations, _ = env.reset(seed=0)

@@ -21,6 +21,8 @@ USUAL = [
     ("circle_crossing_10", {"dt": 0.1, "pedestrians.number": 12}),
 ]
 
+UNROUNDED = {"action": "velocity", "dtype": "float64"}
+
 
 def drive(env, case, steps=120):
     """Everything that an episode shows, the vehicle heading for its goal with noise."""
@@ -33,9 +35,10 @@ def drive(env, case, steps=120):
     return shown
 
 
+@pytest.mark.parametrize("options", [{}, UNROUNDED], ids=str)
 @pytest.mark.parametrize(("name", "changes"), USUAL)
-def test_episodes_are_those_of_the_composed_step(name, changes, monkeypatch):
-    env = VehicleEnv(load_scenario(name, changes))
+def test_episodes_are_those_of_the_composed_step(name, changes, options, monkeypatch):
+    env = VehicleEnv(load_scenario(name, changes), **options)
     fast = [drive(env, f"val/{case}") for case in range(4)]
     assert env._compiled is not None
     world = env._world
@@ -68,7 +71,8 @@ def drive_everybody(env, case, acting, steps=60):
 @pytest.mark.parametrize(("name", "changes"), USUAL)
 @pytest.mark.parametrize("acting", [0.0, 0.5, 1.0])
 def test_episodes_of_all_agents_are_those_of_the_composed_step(name, changes, acting, monkeypatch):
-    env = parallel_env(load_scenario(name, changes))
+    options = UNROUNDED if acting == 0.5 else {}
+    env = parallel_env(load_scenario(name, changes), **options)
     fast = [drive_everybody(env, f"val/{case}", acting) for case in range(3)]
     assert env._compiled is not None
     monkeypatch.setattr(CompiledStep, "fits", lambda *_: False)

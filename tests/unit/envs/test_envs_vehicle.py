@@ -55,14 +55,14 @@ def test_a_timeout_is_a_truncation_and_never_a_termination():
     steps = [env.step(np.zeros(2)) for _ in range(env.scenario.rules.max_steps)]
     assert not any(terminated for _, _, terminated, _, _ in steps)
     assert [truncated for _, _, _, truncated, _ in steps] == [False] * (len(steps) - 1) + [True]
-    assert steps[-1][4]["outcome"] == "timeout"
+    assert steps[-1][4]["outcome"] == Outcome.TIMEOUT
 
 
 @pytest.mark.parametrize("action", [np.array([np.nan, 0.0]), np.zeros(3), np.zeros((1, 2))])
 def test_an_action_that_is_no_velocity_is_refused(action):
     env = VehicleEnv()
     env.reset(seed=0)
-    with pytest.raises(InputError, match="finite velocity"):
+    with pytest.raises(InputError, match="two finite numbers"):
         env.step(action)
 
 
@@ -100,11 +100,12 @@ def test_cases_are_chosen_for_all_worlds_or_for_each():
     envs = VehicleVectorEnv(3)
     single = VehicleEnv()
     obs, infos = envs.reset(options={"case": ["test/4", "val/2", "test/3"]})
-    assert infos["case"].tolist() == ["test/4", "val/2", "test/3"]
-    for row, case in enumerate(infos["case"]):
+    assert infos["case"].tolist() == [4, 2, 3]
+    assert envs.cases == ["test/4", "val/2", "test/3"]
+    for row, case in enumerate(envs.cases):
         assert np.array_equal(obs[row], single.reset(options={"case": case})[0])
     obs, infos = envs.reset(options={"case": "test/9"})
-    assert infos["case"].tolist() == ["test/9"] * 3
+    assert infos["case"].tolist() == [9] * 3
     assert (obs == obs[0]).all()
 
 
@@ -173,7 +174,7 @@ def test_a_picture_shows_trails_numbers_and_contact():
     while not done:
         assert not has(env.render(), LIGHT.contact)
         _, _, done, _, info = env.step(np.array([0.0, 1.0], np.float32))
-    assert info["outcome"] == "collision"
+    assert info["outcome"] == Outcome.COLLISION
     assert has(env.render(), LIGHT.contact)
     # Between its start and where it is, the vehicle has left nothing but its trail.
     middle = env.render()[430, 296:306]

@@ -1,5 +1,6 @@
 """Rewards, observations and actions of environments, and the vector environment for stable-baselines3."""
 
+import sys
 import warnings
 
 import gymnasium
@@ -8,6 +9,7 @@ import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
 
+import crowdbench.envs
 from crowdbench import InputError, load_scenario, parallel_env
 from crowdbench.core.types import Outcome
 from crowdbench.envs.rewards import (
@@ -20,6 +22,7 @@ from crowdbench.envs.rewards import (
     load_reward,
     progress,
 )
+from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.features import features
@@ -28,9 +31,9 @@ from crowdbench.planners.trained_policy import NetworkPlanner, PolicyInterface
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.views.actions import ACTIONS
 from crowdbench.views.ego import ego_views
-from crowdbench.views.view import ACTIONS, OBSERVATIONS
-from examples.stable_baselines import CrowdVecEnv
+from crowdbench.views.view import OBSERVATIONS
 
 ID = "crowdbench/Vehicle-v0"
 
@@ -180,9 +183,17 @@ def test_the_vec_env_keeps_the_contract_of_stable_baselines():
             if done:
                 ends += 1
                 assert info["episode"]["l"] <= 100
-                assert info["outcome"] in ("success", "collision", "timeout")
+                assert info["outcome"] in (Outcome.SUCCESS, Outcome.COLLISION, Outcome.TIMEOUT)
                 assert info["terminal_observation"]["vehicle"].shape == (5,)
     assert ends > 4
+
+
+def test_without_stable_baselines_a_sentence_says_how_it_is_installed(monkeypatch):
+    monkeypatch.delitem(sys.modules, "crowdbench.envs.stable_baselines")
+    monkeypatch.setitem(sys.modules, "stable_baselines3.common.vec_env", None)
+    monkeypatch.delitem(vars(crowdbench.envs), "CrowdVecEnv", raising=False)
+    with pytest.raises(ImportError, match=r"^CrowdVecEnv needs stable-baselines3: pip install 'crowdbench\[ppo\]'$"):
+        from crowdbench.envs import CrowdVecEnv  # noqa: F401
 
 
 def test_the_vec_env_repeats_itself():
@@ -202,7 +213,7 @@ def test_the_vec_env_tells_the_end_of_an_episode_as_it_was():
     action, returned, ends = np.tile([[1.0, 0.0], [0.2, 0.1]], (3, 1)), np.zeros(6), []
     for _ in range(70):
         before = env._running.worlds
-        command = env.view.commands(before.position[:, 0], before.goal[:, 0], action)
+        command = env.view.commands(before.position[:, 0], before.goal[:, 0], before.preferred_speed[:, 0], action)
         after, (outcome, gap, _) = step(before, command, crowd_velocities(before, scenario.policies))
         last = env.view.observe(after)
         seen, rewards, dones, infos = env.step(action)
@@ -219,7 +230,7 @@ def test_the_vec_env_tells_the_end_of_an_episode_as_it_was():
                 assert infos[row]["episode"]["r"] == pytest.approx(returned[row])
                 assert not np.array_equal(seen["vehicle"][row], last["vehicle"][row])
                 returned[row] = 0.0
-    assert {"timeout", "collision"} <= set(ends)
+    assert {Outcome.TIMEOUT, Outcome.COLLISION} <= set(ends)
 
 
 def test_every_agent_has_a_world_of_its_own():
@@ -314,11 +325,18 @@ def test_rays_and_the_motion_are_named_parts_and_stand_at_the_end_of_a_vector():
         gymnasium.make(**made)
 
 
-@pytest.mark.parametrize("action", [{}, None, "left", [1.0], [[1.0], [1.0, 2.0]], [np.nan, 0.0]])
+@pytest.mark.parametrize(
+    "action",
+    [
+        *({}, None, "left", [1.0], [[1.0], [1.0, 2.0]], [np.nan, 0.0], ["1", "1"], np.array(["1", "1"], object)),
+        *([1j, 0j], [True, False], np.zeros(2, "datetime64[s]"), np.zeros(2, "timedelta64[s]"), [b"1", b"1"]),
+        *([10**400, 0], torch.zeros(2, requires_grad=True)),
+    ],
+)
 def test_an_action_that_is_no_pair_of_numbers_gets_one_sentence(action):
     env = VehicleEnv()
     env.reset(seed=0)
-    with pytest.raises(InputError, match="an action must be a finite velocity"):
+    with pytest.raises(InputError, match="an action must be two finite numbers"):
         env.step(action)
 
 

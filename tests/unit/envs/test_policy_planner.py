@@ -16,9 +16,9 @@ from torch import nn
 
 from crowdbench import InputError, Planner, PolicyPlanner, export_policy, load_planner, load_scenario
 from crowdbench.envs import stepping
+from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.sim.sensor import observe
-from examples.stable_baselines import CrowdVecEnv
 
 NEAREST = 3
 CASES = 12
@@ -33,9 +33,11 @@ def constant(*action):
 
 
 def test_an_action_is_clipped_to_its_space_and_then_to_the_preferred_speed():
-    command = PolicyPlanner(constant(5.0, -5.0), "flat", "world").plan(start())
+    command = PolicyPlanner(constant(5.0, -5.0), "flat", "velocity").plan(start())
     np.testing.assert_allclose(command, np.tile([0.5**0.5, -(0.5**0.5)], (4, 1)))
-    np.testing.assert_allclose(PolicyPlanner(constant(0.5, 9.0), "flat", "world").plan(start())[:, 0], 0.5 / 1.25**0.5)
+    np.testing.assert_allclose(
+        PolicyPlanner(constant(0.5, 9.0), "flat", "velocity").plan(start())[:, 0], 0.5 / 1.25**0.5
+    )
 
 
 def test_an_action_in_the_frame_of_the_goal_is_turned():
@@ -59,7 +61,7 @@ def test_a_state_belongs_to_its_world_and_is_zero_where_an_episode_starts():
         seen.append(steps[:, 0].tolist())
         return np.zeros((len(observed), 2)), steps + 1
 
-    planner, obs = PolicyPlanner(count, "flat", "world", state=[(1,)]), start()
+    planner, obs = PolicyPlanner(count, "flat", "velocity", state=[(1,)]), start()
     planner.reset(np.arange(4))
     planner.plan(obs)
     planner.plan(obs.take(np.array([1, 3])))
@@ -79,14 +81,14 @@ def test_a_state_belongs_to_its_world_and_is_zero_where_an_episode_starts():
 )
 def test_a_function_that_gives_no_actions_gets_one_sentence(function, said):
     with pytest.raises(InputError, match=said):
-        drive(PolicyPlanner(function, "flat", "world"), "1")
+        drive(PolicyPlanner(function, "flat", "velocity"), "1")
 
 
 def test_a_policy_for_other_dynamics_is_refused():
     obs = start(**{"vehicle.dynamics": "unicycle"})
     with pytest.raises(InputError, match=r"trained with dynamics holonomic.*unicycle: --option dynamics=unicycle"):
-        PolicyPlanner(constant(0.0, 0.0), "flat", "world", dynamics="holonomic").plan(obs)
-    PolicyPlanner(constant(0.0, 0.0), "flat", "world", dynamics="unicycle").plan(obs)
+        PolicyPlanner(constant(0.0, 0.0), "flat", "velocity", dynamics="holonomic").plan(obs)
+    PolicyPlanner(constant(0.0, 0.0), "flat", "velocity", dynamics="unicycle").plan(obs)
 
 
 def test_without_onnxruntime_a_sentence_says_how_it_is_installed(monkeypatch):
@@ -141,7 +143,7 @@ def make_normalised():
 
 
 def make_squashed():
-    env = make(observation="flat", action="world")
+    env = make(observation="flat", action="velocity")
     return randomised(PPO("MlpPolicy", env, use_sde=True, device="cpu", policy_kwargs={"squash_output": True})), env, ()
 
 
@@ -286,7 +288,7 @@ def test_a_file_without_metadata_asks_for_the_options_by_name(onnx, exported):
     ("text", "said"),
     [
         ("[1", "cannot be read as an ONNX file: JSONDecodeError"),
-        ('{"observation": "radar", "action": "world"}', "observation is 'radar', but must be one of"),
+        ('{"observation": "radar", "action": "velocity"}', "observation is 'radar', but must be one of"),
     ],
 )
 def test_wrong_metadata_get_one_sentence(onnx, exported, text, said):

@@ -107,7 +107,7 @@ SEEN_BY_LIDAR = {"sensor.lidar": {"beams": 9, "range": 3.0}}
 
 
 def vehicle_env(observation, cls=VehicleEnv, **options):
-    return cls(scenario=load_scenario(LIMITED, SEEN_BY_LIDAR), observation=observation, **options)
+    return cls(scenario=load_scenario(LIMITED, SEEN_BY_LIDAR), observation=observation, dtype="float64", **options)
 
 
 @pytest.mark.parametrize("observation", ["flat", "goal_frame", "dict"])

@@ -91,7 +91,8 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
     lines = (tmp_path / "run" / "curve.csv").read_text().splitlines()
     assert len(lines) == 1 + len(running.training.curve)
     assert {"loss", "success", "navigation_time_or_limit"} <= {*lines[0].split(",")}
-    assert {file.name for file in (tmp_path / "run").iterdir()} == {
+    assert {file.name.partition(".out")[0] for file in (tmp_path / "run").iterdir()} == {
+        "events",
         "weights.safetensors",
         "weights.json",
         "weights.md",

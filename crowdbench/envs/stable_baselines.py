@@ -9,11 +9,19 @@ from typing import Any
 import numpy as np
 from gymnasium import error
 from jaxtyping import Bool, Float
-from stable_baselines3.common.vec_env import VecEnv
 
-from crowdbench import InputError, Outcome, Scenario
-from crowdbench.envs import CASES, Reward, TrainingWorlds, as_scenario, check_actions, load_reward
-from crowdbench.views import NEAREST, Observed, View, row_of
+from crowdbench.core.types import Outcome
+from crowdbench.envs.rewards import Reward, load_reward
+from crowdbench.envs.stepping import as_scenario, check_actions
+from crowdbench.envs.training_worlds import CASES, TrainingWorlds
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.errors import InputError
+from crowdbench.views.view import NEAREST, Observed, View, row_of
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError as missing:
+    raise ImportError("CrowdVecEnv needs stable-baselines3: pip install 'crowdbench[ppo]'") from missing
 
 
 class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not looked into
@@ -30,7 +38,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         seed: The seed of the training cases and of their order.
         reward: See `VehicleEnv`, also for the next three.
         observation: `flat`, `goal_frame` or `dict`.
-        action: `world`, `goal_frame` or `native`.
+        action: A name of `crowdbench.views.actions`.
         nearest: Largest number of observed pedestrians in the frame of the goal.
         rays: Number of observed rays to walls in the frame of the goal.
         cases: Number of training cases.
@@ -94,7 +102,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
                 infos[row] = {
                     "terminal_observation": row_of(last, index),
                     "TimeLimit.truncated": bool(step.outcome[row] == Outcome.TIMEOUT),
-                    "outcome": Outcome(step.outcome[row]).label,
+                    "outcome": int(step.outcome[row]),
                     "episode": {"r": float(returned[row]), "l": int(length[row])},
                 }
         return self.view.observe(self._running.worlds), reward, step.ended, infos
