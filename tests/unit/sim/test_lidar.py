@@ -140,7 +140,7 @@ def test_a_foot_stays_in_place_while_the_other_one_makes_two_steps():
     # The hit points of a round leg differ from its centre by its radius at most.
     stands = np.abs(moves) < 0.03
     assert stands.any(axis=1).mean() > 0.7
-    assert moves.max() == pytest.approx(2.0 * speed * 0.1, abs=0.05)
+    assert moves.max() == pytest.approx(2.0 * speed * 0.1, abs=0.08)
     assert moves[: round(period / 0.1)].sum(axis=0) == pytest.approx(speed * period, abs=0.2)
 
 
@@ -200,12 +200,8 @@ def test_a_scan_is_the_same_alone_and_in_any_batch_and_differs_between_cases_ste
     same_place = worlds.take(np.array([0, 0])).replace(key=worlds.key[:2])
     assert (np.diff(observe(same_place).lidar, axis=0) != 0.0).any()
     later = worlds.replace(step=worlds.step + 1)
-    exact = (
-        dataclasses.replace(scenario.rules.sensor.lidar, legs=None)
-        if False
-        else Lidar(beams=30, range=REACH, noise=0.1)
-    )
-    assert (scan(later, exact) != scan(worlds, exact)).any()
+    noisy = Lidar(beams=30, range=REACH, noise=0.1)
+    assert (scan(later, noisy) != scan(worlds, noisy)).any()
 
 
 def test_what_planners_see_does_not_determine_the_noise():
