@@ -24,6 +24,7 @@ from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, finish_step, move
 from crowdbench.utils.errors import InputError
 from crowdbench.views.ego import ego_views, flatten_everybody, with_own_motion
+from crowdbench.views.scans import lidar_features_of_all
 from crowdbench.views.view import NEAREST, Observed, View, row_of
 
 VEHICLE = "vehicle"
@@ -64,7 +65,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
-        observation: `flat`, `goal_frame` or `dict`.
+        observation: `flat`, `goal_frame`, `dict` or `lidar`.
         action: `normalized` or another name of `crowdbench.views.actions`.
         nearest: Largest number of other agents in an observation in the frame of the goal.
         rays: Number of rays to walls in an observation in the frame of the goal.
@@ -72,7 +73,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
 
     Raises:
         InputError: Scenario, render mode, reward, observation, action or type do not exist; or agents see only the
-            nearest others (`Sensor.nearest`), and the observation is not `flat` or the reward not `crowdnav`.
+            nearest others (`Sensor.nearest`), and the observation is `goal_frame` or `dict`, or the reward not
+            `crowdnav`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -96,11 +98,11 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         view = View(scenario, observation, action, nearest, rays, dtype)
         super().__init__(view, render_mode, reward)
         most, shown = scenario.max_agents - 1, scenario.rules.sensor.nearest
-        is_default = observation == "flat" and self.reward.reward is crowdnav
+        is_default = observation in ("flat", "lidar") and self.reward.reward is crowdnav
         if shown is not None and shown < most and not is_default:  # each agent would need a world: too much memory
             raise InputError(
                 f"observation is {observation!r} and reward {self.reward.name!r}, but in a scenario with up "
-                f"to {most} pedestrians, of which {shown} are shown, they must be 'flat' and 'crowdnav'"
+                f"to {most} pedestrians, of which {shown} are shown, they must be 'flat' or 'lidar', and 'crowdnav'"
             )
         # Recorded pedestrians appear and leave at recorded times, and are not agents.
         pedestrians = 0 if scenario.tracks else most
@@ -233,6 +235,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         """Return the observation of each agent, by column."""
         if self.view.observation == "flat":
             return self.view.rounded(flatten_everybody(self._world)[0])
+        if self.view.observation == "lidar":
+            return self.view.rounded(lidar_features_of_all(self._world))
         ego = self._ego_views(self._world)
         if self.view.observation == "goal_frame" and not self.view.rays and self._world.rules.sensor.sees_all:
             return self.view.observe(ego)

@@ -54,10 +54,7 @@ def scan(world: World, lidar: Lidar, agents: int = 1) -> Float[np.ndarray, "worl
     Returns:
         Distances in metres.
     """
-    heading = np.empty((len(world), agents))
-    heading[:, 0] = world.heading
-    heading[:, 1:] = np.arctan2(world.velocity[:, 1:agents, 1], world.velocity[:, 1:agents, 0])
-    rules, distance = world.rules, np.empty((len(world), agents, lidar.beams))
+    rules, heading, distance = world.rules, headings(world, agents), np.empty((len(world), agents, lidar.beams))
     seconds = world.step * rules.dt if lidar.legs else np.zeros(0)
     body = np.array(rules.body if rules.visible and agents > 1 else (), np.float64)
     people = world.position, world.velocity, world.radius, world.present, world.person
@@ -66,6 +63,12 @@ def scan(world: World, lidar: Lidar, agents: int = 1) -> Float[np.ndarray, "worl
     if any(chances):
         _disturb(world.key, world.step, *chances, lidar.range, distance)
     return distance
+
+
+def headings(world: World, agents: int) -> Float[np.ndarray, "world agent"]:
+    """Return the headings in radians of the first agents. That of a pedestrian is the direction of its velocity."""
+    velocity = world.velocity[:, 1:agents]
+    return np.column_stack([world.heading, np.arctan2(velocity[..., 1], velocity[..., 0])])
 
 
 def scan_of(obs: Observation) -> Float[np.ndarray, "world beam"]:
