@@ -203,6 +203,17 @@ class Rules:
         walking = self.walking or WalkingLimits(math.inf, math.inf, math.inf)
         return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, self.max_steps, walking)
 
+    @cached_property
+    def with_perfect_sensor(self) -> Rules:
+        """The same rules with a sensor that sees all pedestrians exactly, without a lidar."""
+        return dataclasses.replace(self, sensor=PERFECT_SENSOR)
+
+    @cached_property
+    def of_pedestrian(self) -> Rules:
+        """The same rules for a pedestrian as the vehicle: a disc that moves in any direction and sees all exactly."""
+        sensor = PERFECT_SENSOR.model_copy(update={"lidar": self.sensor.lidar})
+        return dataclasses.replace(self, dynamics=FREE, body=DISC, sensor=sensor)
+
     def to_table(self) -> dict[str, Any]:
         """Return the rules as a table for JSON, without fields of vehicle and pedestrians that have their default."""
         entries = dataclasses.asdict(self)
