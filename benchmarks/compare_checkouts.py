@@ -1,7 +1,6 @@
 """Compares steps of the environments in two checkouts: python -m benchmarks.compare_checkouts OLD
 
-Each checkout runs in a process of its own, and both do the same work in turns, so that other load on the machine affects
-them equally. The work is that of `benchmarks.simulator` in each checkout, in processor time.
+Each checkout runs in a process of its own. Both do the same work in turns, so that other load affects them equally. The work is that of `benchmarks.simulator` in each checkout, in processor time.
 """
 
 import functools

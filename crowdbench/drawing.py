@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from crowdbench.core.arrays import Polygons
 from crowdbench.core.dynamics import Holonomic, nose, outline
+from crowdbench.core.dynamics.kernels import signed_speed
 from crowdbench.core.geometry import Discs, nearest_in_step, polygons, turn
 from crowdbench.core.types import Outcome, Rules, Trace, World
 from crowdbench.sim.episode import fill_motion, gaps_on_arc
@@ -229,7 +230,8 @@ class Moment:
         rules = self.rules
         motion = np.empty(now.shape)
         fill_motion(before, now, self.velocity[-2], rules.numbers.collision, rules.dt, motion)
-        speed, turn_rate = float(np.hypot(*self.velocity[-1, 0])), turn(*self.heading[-2:]) / rules.dt
+        speed = signed_speed(*self.velocity[-1, 0], self.heading[-1])
+        turn_rate = turn(*self.heading[-2:]) / rules.dt
         stays = np.isfinite((before + now)[:, 0]) & same_agents(self.person[-2:])[0]  # the same pedestrians as before
         hit = []
         for agent in np.flatnonzero(stays).tolist()[1:]:

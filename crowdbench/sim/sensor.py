@@ -48,6 +48,7 @@ def observe(
             heading=world.heading.copy(),
             angular_speed=world.angular_speed.copy(),
             dynamics=rules.dynamics,
+            actuation=rules.actuation,
             goal_tolerance=rules.goal_tolerance,
             body=rules.body,
         ),

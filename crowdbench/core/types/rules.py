@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field
 
-from crowdbench.core.dynamics import DISC, DYNAMICS, FREE, Body, Dynamics
+from crowdbench.core.dynamics import DIRECT, DISC, DYNAMICS, FREE, Actuation, Body, Dynamics
 from crowdbench.core.types.attention import Attention
 from crowdbench.utils.toml import Flag, TomlTable, integer, number, table
 
@@ -151,7 +151,7 @@ class RuleNumbers(NamedTuple):
     """
 
     code: int
-    limits: Float[np.ndarray, "3"]
+    limits: Float[np.ndarray, "4"]
     body: Float[np.ndarray, "disc"]
     goal_tolerance: float
     collision: int
@@ -173,6 +173,7 @@ class Rules:
         visible: True if pedestrians see the vehicle.
         attention: Model of the attention to a visible vehicle; None if all pedestrians notice it at any time.
         dynamics: Dynamics of the vehicle.
+        actuation: Delay and lag with which it executes commands.
         goal_tolerance: Distance in metres to its goal below which the vehicle has arrived; None means its radius.
         body: The discs that the vehicle consists of.
         sensor: Limits of the vehicle's sight.
@@ -185,6 +186,7 @@ class Rules:
     visible: bool = False
     attention: Attention | None = None
     dynamics: Dynamics = FREE
+    actuation: Actuation = DIRECT
     goal_tolerance: float | None = None
     body: Body = DISC
     sensor: Sensor = PERFECT_SENSOR
@@ -212,12 +214,12 @@ class Rules:
     def of_pedestrian(self) -> Rules:
         """The same rules for a pedestrian as the vehicle: a disc that moves in any direction and sees all exactly."""
         sensor = PERFECT_SENSOR.model_copy(update={"lidar": self.sensor.lidar})
-        return dataclasses.replace(self, dynamics=FREE, body=DISC, sensor=sensor)
+        return dataclasses.replace(self, dynamics=FREE, actuation=DIRECT, body=DISC, sensor=sensor)
 
     def to_table(self) -> dict[str, Any]:
         """Return the rules as a table for JSON, without fields of vehicle and pedestrians that have their default."""
         entries = dataclasses.asdict(self)
-        for field in ("attention", "dynamics", "goal_tolerance", "body", "sensor", "walking"):
+        for field in ("attention", "dynamics", "actuation", "goal_tolerance", "body", "sensor", "walking"):
             if getattr(self, field) == getattr(Rules, field):
                 del entries[field]
         if "dynamics" in entries:
@@ -238,6 +240,7 @@ def _read_dynamics(table: Mapping[str, Any]) -> Dynamics:
 
 _READ: Mapping[str, Callable[[Any], Any]] = {
     "dynamics": _read_dynamics,
+    "actuation": Actuation._make,
     "attention": Attention.model_validate,
     "body": tuple,
     "sensor": Sensor.model_validate,

@@ -54,6 +54,7 @@ class World:
             be nested; empty for other policies. See `PolicyWithMemory`. With a model of
             attention also its state, see `crowdbench.sim.attention`.
         rules: The rules of the scenario.
+        actuation: The state of the vehicle's actuators, see `crowdbench.core.dynamics.Actuation`.
         sight: The vehicle's measurements of pedestrians so far, see `crowdbench.sim.sight`; empty if
             `Sensor.sees_all`.
     """
@@ -83,6 +84,7 @@ class World:
     parameters: Mapping[str, Mapping[str, Float[np.ndarray, "world agent"]]]
     memory: Mapping[str, Any]
     rules: Rules
+    actuation: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     sight: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -134,6 +136,7 @@ class World:
             "obstacles": np.empty((worlds, 0, 0, 2)),
             "policy": np.zeros(people, np.int64),
             "memory": {name: {} for name in parameters},
+            "actuation": rules.actuation.start(worlds, rules.dt),
         }
         return cls(position=position, radius=radius, rules=rules, parameters=parameters, **(fields | others))
 
