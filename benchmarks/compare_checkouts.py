@@ -1,6 +1,7 @@
 """Compares steps of the environments in two checkouts: python -m benchmarks.compare_checkouts OLD
 
-Each checkout runs in a process of its own. Both do the same work in turns, so that other load affects them equally. The work is that of `benchmarks.simulator` in each checkout, in processor time.
+Each checkout runs in a process of its own. Both do the same work in turns, so that other load affects them
+equally. The work is that of `benchmarks.simulator` in each checkout, in processor time.
 """
 
 import functools
