@@ -61,7 +61,7 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
     worlds, agents = world.radius.shape
     states, sensor = states_of(world), world.rules.sensor
     number = min(sensor.nearest or agents, agents - 1)
-    out = np.zeros((worlds, agents, AGENT_FEATURES * (1 + number)))
+    out = np.zeros((worlds, agents, AGENT_FEATURES * (1 + sensor.columns(agents - 1))))
     if number < agents - 1:
         _flatten_nearest(*states, cells_of(states[0], states[-1]), number, out)
     else:
