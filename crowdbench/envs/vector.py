@@ -43,6 +43,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         nearest: Largest number of pedestrians in an observation in the frame of the goal.
         rays: Number of rays to walls in an observation in the frame of the goal.
         dtype: Type of the numbers of an observation: `float32` or `float64`.
+        max_episode_steps: Largest number of steps of an episode, after which it is truncated.
 
     Raises:
         InputError: Scenario, reward, observation, action or type do not exist.
@@ -59,7 +60,9 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         nearest: int = NEAREST,
         rays: int = 0,
         dtype: str = "float32",
+        max_episode_steps: int | None = None,
     ) -> None:
+        self._max_steps = stepping.check_max_steps(max_episode_steps)
         self.num_envs = num_envs
         self.scenario = stepping.as_scenario(scenario)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -134,8 +137,8 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             # NEXT_STEP: this step is the reset of these worlds. The result of their simulated step is discarded.
             worlds = self._restart(worlds, restarted)
             outcome[restarted], gap[restarted] = Outcome.RUNNING, np.inf
-        truncated = outcome == Outcome.TIMEOUT
-        terminated = (outcome != Outcome.RUNNING) & ~truncated
+        terminated = (outcome != Outcome.RUNNING) & (outcome != Outcome.TIMEOUT)
+        truncated = (outcome == Outcome.TIMEOUT) | (worlds.step >= self._max_steps)
         self._over = terminated | truncated
         infos: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():

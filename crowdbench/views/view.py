@@ -98,26 +98,26 @@ class View:
     def observation_space(self) -> spaces.Space[Any]:
         """The space of the observations of one world."""
         if self.observation == "flat":
-            return self._box(*flat_bounds(self.scenario))
+            return self.box(*flat_bounds(self.scenario))
         if self.observation == "lidar":
             lidar = self.scenario.rules.sensor.lidar or DEFAULT_LIDAR
             own = np.full(OWN_NUMBERS, np.inf)
-            return self._box(np.append(-own, np.zeros(lidar.beams)), np.append(own, np.full(lidar.beams, lidar.range)))
+            return self.box(np.append(-own, np.zeros(lidar.beams)), np.append(own, np.full(lidar.beams, lidar.range)))
         k = self.nearest
         parts = {
             "vehicle": self._unbounded(VEHICLE_FEATURES),
             "pedestrians": self._unbounded(k, PEDESTRIAN_FEATURES),
-            "mask": self._box(np.zeros(k), np.ones(k)),
+            "mask": self.box(np.zeros(k), np.ones(k)),
         }
         if self.rays:
             parts |= {
                 "motion": self._unbounded(MOTION + 4),
-                "rays": self._box(np.zeros(self.rays), np.full(self.rays, REACH)),
+                "rays": self.box(np.zeros(self.rays), np.full(self.rays, REACH)),
             }
         if self.observation == "dict":
             lidar = self.scenario.rules.sensor.lidar
             if lidar is not None:
-                parts["lidar"] = self._box(np.zeros(lidar.beams), np.full(lidar.beams, lidar.range))
+                parts["lidar"] = self.box(np.zeros(lidar.beams), np.full(lidar.beams, lidar.range))
             return spaces.Dict({**parts, "history": self._unbounded(HISTORY, k, 2)})
         size = VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1)
         if self.rays:
@@ -141,12 +141,12 @@ class View:
         return self._actions(*FREE.space(speed), ACTIONS[self.action].normalized)
 
     def _actions(self, low: np.ndarray, high: np.ndarray, normalized: bool) -> Box:
-        return Box(-1.0, 1.0, (2,), np.float32) if normalized else self._box(low, high)
+        return Box(-1.0, 1.0, (2,), np.float32) if normalized else self.box(low, high)
 
     def _unbounded(self, *shape: int) -> Box:
         return Box(-np.inf, np.inf, shape, np.dtype(self.dtype).type)
 
-    def _box(self, low: np.ndarray, high: np.ndarray) -> Box:
+    def box(self, low: np.ndarray, high: np.ndarray) -> Box:
         """Return a space whose bounds are rounded as its numbers are, so that no number is outside by rounding."""
         return Box(low.astype(self.dtype), high.astype(self.dtype), dtype=np.dtype(self.dtype).type)
 
@@ -246,11 +246,7 @@ def row_of(seen: Observed, index: int) -> Observed:
 
 def flat_bounds(scenario: Scenario) -> tuple[Float[np.ndarray, "features"], Float[np.ndarray, "features"]]:
     """Return the lowest and the highest flat observation of any agent, see `crowdbench.views.ego`."""
-    speed = _max_speed(scenario)
-    body = scenario.rules.body
-    radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, scenario.crowd.radius.high)
-    if scenario.tracks:
-        radius = max(radius, scenario.tracks.largest_radius)
+    speed, radius = largest_speed(scenario), largest_radius(scenario)
     # The difference of two coordinates is at most twice the largest coordinate.
     offset = 2 * position_bound(scenario)
     viewer = np.array([offset, offset, speed, speed, radius, speed])
@@ -258,8 +254,10 @@ def flat_bounds(scenario: Scenario) -> tuple[Float[np.ndarray, "features"], Floa
     measured = speed + MOST_NORMAL * sensor.noise.velocity
     away = offset + MOST_NORMAL * sensor.noise.position + measured * sensor.remember
     other = np.array([away, away, measured, measured, radius, 1.0])
+    if sensor.detector is not None:  # estimates of a filter
+        other = np.array([np.inf, np.inf, np.inf, np.inf, max(radius, sensor.detector.radius), 1.0])
     signed = np.array([True, True, True, True, False, False])
-    others = min(sensor.nearest or scenario.max_agents, scenario.max_agents - 1)
+    others = sensor.columns(scenario.max_agents - 1)
     high = np.concatenate([viewer, np.tile(other, others)])
     return np.where(np.tile(signed, len(high) // AGENT_FEATURES), -high, 0.0), high
 
@@ -279,13 +277,21 @@ def layout_bound(scenario: Scenario) -> float:
     options = layout.keywords.values()
     if any(isinstance(option, list | Mapping) for option in options):
         return EXTENT
-    return 2 * sum(abs(option) for option in options if is_number(option)) + _max_speed(scenario)
+    return 2 * sum(abs(option) for option in options if is_number(option)) + largest_speed(scenario)
 
 
 def position_bound(scenario: Scenario) -> float:
     """Return a bound in metres on positions: the bound on starts, plus the longest path until the time limit."""
-    return layout_bound(scenario) + _max_speed(scenario) * scenario.rules.max_steps * scenario.rules.dt
+    return layout_bound(scenario) + largest_speed(scenario) * scenario.rules.max_steps * scenario.rules.dt
 
 
-def _max_speed(scenario: Scenario) -> float:
+def largest_radius(scenario: Scenario) -> float:
+    """Return the largest radius in metres of an agent, of the vehicle the one of a disc around its body."""
+    body = scenario.rules.body
+    radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, scenario.crowd.radius.high)
+    return max(radius, scenario.tracks.largest_radius) if scenario.tracks else radius
+
+
+def largest_speed(scenario: Scenario) -> float:
+    """Return a bound in m/s on the speed of an agent."""
     return max(scenario.vehicle.preferred_speed, scenario.crowd.preferred_speed.high) * (1 + SPEED_TOLERANCE)
