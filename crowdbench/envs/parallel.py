@@ -110,12 +110,13 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         # Recorded pedestrians appear and leave at recorded times, and are not agents.
         pedestrians = 0 if scenario.tracks else most
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
-        self.agents: list[str] = []
+        self._leaves = scenario.crowd.arrival not in CONTINUING_ARRIVALS
         self.observation_spaces = dict.fromkeys(self.possible_agents, view.observation_space)
         self.state_space = view.box(*state_bounds(scenario))
         self.action_spaces = dict.fromkeys(self.possible_agents, view.pedestrian_action_space)
         self.action_spaces[VEHICLE] = view.action_space
         self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
+        self._set_agents([])
         self._generator: np.random.Generator | None = None
         self._bodies = 0
         self._ego: tuple[World, World] | None = None
@@ -153,7 +154,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
         self._start(case, self._generator, everybody=True)
-        self.agents = [agent for agent in self.possible_agents if self._world.present[0, self._column[agent]]]
+        present = self._world.present[0].tolist()
+        self._set_agents([agent for agent, column in self._column.items() if present[column]])
         self._bodies = int(self._world.present[0].sum()) if self.scenario.tracks is None else self.scenario.max_agents
         return self._by_agent(self._observe()), {agent: stepping.make_info(self._number) for agent in self.agents}
 
@@ -176,18 +178,17 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         agents = self.agents
         outcomes, gaps, rewards, views = self._advance(*self._check_actions(actions))
         outcome, gap, present = outcomes.tolist(), gaps.tolist(), self._world.present[0].tolist()
-        observations = self._by_agent(views)
-        columns = [(agent, self._column[agent]) for agent in agents]
-        truncated = outcome[0] == _TIMEOUT or int(self._world.step[0]) >= self._max_steps
         over = outcome[0] not in (_RUNNING, _TIMEOUT)
-        leaves = self.scenario.crowd.arrival not in CONTINUING_ARRIVALS
-        rewards_of, terminations, infos = {}, {}, {}
-        for agent, column in columns:
-            arrived = outcome[column] == _SUCCESS and leaves
-            rewards_of[agent] = rewards[column]
-            terminations[agent] = over or arrived or not present[column]
-            infos[agent] = stepping.make_info(self._number, outcome[column], gap[column])
-        self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
+        number, leaves, columns = self._number, self._leaves, self._columns
+        observations = self._by_agent(views)
+        rewards_of = {agent: rewards[k] for agent, k in columns}
+        terminations = {agent: over or (leaves and outcome[k] == _SUCCESS) or not present[k] for agent, k in columns}
+        infos = {agent: stepping.make_info(number, outcome[k], gap[k]) for agent, k in columns}
+        truncated = outcome[0] == _TIMEOUT or self._world.step[0].item() >= self._max_steps
+        if truncated:
+            self._set_agents([])
+        elif True in terminations.values():
+            self._set_agents([agent for agent in agents if not terminations[agent]])
         return observations, rewards_of, terminations, dict.fromkeys(agents, truncated), infos
 
     def _advance(
@@ -246,8 +247,12 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         own, others = self.view.observe(self._world), self.view.observe(with_own_motion(ego, self._world, self._past))
         return [row_of(own, 0), *(row_of(others, column) for column in range(1, len(ego)))]
 
+    def _set_agents(self, agents: list[str]) -> None:
+        self.agents = agents
+        self._columns = [(agent, self._column[agent]) for agent in agents]
+
     def _by_agent(self, views: Observed) -> Observations:
-        return {agent: views[self._column[agent]] for agent in self.agents}
+        return {agent: views[column] for agent, column in self._columns}
 
     def _check_actions(self, actions: Mapping[str, np.ndarray | None]) -> tuple[list[int], Float[np.ndarray, "n 2"]]:
         """Return the columns of the acting agents, and their actions. Raises InputError as `step` does."""

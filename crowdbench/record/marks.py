@@ -48,8 +48,12 @@ def _draw_perceived(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -
     assert trace.perceived is not None
     assert trace.age is not None
     states = int(trace.steps[row]) + 1
-    known, radius = np.isfinite(trace.age[row, :states]), trace.radius[row, :states, 1:]
-    colors = [DARK.vehicle if is_seen else DARK.considered for is_seen in trace.seen[row, :states][known].tolist()]
+    known, detector, seen = np.isfinite(trace.age[row, :states]), trace.rules.sensor.detector, trace.seen[row, :states]
+    radius = trace.radius[row, :states, 1:]
+    if detector is not None:  # the rings are tracks
+        late = trace.rules.sensor.delay + 0.5 * trace.rules.dt
+        radius, seen = np.full(known.shape, detector.radius), trace.age[row, :states] < late
+    colors = [DARK.vehicle if is_seen else DARK.considered for is_seen in seen[known].tolist()]
     sizes = np.repeat(radius[known][:, None], 2, axis=1)
     rings = rr.Ellipses2D.columns(centers=trace.perceived[row, :states][known], half_sizes=sizes, colors=colors)
     yield still("world/sight", rr.Ellipses2D.from_fields(line_radii=width(1.5), draw_order=45))

@@ -59,7 +59,7 @@ def observe(
         step=world.step.copy(),
         dt=rules.dt,
         sensor=sensor,
-        future=future,
+        future=None if sensor.detector is not None else future,  # of pedestrians, which are not the tracks
         logs=logs,
         lidar=None if sensor.lidar is None else beams(world, sensor.lidar),
     )
@@ -127,11 +127,16 @@ def _everybody(world: World) -> Pedestrians:
 
 
 def _tracked(world: World) -> Pedestrians:
-    """Return the pedestrians that were seen and are not forgotten, as they were measured."""
-    state, seen = world.sight["state"], world.sight["unseen"] >= 0
+    """Return the pedestrians that were seen and are not forgotten, as they were measured, or the tracks."""
+    state, seen, detector = world.sight["state"], world.sight["unseen"] >= 0, world.rules.sensor.detector
     position, velocity, radius = (state[:, :, part].copy() for part in (slice(2), slice(2, 4), 4))
     history, observed, filled = (world.sight[name].copy() for name in ("history", "observed", "filled"))
-    return Pedestrians(position, velocity, radius, seen, history, observed, ages(world), filled)
+    deviation = None
+    if detector is not None:  # tracks that are not confirmed are not shown
+        history[~np.repeat(seen[:, None], HISTORY, axis=1)], observed[~seen] = 0.0, 0
+        filled &= seen[:, None]
+        deviation = None if detector.raw else world.sight["deviation"].copy()
+    return Pedestrians(position, velocity, radius, seen, history, observed, ages(world), filled, deviation)
 
 
 def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:

@@ -244,8 +244,10 @@ def flat_bounds(scenario: Scenario) -> tuple[Float[np.ndarray, "features"], Floa
     measured = speed + MOST_NORMAL * sensor.noise.velocity
     away = offset + MOST_NORMAL * sensor.noise.position + measured * sensor.remember
     other = np.array([away, away, measured, measured, radius, 1.0])
+    if sensor.detector is not None:  # estimates of a filter
+        other = np.array([np.inf, np.inf, np.inf, np.inf, max(radius, sensor.detector.radius), 1.0])
     signed = np.array([True, True, True, True, False, False])
-    others = min(sensor.nearest or scenario.max_agents, scenario.max_agents - 1)
+    others = sensor.columns(scenario.max_agents - 1)
     high = np.concatenate([viewer, np.tile(other, others)])
     return np.where(np.tile(signed, len(high) // AGENT_FEATURES), -high, 0.0), high
 
