@@ -25,6 +25,7 @@ from crowdbench.sim.simulator import crowd_decisions, finish_step, move
 from crowdbench.utils.errors import InputError
 from crowdbench.views.ego import ego_views, flatten_everybody, with_own_motion
 from crowdbench.views.global_state import global_state, state_bounds
+from crowdbench.views.scans import lidar_features_of_all
 from crowdbench.views.view import NEAREST, Observed, View, row_of
 
 VEHICLE = "vehicle"
@@ -66,7 +67,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
-        observation: `flat`, `goal_frame` or `dict`.
+        observation: `flat`, `goal_frame`, `dict` or `lidar`.
         action: `normalized` or another name of `crowdbench.views.actions`.
         nearest: Largest number of other agents in an observation in the frame of the goal.
         rays: Number of rays to walls in an observation in the frame of the goal.
@@ -75,7 +76,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
 
     Raises:
         InputError: Scenario, render mode, reward, observation, action or type do not exist; or agents see only the
-            nearest others (`Sensor.nearest`), and the observation is not `flat` or the reward not `crowdnav`.
+            nearest others (`Sensor.nearest`), and the observation is `goal_frame` or `dict`, or the reward not
+            `crowdnav`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -101,21 +103,22 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         view = View(scenario, observation, action, nearest, rays, dtype)
         super().__init__(view, render_mode, reward)
         most, shown = scenario.max_agents - 1, scenario.rules.sensor.nearest
-        is_default = observation == "flat" and self.reward.reward is crowdnav
+        is_default = observation in ("flat", "lidar") and self.reward.reward is crowdnav
         if shown is not None and shown < most and not is_default:  # each agent would need a world: too much memory
             raise InputError(
                 f"observation is {observation!r} and reward {self.reward.name!r}, but in a scenario with up "
-                f"to {most} pedestrians, of which {shown} are shown, they must be 'flat' and 'crowdnav'"
+                f"to {most} pedestrians, of which {shown} are shown, they must be 'flat' or 'lidar', and 'crowdnav'"
             )
         # Recorded pedestrians appear and leave at recorded times, and are not agents.
         pedestrians = 0 if scenario.tracks else most
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
-        self.agents: list[str] = []
+        self._leaves = scenario.crowd.arrival not in CONTINUING_ARRIVALS
         self.observation_spaces = dict.fromkeys(self.possible_agents, view.observation_space)
         self.state_space = view.box(*state_bounds(scenario))
         self.action_spaces = dict.fromkeys(self.possible_agents, view.pedestrian_action_space)
         self.action_spaces[VEHICLE] = view.action_space
         self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
+        self._set_agents([])
         self._generator: np.random.Generator | None = None
         self._bodies = 0
         self._ego: tuple[World, World] | None = None
@@ -153,7 +156,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
         self._start(case, self._generator, everybody=True)
-        self.agents = [agent for agent in self.possible_agents if self._world.present[0, self._column[agent]]]
+        present = self._world.present[0].tolist()
+        self._set_agents([agent for agent, column in self._column.items() if present[column]])
         self._bodies = int(self._world.present[0].sum()) if self.scenario.tracks is None else self.scenario.max_agents
         return self._by_agent(self._observe()), {agent: stepping.make_info(self._number) for agent in self.agents}
 
@@ -176,18 +180,17 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         agents = self.agents
         outcomes, gaps, rewards, views = self._advance(*self._check_actions(actions))
         outcome, gap, present = outcomes.tolist(), gaps.tolist(), self._world.present[0].tolist()
-        observations = self._by_agent(views)
-        columns = [(agent, self._column[agent]) for agent in agents]
-        truncated = outcome[0] == _TIMEOUT or int(self._world.step[0]) >= self._max_steps
         over = outcome[0] not in (_RUNNING, _TIMEOUT)
-        leaves = self.scenario.crowd.arrival not in CONTINUING_ARRIVALS
-        rewards_of, terminations, infos = {}, {}, {}
-        for agent, column in columns:
-            arrived = outcome[column] == _SUCCESS and leaves
-            rewards_of[agent] = rewards[column]
-            terminations[agent] = over or arrived or not present[column]
-            infos[agent] = stepping.make_info(self._number, outcome[column], gap[column])
-        self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
+        number, leaves, columns = self._number, self._leaves, self._columns
+        observations = self._by_agent(views)
+        rewards_of = {agent: rewards[k] for agent, k in columns}
+        terminations = {agent: over or (leaves and outcome[k] == _SUCCESS) or not present[k] for agent, k in columns}
+        infos = {agent: stepping.make_info(number, outcome[k], gap[k]) for agent, k in columns}
+        truncated = outcome[0] == _TIMEOUT or self._world.step[0].item() >= self._max_steps
+        if truncated:
+            self._set_agents([])
+        elif True in terminations.values():
+            self._set_agents([agent for agent in agents if not terminations[agent]])
         return observations, rewards_of, terminations, dict.fromkeys(agents, truncated), infos
 
     def _advance(
@@ -239,6 +242,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         """Return the observation of each agent, by column."""
         if self.view.observation == "flat":
             return self.view.rounded(flatten_everybody(self._world)[0])
+        if self.view.observation == "lidar":
+            return self.view.rounded(lidar_features_of_all(self._world))
         ego = self._ego_views(self._world)
         if self.view.observation == "goal_frame" and not self.view.rays and self._world.rules.sensor.sees_all:
             return self.view.observe(ego)
@@ -246,8 +251,12 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         own, others = self.view.observe(self._world), self.view.observe(with_own_motion(ego, self._world, self._past))
         return [row_of(own, 0), *(row_of(others, column) for column in range(1, len(ego)))]
 
+    def _set_agents(self, agents: list[str]) -> None:
+        self.agents = agents
+        self._columns = [(agent, self._column[agent]) for agent in agents]
+
     def _by_agent(self, views: Observed) -> Observations:
-        return {agent: views[self._column[agent]] for agent in self.agents}
+        return {agent: views[column] for agent, column in self._columns}
 
     def _check_actions(self, actions: Mapping[str, np.ndarray | None]) -> tuple[list[int], Float[np.ndarray, "n 2"]]:
         """Return the columns of the acting agents, and their actions. Raises InputError as `step` does."""

@@ -156,8 +156,8 @@ def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, 
     except (TypeError, ValueError, RuntimeError):  # torch raises the last one for a tensor with a gradient
         given = np.array(None)
     checked = given.astype(np.float64, copy=False) if given.dtype.kind in "fiu" else np.full(shape, np.nan)
-    # A sum is finite only if all its terms are, and takes half the time of a test of each.
-    if checked.shape != shape or not (math.isfinite(checked.sum()) or np.isfinite(checked).all()):
+    # A sum of squares is finite only if all its terms are, and takes a fifth of the time of a test of each.
+    if checked.shape != shape or not (math.isfinite(np.vdot(checked, checked)) or np.isfinite(checked).all()):
         raise InputError(f"an action must be two finite numbers, not {actions!r:.200}")
     return checked
 

@@ -30,7 +30,7 @@ class PolicyPlanner(Planner):
         function: Returns the actions `[world, 2]` of many worlds for their observations: an array `[world, features]`
             or a dictionary of arrays `[world, ...]`. With a `state`, it is called as `function(observed, *state)` and
             returns `(actions, *state)`.
-        observation: Its observation: `flat`, `goal_frame` or `dict`, see `crowdbench.views.view`.
+        observation: Its observation: `flat`, `goal_frame`, `dict` or `lidar`, see `crowdbench.views.view`.
         action: Its actions, such as `normalized` or `velocity`, see `crowdbench.views.actions`.
         nearest: Largest number of pedestrians that it observes in the frame of the goal.
         state: Shapes of the memory arrays of a recurrent policy for one world, which are zeros when an episode starts.

@@ -14,7 +14,7 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.drawing import DARK
 from crowdbench.record.rrd import moments, moving, still, width
-from crowdbench.sim.lines_of_sight import measure_all_beams
+from crowdbench.sim.lidar import measure_beams
 
 MOST_BEAMS = 90
 """Largest number of beams that are drawn. Of a lidar with more, only every second beam is drawn, or every third, ..."""
@@ -78,16 +78,19 @@ def _draw_view(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Ite
 
 
 def _draw_beams(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
-    """Draw the beams of the lidar, measured again in each state, from the vehicle to their ends."""
+    """Draw the beams of the lidar without noise, measured again in each state, from the vehicle to their ends."""
     lidar, states = trace.rules.sensor.lidar, int(trace.steps[row]) + 1
     assert lidar is not None
-    distance = np.empty((states, lidar.beams))
-    heading, position = trace.heading[row, :states], np.ascontiguousarray(trace.position[row, :states])
-    radius, present = (np.ascontiguousarray(array[row, :states]) for array in (trace.radius, trace.present))
+    distance = np.empty((states, 1, lidar.beams))
+    arrays = trace.position, trace.velocity, trace.radius, trace.present, trace.person
+    people = [np.ascontiguousarray(array[row, :states]) for array in arrays]
+    position, heading, seconds = people[0], trace.heading[row, :states, None], np.arange(states) * trace.rules.dt
     obstacles = np.repeat(trace.obstacles[row][None], states, axis=0)
-    measure_all_beams(heading, position, radius, present, obstacles, lidar.range, distance)
+    shown = seconds if lidar.legs else np.zeros(0)
+    measure_beams(heading, *people, shown, np.zeros(0), obstacles, lidar.range, distance)
+    distance = distance[:, 0]
     number = np.arange(0, lidar.beams, math.ceil(lidar.beams / MOST_BEAMS))
-    angle = heading[:, None] + 2.0 * np.pi * number / lidar.beams
+    angle = heading + 2.0 * np.pi * number / lidar.beams
     beam = distance[:, number, None] * np.stack([np.cos(angle), np.sin(angle)], axis=2)
     beams = (position[:, :1, None] + np.stack([np.zeros_like(beam), beam], axis=2)).reshape(-1, 2, 2)
     yield still("world/lidar", rr.LineStrips2D.from_fields(colors=[DARK.faint], radii=width(0.75), draw_order=4))

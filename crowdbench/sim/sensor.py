@@ -12,8 +12,8 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.types import HISTORY, Lidar, Observation, Pedestrians, Vehicle, World
-from crowdbench.sim.lines_of_sight import measure_all_beams
+from crowdbench.core.types import HISTORY, Observation, Pedestrians, Vehicle, World
+from crowdbench.sim.lidar import scan
 from crowdbench.sim.neighbors import insert_sorted
 from crowdbench.utils.compiled import njit
 
@@ -61,7 +61,7 @@ def observe(
         sensor=sensor,
         future=None if sensor.detector is not None else future,  # of pedestrians, which are not the tracks
         logs=logs,
-        lidar=None if sensor.lidar is None else beams(world, sensor.lidar),
+        lidar=None if sensor.lidar is None else scan(world, sensor.lidar)[:, 0],
     )
     return with_nearest(everything, sensor.nearest)
 
@@ -147,14 +147,6 @@ def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:
     """
     unseen, dt = world.sight["unseen"], world.rules.dt
     return np.where(unseen < 0, np.inf, (unseen + world.rules.sensor.steps_delayed(dt)) * dt)
-
-
-def beams(world: World, lidar: Lidar) -> Float[np.ndarray, "world beam"]:
-    """Return distances of a lidar at the vehicle's position, as `crowdbench.core.types.Observation.lidar`."""
-    distance = np.empty((len(world), lidar.beams))
-    scene = world.heading, world.position, world.radius, world.present, world.obstacles
-    measure_all_beams(*scene, lidar.range, distance)
-    return distance
 
 
 @no_type_check

@@ -14,14 +14,12 @@ observes the nearest others only (`Sensor.nearest`).
 
 from __future__ import annotations
 
-import dataclasses
 from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.dynamics import DIRECT, DISC, Holonomic
-from crowdbench.core.types import PERFECT_SENSOR, Observation, World
+from crowdbench.core.types import Observation, World
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells, nearest_of_all
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
@@ -97,11 +95,8 @@ def ego_views(world: World) -> World:
     worlds = world.take(row[:, 0])
     present = world.present[row, agent]
     present[:, 1:2] &= (agent[:, :1] == 0) | world.rules.visible  # a slice, because there may be no other agent
-    rules = (
-        world.rules if world.rules.sensor == PERFECT_SENSOR else dataclasses.replace(world.rules, sensor=PERFECT_SENSOR)
-    )
     ordered = {name: getattr(world, name)[row, agent] for name in _OF_AGENTS}
-    return worlds.replace(present=present, rules=rules, sight={}, **ordered)
+    return worlds.replace(present=present, rules=world.rules.with_perfect_sensor, sight={}, **ordered)
 
 
 def with_own_motion(views: World, world: World, past: Float[np.ndarray, "1 time 2"] | None = None) -> World:
@@ -115,8 +110,7 @@ def with_own_motion(views: World, world: World, past: Float[np.ndarray, "1 time 
         world: The world.
         past: The last positions of the vehicle in metres, as `World.history`; None to leave out the histories.
     """
-    velocity, sensor = views.velocity[:, 0], PERFECT_SENSOR.model_copy(update={"lidar": world.rules.sensor.lidar})
-    rules = dataclasses.replace(views.rules, dynamics=Holonomic(), actuation=DIRECT, body=DISC, sensor=sensor)
+    velocity, rules = views.velocity[:, 0], world.rules.of_pedestrian
     heading = np.arctan2(velocity[:, 1], velocity[:, 0])
     views = views.replace(rules=rules, heading=heading, angular_speed=np.zeros(len(views)))
     if past is None:

@@ -9,6 +9,7 @@ Observations, of the vehicle:
   last 8 positions of each pedestrian; `lidar` if the vehicle has one, as `Observation.lidar`; and with `rays`, `motion`
   (the motion of the vehicle and its next two waypoints) and `rays` (the distances to walls along that number of rays),
   see `crowdbench.networks.features_ahead`.
+- `lidar`: a vector of the vehicle's own numbers and the ranges of a scan, see `crowdbench.views.scans`.
 
 The vehicle observes through the scenario's sensor.
 
@@ -45,13 +46,14 @@ from crowdbench.networks.features_ahead import MOTION, REACH, motion
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import EXTENT
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.lines_of_sight import wall_distances
+from crowdbench.sim.lidar import DEFAULT_LIDAR, wall_distances
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import is_integer, is_number, require
 from crowdbench.views.actions import ACTIONS, scale
 from crowdbench.views.ego import AGENT_FEATURES, flatten, flatten_vehicle
+from crowdbench.views.scans import OWN_NUMBERS, lidar_features
 
-OBSERVATIONS = ("flat", "goal_frame", "dict")
+OBSERVATIONS = ("flat", "goal_frame", "dict", "lidar")
 DTYPES = ("float32", "float64")
 
 KEYS = ("vehicle", "pedestrians", "mask", "lidar", "motion", "rays", "history")
@@ -97,6 +99,10 @@ class View:
         """The space of the observations of one world."""
         if self.observation == "flat":
             return self.box(*flat_bounds(self.scenario))
+        if self.observation == "lidar":
+            lidar = self.scenario.rules.sensor.lidar or DEFAULT_LIDAR
+            own = np.full(OWN_NUMBERS, np.inf)
+            return self.box(np.append(-own, np.zeros(lidar.beams)), np.append(own, np.full(lidar.beams, lidar.range)))
         k = self.nearest
         parts = {
             "vehicle": self._unbounded(VEHICLE_FEATURES),
@@ -189,10 +195,12 @@ def check_view(observation: str, action: str, nearest: int, rays: int, dtype: st
     named = {"observation": (observation, OBSERVATIONS), "action": (action, ACTIONS), "dtype": (dtype, DTYPES)}
     for name, (value, known) in named.items():
         require(name, value, isinstance(value, str) and value in known, f"one of {', '.join(known)}")
+    if observation == "lidar":
+        require("nearest", nearest, nearest == NEAREST, "left out where the observation is lidar")
     is_count = is_integer(nearest) and nearest >= 1
     require("nearest", nearest, is_count, "a whole number of pedestrians, 1 or more")
-    has_rays = is_integer(rays) and (rays == 0 or (rays > 0 and observation != "flat"))
-    require("rays", rays, has_rays, "a whole number, 0 where the observation is flat")
+    has_rays = is_integer(rays) and (rays == 0 or (rays > 0 and observation in ("goal_frame", "dict")))
+    require("rays", rays, has_rays, "a whole number, 0 where the observation is flat or lidar")
 
 
 def encode(obs: Observation, observation: str, nearest: int, rays: int = 0) -> Observed:
@@ -205,6 +213,8 @@ def encode(obs: Observation, observation: str, nearest: int, rays: int = 0) -> O
     """
     if observation == "flat":
         return flatten(obs)
+    if observation == "lidar":
+        return lidar_features(obs)
     numbers = features(obs, nearest)
     mask = numbers.seen.astype(np.float64)
     ahead = {}

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from crowdbench.core.dynamics import DIRECT, DISC, DYNAMICS, FREE, Actuation, Body, Dynamics
 from crowdbench.core.types.attention import Attention
@@ -41,10 +41,25 @@ class Lidar(TomlTable):
     Attributes:
         beams: Number of beams. The first one points along the heading, the others follow counter-clockwise.
         range: Length of a beam in metres.
+        legs: True if a person is a pair of legs that walk, see `crowdbench.sim.lidar`; otherwise a disc.
+        noise: Standard deviation in metres of the normal noise of each distance below the range.
+        dropout: Probability that a beam that meets something returns the range.
+        false_returns: Probability that a beam returns a distance that is uniform between 0 and the measured one.
+
+    The last four are None for False or 0, so that they change the digest of no scenario without them.
     """
 
     beams: int = integer(least=1, most=10_000)
     range: float = number(above=0.0, below=1e6)
+    legs: bool | None = Field(default=None, description="true or false")
+    noise: float | None = number(None, least=0.0, below=1e3)
+    dropout: float | None = number(None, least=0.0, below=1.0)
+    false_returns: float | None = number(None, least=0.0, below=1.0)
+
+    @field_validator("legs", "noise", "dropout", "false_returns")
+    @classmethod
+    def _without_default(cls, value: float | None) -> float | None:
+        return value or None
 
 
 class Detector(TomlTable):
@@ -253,6 +268,17 @@ class Rules:
         vehicle = self.dynamics.code, self.dynamics.limits, np.array(self.body), self.goal_tolerance or 0.0
         walking = self.walking or WalkingLimits(math.inf, math.inf, math.inf)
         return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, self.max_steps, walking)
+
+    @cached_property
+    def with_perfect_sensor(self) -> Rules:
+        """The same rules with a sensor that sees all pedestrians exactly, without a lidar."""
+        return dataclasses.replace(self, sensor=PERFECT_SENSOR)
+
+    @cached_property
+    def of_pedestrian(self) -> Rules:
+        """The same rules for a pedestrian as the vehicle: a disc that moves in any direction and sees all exactly."""
+        sensor = PERFECT_SENSOR.model_copy(update={"lidar": self.sensor.lidar})
+        return dataclasses.replace(self, dynamics=FREE, actuation=DIRECT, body=DISC, sensor=sensor)
 
     def to_table(self) -> dict[str, Any]:
         """Return the rules as a table for JSON, without fields of vehicle and pedestrians that have their default."""

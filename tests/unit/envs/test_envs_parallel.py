@@ -19,7 +19,7 @@ from crowdbench.envs.step_outcomes import outcomes_of_agents
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.networks.features_ahead import REACH
 from crowdbench.scenario.layouts import LAYOUTS
-from crowdbench.sim.lines_of_sight import wall_distances
+from crowdbench.sim.lidar import wall_distances
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
