@@ -23,6 +23,7 @@ from crowdbench.envs.rewards import (
     progress,
 )
 from crowdbench.envs.stable_baselines import CrowdVecEnv
+from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.features import features
@@ -94,9 +95,21 @@ def test_many_worlds_show_what_one_world_shows(observation):
             r"^no reward is called 'nothing'; there are crowdnav, progress, safe_progress, crowdnav_plus, or give",
         ),
         ({"observation": "round"}, r"^observation is 'round', but must be one of flat, goal_frame, dict$"),
-        ({"nearest": 0}, r"^nearest is 0, but must be a whole number of pedestrians, 1 or more$"),
+        ({"nearest": 0}, r"^nearest is 0, but must be a whole number from 1 to 10000$"),
         ({"nearest": True}, r"^nearest is True, but must be a whole number"),
         ({"observation": "dict", "rays": True}, r"^rays is True, but must be a whole number"),
+        (
+            {"observation": "goal_frame", "rays": 10**9},
+            r"^rays is 1000000000, but must be a whole number from 0 to 10000",
+        ),
+        (
+            {"observation": "goal_frame", "nearest": 10**9},
+            r"^nearest is 1000000000, but must be a whole number from 1 to",
+        ),
+        ({"reward": lambda: 1}, r"^reward <lambda> must be a function of one argument, the step$"),
+        ({"scenario": None}, r"^scenario is None, but must be a name, a file or a Scenario$"),
+        ({"dtype": "int8"}, r"^dtype is 'int8', but must be one of float32, float64$"),
+        ({"action": ["native"]}, r"^action is \['native'\], but must be one of normalized, normalized_goal_frame,"),
     ],
 )
 def test_what_does_not_exist_gets_one_sentence(options, sentence):
@@ -345,3 +358,35 @@ def test_a_value_for_all_worlds_that_is_no_list_gets_one_sentence(name, value):
     envs = gymnasium.make_vec(ID, num_envs=2)
     with pytest.raises(InputError, match=f"{name} is .*, but must be a list with a value for each of 2 worlds"):
         envs.reset(**({"seed": value} if name == "seed" else {"options": {name: value}}))
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"num_envs": 0}, "num_envs is 0, but must be a whole number from 1 to 100000$"),
+        ({"num_envs": 10**9}, "num_envs is 1000000000, but must be"),
+        ({"num_envs": 2.0}, "num_envs is 2.0, but must be"),
+        ({"num_envs": 10**5, "observation": "dict", "nearest": 10**4}, "are 2.* numbers: 100000000 at most fit$"),
+        ({"autoreset_mode": "always"}, "autoreset_mode is 'always', but must be one of NextStep, SameStep, Disabled$"),
+    ],
+)
+def test_arguments_of_many_worlds_get_one_sentence(options, sentence):
+    with pytest.raises(InputError, match=sentence):
+        VehicleVectorEnv(**options)
+
+
+@pytest.mark.parametrize("options", [3, [], "case"])
+def test_options_of_a_reset_that_are_no_table_get_one_sentence(options):
+    for env in (parallel_env(), VehicleEnv(), VehicleVectorEnv(2)):
+        with pytest.raises(InputError, match=r"options of reset is .*, but must be a table"):
+            env.reset(options=options)
+
+
+@pytest.mark.parametrize("actions", [None, 3, [[0.0, 0.0]], {"vehicle": [0.0, 0.0], 3: [0.0, 0.0]}])
+def test_actions_of_agents_that_are_no_table_get_one_sentence(actions):
+    env = parallel_env()
+    env.reset(seed=0)
+    with pytest.raises(
+        InputError, match=r"actions is .*, but must be a table of actions by agent|there are actions for"
+    ):
+        env.step(actions)
