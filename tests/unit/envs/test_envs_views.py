@@ -64,13 +64,13 @@ def test_features_are_the_same_in_a_scene_that_is_turned():
 @pytest.mark.parametrize("action", ACTIONS)
 @pytest.mark.filterwarnings("ignore:.*A Box observation space (minimum|maximum) value is -?infinity.*")
 def test_every_view_passes_the_check_of_gymnasium(observation, action):
-    env = gymnasium.make(ID, observation=observation, action=action, reward="progress", nearest=3)
+    env = gymnasium.make(ID, observation=observation, action=action, reward="progress")
     check_env(env.unwrapped, skip_render_check=True)
 
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)
 def test_many_worlds_show_what_one_world_shows(observation):
-    options = {"observation": observation, "action": "goal_frame", "reward": "progress", "nearest": 3}
+    options = {"observation": observation, "action": "goal_frame", "reward": "progress"}
     many = gymnasium.make_vec(ID, num_envs=3, **options)
     ones = [gymnasium.make(ID, **options) for _ in range(3)]
     seen, _ = many.reset(seed=5)
@@ -94,7 +94,7 @@ def test_many_worlds_show_what_one_world_shows(observation):
             {"reward": "nothing"},
             r"^no reward is called 'nothing'; there are crowdnav, progress, safe_progress, crowdnav_plus, or give",
         ),
-        ({"observation": "round"}, r"^observation is 'round', but must be one of flat, goal_frame, dict$"),
+        ({"observation": "round"}, r"^observation is 'round', but must be one of flat, goal_frame, dict, lidar$"),
         ({"nearest": 0}, r"^nearest is 0, but must be a whole number from 1 to 10000$"),
         ({"nearest": True}, r"^nearest is True, but must be a whole number"),
         ({"observation": "dict", "rays": True}, r"^rays is True, but must be a whole number"),
@@ -334,7 +334,9 @@ def test_rays_and_the_motion_are_named_parts_and_stand_at_the_end_of_a_vector():
     assert joined.observation_space.contains(vector)
     np.testing.assert_array_equal(vector[-34:], np.concatenate([parts["motion"], parts["rays"]]))
     assert parts["rays"].min() < 5.0
-    with pytest.raises(InputError, match="rays is 24, but must be a whole number, 0 where the observation is flat"):
+    with pytest.raises(
+        InputError, match="rays is 24, but must be a whole number from 0 to 10000, 0 where the observation is flat"
+    ):
         gymnasium.make(**made)
 
 
@@ -366,7 +368,7 @@ def test_a_value_for_all_worlds_that_is_no_list_gets_one_sentence(name, value):
         ({"num_envs": 0}, "num_envs is 0, but must be a whole number from 1 to 100000$"),
         ({"num_envs": 10**9}, "num_envs is 1000000000, but must be"),
         ({"num_envs": 2.0}, "num_envs is 2.0, but must be"),
-        ({"num_envs": 10**5, "observation": "dict", "nearest": 10**4}, "are 2.* numbers: 100000000 at most fit$"),
+        ({"num_envs": 10**5, "observation": "dict", "nearest": 10**4}, "has 2.* numbers, but at most 100000000 fit$"),
         ({"autoreset_mode": "always"}, "autoreset_mode is 'always', but must be one of NextStep, SameStep, Disabled$"),
     ],
 )
