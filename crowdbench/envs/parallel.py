@@ -213,8 +213,9 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         # A policy with a memory is updated at every step, even if no pedestrian follows it.
         if len(acting) < self._bodies or any(world.memory.values()):
             chosen[:, 1:], world = crowd_decisions(world, self.scenario.policies)
-        of = tuple(array[0, acting] for array in (before.position, goals_on_way(before), before.preferred_speed))
-        chosen[0, acting] = self.view.commands(*of, actions, np.array(acting) == 0)
+        position, goal = before.position[0, acting], goals_on_way(before)[0, acting]
+        speed, is_vehicle = before.preferred_speed[0, acting], np.array(acting) == 0
+        chosen[0, acting] = self.view.commands(position, goal, speed, actions, is_vehicle)
         moved, check = move(world, self.view.to_command(world, chosen[:, 0]), chosen[:, 1:])
         outcomes, gaps = outcomes_of_agents(before, moved, check)
         if self.reward.reward is crowdnav:  # it needs no ego views

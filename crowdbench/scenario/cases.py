@@ -43,7 +43,7 @@ class Cases:
         require("split", self.split, is_split, f"one of {', '.join(SPLITS)}")
         for name in ("start", "stop"):
             number = getattr(self, name)
-            is_case = isinstance(number, int | np.integer) and 0 <= number <= LAST
+            is_case = isinstance(number, int | np.integer) and bool(0 <= number <= LAST)
             require(name, number, is_case, "the number of a case, 0 or more")
         require("stop", self.stop, self.start <= self.stop, f"{self.start} or more, which is the first case")
         if len(self) > MOST:

@@ -119,9 +119,9 @@ class View:
                 "rays": self.box(np.zeros(self.rays), np.full(self.rays, REACH)),
             }
         if self.observation == "dict":
-            lidar = self.scenario.rules.sensor.lidar
-            if lidar is not None:
-                parts["lidar"] = self.box(np.zeros(lidar.beams), np.full(lidar.beams, lidar.range))
+            given = self.scenario.rules.sensor.lidar
+            if given is not None:
+                parts["lidar"] = self.box(np.zeros(given.beams), np.full(given.beams, given.range))
             return spaces.Dict({**parts, "history": self._unbounded(HISTORY, k, 2)})
         size = VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1)
         if self.rays:
