@@ -312,7 +312,7 @@ def test_rewards_are_asked_only_for_steps_of_episodes():
 def test_a_policy_drives_as_it_was_trained(speed):
     """A planner's command is the velocity that the same action has in the environment."""
     scenario = load_scenario("circle_crossing_5", {"vehicle.preferred_speed": speed})
-    env = CrowdVecEnv(4, scenario, nearest=5, cases=4)
+    env = CrowdVecEnv(4, scenario, action="goal_frame", nearest=5, cases=4)
     seen = env.reset()
     policy = make_policy("ppo")
     inputs = (torch.as_tensor(seen[name], dtype=torch.float32) for name in ("vehicle", "pedestrians"))
