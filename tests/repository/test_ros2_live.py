@@ -12,7 +12,8 @@ import numpy as np
 import psutil
 import pytest
 
-from crowdbench import Driver, InputError, OneWorldPlanner, load_planner, load_scenario, rollout
+from crowdbench import Driver, InputError, OneWorldPlanner, Result, load_planner, load_scenario, rollout, run
+from crowdbench.cli.app import app
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install 'crowdbench[ros]'")
 FOLDER = Path(__file__).parents[2] / "adapters" / "ros2"
@@ -241,6 +242,24 @@ def test_a_robot_stops_when_messages_stop_and_when_the_node_ends(robot, error, c
     # It moves forwards, stops because messages are old, and stops again because the node ends.
     assert speeds == ([1.0, 0.0, 0.0] if error is Ended else [0.0])
     assert ("no new message on /odom and /people" in capsys.readouterr().err) is (error is Ended)
+
+
+@pytest.mark.slow
+def test_the_example_drives_through_topics_and_is_in_a_table_with_a_planner(tmp_path, capsys):
+    from simulate import simulate
+
+    example = FOLDER.parents[1] / "examples" / "ros2_controller.py"
+    with subprocess.Popen([sys.executable, example]) as controller:
+        simulate("example", tmp_path / "example", "groups_12", "2")
+        controller.kill()
+    run("orca", "groups_12", 2, out=tmp_path / "orca")
+    app(["table", str(tmp_path / "example"), str(tmp_path / "orca")], standalone_mode=False)
+    printed = capsys.readouterr().out
+    assert "| example |" in printed
+    assert "| orca |" in printed
+    result = Result.read(tmp_path / "example")
+    assert result.metrics["commands_lost"].mean == 0.0
+    assert 0.0 < result.metrics["command_latency"].mean < 1.0
 
 
 @pytest.mark.slow
