@@ -38,7 +38,7 @@ def node(planner: str) -> Iterator[None]:
 
 def simulate(planner: str, scenario: str, cases: str, out: Path, real_time: bool) -> Result:
     """Return the result of a simulation in another process, which a node drives."""
-    options = ["--name", planner, "--scenario", scenario, "--cases", cases, "--out", out, "--overwrite"]
+    options = ["--name", planner, "--scenario", scenario, "--cases", cases, "--out", str(out), "--overwrite"]
     options += ["--real-time"] * real_time
     ended = subprocess.run([sys.executable, HERE / "simulate.py", *options], stderr=subprocess.PIPE, text=True)
     if ended.returncode:

@@ -157,7 +157,7 @@ class TopicPlanner(Planner):
         vehicle, twist = obs.vehicle, self.twist
         dynamics, fastest = vehicle.dynamics, vehicle.preferred_speed
         if dynamics.name == "holonomic":
-            asked = np.array([turned((twist.linear.x, twist.linear.y), float(vehicle.heading[0]))])
+            asked = np.array([turned(np.array([twist.linear.x, twist.linear.y]), float(vehicle.heading[0]))])
             limited = asked * fastest / np.maximum(norm(asked), fastest)
         else:
             asked = np.array([[twist.linear.x, twist.angular.z]])

@@ -22,7 +22,7 @@ from crowdbench.scenario.population import CONTINUING_ARRIVALS
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, finish_step, move
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, require
 from crowdbench.views.ego import ego_views, flatten_everybody, with_own_motion
 from crowdbench.views.global_state import global_state, state_bounds
 from crowdbench.views.scans import lidar_features_of_all
@@ -151,8 +151,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
             InputError: There is no such case, or an option is unknown.
         """
         # PettingZoo's API test passes an option named "options" to test that options are accepted.
-        given = {name: value for name, value in (options or {}).items() if name != "options"}
-        case = stepping.check_options(given, "case").get("case")
+        case = stepping.check_options(options, "case", "options").get("case")
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
         self._start(case, self._generator, everybody=True)
@@ -214,8 +213,9 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         # A policy with a memory is updated at every step, even if no pedestrian follows it.
         if len(acting) < self._bodies or any(world.memory.values()):
             chosen[:, 1:], world = crowd_decisions(world, self.scenario.policies)
-        of = tuple(array[0, acting] for array in (before.position, goals_on_way(before), before.preferred_speed))
-        chosen[0, acting] = self.view.commands(*of, actions, np.array(acting) == 0)
+        position, goal = before.position[0, acting], goals_on_way(before)[0, acting]
+        speed, is_vehicle = before.preferred_speed[0, acting], np.array(acting) == 0
+        chosen[0, acting] = self.view.commands(position, goal, speed, actions, is_vehicle)
         moved, check = move(world, self.view.to_command(world, chosen[:, 0]), chosen[:, 1:])
         outcomes, gaps = outcomes_of_agents(before, moved, check)
         if self.reward.reward is crowdnav:  # it needs no ego views
@@ -260,13 +260,15 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
 
     def _check_actions(self, actions: Mapping[str, np.ndarray | None]) -> tuple[list[int], Float[np.ndarray, "n 2"]]:
         """Return the columns of the acting agents, and their actions. Raises InputError as `step` does."""
+        require("actions", actions, isinstance(actions, Mapping), "a table of actions by agent")
         given = {agent: action for agent, action in actions.items() if action is not None}
         if not self.agents:
             raise InputError("the episode is over: call reset()")
         if VEHICLE not in given or not given.keys() <= set(self.agents):
+            named, others = ", ".join(map(str, given)) or "no agent", ", ".join(self.agents[1:]) or "no other agent"
             raise InputError(
-                f"there are actions for {', '.join(given) or 'no agent'}, but there must be one for the vehicle, and "
-                f"there may be others for {', '.join(self.agents[1:]) or 'no other agent'}"
+                f"there are actions for {named}, but there must be one for the vehicle, and there may be others for "
+                f"{others}"
             )
         chosen = stepping.check_actions(list(given.values()), (len(given), 2))
         return [self._column[agent] for agent in given], chosen

@@ -21,7 +21,7 @@ from crowdbench.scenario.cases import parse_case
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, step
-from crowdbench.utils.errors import InputError, require_count
+from crowdbench.utils.errors import InputError, require, require_count
 from crowdbench.views.view import View
 
 TRAINING_CASES = 2**32
@@ -36,6 +36,7 @@ def as_scenario(scenario: str | Path | Scenario) -> Scenario:
 
     Raises InputError if the scenario does not exist.
     """
+    require("scenario", scenario, isinstance(scenario, str | Path | Scenario), "a name, a file or a Scenario")
     return scenario if isinstance(scenario, Scenario) else load_scenario(str(scenario))
 
 
@@ -49,7 +50,8 @@ def check_max_steps(steps: int | None) -> int | float:
 
 def check_options(options: Mapping[str, Any] | None, *names: str) -> Mapping[str, Any]:
     """Return the options of a `reset`, an empty table for None. Raises InputError if one is not among `names`."""
-    options = options or {}
+    options = {} if options is None else options
+    require("options of reset", options, isinstance(options, Mapping), "a table such as {'case': 'test/37'}, or None")
     for name in options:
         if name not in names:
             raise InputError(f"reset has no option {name!r}; its options are: {', '.join(names)}")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import error
+from gymnasium.spaces.utils import flatdim
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -17,8 +18,14 @@ from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
 from crowdbench.envs.rewards import Reward, Step, load_reward
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, require, require_count
 from crowdbench.views.view import NEAREST, Observed, View, row_of
+
+MAX_ENVS = 100_000
+"""Largest number of worlds."""
+
+MAX_NUMBERS = 100_000_000
+"""Largest number of numbers in the observations of all worlds."""
 
 _Flags = Bool[np.ndarray, "world"]
 
@@ -63,6 +70,10 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         max_episode_steps: int | None = None,
     ) -> None:
         self._max_steps = stepping.check_max_steps(max_episode_steps)
+        require_count("num_envs", num_envs, MAX_ENVS)
+        modes = [mode.value for mode in AutoresetMode]
+        is_mode = isinstance(autoreset_mode, str | AutoresetMode) and autoreset_mode in [*modes, *AutoresetMode]
+        require("autoreset_mode", autoreset_mode, is_mode, f"one of {', '.join(modes)}")
         self.num_envs = num_envs
         self.scenario = stepping.as_scenario(scenario)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -71,6 +82,11 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         self.reward = load_reward(reward)
         self.single_observation_space = self.view.observation_space
         self.single_action_space = self.view.action_space
+        numbers = num_envs * flatdim(self.single_observation_space)
+        if numbers > MAX_NUMBERS:
+            raise InputError(
+                f"an observation of {num_envs} worlds has {numbers} numbers, but at most {MAX_NUMBERS} fit"
+            )
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._generators: list[np.random.Generator | None] = [None] * num_envs

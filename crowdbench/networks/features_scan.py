@@ -15,7 +15,7 @@ SCAN_RAYS = 90
 """Rays of a scan."""
 
 SCANS = 3
-"""Scans in the input: the current one, and those of the steps before."""
+"""Scans in the input: the current one, and the scans of the steps before."""
 
 SCAN_REACH = 10.0
 """Length of a ray in metres."""

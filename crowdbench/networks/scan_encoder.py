@@ -38,7 +38,7 @@ class ScanEncoder(Encoder):
 
     def forward(self, seen: Seen) -> Float[Tensor, "row encoded"]:
         """Return the code of the observation in each row, without units; see `crowdbench.networks.features_scan`."""
-        own, scans = seen.vehicle[:, :OWN], seen.vehicle[:, OWN:].unflatten(1, (SCANS, SCAN_RAYS))
+        own, scans = seen.vehicle[:, :OWN], seen.vehicle[:, OWN:].reshape(-1, SCANS, SCAN_RAYS)
         now = scans[:, :1]
         # The proximity of what is near varies more than that of what is far, as its importance does.
         channels = torch.cat([1.0 / (0.5 + now), now / SCAN_REACH, (now - scans[:, 1:]).clamp(-1.0, 1.0)], dim=1)

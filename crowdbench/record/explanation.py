@@ -88,6 +88,8 @@ def _expected(trace: Trace, row: int, agent: int) -> str:
         if np.isfinite(distance):
             gaps.append(f"{distance - trace.radius[row, steps, [0, agent]].sum():z.2f} m at {state * dt:g} s")
     how = "constant velocity; the planner logs no prediction" if logged is None else "the planner's prediction"
+    if is_of_tracks:
+        how = "constant velocity; predictions of tracks belong to no pedestrian"
     expected = ", ".join(gaps) or "none, the pedestrian was not seen"
     return f"Gap expected for that moment ({how}): {expected}. Actual gap: {trace.gap[row, steps - 1]:z.2f} m."
 

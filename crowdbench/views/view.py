@@ -33,6 +33,7 @@ from crowdbench.core.arrays import Numbers
 from crowdbench.core.dynamics import FREE, SPEED_TOLERANCE, State
 from crowdbench.core.rng import MOST_NORMAL
 from crowdbench.core.types import HISTORY, Observation, World
+from crowdbench.core.types.rules import MAX_PEDESTRIANS
 from crowdbench.networks.features import (
     PEDESTRIAN_FEATURES,
     VEHICLE_FEATURES,
@@ -48,7 +49,7 @@ from crowdbench.scenario.placement import EXTENT
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.lidar import DEFAULT_LIDAR, wall_distances
 from crowdbench.sim.sensor import observe
-from crowdbench.utils.errors import is_integer, is_number, require
+from crowdbench.utils.errors import is_integer, is_number, require, require_count
 from crowdbench.views.actions import ACTIONS, scale
 from crowdbench.views.ego import AGENT_FEATURES, flatten, flatten_vehicle
 from crowdbench.views.scans import OWN_NUMBERS, lidar_features
@@ -61,6 +62,9 @@ KEYS = ("vehicle", "pedestrians", "mask", "lidar", "motion", "rays", "history")
 
 NEAREST = 10
 """Default for the largest number of pedestrians in an observation in the frame of the goal."""
+
+MAX_RAYS = 10_000
+"""Largest number of rays to walls."""
 
 Flags = Bool[np.ndarray, "world"]
 
@@ -115,9 +119,9 @@ class View:
                 "rays": self.box(np.zeros(self.rays), np.full(self.rays, REACH)),
             }
         if self.observation == "dict":
-            lidar = self.scenario.rules.sensor.lidar
-            if lidar is not None:
-                parts["lidar"] = self.box(np.zeros(lidar.beams), np.full(lidar.beams, lidar.range))
+            given = self.scenario.rules.sensor.lidar
+            if given is not None:
+                parts["lidar"] = self.box(np.zeros(given.beams), np.full(given.beams, given.range))
             return spaces.Dict({**parts, "history": self._unbounded(HISTORY, k, 2)})
         size = VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1)
         if self.rays:
@@ -197,10 +201,10 @@ def check_view(observation: str, action: str, nearest: int, rays: int, dtype: st
         require(name, value, isinstance(value, str) and value in known, f"one of {', '.join(known)}")
     if observation == "lidar":
         require("nearest", nearest, nearest == NEAREST, "left out where the observation is lidar")
-    is_count = is_integer(nearest) and nearest >= 1
-    require("nearest", nearest, is_count, "a whole number of pedestrians, 1 or more")
-    has_rays = is_integer(rays) and (rays == 0 or (rays > 0 and observation in ("goal_frame", "dict")))
-    require("rays", rays, has_rays, "a whole number, 0 where the observation is flat or lidar")
+    require_count("nearest", nearest, MAX_PEDESTRIANS)
+    most = MAX_RAYS if observation in ("goal_frame", "dict") else 0
+    right = f"a whole number from 0 to {MAX_RAYS}, 0 where the observation is flat or lidar"
+    require("rays", rays, is_integer(rays) and 0 <= rays <= most, right)
 
 
 def encode(obs: Observation, observation: str, nearest: int, rays: int = 0) -> Observed:

@@ -79,7 +79,7 @@ class Detector(TomlTable):
         raw: True if planners observe the detections, without the tracker.
     """
 
-    position: float = number(0.22, least=0.0, below=1e3)
+    position: float = number(0.17, least=0.0, below=1e3)
     velocity: float | None = number(None, least=0.0, below=1e3)
     missed: float = number(0.15, least=0.0, below=1.0)
     false_detections: float = number(1.0, least=0.0, below=100.0)
