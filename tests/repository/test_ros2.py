@@ -237,6 +237,7 @@ def test_tracks_of_two_bags_do_not_replace_each_other(tmp_path):
         convert(tmp_path / "drive.toml", tmp_path / "run", tmp_path / "tracks")
 
 
+@pytest.mark.slow
 def test_the_commands_after_a_conversion_run_as_printed(tmp_path, capfd):
     from score_bags import convert
 
