@@ -209,6 +209,14 @@ def test_without_stable_baselines_a_sentence_says_how_it_is_installed(monkeypatc
         from crowdbench.envs import CrowdVecEnv  # noqa: F401
 
 
+@pytest.mark.parametrize(
+    "wrong", [{"num_envs": 0}, {"num_envs": "3"}, {"num_envs": 10**9}, {"cases": 0}, {"seed": -1}, {"seed": "a"}]
+)
+def test_a_number_that_the_vec_env_cannot_use_gets_one_sentence(wrong):
+    with pytest.raises(InputError, match=rf"^{next(iter(wrong))} is .*, but must be a whole number"):
+        CrowdVecEnv(**{"num_envs": 2, "cases": 4, **wrong})
+
+
 def test_the_vec_env_repeats_itself():
     runs = []
     for _ in range(2):
