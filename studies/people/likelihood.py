@@ -6,13 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from studies.people.features import BINS, CONTACT, Places, bins_of, blocks, closest_approach, per_frame
-from studies.people.windows import Window
+from studies.people.encounters import Places, closest_approach
+from studies.people.features import BINS, CONTACT, bins_of, per_frame
+from studies.people.windows import BLOCK, Window
 
 UNIFORM = 0.05
 """Share of the uniform distribution in every probability."""
+
+BIN_NUMBERS = np.arange(BINS + 1)
 
 THIRDS: Mapping[str, tuple[str, ...]] = {
     "motion": ("speed", "acceleration", "turning"),
@@ -48,21 +51,19 @@ def score_window(window: Window, places: Places) -> WindowScore:
     """
     persons, truth = window.scored, window.future[None]
     simulated, recorded = per_frame(window, places), per_frame(window, truth)
-    logs = {
+    here = window.present[1:, persons]
+    of_person = {
         name: log_frames(
-            bins_of(name, simulated[name][..., persons]), bins_of(name, recorded[name][0][..., persons])
+            bins_of(name, simulated[name][..., persons]), bins_of(name, recorded[name][0][..., persons]), here
         )
         for name in simulated
     }
-    # Frames after a person has left do not count.
-    here = window.present[1:, persons]
-    of_person = {name: np.where(here, log, 0.0).sum(axis=0) / here.sum(axis=0) for name, log in logs.items()}
-    near, nearest = closest_approach(window, places, persons), closest_approach(window, truth, persons)[0]
+    near = closest_approach(places, window.strangers, persons)
+    nearest = closest_approach(truth, window.strangers, persons)[0]
     conflict = window.conflict[persons]
-    bins = bins_of("closest", near)[:, None], bins_of("closest", nearest)[None]
     touches, touched = near < CONTACT, nearest < CONTACT
     share = (1.0 - UNIFORM) * touches.mean(axis=0) + UNIFORM / 2.0
-    of_person["closest"] = np.where(conflict, _log_block(*bins)[0], np.nan)
+    of_person["closest"] = np.where(conflict, _log_closest(near, nearest), np.nan)
     of_person["contact"] = np.where(conflict, np.log(np.where(touched, share, 1.0 - share)), np.nan)
     thirds = {third: np.mean([of_person[name] for name in names], axis=0) for third, names in THIRDS.items()}
     return WindowScore(
@@ -79,22 +80,33 @@ def score(windows: Sequence[Window], rollouts: Sequence[Places]) -> list[WindowS
 
 
 def log_frames(
-    simulated: Int[np.ndarray, "rollout frame person"], recorded: Int[np.ndarray, "frame person"]
-) -> Float[np.ndarray, "frame person"]:
-    """Return the log-likelihood of the recorded bin of each frame in the histogram of its block."""
-    block = blocks()
-    parts = [_log_block(simulated[:, block == b], recorded[block == b]) for b in np.unique(block)]
-    return np.concatenate(parts)
+    simulated: Int[np.ndarray, "rollout frame person"],
+    recorded: Int[np.ndarray, "frame person"],
+    here: Bool[np.ndarray, "frame person"],
+) -> Float[np.ndarray, "person"]:
+    """Return each person's mean log-likelihood of the recorded bins, in the histograms of their blocks.
+
+    Args:
+        simulated: The bin in each rollout.
+        recorded: The recorded bin.
+        here: True in the frames that count.
+    """
+    total = np.zeros(here.shape[1])
+    for first in range(0, len(here), BLOCK):
+        frames = slice(first, first + BLOCK)
+        counts = ((simulated[:, frames, :, None] == BIN_NUMBERS) & here[frames, :, None]).sum(axis=(0, 1))
+        samples = np.maximum(len(simulated) * here[frames].sum(axis=0), 1)
+        logs = np.log(smooth(counts / samples[:, None]))[np.arange(here.shape[1]), recorded[frames]]
+        total += np.where(here[frames], logs, 0.0).sum(axis=0)
+    return total / here.sum(axis=0)
 
 
-def _log_block(
-    simulated: Int[np.ndarray, "rollout frame person"], recorded: Int[np.ndarray, "frame person"]
-) -> Float[np.ndarray, "frame person"]:
-    """Return log-likelihoods in one histogram of all rollouts and frames for each person."""
-    samples = simulated.reshape(-1, simulated.shape[-1])
-    counts = (samples[..., None] == np.arange(BINS + 1)).sum(axis=0)
-    share = smooth(counts / len(samples))
-    return np.log(share[np.arange(len(share)), recorded])
+def _log_closest(
+    near: Float[np.ndarray, "rollout person"], nearest: Float[np.ndarray, "person"]
+) -> Float[np.ndarray, "person"]:
+    """Return the log-likelihood of each person's recorded closest approach, in metres, among those of the rollouts."""
+    counts = (bins_of("closest", near)[..., None] == BIN_NUMBERS).sum(axis=0)
+    return np.log(smooth(counts / len(near)))[np.arange(len(nearest)), bins_of("closest", nearest)]
 
 
 def smooth(share: Float[np.ndarray, "person bin"]) -> Float[np.ndarray, "person bin"]:

@@ -25,7 +25,7 @@ MIN_SPEED = 1e-3
 """Smallest preferred speed in m/s, for persons that stood still."""
 
 MOST_ROLLOUTS = 1000
-"""More than any number of rollouts: a case is the number of a window times this number, plus that of a rollout."""
+"""More than any number of rollouts. A case is the number of a window times this number, plus that of a rollout."""
 
 MOST_WORLDS = 1024
 """Worlds of a batch: their arrays take some 100 MB."""
@@ -82,7 +82,7 @@ def _walk(scenario: Scenario, world: World) -> Float[np.ndarray, "world time per
 def _worlds(scenario: Scenario, windows: Sequence[Window], hidden: bool, rollouts: int) -> World:
     """Return worlds at the start of windows: for each window one for each rollout."""
     # The numbers of cases, from which random numbers derive, do not depend on the other windows.
-    cases = np.array([MOST_ROLLOUTS * window.number + rollout for window in windows for rollout in range(rollouts)])
+    cases = np.array([MOST_ROLLOUTS * window.case + rollout for window in windows for rollout in range(rollouts)])
     world = scenario.draw("test", cases)
 
     def stack(arrays: Iterable[np.ndarray], padding: float) -> np.ndarray:

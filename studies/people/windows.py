@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench import InputError
 from crowdbench.core import norm
 from crowdbench.scenario import ETH_UCY_DT, FRAME_STEP, RecordedTracks, read_tracks
+from studies.people.encounters import NEAR
 from studies.people.groups import find_groups
 
 LOCATIONS: Mapping[str, tuple[str, ...]] = {
@@ -25,20 +27,26 @@ LOCATIONS: Mapping[str, tuple[str, ...]] = {
 FOLDS = ("hotel", "zara", "univ")
 """The locations that are held out in turn."""
 
+PLACE: Mapping[str, str] = {"confirmation": "univ"}
+"""The location with the same place, if there is one."""
+
 HISTORY, FUTURE = 5, 20
 """Frames of history before the start, 2 s, and after it, 8 s."""
 
 BLOCK = 5
 """Frames of a block, 2 s; a person counts if it is present in the first one."""
 
-NEAR, CONFLICT = 1.0, 0.6
-"""Distances in metres: beyond `NEAR` two persons are apart; a predicted approach within `CONFLICT` is a conflict."""
+CONFLICT = 0.6
+"""Distance in metres: a predicted approach within it is a conflict."""
 
 BEYOND = 3.0
 """Distance in metres from the end of a person's track to its goal."""
 
 SLOW = 0.1
 """Speed in m/s below which a person has no direction."""
+
+MOST_WINDOWS = 100_000
+"""More than the number of windows of any recording."""
 
 Path2 = Float[np.ndarray, "time person 2"]
 Vectors = Float[np.ndarray, "person 2"]
@@ -102,6 +110,15 @@ class Window:
         closest = norm(apart + np.nan_to_num(when)[..., None] * moving)
         meets = self.strangers & (norm(apart) > NEAR) & (closest < CONFLICT)
         return self.scored & meets.any(axis=1)
+
+    @property
+    def case(self) -> int:
+        """Number of the window, from which random numbers derive; other recordings have other numbers."""
+        return zlib.crc32(self.name.encode()) * MOST_WINDOWS + self.number
+
+    def stream(self, purpose: str) -> np.random.Generator:
+        """Return the random stream of the window for a purpose."""
+        return np.random.default_rng([self.case, zlib.crc32(purpose.encode())])
 
     def goals(self, *, hidden: bool) -> Vectors:
         """Return the goal of each person in metres: `BEYOND` the end of its track, or of a straight extrapolation.
