@@ -32,15 +32,15 @@ def log_curve(directory: Path, training: Training) -> Iterator[Callable[[], None
     for old in directory.glob("events.out.tfevents.*"):
         old.unlink()
     start, length, logged = time.time() - training.seconds, training.config.length, 0
-    with SummaryWriter(str(directory)) as writer:  # type: ignore[no-untyped-call]
+    with SummaryWriter(str(directory)) as writer:
 
         def log() -> None:
             nonlocal logged
             for point in training.curve[logged:]:
                 for name in point.keys() - {length}:
-                    writer.add_scalar(name, point[name], point[length], start + point["seconds"])  # type: ignore[no-untyped-call]
+                    writer.add_scalar(name, point[name], point[length], start + point["seconds"])
             logged = len(training.curve)
-            writer.flush()  # type: ignore[no-untyped-call]
+            writer.flush()
 
         log()
         yield log
