@@ -29,8 +29,9 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
 
     Observations, actions and rewards are as in `crowdbench.envs.vehicle.VehicleEnv`. Each episode starts from a random
     one of the training cases, which are drawn once. A world whose episode is over starts the next one in the same step.
-    The info of that step has the last observation as `terminal_observation`, the `outcome`, whether it is a time-out as
-    `TimeLimit.truncated`, and the return `r` and the length `l` of the episode as `episode`. Other infos are empty.
+    The info of that step has the last observation as `terminal_observation`, the number of its `outcome`, `is_success`,
+    whether it is a time-out as `TimeLimit.truncated`, and the return `r` and the length `l` of the episode as
+    `episode`. Other infos are empty.
 
     Args:
         num_envs: Number of worlds.
@@ -54,7 +55,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         seed: int = 0,
         reward: str | Reward = "progress",
         observation: str = "dict",
-        action: str = "goal_frame",
+        action: str = "normalized_goal_frame",
         nearest: int = NEAREST,
         rays: int = 0,
         cases: int = CASES,
@@ -103,6 +104,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
                     "terminal_observation": row_of(last, index),
                     "TimeLimit.truncated": bool(step.outcome[row] == Outcome.TIMEOUT),
                     "outcome": int(step.outcome[row]),
+                    "is_success": bool(step.outcome[row] == Outcome.SUCCESS),
                     "episode": {"r": float(returned[row]), "l": int(length[row])},
                 }
         return self.view.observe(self._running.worlds), reward, step.ended, infos
