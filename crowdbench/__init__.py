@@ -1,7 +1,7 @@
 """crowdbench: the benchmark for navigation in crowds.
 
 The public names are listed in `__init__.pyi`. They are imported when first used, so that `import crowdbench` and the
-command line start at once. `crowdbench/Vehicle-v0` is registered with Gymnasium right away.
+command line start at once. The environments are registered with Gymnasium and PettingZoo right away.
 """
 
 import lazy_loader

@@ -21,7 +21,7 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import NamesSpec, SimulatedPedestriansSpec
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.utils.assignments import read_overrides
-from crowdbench.utils.errors import InputError, find_named, is_number, require
+from crowdbench.utils.errors import InputError, find_named, is_number, require, require_options
 from crowdbench.utils.resources import plugin_in_time
 from crowdbench.utils.toml import Location, parse_table, read_toml
 
@@ -75,11 +75,11 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> Planner
         InputError: There is no such planner, it does not take the options, or its file is broken.
     """
     require("planner", spec, isinstance(spec, str), "a name, or a file such as './mine.py'")
-    is_table = isinstance(options, Mapping) and all(isinstance(name, str) for name in options)
-    require("options", options, options is None or is_table, "a table such as {'speed': 0.5}")
+    require_options(options)
     arguments = dict(options or {})
     filter_name = arguments.pop("filter", False)
-    require("option filter", filter_name, filter_name in (False, "kalman"), "kalman, or left out")
+    is_known = filter_name is False or filter_name == "kalman"  # 0 equals False
+    require("option filter", filter_name, is_known, "kalman, or left out")
     planner: Planner = PLANNERS.load(spec, arguments)[1]
     return FilteredPlanner(planner) if filter_name else planner
 

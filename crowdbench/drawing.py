@@ -17,8 +17,9 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from crowdbench.core.arrays import Polygons
 from crowdbench.core.dynamics import Holonomic, nose, outline
+from crowdbench.core.dynamics.kernels import signed_speed
 from crowdbench.core.geometry import Discs, nearest_in_step, polygons, turn
-from crowdbench.core.types import Outcome, Rules, Trace, World
+from crowdbench.core.types import Detector, Outcome, Rules, Trace, World
 from crowdbench.sim.episode import fill_motion, gaps_on_arc
 
 CROWD = 100
@@ -149,7 +150,8 @@ class Moment:
         goal: Goal of each agent in metres. This and all attributes below are for the last state.
         radius: Radius of each agent, in metres.
         seen: True if the vehicle sees the pedestrian.
-        measured: Position in metres at which the vehicle measures or remembers the pedestrian; NaN for neither.
+        measured: Position in metres at which the vehicle measures or remembers the pedestrian; NaN for neither. With a
+            detector, that of each track.
         obstacles: Polygons in metres, NaN after the last corner.
         rules: The rules of the scenario.
         hits_obstacle: True if the vehicle has hit an obstacle in the last step, which ended the episode.
@@ -163,7 +165,7 @@ class Moment:
     goal: Float[np.ndarray, "agent 2"]
     radius: Float[np.ndarray, "agent"]
     seen: Bool[np.ndarray, "pedestrian"]
-    measured: Float[np.ndarray, "pedestrian 2"]
+    measured: Float[np.ndarray, "track 2"]
     obstacles: Polygons
     rules: Rules
     hits_obstacle: bool = False
@@ -202,8 +204,9 @@ class Moment:
         """Return the moment of the last of several worlds: states of one episode, each a batch of one."""
         now = worlds[-1]
         position = np.concatenate([np.where(world.present[..., None], world.position, np.nan) for world in worlds])
-        measured = position[-1, 1:]
+        measured, seen = position[-1, 1:], now.present[0, 1:]
         if now.sight:
+            seen = now.sight["detected"][0] if now.rules.sensor.detector else now.sight["unseen"][0] == 0
             is_known = now.sight["unseen"][0, :, None] >= 0
             measured = np.where(is_known, now.sight["state"][0, :, :2], np.nan)
         return cls(
@@ -214,7 +217,7 @@ class Moment:
             person=np.concatenate([world.person for world in worlds]),
             goal=now.goal[0],
             radius=now.radius[0],
-            seen=now.sight["unseen"][0] == 0 if now.sight else now.present[0, 1:],
+            seen=seen,
             measured=measured,
             obstacles=now.obstacles[0],
             rules=now.rules,
@@ -229,7 +232,8 @@ class Moment:
         rules = self.rules
         motion = np.empty(now.shape)
         fill_motion(before, now, self.velocity[-2], rules.numbers.collision, rules.dt, motion)
-        speed, turn_rate = float(np.hypot(*self.velocity[-1, 0])), turn(*self.heading[-2:]) / rules.dt
+        speed = signed_speed(*self.velocity[-1, 0], self.heading[-1])
+        turn_rate = turn(*self.heading[-2:]) / rules.dt
         stays = np.isfinite((before + now)[:, 0]) & same_agents(self.person[-2:])[0]  # the same pedestrians as before
         hit = []
         for agent in np.flatnonzero(stays).tolist()[1:]:
@@ -272,12 +276,21 @@ def paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"])
 
 
 def measured_rings(
-    measured: Float[np.ndarray, "pedestrian 2"],
+    measured: Float[np.ndarray, "track 2"],
     position: Float[np.ndarray, "pedestrian 2"],
     radius: Float[np.ndarray, "pedestrian"],
+    detector: Detector | None = None,
 ) -> list[Float[np.ndarray, "49 2"]]:
-    """Return rings around the measured positions that differ from the positions of the pedestrians, all in metres."""
-    is_apart = np.isfinite(measured[:, 0]) & ~(np.hypot(*(measured - position).T) <= APART)
+    """Return rings around the measured positions that differ from the positions of the pedestrians, all in metres.
+
+    A track of a detector belongs to no pedestrian, and has a ring if all pedestrians are elsewhere.
+    """
+    if detector is None:
+        is_there = np.hypot(*(measured - position).T) <= APART
+    else:
+        is_there = (np.hypot(*(measured[:, None] - position).transpose(2, 0, 1)) <= APART).any(axis=1)
+        radius = np.full(len(measured), detector.radius)
+    is_apart = np.isfinite(measured[:, 0]) & ~is_there
     return [measured[each] + 0.5 * radius[each] * CIRCLE for each in np.flatnonzero(is_apart)]
 
 
@@ -310,7 +323,9 @@ def draw_moment(moment: Moment) -> Iterator[Shape]:
         yield Polygon(outline(*body), LIGHT.vehicle, LIGHT.text, 1.0)
         yield Line(nose(*body), LIGHT.text, 1.0)
     yield from arrows
-    for ring in measured_rings(moment.measured, moment.position[-1, 1:], moment.radius[1:]):
+    for ring in measured_rings(
+        moment.measured, moment.position[-1, 1:], moment.radius[1:], moment.rules.sensor.detector
+    ):
         yield Line(ring, LIGHT.background, 2.4)
         yield Line(ring, LIGHT.text, 1.0)
     if contacts:

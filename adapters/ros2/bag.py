@@ -1,79 +1,40 @@
 """Reads a ROS bag (ROS 2 with sqlite3 or MCAP, or ROS 1) as trajectories on one clock and in one frame.
 
 Positions between two messages lie on the straight line between them, if the messages are no farther apart than
-`max_gap`. Everything else that is missing or contradictory is an error.
+`max_gap`. A drive begins where all is known and ends where something is not known any more. Everything else that is
+missing or contradictory is an error.
 """
 
 from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from drive_file import DriveFile
 from jaxtyping import Float
+from messages import Clock, Message, open_bag, types_of
+from pedestrians import place, read_sightings, tracks_of
 from PIL import Image
 from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.typesys import get_types_from_msg
+from transforms import Times, Trajectory, Transforms, compose, frame_name, pose_of
 
 from crowdbench import InputError
 from crowdbench.core import norm
-from crowdbench.export import ros_typestore
 from crowdbench.scenario import Polygon, read_obstacles
 from crowdbench.utils import describe_error
 
-Times = Float[np.ndarray, "message"]
-Poses = Float[np.ndarray, "message 3"]
-"""x and y in metres, and the yaw in radians."""
-
-LARGEST_OFFSET = 1.0
-"""Largest difference in seconds between the clocks of two topics, measured by the recording times of their messages."""
-
-FASTEST = 4.0
-"""Speed in m/s above which an identity is assumed to have switched to another pedestrian."""
-
-
-class Trajectory(NamedTuple):
-    """Poses over time.
-
-    Attributes:
-        time: Times of messages in seconds, ascending.
-        pose: The pose at each time.
-    """
-
-    time: Times
-    pose: Poses
-
-    def at(self, time: Times, max_gap: float, name: str) -> Poses:
-        """Return the poses at some times.
-
-        Args:
-            time: The times in seconds.
-            max_gap: Largest time in seconds between the two messages around a time.
-            name: Name of the moving frame, for errors.
-
-        Raises:
-            InputError: There is no message near a time.
-        """
-        after = np.clip(np.searchsorted(self.time, time - 1e-6), 0, len(self.time) - 1)
-        before = np.maximum(after - (np.abs(self.time[after] - time) > 1e-6), 0)
-        missing = np.maximum(time - self.time[before], self.time[after] - time)
-        missing = np.maximum(missing, self.time[after] - self.time[before])
-        for k in np.flatnonzero(missing > max_gap + 1e-6)[:1].tolist():
-            raise InputError(
-                f"there is no message of {name} for {missing[k]:.2f} s around {time[k]:.2f} s, but {max_gap:g} s "
-                "(max_gap) may pass without one"
-            )
-        span = np.maximum(self.time[after] - self.time[before], 1e-12)
-        share = np.clip((time - self.time[before]) / span, 0.0, 1.0)[:, None]
-        change = self.pose[after] - self.pose[before]
-        change[:, 2] = (change[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
-        return self.pose[before] + share * change
+POSES: dict[str, Callable[[Any], Any]] = {
+    "nav_msgs/msg/Odometry": lambda message: message.pose.pose,
+    "geometry_msgs/msg/PoseStamped": lambda message: message.pose,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: message.pose.pose,
+}
+"""The pose in each type of message that may tell where the robot is."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +47,7 @@ class Bag:
         observed: The times of the messages about pedestrians.
         goal: The robot's goal in metres in the fixed frame.
         walls: The corners of the obstacles of its map in metres in the fixed frame; none without `map_topic`.
-        notes: Sentences on tracks that were split.
+        notes: Sentences on parts that are left out, on tracks that were split, and on guesses.
     """
 
     robot: Trajectory
@@ -107,71 +68,117 @@ def read_bag(path: Path, drive: DriveFile) -> Bag:
     Raises:
         InputError: The bag cannot be read, a topic, a field or a transform is missing, or clocks differ.
     """
+    store = types_of(drive.message_definitions)
     try:
-        return _read(path, drive)
+        with open_bag(path, store) as reader:
+            return _read(reader, drive, functools.partial(Clock, reader, store))
     except (AnyReaderError, OSError) as error:
         raise InputError(f"{path} cannot be read as a ROS bag: {describe_error(error)}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def _read(path: Path, drive: DriveFile) -> Bag:
-    store = ros_typestore()
-    for name, text in drive.message_definitions.items():
-        store.register(get_types_from_msg(text, name))
+def _read(reader: AnyReader, drive: DriveFile, start: Callable[..., Clock]) -> Bag:
     vehicle, people = drive.vehicle, drive.people
-    with AnyReader([path], default_typestore=store) as reader:
-        topics = {connection.topic for connection in reader.connections}
-        for topic in (vehicle.odometry, people.topic, vehicle.goal_topic, drive.map_topic):
-            if topic and topic not in topics:
-                raise InputError(f"there is no topic {topic}; the topics are {', '.join(sorted(topics))}")
-        begin = 1e-9 * reader.start_time
-        messages = functools.partial(_messages, reader, begin)
-        transforms = Transforms.read(drive.fixed_frame, messages)
-        found = list(messages(people.topic, people.offset))
-        observed = np.array([stamp for stamp, _, _ in found])
-        delays = {people.topic: np.median([recorded - stamp for stamp, recorded, _ in found] or [0.0])}
-        if vehicle.odometry:
-            moves = list(messages(vehicle.odometry, vehicle.offset))
-            delays[vehicle.odometry] = np.median([recorded - stamp for stamp, recorded, _ in moves] or [0.0])
-            time = np.array([stamp for stamp, _, _ in moves])
-            local = Trajectory(time, np.array([_pose(message.pose.pose) for _, _, message in moves]).reshape(-1, 3))
-            frame = moves[0][2].header.frame_id if moves else drive.fixed_frame
-            robot = Trajectory(time, _compose(transforms.at(frame, time, drive.max_gap), local.pose))
-        else:
-            time = transforms.times(vehicle.frame)
-            robot = Trajectory(time, transforms.at(vehicle.frame, time, drive.max_gap))
-        goal = _goal(list(messages(vehicle.goal_topic, 0.0)), drive, transforms)
-        maps = list(messages(drive.map_topic, 0.0))
-    _check_clocks(delays)
+    topics = {connection.topic for connection in reader.connections}
+    for topic in (vehicle.odometry or drive.tf, people.topic, vehicle.goal_topic, drive.map_topic):
+        if topic and topic not in topics:
+            raise InputError(f"there is no topic {topic}; the topics are {', '.join(sorted(topics))}")
+    clock = start(vehicle.odometry or drive.tf, vehicle.offset if vehicle.odometry else 0.0)
+    transforms = clock.transforms(drive.tf)
+    found = sorted(clock.messages(people.topic, people.offset), key=lambda message: message.time)
+    sightings = read_sightings(found, people)
+    local, frame = _robot_in_its_frame(clock, drive, transforms)
+    frames = {frame} | {one.frame for message in sightings for one in message}
+    begin, end, notes = _known_part(frames, drive, transforms, local.time)
+    inside = _within(local.time, begin, end)
+    robot = Trajectory(local.time[inside], local.pose[inside])
     if len(robot.time) < 2:
         raise InputError("it has no two poses of the robot")
-    if (np.diff(robot.time) < 0.0).any() or (np.diff(observed) < 0.0).any():
-        raise InputError("the times of its messages go back: record the bag with one clock (use_sim_time)")
-    tracks, notes = _tracks(found, drive, transforms)
-    walls = grid_obstacles(maps[-1][2], functools.partial(_place, transforms, maps[-1], drive)) if maps else []
-    return Bag(robot, tracks, observed, goal, walls, notes)
+    poses = transforms.at(frame, _fixed(drive), robot.time, drive.max_gap)
+    robot = Trajectory(robot.time, compose(poses, robot.pose))
+    observed = np.array([message.time for message in found])
+    kept = _within(observed, begin, end)
+    there = [those for those, is_kept in zip(sightings, kept, strict=True) if is_kept]
+    tracks, splits = tracks_of(place(there, transforms, _fixed(drive), drive.max_gap), people.topic, drive.max_gap)
+    goal = _goal(clock.latched(vehicle.goal_topic), drive, transforms)
+    maps = clock.latched(drive.map_topic)
+    walls = grid_obstacles(maps[-1].content, functools.partial(_place, transforms, maps[-1], drive)) if maps else []
+    return Bag(robot, tracks, observed[kept], goal, walls, [*clock.notes, *notes, *splits])
+
+
+def _fixed(drive: DriveFile) -> str:
+    return frame_name(drive.fixed_frame)
+
+
+def _within(time: Times, begin: float, end: float) -> np.ndarray:
+    return (time >= begin - 1e-6) & (time <= end + 1e-6)
+
+
+def _robot_in_its_frame(clock: Clock, drive: DriveFile, transforms: Transforms) -> tuple[Trajectory, str]:
+    """Return the poses of the robot's topic, and their frame; or zeros in the robot's frame, at each transform."""
+    vehicle = drive.vehicle
+    if not vehicle.odometry:
+        time = transforms.times(frame_name(vehicle.frame), _fixed(drive))
+        return Trajectory(time, np.zeros((len(time), 3))), frame_name(vehicle.frame)
+    found = clock.messages(vehicle.odometry, vehicle.offset)
+    for message in found[:1]:
+        if message.kind not in POSES:
+            raise InputError(f"{vehicle.odometry} has messages {message.kind}, but must have {' or '.join(POSES)}")
+    rows = [(message.time, *pose_of(POSES[message.kind](message.content))) for message in found]
+    frame = frame_name(found[0].content.header.frame_id) if found else _fixed(drive)
+    return Trajectory.of(rows, f"the robot in {vehicle.odometry}"), frame
+
+
+def _known_part(
+    frames: set[str], drive: DriveFile, transforms: Transforms, robot: Times
+) -> tuple[float, float, list[str]]:
+    """Return the first and the last time in seconds at which all frames are known, and sentences on what is left out.
+
+    Raises InputError if they are never known together.
+    """
+    known = [transforms.known(frame, _fixed(drive)) for frame in sorted(frames)]
+    first, last = max(known, key=lambda part: part.begin), min(known, key=lambda part: part.end)
+    if first.begin > last.end:
+        raise InputError(
+            f"{first.first} begins at {first.begin:.2f} s, after the end of {last.last} at {last.end:.2f} s"
+        )
+    notes = []
+    if len(robot) and first.begin > robot[0] + drive.dt:
+        notes.append(f"the drive begins at {first.begin:.2f} s, because {first.first} is not known before")
+    if len(robot) and last.end < robot[-1] - drive.dt:
+        notes.append(f"the drive ends at {last.end:.2f} s, because {last.last} is not known afterwards")
+    return first.begin, last.end, notes
 
 
 def _place(
-    transforms: Transforms, found: tuple[float, float, Any], drive: DriveFile, pose: tuple[float, float, float]
+    transforms: Transforms, message: Message, drive: DriveFile, pose: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Transform a pose from a message's frame to the fixed frame, at the time of the message."""
-    time, _, message = found
-    frame = transforms.at(message.header.frame_id, np.array([time]), drive.max_gap)
-    x, y, yaw = _compose(frame, np.array([pose]))[0].tolist()
+    """Transform a pose from a message's frame to the fixed frame, at the nearest time at which both are known."""
+    frame = frame_name(message.content.header.frame_id)
+    known = transforms.known(frame, _fixed(drive))
+    time = np.clip(np.array([message.time]), known.begin, known.end)
+    x, y, yaw = compose(transforms.at(frame, _fixed(drive), time, drive.max_gap), np.array([pose]))[0].tolist()
+    if not np.isfinite((x, y, yaw)).all():
+        raise InputError(f"a pose in {message.kind} at {message.time:.2f} s is no number (NaN or infinite)")
     return x, y, yaw
 
 
-def _goal(found: list[tuple[float, float, Any]], drive: DriveFile, transforms: Transforms) -> Float[np.ndarray, "2"]:
+def _goal(found: list[Message], drive: DriveFile, transforms: Transforms) -> Float[np.ndarray, "2"]:
     """Return the goal of a drive. Raises InputError if its topic has no message, or different goals."""
+    topic = drive.vehicle.goal_topic
     if drive.vehicle.goal:
         return np.array(drive.vehicle.goal)
-    goals = np.array([_place(transforms, one, drive, _pose(one[2].pose))[:2] for one in found]).reshape(-1, 2)
-    if not len(goals):
-        raise InputError(f"{drive.vehicle.goal_topic} has no message: give goal in [vehicle]")
+    if not found:
+        raise InputError(f"{topic} has no message: give goal in [vehicle]")
+    if found[0].kind not in POSES:
+        raise InputError(f"{topic} has messages {found[0].kind}, but must have {' or '.join(POSES)}")
+    poses = [POSES[one.kind](one.content) for one in found]
+    # The orientation of a goal does not count, and is often left out.
+    points = [(pose.position.x, pose.position.y, 0.0) for pose in poses]
+    goals = np.array([_place(transforms, one, drive, at)[:2] for one, at in zip(found, points, strict=True)])
     for k in np.flatnonzero(norm(goals - goals[0]) > drive.vehicle.goal_tolerance)[:1].tolist():
-        raise InputError(f"the goal changes at {found[k][0]:.2f} s: cut the bag there, because a case has one goal")
+        raise InputError(f"the goal changes at {found[k].time:.2f} s: cut the bag there, because a case has one goal")
     return goals[-1]
 
 
@@ -191,132 +198,7 @@ def grid_obstacles(
     cells = np.asarray(message.data).reshape(info.height, info.width).astype(np.int8).view(np.uint8)
     with TemporaryDirectory() as folder:
         Image.fromarray(np.ascontiguousarray(cells[::-1])).save(Path(folder) / "map.png")
-        origin = json.dumps(place(_pose(info.origin)))
+        origin = json.dumps(place(pose_of(info.origin)))
         file = Path(folder) / "map.yaml"
         file.write_text(f"image: map.png\nresolution: {info.resolution}\norigin: {origin}\nmode: raw\n")
         return read_obstacles(file)
-
-
-def _messages(reader: AnyReader, begin: float, topic: str, offset: float) -> Iterator[tuple[float, float, Any]]:
-    """Yield the messages of a topic: stamp and time of recording in seconds since `begin`, and the message."""
-    connections = [connection for connection in reader.connections if connection.topic == topic]
-    for connection, recorded, raw in reader.messages(connections) if connections else ():
-        message = reader.deserialize(raw, connection.msgtype)
-        stamp = getattr(getattr(message, "header", None), "stamp", None)
-        time = 1e-9 * recorded if stamp is None else stamp.sec + 1e-9 * stamp.nanosec
-        yield time - begin + offset, 1e-9 * recorded - begin, message
-
-
-def _check_clocks(delays: Mapping[str, float]) -> None:
-    """Raise InputError if the stamps of two topics come from different clocks."""
-    first, last = min(delays, key=delays.__getitem__), max(delays, key=delays.__getitem__)
-    if delays[last] - delays[first] > LARGEST_OFFSET:
-        raise InputError(
-            f"the clock of {last} is {delays[last] - delays[first]:.2f} s behind that of {first}: correct it with "
-            f"offset = {delays[last] - delays[first]:.2f} in the table of {last}"
-        )
-
-
-class Transforms:
-    """The transforms of `/tf` and `/tf_static`, on a plane.
-
-    Args:
-        fixed: The frame in which everything is scored.
-        links: For each frame its parent, its poses in the parent, and whether the transform is static.
-    """
-
-    def __init__(self, fixed: str, links: Mapping[str, tuple[str, Trajectory, bool]]) -> None:
-        self.fixed, self.links = fixed, links
-
-    @classmethod
-    def read(cls, fixed: str, messages: functools.partial[Iterator[tuple[float, float, Any]]]) -> Transforms:
-        """Read all transforms of a bag."""
-        samples: dict[tuple[str, str], list[tuple[float, ...]]] = {}
-        static = set()
-        for topic in ("/tf", "/tf_static"):
-            for recorded, _, message in messages(topic, 0.0):
-                for one in message.transforms:
-                    child = one.child_frame_id
-                    stamp = one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec
-                    samples.setdefault((child, one.header.frame_id), []).append(
-                        (stamp, recorded, *_pose(one.transform, "translation", "rotation"))
-                    )
-                    static |= {child} if topic == "/tf_static" else set()
-        begin = min((rows[0][0] - rows[0][1] for rows in samples.values()), default=0.0)
-        links = {}
-        for (child, parent), rows in samples.items():
-            table = np.array(sorted(rows))
-            links[child] = parent, Trajectory(table[:, 0] - begin, table[:, 2:]), child in static
-        return cls(fixed, links)
-
-    def times(self, frame: str) -> Times:
-        """Return the times of the transforms of a frame."""
-        if frame not in self.links:
-            raise InputError(f"/tf has no frame {frame!r}; it has {', '.join(sorted(self.links)) or 'none'}")
-        return self.links[frame][1].time
-
-    def at(self, frame: str, time: Times, max_gap: float) -> Poses:
-        """Return the poses of a frame in the fixed frame.
-
-        Raises:
-            InputError: No chain of transforms leads to the fixed frame, or it has a gap.
-        """
-        pose, here = np.zeros((len(time), 3)), frame
-        while here != self.fixed:
-            if here not in self.links:
-                raise InputError(
-                    f"/tf has no transform from {frame!r} to {self.fixed!r} (fixed_frame): it ends at {here!r}"
-                )
-            parent, link, is_static = self.links[here]
-            step = np.repeat(link.pose[-1:], len(time), axis=0) if is_static else link.at(time, max_gap, f"/tf {here}")
-            pose, here = _compose(step, pose), parent
-        return pose
-
-
-def _compose(first: Poses, second: Poses) -> Poses:
-    """Compose poses: `second` is given in moving frames with the poses `first`."""
-    cos, sin = np.cos(first[:, 2]), np.sin(first[:, 2])
-    x, y, yaw = second.T
-    return np.stack([first[:, 0] + cos * x - sin * y, first[:, 1] + sin * x + cos * y, first[:, 2] + yaw], axis=1)
-
-
-def _pose(message: Any, position: str = "position", rotation: str = "orientation") -> tuple[float, float, float]:
-    """Return x, y and yaw of a message with a position and a quaternion."""
-    at, q = getattr(message, position), getattr(message, rotation)
-    yaw = np.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    return at.x, at.y, float(yaw)
-
-
-def _field(message: Any, path: str) -> Any:
-    """Return a field by its dotted path. Raises InputError if there is none."""
-    for name in path.split("."):
-        if not hasattr(message, name):
-            fields = ", ".join(name for name in vars(message) if not name.startswith("_"))
-            raise InputError(f"a message {type(message).__name__} has no field {path}: its fields are {fields}")
-        message = getattr(message, name)
-    return message
-
-
-def _tracks(
-    found: list[tuple[float, float, Any]], drive: DriveFile, transforms: Transforms
-) -> tuple[list[Trajectory], list[str]]:
-    """Return a trajectory for each uninterrupted track of a pedestrian, and sentences on those that were split."""
-    people, rows = drive.people, {}
-    for time, _, message in found:
-        frame = people.frame or _field(message, "header.frame_id")
-        for person in _field(message, people.list):
-            at = _field(person, people.position)
-            rows.setdefault((str(_field(person, people.id)), frame), []).append((time, at.x, at.y, 0.0))
-    tracks, notes = [], []
-    for (name, frame), samples in rows.items():
-        table = np.array(samples)
-        time = table[:, 0]
-        pose = _compose(transforms.at(frame, time, drive.max_gap), table[:, 1:])
-        elapsed, moved = np.diff(time), np.linalg.norm(np.diff(pose[:, :2], axis=0), axis=1)
-        is_gap, is_jump = elapsed > drive.max_gap + 1e-6, moved > FASTEST * np.maximum(elapsed, 1e-9)
-        for k in np.flatnonzero(is_gap | is_jump).tolist():
-            why = f"is not seen for {elapsed[k]:.2f} s" if is_gap[k] else f"jumps by {moved[k]:.2f} m"
-            notes.append(f"pedestrian {name} {why} at {time[k]:.2f} s, and counts as somebody else afterwards")
-        for part in np.split(np.arange(len(time)), np.flatnonzero(is_gap | is_jump) + 1):
-            tracks.append(Trajectory(time[part], pose[part]))
-    return tracks, notes

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from bag import Bag, Trajectory, read_bag
+from bag import Bag, read_bag
 from drive_file import DriveFile
 from jaxtyping import Float
+from transforms import Trajectory
 
 from crowdbench import InputError, Outcome, Rules, Trace
 from crowdbench.core import Unicycle, norm, pad_arrays

@@ -15,8 +15,9 @@ class RobotTable(TomlTable):
     """`[vehicle]`: the robot.
 
     Attributes:
-        odometry: Topic of `nav_msgs/Odometry`; empty for the poses of `frame` in `/tf`.
-        frame: Frame of the robot in `/tf`.
+        odometry: Topic of `nav_msgs/Odometry`, `geometry_msgs/PoseStamped` or `PoseWithCovarianceStamped`; empty for
+            the poses of `frame` in the transforms.
+        frame: Frame of the robot in the transforms.
         offset: Added to the stamps of the odometry in seconds.
         radius: In metres.
         preferred_speed: Largest intended speed in m/s.
@@ -36,22 +37,22 @@ class RobotTable(TomlTable):
 
 
 class PeopleTable(TomlTable):
-    """`[people]`: the tracked pedestrians. The defaults fit `people_msgs/People`.
+    """`[people]`: the tracked pedestrians.
 
     Attributes:
         topic: Topic of messages with a list of pedestrians.
-        list: Field with the list.
+        list: Field with the list; empty for that of a known type, see `pedestrians.FIELDS`.
         position: Field of a pedestrian with x and y in metres, dotted: `pose.pose.position`.
-        id: Field of a pedestrian with its identity.
+        id: Field of a pedestrian with its identity. Without one, identities are guessed from positions.
         frame: Frame of the positions; empty for the one in the message's header.
         offset: Added to the stamps of the messages in seconds.
         radius: Radius of each pedestrian in metres.
     """
 
     topic: str = Field(default="/people", description="the name of a topic")
-    list: str = Field(default="people", description="the name of a field")
-    position: str = Field(default="position", description="the name of a field")
-    id: str = Field(default="name", description="the name of a field")
+    list: str = Field(default="", description="the name of a field")
+    position: str = Field(default="", description="the name of a field")
+    id: str = Field(default="", description="the name of a field")
     frame: str = Field(default="", description="the name of a frame")
     offset: float = number(0.0, least=-1e9, below=1e9)
     radius: float = number(0.3, above=0.0, below=10.0)
@@ -64,6 +65,7 @@ class DriveFile(TomlTable):
         planner: Name of the planner that drove the robot.
         bags: The bags, each of which is a case.
         fixed_frame: Frame in which everything is scored.
+        tf: Topic of the transforms. Static ones are on the topic with `_static` after this name.
         dt: Length of a step in seconds.
         max_gap: Longest time in seconds without a message over which poses are interpolated.
         map: File `map.yaml` of `map_server`; empty for the map of `map_topic`, or for no obstacles.
@@ -76,6 +78,7 @@ class DriveFile(TomlTable):
     planner: str = Field(description="the name of a planner")
     bags: list[str] = Field(min_length=1, description="a list of bags, one at least")
     fixed_frame: str = Field(default="map", description="the name of a frame")
+    tf: str = Field(default="/tf", description="the name of a topic")
     dt: float = number(0.1, above=0.0, below=1.0)
     max_gap: float = number(0.5, above=0.0, below=10.0)
     map: str = Field(default="", description="the path of a file")

@@ -47,7 +47,7 @@ def convert(file: Path, out: Path = Path("runs/drive"), tracks: Path | None = No
     for bag in map(Path, drive.bags):
         for part in sorted(bag.iterdir()) if bag.is_dir() else [bag]:
             contents.update(part.read_bytes())
-    write(trace, drive.planner, file.stem, contents.hexdigest(), out)
+    write(trace, drive.planner, file.stem, contents.hexdigest(), out, notes)
     say(f"wrote {out}\n  {command('score', out)}\n  {command('view', out)}")
     if tracks is not None:
         tracks.mkdir(parents=True, exist_ok=True)
@@ -80,7 +80,7 @@ def describe_next(tracks: Path, scene: str) -> str:
     return reason
 
 
-def write(trace: Trace, planner: str, scenario: str, digest: str, out: Path) -> None:
+def write(trace: Trace, planner: str, scenario: str, digest: str, out: Path, notes: list[str]) -> None:
     """Write a trace as a run.
 
     Args:
@@ -89,6 +89,7 @@ def write(trace: Trace, planner: str, scenario: str, digest: str, out: Path) -> 
         scenario: Name of the scenario in tables.
         digest: 64 hexadecimal digits that change with the bags.
         out: The directory, which is replaced.
+        notes: Sentences on gaps and guesses, which the result states.
     """
     metrics, rules = load_metrics([]), trace.rules
     cases = f"test:{len(trace)}"
@@ -123,6 +124,7 @@ def write(trace: Trace, planner: str, scenario: str, digest: str, out: Path) -> 
                 "privileged": False,
                 "overrides": {},
                 "record": "all",
+                "notes": notes,
                 "timing": {"seconds": float(rules.dt * trace.steps.sum())},
                 "versions": read_versions(),
             },

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from crowdbench import Observation, Planner, along_walls
 from crowdbench.sim import SocialForce, Walkers, social_force_velocities
+from crowdbench.utils import require_not_negative
 
 WIDTH = 1.28
 """Free width in metres below which the force of walls shrinks: twice the distance at which a wall ahead stops a vehicle
@@ -37,9 +38,15 @@ class SocialForcePlanner(Planner):
 
     Attributes:
         safety_space: Margin that is added to every radius [m].
+
+    Raises:
+        InputError: The margin is not a number, 0 or more.
     """
 
     safety_space: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_not_negative("safety_space", self.safety_space)
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""

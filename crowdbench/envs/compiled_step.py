@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.core.dynamics import DISC, Holonomic
+from crowdbench.core.dynamics import DIRECT, DISC, Holonomic
 from crowdbench.core.reward import fill_reward
 from crowdbench.core.types import World
 from crowdbench.envs.rewards import CheckedReward, crowdnav
@@ -75,7 +75,7 @@ class CompiledStep:
         self._next = world.replace(**_copies(world))
         agents = world.radius.shape[1]
         observers = agents if everybody else 1
-        self._action = np.empty((agents, 2))
+        self._action, self._everybody = np.empty((agents, 2)), list(range(agents))
         self._observed = np.zeros((1, observers, AGENT_FEATURES * agents))
         self.outcome, self.gap, self.reward = np.empty(observers, np.int64), np.empty(observers), np.empty(observers)
         self._arguments = [self._collect(world, self._next), self._collect(self._next, world)]
@@ -103,13 +103,14 @@ class CompiledStep:
         """
         scenario, rules = view.scenario, world.rules
         is_usual = view.observation == "flat" and ACTIONS[view.action].axes == "world" and reward.reward is crowdnav
-        is_alone = isinstance(rules.dynamics, Holonomic) and rules.body == DISC and scenario.post_step_rule is None
+        is_plain = isinstance(rules.dynamics, Holonomic) and rules.actuation == DIRECT and rules.body == DISC
+        is_alone = scenario.post_step_rule is None
         sees_all = rules.sensor.sees_all and not rules.sensor.nearest
         is_orca = [type(policy) for policy in scenario.policies.values()] == [ORCA]
         everybody_sees = not rules.visible or rules.attention is None
         is_small = world.radius.shape[1] < CELLS_FROM
         is_open = not (world.route.shape[2] or world.track.shape[1] or world.obstacles.shape[1])
-        return is_usual and is_alone and sees_all and is_orca and everybody_sees and is_small and is_open
+        return is_usual and is_plain and is_alone and sees_all and is_orca and everybody_sees and is_small and is_open
 
     def step(
         self, columns: int | list[int], actions: Float[np.ndarray, "*acting 2"]
@@ -123,8 +124,11 @@ class CompiledStep:
         Returns:
             The observation after the step.
         """
-        self._action.fill(np.nan)
-        self._action[columns] = actions
+        if columns == self._everybody:  # several times faster than an index of each agent
+            self._action[:] = actions
+        else:
+            self._action.fill(np.nan)
+            self._action[columns] = actions
         _step_and_observe(*self._arguments[0])
         self._arguments.reverse()
         self.world, self._next = self._next, self.world

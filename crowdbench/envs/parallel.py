@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from gymnasium.spaces import Box, Dict, Space
+from gymnasium.spaces import Box, Space
 from gymnasium.utils import seeding
 from jaxtyping import Float, Int
 from pettingzoo import ParallelEnv
@@ -22,8 +22,10 @@ from crowdbench.scenario.population import CONTINUING_ARRIVALS
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, finish_step, move
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, require
 from crowdbench.views.ego import ego_views, flatten_everybody, with_own_motion
+from crowdbench.views.global_state import global_state, state_bounds
+from crowdbench.views.scans import lidar_features_of_all
 from crowdbench.views.view import NEAREST, Observed, View, row_of
 
 VEHICLE = "vehicle"
@@ -41,8 +43,9 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
 
     - Agents: `vehicle`, and `pedestrian_0`, `pedestrian_1`, ... for the pedestrians of the case. In a scenario with
       recorded pedestrians, only the vehicle.
-    - Observations: see `crowdbench.views.view`. The vehicle uses the scenario's sensor, pedestrians observe all agents
-      and have no lidar. A pedestrian is a disc that moves in any direction; its heading is that of its velocity.
+    - Observations: see `crowdbench.views.view`. The vehicle uses the scenario's sensor, pedestrians observe all agents.
+      A pedestrian is a disc that moves in any direction; its heading is that of its velocity.
+    - State: see `crowdbench.views.global_state`.
     - Actions: by default a velocity `(vx, vy)` as a share of the agent's preferred speed, in [-1, 1]; see
       `crowdbench.views.actions`. A speed above the preferred speed is reduced to it. The scenario's `limits` bound
       changes of a pedestrian's velocity. A pedestrian without an action, or with None, follows the scenario's policy.
@@ -54,7 +57,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
       and follows the scenario's policy, unless the scenario's `arrival` removes it. If pedestrians get new goals or are
       replaced on arrival, the agent continues with the new goal or as the new pedestrian. All agents terminate when the
       vehicle reaches its goal or collides.
-    - Truncations: all agents, at the scenario's time limit.
+    - Truncations: all agents, at the scenario's time limit or after `max_episode_steps`.
     - Infos: numbers: `case`; `outcome`, the number of the agent's `Outcome`; `is_success`; and `gap`, the smallest
       distance in metres between the rims of the agent and another one during the step.
 
@@ -64,15 +67,17 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
-        observation: `flat`, `goal_frame` or `dict`.
+        observation: `flat`, `goal_frame`, `dict` or `lidar`.
         action: `normalized` or another name of `crowdbench.views.actions`.
         nearest: Largest number of other agents in an observation in the frame of the goal.
         rays: Number of rays to walls in an observation in the frame of the goal.
         dtype: Type of the numbers of an observation: `float32`, or `float64` for unrounded numbers.
+        max_episode_steps: Largest number of steps of an episode, after which it is truncated.
 
     Raises:
         InputError: Scenario, render mode, reward, observation, action or type do not exist; or agents see only the
-            nearest others (`Sensor.nearest`), and the observation is not `flat` or the reward not `crowdnav`.
+            nearest others (`Sensor.nearest`), and the observation is `goal_frame` or `dict`, or the reward not
+            `crowdnav`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -91,30 +96,29 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         nearest: int = NEAREST,
         rays: int = 0,
         dtype: str = "float32",
+        max_episode_steps: int | None = None,
     ) -> None:
+        self._max_steps = stepping.check_max_steps(max_episode_steps)
         scenario = stepping.as_scenario(scenario)
         view = View(scenario, observation, action, nearest, rays, dtype)
         super().__init__(view, render_mode, reward)
         most, shown = scenario.max_agents - 1, scenario.rules.sensor.nearest
-        is_default = observation == "flat" and self.reward.reward is crowdnav
+        is_default = observation in ("flat", "lidar") and self.reward.reward is crowdnav
         if shown is not None and shown < most and not is_default:  # each agent would need a world: too much memory
             raise InputError(
                 f"observation is {observation!r} and reward {self.reward.name!r}, but in a scenario with up "
-                f"to {most} pedestrians, of which {shown} are shown, they must be 'flat' and 'crowdnav'"
+                f"to {most} pedestrians, of which {shown} are shown, they must be 'flat' or 'lidar', and 'crowdnav'"
             )
         # Recorded pedestrians appear and leave at recorded times, and are not agents.
         pedestrians = 0 if scenario.tracks else most
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
-        self.agents: list[str] = []
-        space = view.observation_space
-        without_lidar = (
-            Dict({k: part for k, part in space.items() if k != "lidar"}) if isinstance(space, Dict) else space
-        )
-        self.observation_spaces = {agent: without_lidar for agent in self.possible_agents}
-        self.observation_spaces[VEHICLE] = space
-        self.action_spaces = {agent: view.pedestrian_action_space for agent in self.possible_agents}
+        self._leaves = scenario.crowd.arrival not in CONTINUING_ARRIVALS
+        self.observation_spaces = dict.fromkeys(self.possible_agents, view.observation_space)
+        self.state_space = view.box(*state_bounds(scenario))
+        self.action_spaces = dict.fromkeys(self.possible_agents, view.pedestrian_action_space)
         self.action_spaces[VEHICLE] = view.action_space
         self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
+        self._set_agents([])
         self._generator: np.random.Generator | None = None
         self._bodies = 0
         self._ego: tuple[World, World] | None = None
@@ -127,6 +131,11 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
     def action_space(self, agent: str) -> Box:
         """Return the action space of an agent, the same object at each call."""
         return self.action_spaces[agent]
+
+    def state(self) -> Float[np.ndarray, "features"]:
+        """Return the global state of the world."""
+        self._check_reset()
+        return global_state(self._world)[0].astype(self.view.dtype)
 
     def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Observations, Infos]:
         """Start a new episode.
@@ -142,12 +151,12 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
             InputError: There is no such case, or an option is unknown.
         """
         # PettingZoo's API test passes an option named "options" to test that options are accepted.
-        given = {name: value for name, value in (options or {}).items() if name != "options"}
-        case = stepping.check_options(given, "case").get("case")
+        case = stepping.check_options(options, "case", "options").get("case")
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
         self._start(case, self._generator, everybody=True)
-        self.agents = [agent for agent in self.possible_agents if self._world.present[0, self._column[agent]]]
+        present = self._world.present[0].tolist()
+        self._set_agents([agent for agent, column in self._column.items() if present[column]])
         self._bodies = int(self._world.present[0].sum()) if self.scenario.tracks is None else self.scenario.max_agents
         return self._by_agent(self._observe()), {agent: stepping.make_info(self._number) for agent in self.agents}
 
@@ -170,18 +179,17 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         agents = self.agents
         outcomes, gaps, rewards, views = self._advance(*self._check_actions(actions))
         outcome, gap, present = outcomes.tolist(), gaps.tolist(), self._world.present[0].tolist()
-        observations = self._by_agent(views)
-        columns = [(agent, self._column[agent]) for agent in agents]
-        truncated = outcome[0] == _TIMEOUT
         over = outcome[0] not in (_RUNNING, _TIMEOUT)
-        leaves = self.scenario.crowd.arrival not in CONTINUING_ARRIVALS
-        rewards_of, terminations, infos = {}, {}, {}
-        for agent, column in columns:
-            arrived = outcome[column] == _SUCCESS and leaves
-            rewards_of[agent] = rewards[column]
-            terminations[agent] = over or arrived or not present[column]
-            infos[agent] = stepping.make_info(self._number, outcome[column], gap[column])
-        self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
+        number, leaves, columns = self._number, self._leaves, self._columns
+        observations = self._by_agent(views)
+        rewards_of = {agent: rewards[k] for agent, k in columns}
+        terminations = {agent: over or (leaves and outcome[k] == _SUCCESS) or not present[k] for agent, k in columns}
+        infos = {agent: stepping.make_info(number, outcome[k], gap[k]) for agent, k in columns}
+        truncated = outcome[0] == _TIMEOUT or self._world.step[0].item() >= self._max_steps
+        if truncated:
+            self._set_agents([])
+        elif True in terminations.values():
+            self._set_agents([agent for agent in agents if not terminations[agent]])
         return observations, rewards_of, terminations, dict.fromkeys(agents, truncated), infos
 
     def _advance(
@@ -205,8 +213,9 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         # A policy with a memory is updated at every step, even if no pedestrian follows it.
         if len(acting) < self._bodies or any(world.memory.values()):
             chosen[:, 1:], world = crowd_decisions(world, self.scenario.policies)
-        of = tuple(array[0, acting] for array in (before.position, goals_on_way(before), before.preferred_speed))
-        chosen[0, acting] = self.view.commands(*of, actions, np.array(acting) == 0)
+        position, goal = before.position[0, acting], goals_on_way(before)[0, acting]
+        speed, is_vehicle = before.preferred_speed[0, acting], np.array(acting) == 0
+        chosen[0, acting] = self.view.commands(position, goal, speed, actions, is_vehicle)
         moved, check = move(world, self.view.to_command(world, chosen[:, 0]), chosen[:, 1:])
         outcomes, gaps = outcomes_of_agents(before, moved, check)
         if self.reward.reward is crowdnav:  # it needs no ego views
@@ -233,6 +242,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         """Return the observation of each agent, by column."""
         if self.view.observation == "flat":
             return self.view.rounded(flatten_everybody(self._world)[0])
+        if self.view.observation == "lidar":
+            return self.view.rounded(lidar_features_of_all(self._world))
         ego = self._ego_views(self._world)
         if self.view.observation == "goal_frame" and not self.view.rays and self._world.rules.sensor.sees_all:
             return self.view.observe(ego)
@@ -240,18 +251,24 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         own, others = self.view.observe(self._world), self.view.observe(with_own_motion(ego, self._world, self._past))
         return [row_of(own, 0), *(row_of(others, column) for column in range(1, len(ego)))]
 
+    def _set_agents(self, agents: list[str]) -> None:
+        self.agents = agents
+        self._columns = [(agent, self._column[agent]) for agent in agents]
+
     def _by_agent(self, views: Observed) -> Observations:
-        return {agent: views[self._column[agent]] for agent in self.agents}
+        return {agent: views[column] for agent, column in self._columns}
 
     def _check_actions(self, actions: Mapping[str, np.ndarray | None]) -> tuple[list[int], Float[np.ndarray, "n 2"]]:
         """Return the columns of the acting agents, and their actions. Raises InputError as `step` does."""
+        require("actions", actions, isinstance(actions, Mapping), "a table of actions by agent")
         given = {agent: action for agent, action in actions.items() if action is not None}
         if not self.agents:
             raise InputError("the episode is over: call reset()")
         if VEHICLE not in given or not given.keys() <= set(self.agents):
+            named, others = ", ".join(map(str, given)) or "no agent", ", ".join(self.agents[1:]) or "no other agent"
             raise InputError(
-                f"there are actions for {', '.join(given) or 'no agent'}, but there must be one for the vehicle, and "
-                f"there may be others for {', '.join(self.agents[1:]) or 'no other agent'}"
+                f"there are actions for {named}, but there must be one for the vehicle, and there may be others for "
+                f"{others}"
             )
         chosen = stepping.check_actions(list(given.values()), (len(given), 2))
         return [self._column[agent] for agent in given], chosen

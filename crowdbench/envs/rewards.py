@@ -19,7 +19,7 @@ from crowdbench.core.types import Outcome, World
 from crowdbench.plugins.kind import Kind
 from crowdbench.sim.pedestrians.policy import moment_of
 from crowdbench.sim.routes import goals_on_way
-from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.errors import InputError, plugin_errors, takes_arguments
 from crowdbench.utils.resources import plugin_in_time
 
 PROGRESS = 0.2
@@ -174,8 +174,9 @@ def load_reward(spec: str | Reward) -> CheckedReward:
     Raises:
         InputError: There is no such reward.
     """
-    if callable(spec):
-        return CheckedReward(getattr(spec, "__name__", "reward"), spec)
-    if not isinstance(spec, str):
+    if not callable(spec) and not isinstance(spec, str):
         raise InputError(f"reward is {spec!r}, but must be a name, the path of a file as a text, or a function")
-    return CheckedReward(*REWARDS.find(spec))
+    name, function = (getattr(spec, "__name__", "reward"), spec) if callable(spec) else REWARDS.find(spec)
+    if not takes_arguments(function, 1):
+        raise InputError(f"reward {name} must be a function of one argument, the step")
+    return CheckedReward(name, function)

@@ -38,7 +38,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         seed: The seed of the training cases and of their order.
         reward: See `VehicleEnv`, also for the next three.
-        observation: `flat`, `goal_frame` or `dict`.
+        observation: `flat`, `goal_frame`, `dict` or `lidar`.
         action: A name of `crowdbench.views.actions`.
         nearest: Largest number of observed pedestrians in the frame of the goal.
         rays: Number of observed rays to walls in the frame of the goal.

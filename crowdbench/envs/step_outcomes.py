@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from crowdbench.core.arrays import PerAgent
-from crowdbench.core.dynamics.kernels import HOLONOMIC
+from crowdbench.core.dynamics.kernels import HOLONOMIC, signed_speed
 from crowdbench.core.geometry import Discs, nearest_in_step
 from crowdbench.core.types import Outcome, World
 from crowdbench.sim.episode import StepCheck, gaps_on_arc, step_outcome
@@ -45,7 +45,8 @@ def outcomes_of_agents(before: World, after: World, check: StepCheck) -> tuple[I
     counts[:, 0] &= rules.visible and not on_wheels
     arc = None
     if on_wheels and rules.visible and before.present[0, 0]:
-        speed, turn_rate = math.hypot(*after.velocity[0, 0]), float(after.angular_speed[0])
+        speed = signed_speed(*after.velocity[0, 0], after.heading[0])
+        turn_rate = float(after.angular_speed[0])
         arc = rules.numbers.body, float(before.heading[0]), speed, turn_rate, rules.dt
     states = before.position, after.position, before.goal, before.radius, counts
     check_pedestrians(*states, arc, cells_of(before.position, counts), outcomes, gaps)

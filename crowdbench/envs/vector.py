@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import error
+from gymnasium.spaces.utils import flatdim
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -17,8 +18,14 @@ from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
 from crowdbench.envs.rewards import Reward, Step, load_reward
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, require, require_count
 from crowdbench.views.view import NEAREST, Observed, View, row_of
+
+MAX_ENVS = 100_000
+"""Largest number of worlds."""
+
+MAX_NUMBERS = 100_000_000
+"""Largest number of numbers in the observations of all worlds."""
 
 _Flags = Bool[np.ndarray, "world"]
 
@@ -38,11 +45,12 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         autoreset_mode: When worlds whose episode is over are reset, as in Gymnasium's `SyncVectorEnv`.
         reward: As for `VehicleEnv`, and so are the next five.
-        observation: `flat`, `goal_frame` or `dict`.
+        observation: `flat`, `goal_frame`, `dict` or `lidar`.
         action: `normalized` or another name of `crowdbench.views.actions`.
         nearest: Largest number of pedestrians in an observation in the frame of the goal.
         rays: Number of rays to walls in an observation in the frame of the goal.
         dtype: Type of the numbers of an observation: `float32` or `float64`.
+        max_episode_steps: Largest number of steps of an episode, after which it is truncated.
 
     Raises:
         InputError: Scenario, reward, observation, action or type do not exist.
@@ -59,7 +67,13 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         nearest: int = NEAREST,
         rays: int = 0,
         dtype: str = "float32",
+        max_episode_steps: int | None = None,
     ) -> None:
+        self._max_steps = stepping.check_max_steps(max_episode_steps)
+        require_count("num_envs", num_envs, MAX_ENVS)
+        modes = [mode.value for mode in AutoresetMode]
+        is_mode = isinstance(autoreset_mode, str | AutoresetMode) and autoreset_mode in [*modes, *AutoresetMode]
+        require("autoreset_mode", autoreset_mode, is_mode, f"one of {', '.join(modes)}")
         self.num_envs = num_envs
         self.scenario = stepping.as_scenario(scenario)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -68,6 +82,11 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         self.reward = load_reward(reward)
         self.single_observation_space = self.view.observation_space
         self.single_action_space = self.view.action_space
+        numbers = num_envs * flatdim(self.single_observation_space)
+        if numbers > MAX_NUMBERS:
+            raise InputError(
+                f"an observation of {num_envs} worlds has {numbers} numbers, but at most {MAX_NUMBERS} fit"
+            )
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
@@ -134,8 +153,8 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             # NEXT_STEP: this step is the reset of these worlds. The result of their simulated step is discarded.
             worlds = self._restart(worlds, restarted)
             outcome[restarted], gap[restarted] = Outcome.RUNNING, np.inf
-        truncated = outcome == Outcome.TIMEOUT
-        terminated = (outcome != Outcome.RUNNING) & ~truncated
+        terminated = (outcome != Outcome.RUNNING) & (outcome != Outcome.TIMEOUT)
+        truncated = (outcome == Outcome.TIMEOUT) | (worlds.step >= self._max_steps)
         self._over = terminated | truncated
         infos: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():

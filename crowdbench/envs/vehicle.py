@@ -37,7 +37,7 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
-        observation: `flat`, `goal_frame` or `dict`.
+        observation: `flat`, `goal_frame`, `dict` or `lidar`.
         action: `normalized` or another name of `crowdbench.views.actions`.
         nearest: Largest number of pedestrians in an observation in the frame of the goal.
         rays: Number of rays to walls in an observation in the frame of the goal.

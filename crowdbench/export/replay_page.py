@@ -181,7 +181,8 @@ def _paths(trace: Trace, row: int, planned: Mapping[int, PlannedPaths]) -> str:
     for state in range(int(trace.steps[row]) + 1):
         position, radius = trace.position[row, state, 1:], trace.radius[row, state, 1:]
         measured = position if trace.perceived is None else trace.perceived[row, state]
-        each.append((*planned.get(state, PlannedPaths()), measured_rings(measured, position, radius)))
+        rings = measured_rings(measured, position, radius, trace.rules.sensor.detector)
+        each.append((*planned.get(state, PlannedPaths()), rings))
     lines = [shapely.LineString(line) for paths in each for lines in paths for line in lines]
     simple = [shapely.get_coordinates(line) for line in shapely.simplify(lines, COARSE)]
     return pack(*(len(lines) for paths in each for lines in paths), *_to_lines(simple, COARSE))

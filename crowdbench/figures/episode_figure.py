@@ -98,7 +98,7 @@ class Episode:
         """The key of its pictures; empty if the vehicle measures all pedestrians where they are."""
         states = range(self.end + 1)
         has_marks = self.trace.perceived is not None and any(
-            measured_rings(moment.measured, moment.position[-1, 1:], moment.radius[1:])
+            measured_rings(moment.measured, moment.position[-1, 1:], moment.radius[1:], moment.rules.sensor.detector)
             for moment in (Moment.of_trace(self.trace, self.row, state) for state in states)
         )
         return MEASURED if has_marks else ""

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.dynamics import DYNAMICS, Body, Dynamics
+from crowdbench.core.dynamics import DYNAMICS, Actuation, Body, Dynamics
 from crowdbench.core.types import Observation, Pedestrians, Sensor, Vehicle
 
 VERSION = 1
@@ -40,7 +40,8 @@ class MessageKind(enum.IntEnum):
     """A file in the format of safetensors. Its answer is `COMMANDS`.
 
     The arrays have their names in `Observation`, such as `vehicle.position`. The metadata, each a text in JSON, are
-    `steps` (the number of steps to decide), `dt`, the vehicle's `dynamics`, `goal_tolerance` and `body`, and `sensor`.
+    `steps` (the number of steps to decide), `dt`, the vehicle's `dynamics`, `actuation`, `goal_tolerance` and
+    `body`, and `sensor`.
     """
     READY = 11
     """After `START`, JSON: `version`, `privileged`, perhaps `native` (see `Planner`) and `facts` (texts by name)."""
@@ -156,14 +157,22 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
     arrays.sort(key=lambda pair: -pair[1].itemsize)  # so that all numbers are aligned
     layout = tuple((name, array.dtype.str, array.shape) for name, array in arrays)
     vehicle = obs.vehicle
-    yield _observation_header(layout, steps, obs.dt, vehicle.dynamics, vehicle.goal_tolerance, vehicle.body, obs.sensor)
+    constants = vehicle.dynamics, vehicle.actuation, vehicle.goal_tolerance, vehicle.body
+    yield _observation_header(layout, steps, obs.dt, *constants, obs.sensor)
     for _, array in arrays:
         yield array.reshape(-1).view(np.uint8).data
 
 
 @functools.lru_cache(maxsize=256)
 def _observation_header(
-    layout: Layout, steps: int, dt: float, dynamics: Dynamics, goal_tolerance: float | None, body: Body, sensor: Sensor
+    layout: Layout,
+    steps: int,
+    dt: float,
+    dynamics: Dynamics,
+    actuation: Actuation,
+    goal_tolerance: float | None,
+    body: Body,
+    sensor: Sensor,
 ) -> bytes:
     """Return the header of the safetensors file. It rarely changes, and writing it takes longer than the arrays."""
     limits = {name: limit for name, limit in dataclasses.asdict(dynamics).items() if math.isfinite(limit)}  # type: ignore[call-overload]
@@ -171,6 +180,7 @@ def _observation_header(
         "steps": steps,
         "dt": dt,
         "dynamics": {"name": dynamics.name, **limits},
+        "actuation": actuation,
         "goal_tolerance": goal_tolerance,
         "body": body,
         "sensor": sensor.complete(),
@@ -214,6 +224,7 @@ def _read_observation_header(text: bytes) -> tuple[Layout, int, dict[str, Any], 
     limits = constants["dynamics"]
     vehicle = {
         "dynamics": DYNAMICS[limits.pop("name")](**limits),
+        "actuation": Actuation(*constants["actuation"]),
         "goal_tolerance": constants["goal_tolerance"],
         "body": tuple(constants["body"]),
     }

@@ -9,7 +9,9 @@ import torch
 from crowdbench.networks.attention_encoder import MEMORY, AttentionEncoder
 from crowdbench.networks.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES
 from crowdbench.networks.features_ahead import PEDESTRIAN_AHEAD, VEHICLE_AHEAD
+from crowdbench.networks.features_scan import VEHICLE_SCANS
 from crowdbench.networks.policy import Encoder, Policy, Seen
+from crowdbench.networks.scan_encoder import ScanEncoder
 from crowdbench.networks.set_encoder import SetEncoder
 from crowdbench.plugins.kind import Kind, file_and_function
 from crowdbench.utils.errors import InputError, is_integer
@@ -20,9 +22,17 @@ ENCODERS = Kind("encoder", "encoder", makes=Encoder)
 POLICIES: dict[str, tuple[Callable[[], Encoder], int]] = {
     "ppo": (SetEncoder, 0),
     "ppo_attention": (AttentionEncoder, MEMORY),
+    "ppo_lidar": (ScanEncoder, 0),
 }
 """The policies that can be trained, by the name of the network on cards: the class of their encoder, and the size of
 their memory."""
+
+_INPUTS = {
+    "ppo": (VEHICLE_FEATURES, PEDESTRIAN_FEATURES),
+    "ppo_attention": (VEHICLE_AHEAD, PEDESTRIAN_AHEAD),
+    "ppo_lidar": (VEHICLE_SCANS, PEDESTRIAN_FEATURES),
+}
+"""Numbers about the vehicle and about each pedestrian in the input of each policy."""
 
 
 def make_policy(network: str, encoder: str | None = None) -> Policy:
@@ -36,15 +46,14 @@ def make_policy(network: str, encoder: str | None = None) -> Policy:
         InputError: There is no such encoder, or it fails.
     """
     make_encoder, remembered = POLICIES[network]
-    return Policy(make_encoder() if encoder is None else _load_encoder(encoder, bool(remembered)), remembered)
+    return Policy(make_encoder() if encoder is None else _load_encoder(encoder, *_INPUTS[network]), remembered)
 
 
-def _load_encoder(spec: str, ahead: bool) -> Encoder:
-    """Return the encoder of a file, tested on rows of two and of one pedestrian; `ahead` for `features_ahead`."""
+def _load_encoder(spec: str, of_vehicle: int, of_pedestrian: int) -> Encoder:
+    """Return the encoder of a file, tested on rows of two and of one pedestrian with these numbers of features."""
     if file_and_function(spec)[0] is None:
         raise InputError(f"encoder is {spec!r}, but must be a file: ./mine.py")
     name, encoder = ENCODERS.load(spec)
-    of_vehicle, of_pedestrian = (VEHICLE_AHEAD, PEDESTRIAN_AHEAD) if ahead else (VEHICLE_FEATURES, PEDESTRIAN_FEATURES)
     mask = torch.tensor([[False, False], [True, False], [True, True]])
     seen = Seen(torch.ones(3, of_vehicle), mask[..., None] * torch.ones(3, 2, of_pedestrian), mask)
     with plugin_in_time(f"the encoder {name} raised"), torch.no_grad():

@@ -103,6 +103,11 @@ class Driver:
                 f"planner {self.name} has native = {self.native!r}, but the vehicle of the scenario is "
                 f"{decision.dynamics.name}: set vehicle.dynamics={self.native}"
             )
+        if self.privileged and obs.sensor.detector is not None:
+            raise InputError(
+                f"planner {self.name} is privileged, but the tracks of a detector do not name the pedestrians whose "
+                "next velocities it gets: leave out sensor.detector"
+            )
         limit = FairLimit(self.decision_limit, lambda: (os.getpid(),))
         start = time.perf_counter()
         answer = self._answer(decision, lambda: plan(obs, *steps), limit)

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float, Int
 
+from crowdbench.core.kalman import extrapolate_covariance, gain
 from crowdbench.core.types import HISTORY, Observation, Pedestrians
 from crowdbench.planners.planner import AheadPlanner, Planner
 from crowdbench.planners.scene import Sequence
@@ -15,9 +16,6 @@ from crowdbench.planners.scene import Sequence
 Means = Float[np.ndarray, "world pedestrian 4"]
 Covariances = Float[np.ndarray, "world pedestrian 3"]
 Estimates = tuple[Means, Covariances]
-
-ACCELERATION = 0.1
-"""Changes of the pedestrians' velocities: spectral density of white acceleration, in m^2/s^3."""
 
 MEMORY = 4.0
 """Seconds for which a pedestrian without measurements is tracked."""
@@ -68,7 +66,12 @@ class KalmanFilter:
             self.tracks.age[rows], self.tracks.time[rows] = np.inf, 0.0
 
     def filter(self, obs: Observation) -> Observation:
-        """Return the filtered observation: estimates of the present, with their standard deviations."""
+        """Return the filtered observation: estimates of the present, with their standard deviations.
+
+        The tracks of a detector are estimates already, and do not change.
+        """
+        if obs.sensor.detector is not None:
+            return obs
         if self.tracks is None:
             self.tracks = _Tracks(max(self.worlds, int(obs.row.max(initial=-1)) + 1), obs.pedestrians.seen.shape[1])
         tracks, row, delay = self.tracks, obs.row, obs.sensor.steps_delayed(obs.dt) * obs.dt
@@ -100,8 +103,7 @@ class KalmanFilter:
 def _move_on(mean: Means, covariance: Covariances, time: Float[np.ndarray, "world #pedestrian"]) -> Estimates:
     """Return estimates after some seconds at constant velocity, with white acceleration."""
     p, c, v = np.moveaxis(covariance, -1, 0)
-    q = ACCELERATION * time
-    later = [p + time * (2.0 * c + time * v) + q * time**2 / 3.0, c + time * v + q * time / 2.0, v + q]
+    later = extrapolate_covariance(p, c, v, time)
     position = mean[..., :2] + time[..., None] * mean[..., 2:]
     return np.concatenate([position, mean[..., 2:]], axis=-1), np.stack(later, axis=-1)
 
@@ -109,11 +111,7 @@ def _move_on(mean: Means, covariance: Covariances, time: Float[np.ndarray, "worl
 def _measure(mean: Means, covariance: Covariances, values: Means, variance: Float[np.ndarray, "2"]) -> Estimates:
     """Return estimates after a measurement of position and velocity, whose errors have these variances."""
     p, c, v = np.moveaxis(covariance, -1, 0)
-    a, b = p + variance[0], v + variance[1]
-    determinant = a * b - c * c
-    # The gain P S^-1, with S = P + R.
-    pp, pv = (p * b - c * c) / determinant, (c * a - p * c) / determinant
-    vp, vv = (c * b - v * c) / determinant, (v * a - c * c) / determinant
+    pp, pv, vp, vv = gain(p, c, v, *variance)
     off = values - mean
     position = mean[..., :2] + pp[..., None] * off[..., :2] + pv[..., None] * off[..., 2:]
     velocity = mean[..., 2:] + vp[..., None] * off[..., :2] + vv[..., None] * off[..., 2:]

@@ -53,7 +53,7 @@ def load_onnx(
 
     Args:
         file: The file.
-        observation: Observation of the policy: flat, goal_frame or dict; by default as in the metadata.
+        observation: Observation of the policy: flat, goal_frame, dict or lidar; by default as in the metadata.
         action: Its actions, such as normalized, velocity or goal_frame; by default as in the metadata.
         nearest: Largest number of pedestrians that it observes; by default as in the metadata, or 10.
         dynamics: The vehicles that it may drive: holonomic, unicycle or bicycle; by default as in the metadata, or any.

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.dynamics import FREE
+from crowdbench.core.dynamics import DYNAMICS, FREE
 from crowdbench.core.types import Observation
 from crowdbench.networks.features import clip_to_disc, direction, to_world
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.validation import AnswerFault, validate_array
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, is_integer, require, takes_arguments
 from crowdbench.views.actions import ACTIONS, scale
 from crowdbench.views.view import NEAREST, as_dtype, check_view, encode
 
@@ -30,7 +30,7 @@ class PolicyPlanner(Planner):
         function: Returns the actions `[world, 2]` of many worlds for their observations: an array `[world, features]`
             or a dictionary of arrays `[world, ...]`. With a `state`, it is called as `function(observed, *state)` and
             returns `(actions, *state)`.
-        observation: Its observation: `flat`, `goal_frame` or `dict`, see `crowdbench.views.view`.
+        observation: Its observation: `flat`, `goal_frame`, `dict` or `lidar`, see `crowdbench.views.view`.
         action: Its actions, such as `normalized` or `velocity`, see `crowdbench.views.actions`.
         nearest: Largest number of pedestrians that it observes in the frame of the goal.
         state: Shapes of the memory arrays of a recurrent policy for one world, which are zeros when an episode starts.
@@ -52,7 +52,13 @@ class PolicyPlanner(Planner):
     dtype: str = "float32"
 
     def __post_init__(self) -> None:
+        require("state", self.state, _are_shapes(self.state), "a list of shapes, such as [(1, 64)]")
+        is_function = callable(self.function) and takes_arguments(self.function, 1 + len(self.state))
+        right = "a function of the observation and of each array of the state"
+        require("function", self.function, is_function, right)
         check_view(self.observation, self.action, self.nearest, self.rays, self.dtype)
+        is_known = self.dynamics is None or (isinstance(self.dynamics, str) and self.dynamics in DYNAMICS)
+        require("dynamics", self.dynamics, is_known, f"None or one of {', '.join(DYNAMICS)}")
         self.native = ACTIONS[self.action].axes == "native"
         self.reset(np.arange(0))
 
@@ -92,3 +98,10 @@ class PolicyPlanner(Planner):
         for memory, state in zip(self.memory, states, strict=True):
             memory[obs.row] = state
         return answer
+
+
+def _are_shapes(state: object) -> bool:
+    """Return whether a value is a sequence of shapes of arrays."""
+    if not isinstance(state, list | tuple) or not all(isinstance(shape, list | tuple) for shape in state):
+        return False
+    return all(is_integer(size) and size >= 1 for shape in state for size in shape)

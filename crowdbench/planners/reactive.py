@@ -17,6 +17,7 @@ from crowdbench.sim.obstacles import slide
 from crowdbench.sim.pedestrians.orca import orca_velocities
 from crowdbench.sim.pedestrians.orca_crowd import ORCA_MARGIN, TIME_HORIZON_OBST
 from crowdbench.utils.compiled import njit
+from crowdbench.utils.errors import require_not_negative
 
 
 @dataclass(eq=False)
@@ -27,9 +28,15 @@ class ORCAPlanner(Planner):
 
     Attributes:
         safety_space: Margin that is added to every radius [m].
+
+    Raises:
+        InputError: The margin is not a number, 0 or more.
     """
 
     safety_space: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_not_negative("safety_space", self.safety_space)
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""

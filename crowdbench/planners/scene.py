@@ -54,7 +54,7 @@ class VehicleArrays(NamedTuple):
     """
 
     code: int
-    limits: Float[np.ndarray, "3"]
+    limits: Float[np.ndarray, "4"]
     body: Float[np.ndarray, "disc"]
     motion: Float[np.ndarray, "world 6"]
     goal: Float[np.ndarray, "world 2"]

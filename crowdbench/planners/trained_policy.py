@@ -21,11 +21,12 @@ from crowdbench.networks.policy import Policy, Seen
 from crowdbench.networks.weights import load_into, read_card, training_dt, weights_digest, weights_file
 from crowdbench.planners.planner import Planner
 from crowdbench.planners.reactive import along_walls
+from crowdbench.planners.scan_interface import ScanInterface
 from crowdbench.plugins.kind import file_and_function
 from crowdbench.plugins.plugin_files import read_files
 from crowdbench.predict.predictor import Predictor, predict
 from crowdbench.predict.predictors import load_predictor
-from crowdbench.sim.lines_of_sight import wall_distances
+from crowdbench.sim.lidar import wall_distances
 from crowdbench.utils.errors import InputError, is_integer
 
 
@@ -62,6 +63,12 @@ class PolicyInterface:
         """
         return along_walls(obs, to_world(clip_to_disc(action, obs.vehicle.preferred_speed), axis))  # same direction
 
+    def reset(self, rows: np.ndarray) -> None:
+        """Do nothing: an input depends on one observation alone. See `Planner.reset`."""
+
+    def forget(self, rows: np.ndarray) -> None:
+        """Do nothing, as `reset`."""
+
 
 @dataclass(eq=False)
 class NetworkPlanner(Planner):
@@ -76,7 +83,7 @@ class NetworkPlanner(Planner):
     """
 
     policy: Policy
-    interface: PolicyInterface
+    interface: PolicyInterface | ScanInterface
     network: str = "ppo"
     trained_pedestrians: int | None = None
     trained_dt: float | None = None
@@ -99,6 +106,7 @@ class NetworkPlanner(Planner):
     def reset(self, rows: np.ndarray) -> None:
         """See `Planner`."""
         self.memory = self.policy.initial_memory(len(rows))
+        self.interface.reset(rows)
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
@@ -144,10 +152,12 @@ def load_policy(
     policy = make_policy(network, encoder)
     _check_encoder(path, training.get("encoder_files"), encoder)
     load_into(policy, network, path, device)
-    nearest = training.get("nearest")
-    if not is_integer(nearest) or nearest < 1:
-        raise InputError(f"the card of the weights {path} does not say how many pedestrians the policy is shown")
-    interface = PolicyInterface(int(nearest), load_predictor(predictor) if policy.remembered else None)
+    interface: PolicyInterface | ScanInterface = ScanInterface()
+    if network != "ppo_lidar":
+        nearest = training.get("nearest")
+        if not is_integer(nearest) or nearest < 1:
+            raise InputError(f"the card of the weights {path} does not say how many pedestrians the policy is shown")
+        interface = PolicyInterface(int(nearest), load_predictor(predictor) if policy.remembered else None)
     return NetworkPlanner(policy, interface, network, _most_pedestrians(training), training_dt(card))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from crowdbench.core.dynamics import Holonomic
-from crowdbench.core.dynamics.kernels import HOLONOMIC, drive_without_heading
+from crowdbench.core.dynamics.kernels import HOLONOMIC, drive_without_heading, signed_speed
 from crowdbench.core.geometry import Discs, local_goals, nearest_in_step, norm
 from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.joint_state import SIZE, PedestrianStates, VehicleState, write_joint_states
@@ -143,7 +143,7 @@ def _fill_gaps(vehicle, crowd, obstacles, dt, commands, world, wall_gap, gap):
             for p in range(agents - 1):
                 radii[1 + p], present[1 + p] = crowd.radius[w, p], crowd.present[w, p]
             start[0, 0], start[0, 1] = before.x, before.y
-            arc = before.heading, math.hypot(vx, vy), turn_rate, dt
+            arc = before.heading, signed_speed(vx, vy, facing), turn_rate, dt
             for m in range(position.shape[1]):
                 fill_crowd(position, w, m, 0, start, motion)
                 gap[row, m], to_walls = gaps_on_arc(body, *arc, discs, obstacles[w])

@@ -8,6 +8,7 @@ from typing import Any
 from crowdbench.plugins.kind import Kind
 from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
 from crowdbench.predict.predictor import Predictor
+from crowdbench.utils.errors import require, require_options
 
 
 def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> Predictor:
@@ -20,6 +21,8 @@ def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> Predi
     Raises:
         InputError: There is no such predictor, it does not accept the options, or its file is broken.
     """
+    require("predictor", spec, isinstance(spec, str), "a name, or a file such as './mine.py'")
+    require_options(options)
     predictor: Predictor = PREDICTORS.load(spec, options)[1]
     return predictor
 

@@ -72,7 +72,10 @@ def _states_before(steps: int, dt: float) -> list[int]:
 def _expected(trace: Trace, row: int, agent: int) -> str:
     """Return a sentence on the gaps to a pedestrian that the last decisions expected at the time of the contact."""
     steps, dt, logged = int(trace.steps[row]), trace.rules.dt, trace.logs.get(PREDICTED_LOG)
-    if logged is not None and (logged.ndim < 5 or logged.shape[-2:] != (trace.position.shape[2] - 1, 2)):
+    is_of_tracks = trace.rules.sensor.detector is not None
+    if logged is not None and (
+        is_of_tracks or logged.ndim < 5 or logged.shape[-2:] != (trace.position.shape[2] - 1, 2)
+    ):
         logged = None
     gaps = []
     for state in _states_before(steps, dt):
@@ -85,6 +88,8 @@ def _expected(trace: Trace, row: int, agent: int) -> str:
         if np.isfinite(distance):
             gaps.append(f"{distance - trace.radius[row, steps, [0, agent]].sum():z.2f} m at {state * dt:g} s")
     how = "constant velocity; the planner logs no prediction" if logged is None else "the planner's prediction"
+    if is_of_tracks:
+        how = "constant velocity; predictions of tracks belong to no pedestrian"
     expected = ", ".join(gaps) or "none, the pedestrian was not seen"
     return f"Gap expected for that moment ({how}): {expected}. Actual gap: {trace.gap[row, steps - 1]:z.2f} m."
 

@@ -14,7 +14,7 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.drawing import DARK
 from crowdbench.record.rrd import moments, moving, still, width
-from crowdbench.sim.lines_of_sight import measure_all_beams
+from crowdbench.sim.lidar import measure_beams
 
 MOST_BEAMS = 90
 """Largest number of beams that are drawn. Of a lidar with more, only every second beam is drawn, or every third, ..."""
@@ -48,8 +48,12 @@ def _draw_perceived(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -
     assert trace.perceived is not None
     assert trace.age is not None
     states = int(trace.steps[row]) + 1
-    known, radius = np.isfinite(trace.age[row, :states]), trace.radius[row, :states, 1:]
-    colors = [DARK.vehicle if is_seen else DARK.considered for is_seen in trace.seen[row, :states][known].tolist()]
+    known, detector, seen = np.isfinite(trace.age[row, :states]), trace.rules.sensor.detector, trace.seen[row, :states]
+    radius = trace.radius[row, :states, 1:]
+    if detector is not None:  # the rings are tracks
+        late = trace.rules.sensor.delay + 0.5 * trace.rules.dt
+        radius, seen = np.full(known.shape, detector.radius), trace.age[row, :states] < late
+    colors = [DARK.vehicle if is_seen else DARK.considered for is_seen in seen[known].tolist()]
     sizes = np.repeat(radius[known][:, None], 2, axis=1)
     rings = rr.Ellipses2D.columns(centers=trace.perceived[row, :states][known], half_sizes=sizes, colors=colors)
     yield still("world/sight", rr.Ellipses2D.from_fields(line_radii=width(1.5), draw_order=45))
@@ -74,16 +78,19 @@ def _draw_view(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Ite
 
 
 def _draw_beams(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
-    """Draw the beams of the lidar, measured again in each state, from the vehicle to their ends."""
+    """Draw the beams of the lidar without noise, measured again in each state, from the vehicle to their ends."""
     lidar, states = trace.rules.sensor.lidar, int(trace.steps[row]) + 1
     assert lidar is not None
-    distance = np.empty((states, lidar.beams))
-    heading, position = trace.heading[row, :states], np.ascontiguousarray(trace.position[row, :states])
-    radius, present = (np.ascontiguousarray(array[row, :states]) for array in (trace.radius, trace.present))
+    distance = np.empty((states, 1, lidar.beams))
+    arrays = trace.position, trace.velocity, trace.radius, trace.present, trace.person
+    people = [np.ascontiguousarray(array[row, :states]) for array in arrays]
+    position, heading, seconds = people[0], trace.heading[row, :states, None], np.arange(states) * trace.rules.dt
     obstacles = np.repeat(trace.obstacles[row][None], states, axis=0)
-    measure_all_beams(heading, position, radius, present, obstacles, lidar.range, distance)
+    shown = seconds if lidar.legs else np.zeros(0)
+    measure_beams(heading, *people, shown, np.zeros(0), obstacles, lidar.range, distance)
+    distance = distance[:, 0]
     number = np.arange(0, lidar.beams, math.ceil(lidar.beams / MOST_BEAMS))
-    angle = heading[:, None] + 2.0 * np.pi * number / lidar.beams
+    angle = heading + 2.0 * np.pi * number / lidar.beams
     beam = distance[:, number, None] * np.stack([np.cos(angle), np.sin(angle)], axis=2)
     beams = (position[:, :1, None] + np.stack([np.zeros_like(beam), beam], axis=2)).reshape(-1, 2, 2)
     yield still("world/lidar", rr.LineStrips2D.from_fields(colors=[DARK.faint], radii=width(0.75), draw_order=4))

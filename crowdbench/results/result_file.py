@@ -94,6 +94,7 @@ class StatedPart(BaseModel, extra="forbid"):
     timing: TimingPart
     versions: dict[str, str]
     isolation: dict[str, str | Amount] = {}
+    notes: list[str] = []
 
 
 class ResultContents(BaseModel, extra="forbid"):

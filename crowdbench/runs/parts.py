@@ -30,7 +30,7 @@ from crowdbench.utils.files import new_directory, parent_of
 Drive = Callable[[Cases, Path], None]
 """Makes the run of some cases in a directory. If it raises, the directory is not complete."""
 
-_NAME = re.compile("([a-z]+)-([0-9]+)-([0-9]+)")
+_NAME = re.compile("(train|val|test)-([0-9]+)-([0-9]+)")
 
 
 def folder_of_parts(out: Path, digest: str, record: str) -> Path:

@@ -206,13 +206,16 @@ class _TraceBuilder:
         states = {"position": (steps + 1, agents, 2), "velocity": (steps + 1, agents, 2), "heading": (steps + 1,)}
         shapes = {**states, "gap": (steps,), "wall_gap": (steps,), "command": (steps, 2)}
         if not start.rules.sensor.sees_all:
-            shapes |= {"perceived": (steps + 1, agents - 1, 2), "age": (steps + 1, agents - 1)}
+            columns = start.sight["unseen"].shape[1]
+            shapes |= {"perceived": (steps + 1, columns, 2), "age": (steps + 1, columns)}
         self.arrays = {name: np.full((worlds, *shape), np.nan) for name, shape in shapes.items()}
         people = {name: self._always(getattr(start, name)) for name in (*_OF_PEOPLE, *["group"] * grouped)}
         self.arrays |= {name: array.copy() if changing else array for name, array in people.items()}
         self.names_of_state = [*states, *(people if changing else [])]
         if "age" in self.arrays:
             self.arrays["age"][:] = np.inf
+        if start.rules.sensor.detector is not None:
+            self.arrays["seen"] = np.zeros((worlds, steps + 1, agents - 1), bool)
         if has_attention(start.rules):
             self.arrays["noticed"] = np.zeros((worlds, steps + 1, agents - 1), bool)
         self._add_state(np.arange(worlds), 0, start)
@@ -225,6 +228,8 @@ class _TraceBuilder:
             self.arrays["age"][rows, t] = age = ages(world)
             perceived = np.where(np.isinf(age)[..., None], np.nan, world.sight["state"][..., :2])
             self.arrays["perceived"][rows, t] = perceived
+        if "seen" in self.arrays:
+            self.arrays["seen"][rows, t] = world.sight["detected"]
         if "noticed" in self.arrays:
             self.arrays["noticed"][rows, t] = world.memory[ATTENTION]["remaining"] > 0.0
 
@@ -287,9 +292,8 @@ class _TraceBuilder:
             case=self.start.case,
             outcome=self.outcome,
             steps=self.steps,
-            **arrays,
+            **(arrays | {"seen": self._seen()}),
             preferred_speed=self.start.preferred_speed,
-            seen=self._seen(),
             route=self.start.route[:, 0],
             obstacles=self.start.obstacles,
             rules=self.start.rules,
@@ -299,6 +303,8 @@ class _TraceBuilder:
 
     def _seen(self) -> Bool[np.ndarray, "world time pedestrian"]:
         """Return the pedestrians that the vehicles saw; after the end of an episode, those in its last state."""
+        if "seen" in self.arrays:
+            return np.asarray(self.arrays["seen"][self._last_states()])
         if "age" not in self.arrays:
             return self.arrays["present"][:, :, 1:]
         dt = self.start.rules.dt

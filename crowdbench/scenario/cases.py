@@ -10,10 +10,13 @@ import numpy as np
 from jaxtyping import Int
 
 from crowdbench.core.rng import SPLITS
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, require
 
 LAST = 2**62
 """Case numbers are smaller than this."""
+
+MOST = 1_000_000
+"""Largest number of cases at once."""
 
 _NUMBER = "[0-9]{1,19}"
 
@@ -26,26 +29,41 @@ class Cases:
         split: `train`, `val` or `test`.
         start: Number of the first case.
         stop: Number after the last case.
+
+    Raises:
+        InputError: There is no such split, a number is no case number, or there are more than `MOST` cases.
     """
 
     split: str
     start: int
     stop: int
 
+    def __post_init__(self) -> None:
+        is_split = isinstance(self.split, str) and self.split in SPLITS
+        require("split", self.split, is_split, f"one of {', '.join(SPLITS)}")
+        for name in ("start", "stop"):
+            number = getattr(self, name)
+            is_case = isinstance(number, int | np.integer) and bool(0 <= number <= LAST)
+            require(name, number, is_case, "the number of a case, 0 or more")
+        require("stop", self.stop, self.start <= self.stop, f"{self.start} or more, which is the first case")
+        if len(self) > MOST:
+            raise InputError(f"cases {self} are {len(self)} cases, but must be at most {MOST}")
+
     @classmethod
     def parse(cls, text: str) -> Cases:
         """Read `[split:]count`, `[split:]start:stop` or the name of a single case; without a split they are test cases.
 
-        Raises InputError if the text has another form or the range is empty.
+        Raises InputError if the text has another form, or the range is empty or too long.
         """
+        require("cases", text, isinstance(text, str), "a text such as 'val:100'")
         if "/" in text:
             split, number = parse_case(text)
             return cls(split, number, number + 1)
         match = re.fullmatch(rf"(?:([a-z]+):)?(?:({_NUMBER}):)?({_NUMBER})", text)
         if match and (match[1] or "test") in SPLITS:
-            cases = cls(match[1] or "test", int(match[2] or 0), int(match[3]))
-            if cases.start < cases.stop <= LAST:
-                return cases
+            start, stop = int(match[2] or 0), int(match[3])
+            if start < stop <= LAST:
+                return cls(match[1] or "test", start, stop)
         raise InputError(
             f"cases {text!r} are not a range of cases: write 500 (the first 500 test cases), 2000:2500, val:100 or "
             f"val/37 (one case; splits: {', '.join(SPLITS)})"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from crowdbench.core.dynamics import DISC, DYNAMICS, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
+from crowdbench.core.dynamics import DISC, DYNAMICS, Actuation, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
 from crowdbench.core.types import Rules, WalkingLimits
 from crowdbench.scenario.layouts.crossings import crowdnav_plus
 from crowdbench.scenario.placement import Layout, LayoutCall
@@ -190,16 +190,17 @@ def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
     """Return the rules of a scenario.
 
     Raises InputError if an episode may take too many steps, if keys of the vehicle contradict each other or keys of
-    the crowd, or if the sensor's delay is not a whole number of steps or exceeds `MAX_DELAY` steps.
+    the crowd, or if a delay is not a whole number of steps or exceeds `MAX_DELAY` steps.
     """
     # Computed without `max_steps`, which is infinite for a tiny dt.
     if spec.time_limit - 1.0 > (MAX_STEPS - 1) * spec.dt:
         right = f"large enough for an episode of time_limit to end within {MAX_STEPS} steps"
         raise file.at("dt").wrong(repr(spec.dt), right)
     pedestrians, vehicle, walking = spec.pedestrians, spec.vehicle, spec.pedestrians.limits
-    location, delay = file.at("vehicle"), file.at("sensor", "delay")
-    if _count_steps(spec.sensor.delay, spec.dt, delay) > MAX_DELAY:
-        raise delay.wrong(f"{spec.sensor.delay:g}", f"{MAX_DELAY * spec.dt:g} s or less, {MAX_DELAY} steps")
+    location = file.at("vehicle")
+    actuation = Actuation(vehicle.command_delay or 0.0, vehicle.lag or 0.0)
+    _check_delay(spec.sensor.delay, spec.dt, file.at("sensor", "delay"))
+    _check_delay(actuation.delay, spec.dt, location.at("command_delay"))
     sensor = spec.sensor
     if isinstance(pedestrians, SimulatedPedestriansSpec):
         change, period = pedestrians.goal_change, file.at("pedestrians", "goal_change", "period")
@@ -225,6 +226,7 @@ def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
         visible=vehicle.visible,
         attention=attention if vehicle.visible else None,
         dynamics=dynamics,
+        actuation=actuation,
         goal_tolerance=vehicle.goal_tolerance,
         body=_body(vehicle, dynamics, location),
         sensor=sensor,
@@ -244,6 +246,12 @@ def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:
     if vehicle.length < wheelbase:
         raise length.wrong(f"{vehicle.length:g}", f"{wheelbase:g} or more, the wheelbase")
     return chain(vehicle.length, vehicle.radius, wheelbase / 2.0)
+
+
+def _check_delay(seconds: float, dt: float, location: Location) -> None:
+    """Raise InputError if a delay is not a whole number of steps of `dt` seconds, or exceeds `MAX_DELAY` of them."""
+    if _count_steps(seconds, dt, location) > MAX_DELAY:
+        raise location.wrong(f"{seconds:g}", f"{MAX_DELAY * dt:g} s or less, {MAX_DELAY} steps")
 
 
 def _count_steps(seconds: float, dt: float, location: Location) -> int:

@@ -120,7 +120,8 @@ class VehicleSpec(DynamicsSpec):
     """`[vehicle]`, to which `scenario_spec` adds the limits of the dynamics.
 
     Radius, length and goal tolerance are in metres, the preferred speed in m/s. Without a length the vehicle is a disc.
-    Without a goal tolerance it has arrived when its goal is nearer than its radius.
+    Without a goal tolerance it has arrived when its goal is nearer than its radius. `command_delay` and `lag` are in
+    seconds, see `crowdbench.core.dynamics.Actuation`.
     """
 
     visible: Flag = False
@@ -128,6 +129,9 @@ class VehicleSpec(DynamicsSpec):
     preferred_speed: float = number(1.0, above=0.0, below=100.0)
     length: float | None = number(None, above=0.0, below=100.0)
     goal_tolerance: float | None = number(None, above=0.0, below=100.0)
+    # None changes no digest of a scenario.
+    command_delay: float | None = number(None, above=0.0, below=1e3)
+    lag: float | None = number(None, above=0.0, below=1e3)
 
 
 class PedestriansSpec(PoliciesSpec):
@@ -211,7 +215,7 @@ def scenario_spec(
 ) -> type[ScenarioSpec]:
     """Return the pydantic model of a complete file.
 
-    A limit of the vehicle that is infinite by default is None in the model.
+    A limit of the vehicle that is infinite or 0 by default is None in the model.
 
     Args:
         dynamics: The vehicle's dynamics.
@@ -221,9 +225,10 @@ def scenario_spec(
     Raises:
         InputError: See `layout_spec`.
     """
+    usual = {field.name: field.default for field in dataclasses.fields(DYNAMICS[dynamics])}
     limits = {
-        field.name: (float | None, number(None if field.default == math.inf else field.default, above=0.0, below=1e6))
-        for field in dataclasses.fields(DYNAMICS[dynamics])
+        name: (float | None, number(None if limit in (0.0, math.inf) else limit, above=0.0, below=1e6))
+        for name, limit in usual.items()
     }
     policies = {}
     for name, defaults in parameters.items():

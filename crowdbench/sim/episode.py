@@ -15,7 +15,7 @@ from typing import NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.dynamics.kernels import HOLONOMIC, along_arc, chords
+from crowdbench.core.dynamics.kernels import HOLONOMIC, along_arc, chords, signed_speed
 from crowdbench.core.geometry import Discs, nearest_in_step
 from crowdbench.core.types import COLLISION_RULES, Outcome
 from crowdbench.sim.obstacles import wall_gap_in_step
@@ -71,7 +71,8 @@ def check_step(rules, before, after, check):
             x, y, dx, dy = position[w, 0, 0], position[w, 0, 1], motion[0, 0], motion[0, 1]
             check.wall_gap[w] = wall_gap_in_step(x, y, dx, dy, radius[w, 0], obstacles[w])
         else:
-            speed, turn_rate = math.hypot(after.velocity[w, 0, 0], after.velocity[w, 0, 1]), after.angular_speed[w]
+            speed = signed_speed(after.velocity[w, 0, 0], after.velocity[w, 0, 1], after.heading[w])
+            turn_rate = after.angular_speed[w]
             if rules.collision == _CROWDNAV_PLUS:
                 speed, turn_rate = 0.0, 0.0
             arc = before.heading[w], speed, turn_rate, rules.dt
@@ -166,7 +167,7 @@ def gaps_on_arc(body, heading, speed, turn_rate, dt, discs, obstacles):
     Args:
         body (array): The centres of its discs, in metres ahead of its position.
         heading (float): Its heading before the step in radians.
-        speed (float): Its speed during the step in m/s.
+        speed (float): Its speed during the step in m/s, negative if it drives backwards.
         turn_rate (float): Its turn rate during the step in rad/s.
         dt (float): Duration of the step in seconds.
         discs (Discs): The vehicle, whose motion is not read, and the pedestrians.

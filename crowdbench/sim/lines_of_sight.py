@@ -1,4 +1,4 @@
-"""Straight lines from the vehicle: visible pedestrians, beams of a lidar, distances to walls. Compiled.
+"""Straight lines from the vehicle: visible pedestrians, and walls in between. Compiled.
 
 Obstacles are polygons `[polygon, corner, 2]` in metres, NaN after the last corner, of which only the edges count.
 """
@@ -8,10 +8,6 @@ from __future__ import annotations
 import math
 from typing import no_type_check
 
-import numpy as np
-from jaxtyping import Float
-
-from crowdbench.core.arrays import Walls, WorldPoints
 from crowdbench.sim.obstacles import number_of_corners
 from crowdbench.utils.compiled import njit
 
@@ -85,49 +81,3 @@ def share_to_walls(x, y, dx, dy, obstacles):
             if 0.0 <= share < least and 0.0 <= on_edge <= 1.0:
                 least = share
     return least
-
-
-@no_type_check
-@njit(error_model="numpy")
-def measure_all_beams(heading, position, radius, present, obstacles, reach, distance):
-    """Measure the lengths of the beams of lidars at the vehicles' positions. Compiled.
-
-    Args:
-        heading (array): `[world]`, direction of the first beam in radians; the others follow counter-clockwise.
-        position (array): `[world, agent, 2]`, in metres.
-        radius (array): `[world, agent]`, in metres.
-        present (array): `[world, agent]`; agents that are not present do not stop beams.
-        obstacles (array): `[world, polygon, corner, 2]`, in metres.
-        reach (float): The longest distance in metres.
-        distance (array): `[world, beam]`, filled: to the nearest pedestrian or edge in metres, `reach` without one.
-    """
-    near = np.empty(radius.shape[1], np.int64)
-    for w in range(len(heading)):
-        x, y = position[w, 0, 0], position[w, 0, 1]
-        number = 0
-        for a in range(1, radius.shape[1]):
-            dx, dy = position[w, a, 0] - x, position[w, a, 1] - y
-            if present[w, a] and math.sqrt(dx * dx + dy * dy) - radius[w, a] < reach:
-                near[number] = a
-                number += 1
-        for k in range(distance.shape[1]):
-            angle = heading[w] + 2.0 * math.pi * k / distance.shape[1]
-            ux, uy = math.cos(angle), math.sin(angle)
-            least = reach * share_to_walls(x, y, reach * ux, reach * uy, obstacles[w])
-            for a in near[:number]:
-                dx, dy = position[w, a, 0] - x, position[w, a, 1] - y
-                along, aside = dx * ux + dy * uy, dx * uy - dy * ux
-                root = radius[w, a] * radius[w, a] - aside * aside
-                if root > 0.0 and along + math.sqrt(root) > 0.0:  # not behind
-                    least = min(least, max(along - math.sqrt(root), 0.0))
-            distance[w, k] = least
-
-
-def wall_distances(
-    position: WorldPoints, axis: WorldPoints, obstacles: Walls, rays: int, reach: float
-) -> Float[np.ndarray, "world ray"]:
-    """Return the distances in metres from points to walls along rays, the first along `axis`; at most `reach`."""
-    distance, nobody = np.empty((len(position), rays)), np.zeros((len(position), 1))
-    angle, point = np.arctan2(axis[:, 1], axis[:, 0]), np.ascontiguousarray(position[:, None])
-    measure_all_beams(angle, point, nobody, nobody.astype(bool), obstacles, reach, distance)
-    return distance

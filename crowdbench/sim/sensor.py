@@ -12,8 +12,8 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.types import HISTORY, Lidar, Observation, Pedestrians, Vehicle, World
-from crowdbench.sim.lines_of_sight import measure_all_beams
+from crowdbench.core.types import HISTORY, Observation, Pedestrians, Vehicle, World
+from crowdbench.sim.lidar import scan
 from crowdbench.sim.neighbors import insert_sorted
 from crowdbench.utils.compiled import njit
 
@@ -48,6 +48,7 @@ def observe(
             heading=world.heading.copy(),
             angular_speed=world.angular_speed.copy(),
             dynamics=rules.dynamics,
+            actuation=rules.actuation,
             goal_tolerance=rules.goal_tolerance,
             body=rules.body,
         ),
@@ -58,9 +59,9 @@ def observe(
         step=world.step.copy(),
         dt=rules.dt,
         sensor=sensor,
-        future=future,
+        future=None if sensor.detector is not None else future,  # of pedestrians, which are not the tracks
         logs=logs,
-        lidar=None if sensor.lidar is None else beams(world, sensor.lidar),
+        lidar=None if sensor.lidar is None else scan(world, sensor.lidar)[:, 0],
     )
     return with_nearest(everything, sensor.nearest)
 
@@ -126,11 +127,16 @@ def _everybody(world: World) -> Pedestrians:
 
 
 def _tracked(world: World) -> Pedestrians:
-    """Return the pedestrians that were seen and are not forgotten, as they were measured."""
-    state, seen = world.sight["state"], world.sight["unseen"] >= 0
+    """Return the pedestrians that were seen and are not forgotten, as they were measured, or the tracks."""
+    state, seen, detector = world.sight["state"], world.sight["unseen"] >= 0, world.rules.sensor.detector
     position, velocity, radius = (state[:, :, part].copy() for part in (slice(2), slice(2, 4), 4))
     history, observed, filled = (world.sight[name].copy() for name in ("history", "observed", "filled"))
-    return Pedestrians(position, velocity, radius, seen, history, observed, ages(world), filled)
+    deviation = None
+    if detector is not None:  # tracks that are not confirmed are not shown
+        history[~np.repeat(seen[:, None], HISTORY, axis=1)], observed[~seen] = 0.0, 0
+        filled &= seen[:, None]
+        deviation = None if detector.raw else world.sight["deviation"].copy()
+    return Pedestrians(position, velocity, radius, seen, history, observed, ages(world), filled, deviation)
 
 
 def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:
@@ -141,14 +147,6 @@ def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:
     """
     unseen, dt = world.sight["unseen"], world.rules.dt
     return np.where(unseen < 0, np.inf, (unseen + world.rules.sensor.steps_delayed(dt)) * dt)
-
-
-def beams(world: World, lidar: Lidar) -> Float[np.ndarray, "world beam"]:
-    """Return distances of a lidar at the vehicle's position, as `crowdbench.core.types.Observation.lidar`."""
-    distance = np.empty((len(world), lidar.beams))
-    scene = world.heading, world.position, world.radius, world.present, world.obstacles
-    measure_all_beams(*scene, lidar.range, distance)
-    return distance
 
 
 @no_type_check

@@ -10,31 +10,27 @@
 - `unseen` `[world, pedestrian]`: steps since the last measurement; -1 if it is neither seen nor remembered.
 - `observed` `[world, pedestrian]`, `history` `[world, time, pedestrian, 2]` and `filled` `[world, time, pedestrian]` as
   in `crowdbench.core.types.Pedestrians`.
+
+With a detector, `sent` has detections, the tracks are `crowdbench.sim.tracker.Tracks`, and there are
+
+- `detected` `[world, pedestrian]`: True for pedestrians whose detection arrives now; `on_way` `[world, delay,
+  pedestrian]`: the same for those in `sent`.
 """
 
 from __future__ import annotations
 
 import math
-import operator
+from collections.abc import Mapping
 from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.core.rng import four_normal, purpose_bits, uniform
 from crowdbench.core.types import HISTORY, World
-from crowdbench.sim.lines_of_sight import is_hidden
+from crowdbench.sim import tracker
+from crowdbench.sim.detections import detect, measure
+from crowdbench.sim.tracker import PADDING
 from crowdbench.utils.compiled import njit
-
-PADDING = (0.0, 0.0, 0.0, 0.0, 1.0)
-"""The state of a pedestrian that is not seen."""
-
-_SCENE = operator.attrgetter(
-    "key", "step", "position", "velocity", "heading", "radius", "present", "person", "obstacles"
-)
-"""Arrays of a world that `_measure` takes."""
-
-_NOISE, _MISSED = purpose_bits("sensor"), purpose_bits("missed detections")
 
 
 class Tracks(NamedTuple):
@@ -60,19 +56,58 @@ def look(world: World) -> World:
     Returns:
         The worlds with their new `sight`. Worlds with exact sensors without limits or delay do not change.
     """
-    if world.rules.sensor.sees_all:
+    sensor, dt = world.rules.sensor, world.rules.dt
+    if sensor.sees_all:
         return world
-    sensor, before = world.rules.sensor, world.sight or _nothing(world)
-    measured = _measured(world)
-    sender = np.where(world.present[:, 1:], world.person, -1)
-    sent, dt = {}, world.rules.dt
-    if sensor.steps_delayed(dt):
-        sent["sent"] = np.concatenate([before["sent"][:, 1:], measured[:, None]], axis=1)
-        sent["sender"] = np.concatenate([before["sender"][:, 1:], sender[:, None]], axis=1)
-        measured, sender = (np.ascontiguousarray(before[name][:, 0]) for name in ("sent", "sender"))
+    if sensor.detector is not None:
+        return world.replace(sight=_look_by_detector(world))
+    before = world.sight or _nothing(world)
+    now = {"sent": measure(world), "sender": np.where(world.present[:, 1:], world.person, -1)}
+    sent, (measured, sender) = _delay(before, now, sensor.steps_delayed(dt))
     tracks = Tracks(*(before[name].copy() for name in Tracks._fields))
     _track(measured, sender, dt, sensor.steps_remembered(dt), *tracks)
     return world.replace(sight=sent | tracks._asdict())
+
+
+def _look_by_detector(world: World) -> dict[str, np.ndarray]:
+    """Return the sight of vehicles with a detector of people."""
+    sensor, dt = world.rules.sensor, world.rules.dt
+    delay = sensor.steps_delayed(dt)
+    now = dict(zip(("sent", "on_way"), detect(world), strict=True))
+    before = world.sight or _no_detections(now, delay)
+    sent, (detections, detected) = _delay(before, now, delay)
+    tracks = tracker.Tracks(*(before[name] for name in tracker.Tracks._fields))
+    if sensor.detector is not None and sensor.detector.raw:
+        tracks = tracker.untracked(tracks, detections)
+    else:
+        tracks = tracker.track(tracks, detections, world.step == delay, sensor, dt)
+    return sent | {"detected": detected} | tracks._asdict()
+
+
+def _no_detections(now: Mapping[str, np.ndarray], delay: int) -> dict[str, np.ndarray]:
+    """Return the sight of vehicles before the first detection, from the arrays of detections in the first step."""
+    before = {"sent": np.full_like(now["sent"], np.nan), "on_way": np.zeros_like(now["on_way"])}
+    before = {name: np.repeat(array[:, None], delay, axis=1) for name, array in before.items()}
+    return before | tracker.no_tracks(*now["sent"].shape[:2])._asdict()
+
+
+def _delay(
+    before: Mapping[str, np.ndarray], now: Mapping[str, np.ndarray], delay: int
+) -> tuple[dict[str, np.ndarray], tuple[np.ndarray, ...]]:
+    """Send measurements.
+
+    Args:
+        before: The measurements on their way, by name, `[world, delay, ...]`.
+        now: The measurements of this step by name.
+        delay: Number of steps until they arrive.
+
+    Returns:
+        The measurements that are then on their way, and those that arrive now.
+    """
+    if not delay:
+        return {}, tuple(now.values())
+    sent = {name: np.concatenate([before[name][:, 1:], array[:, None]], axis=1) for name, array in now.items()}
+    return sent, tuple(np.ascontiguousarray(before[name][:, 0]) for name in now)
 
 
 def _nothing(world: World) -> dict[str, np.ndarray]:
@@ -89,57 +124,6 @@ def _nothing(world: World) -> dict[str, np.ndarray]:
         "history": np.zeros((worlds, HISTORY, pedestrians, 2)),
         "filled": np.zeros((worlds, HISTORY, pedestrians), bool),
     }
-
-
-def _measured(world: World) -> Float[np.ndarray, "world pedestrian 5"]:
-    """Return measurements of each pedestrian, NaN for undetected ones."""
-    sensor = world.rules.sensor
-    measured = np.full((*world.person.shape, 5), np.nan)
-    reach = np.inf if sensor.range is None else sensor.range
-    least_cosine = -2.0 if sensor.field_of_view >= 360.0 else math.cos(math.radians(sensor.field_of_view / 2.0))
-    noise = sensor.noise.position, sensor.noise.velocity
-    _measure(measured, reach, least_cosine, sensor.occlusion, *noise, sensor.missed, *_SCENE(world))
-    return measured
-
-
-@no_type_check
-@njit(error_model="numpy")
-def _measure(measured, reach, least_cosine, occlusion, position_noise, velocity_noise, missed, *scene):
-    """Measure pedestrians that can be seen and are not missed.
-
-    Args:
-        measured: `[world, pedestrian, 5]`, filled with measurements.
-        reach: Largest distance in metres between the rims of the vehicle and of a person that is seen.
-        least_cosine: Smallest cosine of the angle between the heading and a person that is seen.
-        occlusion: True if walls and other pedestrians hide pedestrians.
-        position_noise: Standard deviation in metres.
-        velocity_noise: Standard deviation in m/s.
-        missed: Probability that a person is not detected.
-        *scene: `_SCENE` of the worlds.
-    """
-    key, step, position, velocity, heading, radius, present, person, obstacles = scene
-    for w in range(len(key)):
-        for p in range(person.shape[1]):
-            a = p + 1
-            if not present[w, a]:
-                continue
-            dx, dy = position[w, a, 0] - position[w, 0, 0], position[w, a, 1] - position[w, 0, 1]
-            distance = math.sqrt(dx * dx + dy * dy)
-            if distance - radius[w, 0] - radius[w, a] > reach:
-                continue
-            if dx * math.cos(heading[w]) + dy * math.sin(heading[w]) < least_cosine * distance:
-                continue
-            if occlusion and is_hidden(a, position[w], radius[w], present[w], obstacles[w]):
-                continue
-            if missed > 0.0 and uniform(person[w, p], step[w], key[w], _MISSED) < missed:
-                continue
-            row = measured[w, p]
-            row[0], row[1] = position[w, a, 0], position[w, a, 1]
-            row[2], row[3], row[4] = velocity[w, a, 0], velocity[w, a, 1], radius[w, a]
-            if position_noise > 0.0 or velocity_noise > 0.0:
-                noise = four_normal(0, person[w, p], step[w], np.uint64(0), key[w], _NOISE)
-                row[0], row[1] = row[0] + position_noise * noise[0], row[1] + position_noise * noise[1]
-                row[2], row[3] = row[2] + velocity_noise * noise[2], row[3] + velocity_noise * noise[3]
 
 
 @no_type_check

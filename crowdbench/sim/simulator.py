@@ -203,10 +203,11 @@ def step(
 
 def move(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[World, StepCheck]:
     """Compute the first part of a step: motion, and check of the outcome; see `step`."""
+    command, actuation = world.rules.actuation.execute(world.actuation, command, world.rules.dt)
     after, check = advance(world, command, crowd)
     routes, sizes = (world.goal, world.route, world.waypoint), (world.radius, world.obstacles, world.present)
     route, waypoint = follow_routes(after.position, *routes, *sizes)
-    return world.replace(**after._asdict(), route=route, waypoint=waypoint), check
+    return world.replace(**after._asdict(), route=route, waypoint=waypoint, actuation=actuation), check
 
 
 def finish_step(after: World, check: StepCheck, post_step_rule: PostStepRule | None) -> World:

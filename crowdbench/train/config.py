@@ -199,6 +199,7 @@ METHODS: dict[str, type[Config]] = {
     "lstm_rl": ValueConfig,
     "ppo": PPOConfig,
     "ppo_attention": PPOConfig,
+    "ppo_lidar": PPOConfig,
     "sarl": ValueConfig,
 }
 """The options by the name of the network, which is also the name of a planner."""

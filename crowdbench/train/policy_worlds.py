@@ -12,6 +12,7 @@ from crowdbench.envs.rewards import CheckedReward, Step
 from crowdbench.envs.training_worlds import Driven, TrainingWorlds
 from crowdbench.networks.features import Features
 from crowdbench.planners.filtered import KalmanFilter
+from crowdbench.planners.scan_interface import ScanInterface
 from crowdbench.planners.trained_policy import PolicyInterface
 from crowdbench.predict.linear import ConstantVelocity
 from crowdbench.scenario.scenario import Scenario
@@ -22,15 +23,17 @@ NEAREST = 8
 """Largest number of pedestrians in the input of a policy with a memory."""
 
 
-def make_interface(scenarios: Sequence[Scenario], recurrent: bool) -> PolicyInterface:
-    """Return the observation of a policy: all pedestrians of the scenarios, or `NEAREST` at most.
+def make_interface(network: str, scenarios: Sequence[Scenario]) -> PolicyInterface | ScanInterface:
+    """Return the observation of a policy: scans, or all pedestrians of the scenarios, or `NEAREST` at most.
 
     Args:
+        network: The name of the network.
         scenarios: The scenarios of the training.
-        recurrent: True for a policy with a memory.
     """
+    if network == "ppo_lidar":
+        return ScanInterface()
     most = max(1, *(scenario.max_agents - 1 for scenario in scenarios))
-    if recurrent:
+    if network == "ppo_attention":
         return PolicyInterface(min(most, NEAREST), ConstantVelocity())
     return PolicyInterface(most)
 
@@ -49,7 +52,12 @@ class PolicyWorlds:
     """
 
     def __init__(
-        self, scenario: Scenario, rows: np.ndarray, cases: int, reward: CheckedReward, interface: PolicyInterface
+        self,
+        scenario: Scenario,
+        rows: np.ndarray,
+        cases: int,
+        reward: CheckedReward,
+        interface: PolicyInterface | ScanInterface,
     ) -> None:
         self.rows = rows
         self.worlds = TrainingWorlds(len(rows), View(scenario, action="velocity"), reward, cases)
@@ -61,6 +69,7 @@ class PolicyWorlds:
         self.worlds.seed(seed)
         self.worlds.start()
         self._filter.reset(self.rows)
+        self._interface.reset(self.rows)
 
     def observe(self) -> Features:
         """Return the present input of the policy in each world."""
@@ -80,6 +89,7 @@ class PolicyWorlds:
     def forget(self, ended: Bool[np.ndarray, "world"]) -> None:
         """Forget the measurements of ended episodes."""
         self._filter.forget(np.flatnonzero(ended))
+        self._interface.forget(np.flatnonzero(ended))
 
     def _filtered(self, obs: Observation) -> Observation:
         if self._interface.predictor is None or obs.sensor.sees_all:

@@ -9,6 +9,7 @@ whole segments. The value loss is not clipped, and there is no entropy bonus.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -124,13 +125,14 @@ class PPOTraining(DrivingTraining):
             torch.manual_seed(config.seed)
             self.network = ActorCritic(make_policy(config.network, config.encoder)).to(device)
         self.current = self.network.policy
-        self.interface = make_interface(scenarios, recurrent=self.current.remembered > 0)
+        make = functools.partial(make_interface, config.network, scenarios)
+        self.interface = make()
         # The first scenarios have one more world if worlds cannot be shared evenly.
         shares = np.array_split(np.arange(self.parameters.worlds), len(scenarios))
         cases, reward = max(CASES // len(scenarios), FEWEST_CASES), load_reward(config.reward)
         try_reward(reward, self.scenario)
         self.worlds = [
-            PolicyWorlds(scenario, rows, cases, reward, self.interface)
+            PolicyWorlds(scenario, rows, cases, reward, make())
             for scenario, rows in zip(scenarios, shares, strict=True)
         ]
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=self.parameters.learning_rate, eps=1e-5)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import inspect
 import math
 import os
 import signal
 import sysconfig
 import traceback
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any, TypeVar
@@ -116,9 +117,29 @@ def require(name: str, value: object, good: bool, right: str) -> None:
         raise InputError(f"{name} is {shown}, but must be {right}")
 
 
-def require_count(name: str, value: object) -> None:
-    """Raise InputError unless the value called `name` is a whole number above 0."""
-    require(name, value, is_integer(value) and value >= 1, "a whole number, 1 or more")  # type: ignore[operator]
+def takes_arguments(function: Callable[..., Any], number: int) -> bool:
+    """Return whether a function can be called with a number of arguments; True if its signature is unknown."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):
+        return True
+    try:
+        signature.bind(*range(number))
+    except TypeError:
+        return False
+    return True
+
+
+def require_options(options: object) -> None:
+    """Raise InputError unless options of a plug-in are None or values by name."""
+    is_table = isinstance(options, Mapping) and all(isinstance(name, str) for name in options)
+    require("options", options, options is None or is_table, "a table such as {'speed': 0.5}")
+
+
+def require_count(name: str, value: object, most: int | None = None) -> None:
+    """Raise InputError unless the value called `name` is a whole number above 0, and not above `most`."""
+    is_count = is_integer(value) and value >= 1 and (most is None or value <= most)  # type: ignore[operator]
+    require(name, value, is_count, "a whole number, 1 or more" if most is None else f"a whole number from 1 to {most}")
 
 
 def require_positive(name: str, value: object) -> None:

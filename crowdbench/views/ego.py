@@ -14,14 +14,12 @@ observes the nearest others only (`Sensor.nearest`).
 
 from __future__ import annotations
 
-import dataclasses
 from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.core.dynamics import DISC, Holonomic
-from crowdbench.core.types import PERFECT_SENSOR, Observation, World
+from crowdbench.core.types import Observation, World
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells, nearest_of_all
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
@@ -63,7 +61,7 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
     worlds, agents = world.radius.shape
     states, sensor = states_of(world), world.rules.sensor
     number = min(sensor.nearest or agents, agents - 1)
-    out = np.zeros((worlds, agents, AGENT_FEATURES * (1 + number)))
+    out = np.zeros((worlds, agents, AGENT_FEATURES * (1 + sensor.columns(agents - 1))))
     if number < agents - 1:
         _flatten_nearest(*states, cells_of(states[0], states[-1]), number, out)
     else:
@@ -97,24 +95,22 @@ def ego_views(world: World) -> World:
     worlds = world.take(row[:, 0])
     present = world.present[row, agent]
     present[:, 1:2] &= (agent[:, :1] == 0) | world.rules.visible  # a slice, because there may be no other agent
-    rules = (
-        world.rules if world.rules.sensor == PERFECT_SENSOR else dataclasses.replace(world.rules, sensor=PERFECT_SENSOR)
-    )
     ordered = {name: getattr(world, name)[row, agent] for name in _OF_AGENTS}
-    return worlds.replace(present=present, rules=rules, sight={}, **ordered)
+    return worlds.replace(present=present, rules=world.rules.with_perfect_sensor, sight={}, **ordered)
 
 
 def with_own_motion(views: World, world: World, past: Float[np.ndarray, "1 time 2"] | None = None) -> World:
-    """Return the ego views of one world with what else a pedestrian observes: its motion, and the others' histories.
+    """Return the ego views of one world with what else an agent observes: its motion, a lidar, the others' histories.
 
-    A pedestrian is a disc that moves in any direction. Its heading is the direction of its velocity.
+    A pedestrian is a disc that moves in any direction. Its heading is the direction of its velocity. It has the lidar
+    of the vehicle.
 
     Args:
         views: `ego_views` of the world.
         world: The world.
         past: The last positions of the vehicle in metres, as `World.history`; None to leave out the histories.
     """
-    velocity, rules = views.velocity[:, 0], dataclasses.replace(views.rules, dynamics=Holonomic(), body=DISC)
+    velocity, rules = views.velocity[:, 0], world.rules.of_pedestrian
     heading = np.arctan2(velocity[:, 1], velocity[:, 0])
     views = views.replace(rules=rules, heading=heading, angular_speed=np.zeros(len(views)))
     if past is None:

@@ -9,6 +9,7 @@ Observations, of the vehicle:
   last 8 positions of each pedestrian; `lidar` if the vehicle has one, as `Observation.lidar`; and with `rays`, `motion`
   (the motion of the vehicle and its next two waypoints) and `rays` (the distances to walls along that number of rays),
   see `crowdbench.networks.features_ahead`.
+- `lidar`: a vector of the vehicle's own numbers and the ranges of a scan, see `crowdbench.views.scans`.
 
 The vehicle observes through the scenario's sensor.
 
@@ -32,6 +33,7 @@ from crowdbench.core.arrays import Numbers
 from crowdbench.core.dynamics import FREE, SPEED_TOLERANCE, State
 from crowdbench.core.rng import MOST_NORMAL
 from crowdbench.core.types import HISTORY, Observation, World
+from crowdbench.core.types.rules import MAX_PEDESTRIANS
 from crowdbench.networks.features import (
     PEDESTRIAN_FEATURES,
     VEHICLE_FEATURES,
@@ -45,13 +47,14 @@ from crowdbench.networks.features_ahead import MOTION, REACH, motion
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import EXTENT
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.lines_of_sight import wall_distances
+from crowdbench.sim.lidar import DEFAULT_LIDAR, wall_distances
 from crowdbench.sim.sensor import observe
-from crowdbench.utils.errors import is_integer, is_number, require
+from crowdbench.utils.errors import is_integer, is_number, require, require_count
 from crowdbench.views.actions import ACTIONS, scale
 from crowdbench.views.ego import AGENT_FEATURES, flatten, flatten_vehicle
+from crowdbench.views.scans import OWN_NUMBERS, lidar_features
 
-OBSERVATIONS = ("flat", "goal_frame", "dict")
+OBSERVATIONS = ("flat", "goal_frame", "dict", "lidar")
 DTYPES = ("float32", "float64")
 
 KEYS = ("vehicle", "pedestrians", "mask", "lidar", "motion", "rays", "history")
@@ -59,6 +62,9 @@ KEYS = ("vehicle", "pedestrians", "mask", "lidar", "motion", "rays", "history")
 
 NEAREST = 10
 """Default for the largest number of pedestrians in an observation in the frame of the goal."""
+
+MAX_RAYS = 10_000
+"""Largest number of rays to walls."""
 
 Flags = Bool[np.ndarray, "world"]
 
@@ -96,22 +102,26 @@ class View:
     def observation_space(self) -> spaces.Space[Any]:
         """The space of the observations of one world."""
         if self.observation == "flat":
-            return self._box(*flat_bounds(self.scenario))
+            return self.box(*flat_bounds(self.scenario))
+        if self.observation == "lidar":
+            lidar = self.scenario.rules.sensor.lidar or DEFAULT_LIDAR
+            own = np.full(OWN_NUMBERS, np.inf)
+            return self.box(np.append(-own, np.zeros(lidar.beams)), np.append(own, np.full(lidar.beams, lidar.range)))
         k = self.nearest
         parts = {
             "vehicle": self._unbounded(VEHICLE_FEATURES),
             "pedestrians": self._unbounded(k, PEDESTRIAN_FEATURES),
-            "mask": self._box(np.zeros(k), np.ones(k)),
+            "mask": self.box(np.zeros(k), np.ones(k)),
         }
         if self.rays:
             parts |= {
                 "motion": self._unbounded(MOTION + 4),
-                "rays": self._box(np.zeros(self.rays), np.full(self.rays, REACH)),
+                "rays": self.box(np.zeros(self.rays), np.full(self.rays, REACH)),
             }
         if self.observation == "dict":
-            lidar = self.scenario.rules.sensor.lidar
-            if lidar is not None:
-                parts["lidar"] = self._box(np.zeros(lidar.beams), np.full(lidar.beams, lidar.range))
+            given = self.scenario.rules.sensor.lidar
+            if given is not None:
+                parts["lidar"] = self.box(np.zeros(given.beams), np.full(given.beams, given.range))
             return spaces.Dict({**parts, "history": self._unbounded(HISTORY, k, 2)})
         size = VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1)
         if self.rays:
@@ -135,12 +145,12 @@ class View:
         return self._actions(*FREE.space(speed), ACTIONS[self.action].normalized)
 
     def _actions(self, low: np.ndarray, high: np.ndarray, normalized: bool) -> Box:
-        return Box(-1.0, 1.0, (2,), np.float32) if normalized else self._box(low, high)
+        return Box(-1.0, 1.0, (2,), np.float32) if normalized else self.box(low, high)
 
     def _unbounded(self, *shape: int) -> Box:
         return Box(-np.inf, np.inf, shape, np.dtype(self.dtype).type)
 
-    def _box(self, low: np.ndarray, high: np.ndarray) -> Box:
+    def box(self, low: np.ndarray, high: np.ndarray) -> Box:
         """Return a space whose bounds are rounded as its numbers are, so that no number is outside by rounding."""
         return Box(low.astype(self.dtype), high.astype(self.dtype), dtype=np.dtype(self.dtype).type)
 
@@ -189,10 +199,12 @@ def check_view(observation: str, action: str, nearest: int, rays: int, dtype: st
     named = {"observation": (observation, OBSERVATIONS), "action": (action, ACTIONS), "dtype": (dtype, DTYPES)}
     for name, (value, known) in named.items():
         require(name, value, isinstance(value, str) and value in known, f"one of {', '.join(known)}")
-    is_count = is_integer(nearest) and nearest >= 1
-    require("nearest", nearest, is_count, "a whole number of pedestrians, 1 or more")
-    has_rays = is_integer(rays) and (rays == 0 or (rays > 0 and observation != "flat"))
-    require("rays", rays, has_rays, "a whole number, 0 where the observation is flat")
+    if observation == "lidar":
+        require("nearest", nearest, nearest == NEAREST, "left out where the observation is lidar")
+    require_count("nearest", nearest, MAX_PEDESTRIANS)
+    most = MAX_RAYS if observation in ("goal_frame", "dict") else 0
+    right = f"a whole number from 0 to {MAX_RAYS}, 0 where the observation is flat or lidar"
+    require("rays", rays, is_integer(rays) and 0 <= rays <= most, right)
 
 
 def encode(obs: Observation, observation: str, nearest: int, rays: int = 0) -> Observed:
@@ -205,6 +217,8 @@ def encode(obs: Observation, observation: str, nearest: int, rays: int = 0) -> O
     """
     if observation == "flat":
         return flatten(obs)
+    if observation == "lidar":
+        return lidar_features(obs)
     numbers = features(obs, nearest)
     mask = numbers.seen.astype(np.float64)
     ahead = {}
@@ -236,11 +250,7 @@ def row_of(seen: Observed, index: int) -> Observed:
 
 def flat_bounds(scenario: Scenario) -> tuple[Float[np.ndarray, "features"], Float[np.ndarray, "features"]]:
     """Return the lowest and the highest flat observation of any agent, see `crowdbench.views.ego`."""
-    speed = _max_speed(scenario)
-    body = scenario.rules.body
-    radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, scenario.crowd.radius.high)
-    if scenario.tracks:
-        radius = max(radius, scenario.tracks.largest_radius)
+    speed, radius = largest_speed(scenario), largest_radius(scenario)
     # The difference of two coordinates is at most twice the largest coordinate.
     offset = 2 * position_bound(scenario)
     viewer = np.array([offset, offset, speed, speed, radius, speed])
@@ -248,8 +258,10 @@ def flat_bounds(scenario: Scenario) -> tuple[Float[np.ndarray, "features"], Floa
     measured = speed + MOST_NORMAL * sensor.noise.velocity
     away = offset + MOST_NORMAL * sensor.noise.position + measured * sensor.remember
     other = np.array([away, away, measured, measured, radius, 1.0])
+    if sensor.detector is not None:  # estimates of a filter
+        other = np.array([np.inf, np.inf, np.inf, np.inf, max(radius, sensor.detector.radius), 1.0])
     signed = np.array([True, True, True, True, False, False])
-    others = min(sensor.nearest or scenario.max_agents, scenario.max_agents - 1)
+    others = sensor.columns(scenario.max_agents - 1)
     high = np.concatenate([viewer, np.tile(other, others)])
     return np.where(np.tile(signed, len(high) // AGENT_FEATURES), -high, 0.0), high
 
@@ -269,13 +281,21 @@ def layout_bound(scenario: Scenario) -> float:
     options = layout.keywords.values()
     if any(isinstance(option, list | Mapping) for option in options):
         return EXTENT
-    return 2 * sum(abs(option) for option in options if is_number(option)) + _max_speed(scenario)
+    return 2 * sum(abs(option) for option in options if is_number(option)) + largest_speed(scenario)
 
 
 def position_bound(scenario: Scenario) -> float:
     """Return a bound in metres on positions: the bound on starts, plus the longest path until the time limit."""
-    return layout_bound(scenario) + _max_speed(scenario) * scenario.rules.max_steps * scenario.rules.dt
+    return layout_bound(scenario) + largest_speed(scenario) * scenario.rules.max_steps * scenario.rules.dt
 
 
-def _max_speed(scenario: Scenario) -> float:
+def largest_radius(scenario: Scenario) -> float:
+    """Return the largest radius in metres of an agent, of the vehicle the one of a disc around its body."""
+    body = scenario.rules.body
+    radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, scenario.crowd.radius.high)
+    return max(radius, scenario.tracks.largest_radius) if scenario.tracks else radius
+
+
+def largest_speed(scenario: Scenario) -> float:
+    """Return a bound in m/s on the speed of an agent."""
     return max(scenario.vehicle.preferred_speed, scenario.crowd.preferred_speed.high) * (1 + SPEED_TOLERANCE)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from crowdbench.api import run
 from crowdbench.cli import app as cli
 from crowdbench.cli import console
 from crowdbench.cli.options import assignments
@@ -77,6 +78,23 @@ def test_cases_are_ascii_digits_of_a_number_that_there_can_be(text):
         Cases.parse(text)
     with pytest.raises(InputError, match="not the name of a case"):
         parse_case(f"test/{text}")
+
+
+def test_a_range_of_more_cases_than_a_run_can_have_is_refused_at_once(crowdbench):
+    status, _, errors = crowdbench("run", "--planner", "orca", "--cases", "0:99999999999")
+    assert status == 1
+    assert errors == ["crowdbench: cases test:0:99999999999 are 99999999999 cases, but must be at most 1000000"]
+    with pytest.raises(InputError, match="but must be at most 1000000"):
+        run("orca", cases=10**12)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("exam", 0, 3), ("val", 3, 2), ("val", -1, 2), ("val", "0", 2), (3, 0, 2), ("val", 0, 2.5), ("val", 0, 2**62 + 1)],
+)
+def test_cases_that_are_no_range_are_refused(arguments):
+    with pytest.raises(InputError, match=r"(split|start|stop) is .*, but must be"):
+        Cases(*arguments)
 
 
 def special(path, kind):

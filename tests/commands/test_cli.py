@@ -188,14 +188,14 @@ def test_a_killed_run_leaves_nothing_under_its_name(call, tmp_path):
 
 
 def test_the_command_line_starts_without_what_it_does_not_need():
-    code = "import sys, crowdbench.cli; print(sorted({'torch', 'rerun', 'numba', 'pettingzoo'} & set(sys.modules)))"
+    code = "import sys, crowdbench.cli; print(sorted({'torch', 'rerun', 'numba'} & set(sys.modules)))"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
     code = (
         "import sys; sys.argv = ['crowdbench', 'run', '--planner', 'orca', '--cases', '1', '--record', 'none']\n"
         "from crowdbench.cli.app import main\n"
         "try: main()\n"
         "except SystemExit as stop: assert not stop.code\n"
-        "print('left out:', not {'torch', 'rerun', 'pettingzoo'} & set(sys.modules))"
+        "print('left out:', not {'torch', 'rerun'} & set(sys.modules))"
     )
     assert "left out: True" in subprocess.check_output([sys.executable, "-c", code], text=True)
 
@@ -222,7 +222,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(call, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["mlp"], "no network is called 'mlp'; there are cadrl, lstm_rl, ppo, ppo_attention, sarl"),
+        (["mlp"], "no network is called 'mlp'; there are cadrl, lstm_rl, ppo, ppo_attention, ppo_lidar, sarl"),
         (["cadrl", "--episodes", "9", "--minutes", "1"], "--minutes and --episodes both set the length of a training"),
         (["cadrl", "--device", "abacus"], "nothing can be trained on the device 'abacus'"),
         (["cadrl", "--set", "pedestrians.number=-1"], "pedestrians.number is -1, but must be"),

@@ -315,7 +315,7 @@ def test_a_rollout_takes_objects_or_names():
         ((Halts, scenario, 3), "planner is .*, but must be a name, a file or a Planner"),
         ((planner, None, 3), "scenario is None, but must be a name, a file or a Scenario"),
         ((planner, scenario, 2.5), "cases '2.5' are not a range of cases"),
-        ((planner, scenario, 10**9), "a trace of 1000000000 cases of circle_crossing_5 is too large"),
+        ((planner, scenario, 10**6), "a trace of 1000000 cases of circle_crossing_5 is too large"),
     ]:
         with pytest.raises(InputError, match=sentence):
             crowdbench.rollout(*wrong)

@@ -3,8 +3,6 @@
 import json
 import shlex
 import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -21,116 +19,27 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
-FOLDER = Path(__file__).parents[2] / "adapters" / "ros2"
 
-from crowdbench.export.rosbag import NANOSECONDS, ros_typestore, write_bag  # noqa: E402
+from ros_bags import (  # noqa: E402
+    FOLDER,
+    VEHICLE,
+    bag_of,
+    drive_file,
+    goal_pose,
+    grid,
+    odometry,
+    people,
+    pose,
+    straight,
+    trace_of,
+    transform,
+)
 
-STORE = ros_typestore()
-TOPICS = {
-    "/odom": "nav_msgs/msg/Odometry",
-    "/goal_pose": "geometry_msgs/msg/PoseStamped",
-    "/map": "nav_msgs/msg/OccupancyGrid",
-    "/people": "people_msgs/msg/People",
-    "/tf": "tf2_msgs/msg/TFMessage",
-    "/tf_static": "tf2_msgs/msg/TFMessage",
-}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _importable():
-    sys.path.insert(0, str(FOLDER))
-    yield
-    sys.path.remove(str(FOLDER))
-
-
-@pytest.fixture
-def trace_of():
-    from drive import trace_of
-
-    return trace_of
-
-
-def drive_file(folder, bags, more=""):
-    from drive_file import read_drive_file
-
-    file = folder / "drive.toml"
-    names = ", ".join(f'"{bag}"' for bag in bags)
-    file.write_text(f'planner = "robot"\nbags = [{names}]\ndt = 0.25\n{more}')
-    return read_drive_file(file)
-
-
-def make(kind, *fields):
-    return STORE.types[kind](*fields)
-
-
-def header(seconds, frame="map"):
-    return make(
-        "std_msgs/msg/Header",
-        make("builtin_interfaces/msg/Time", *divmod(round(seconds * NANOSECONDS), NANOSECONDS)),
-        frame,
-    )
-
-
-def pose(x, y, yaw=0.0, kind="Pose"):
-    turn = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
-    point = make("geometry_msgs/msg/Point" if kind == "Pose" else "geometry_msgs/msg/Vector3", x, y, 0.0)
-    return make(f"geometry_msgs/msg/{kind}", point, turn)
-
-
-def odometry(seconds, x, y, frame="map"):
-    twist = make("geometry_msgs/msg/Twist", *(make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0) for _ in range(2)))
-    return make(
-        "nav_msgs/msg/Odometry",
-        header(seconds, frame),
-        "base_link",
-        make("geometry_msgs/msg/PoseWithCovariance", pose(x, y), np.zeros(36)),
-        make("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36)),
-    )
-
-
-def people(seconds, *positions, frame="map"):
-    point = "geometry_msgs/msg/Point"
-    persons = [
-        make("people_msgs/msg/Person", name, make(point, x, y, 0.0), make(point, 0.0, 0.0, 0.0), 1.0, [], [])
-        for name, x, y in positions
-    ]
-    return make("people_msgs/msg/People", header(seconds, frame), persons)
-
-
-def transform(seconds, parent, child, x, y, yaw):
-    moved = make("geometry_msgs/msg/TransformStamped", header(seconds, parent), child, pose(x, y, yaw, "Transform"))
-    return make("tf2_msgs/msg/TFMessage", [moved])
-
-
-def bag_of(path, messages, storage="SQLITE3"):
-    """Write a bag of (topic, seconds at which it is recorded, message)."""
-    plugin = rosbag2.StoragePlugin[storage]
-    with rosbag2.Writer(path, version=9, storage_plugin=plugin) as writer:
-        topics = {
-            topic: writer.add_connection(topic, TOPICS[topic], typestore=STORE)
-            for topic in dict.fromkeys(topic for topic, _, _ in messages)
-        }
-        for topic, seconds, message in messages:
-            raw = STORE.serialize_cdr(message, TOPICS[topic])
-            writer.write(topics[topic], round((seconds + 100.0) * NANOSECONDS), raw)
-    return path
-
-
-def straight(seconds=4.0, frame="map", late=0.0, times=None):
-    """A robot at 1 m/s along the x axis, and a pedestrian who stands 2 m beside it."""
-    times = np.arange(0.0, seconds + 1e-9, 0.1) if times is None else times
-    messages = []
-    for t in times.tolist():
-        messages.append(("/odom", t, odometry(t + 100.0, t, 0.0, frame)))
-        messages.append(("/people", t, people(t + 100.0 - late, ("a", 2.0, 2.0))))
-    return messages
-
-
-VEHICLE = '[vehicle]\nodometry = "/odom"\ngoal = [4.0, 0.0]\n'
+from crowdbench.export.rosbag import write_bag  # noqa: E402
 
 
 @pytest.mark.parametrize("scenario", ["blind_corner_5", pytest.param("unicycle_10", marks=pytest.mark.slow)])
-def test_a_bag_of_a_simulated_run_scores_as_the_run_does(tmp_path, trace_of, scenario):
+def test_a_bag_of_a_simulated_run_scores_as_the_run_does(tmp_path, scenario):
     trace = rollout(Driver(load_planner("orca"), "orca"), load_scenario(scenario), Cases("val", 0, 4))
     for row in range(4):
         write_bag(trace, row, tmp_path / f"bag{row}")
@@ -153,7 +62,7 @@ def test_a_bag_of_a_simulated_run_scores_as_the_run_does(tmp_path, trace_of, sce
         assert found.position.shape[2] - 1 == there.sum()
 
 
-def test_frames_are_chained_and_both_storages_are_read(tmp_path, trace_of):
+def test_frames_are_chained_and_both_storages_are_read(tmp_path):
     messages = [("/tf_static", 0.0, transform(100.0, "map", "hall", 10.0, 0.0, np.pi / 2))]
     for t in np.arange(0.0, 4.05, 0.1).tolist():
         messages.append(("/tf", t, transform(100.0 + t, "hall", "odom", 0.0, 0.0, 0.0)))
@@ -181,34 +90,16 @@ def test_frames_are_chained_and_both_storages_are_read(tmp_path, trace_of):
         (straight(seconds=0.1), "observed together for less than one step of 0.25 s"),
     ],
 )
-def test_what_is_missing_or_wrong_is_said(tmp_path, trace_of, messages, sentence):
+def test_what_is_missing_or_wrong_is_said(tmp_path, messages, sentence):
     bag_of(tmp_path / "a", messages)
     with pytest.raises(InputError, match=sentence.replace("(", r"\(")):
         trace_of(drive_file(tmp_path, ["a"], VEHICLE))
 
 
-def goal_pose(seconds, x, y, frame="map"):
-    return make("geometry_msgs/msg/PoseStamped", header(seconds + 100.0, frame), pose(x, y))
-
-
-def grid(cells, size, origin, frame="map"):
-    # Each cell is made of 64, because outlines are simplified by the size of a cell.
-    cells, resolution = np.kron(cells, np.ones((8, 8))), size / 8
-    info = make(
-        "nav_msgs/msg/MapMetaData",
-        make("builtin_interfaces/msg/Time", 0, 0),
-        resolution,
-        cells.shape[1],
-        cells.shape[0],
-        origin,
-    )
-    return make("nav_msgs/msg/OccupancyGrid", header(100.0, frame), info, cells.astype(np.int8).reshape(-1))
-
-
 FROM_TOPICS = 'map_topic = "/map"\n[vehicle]\nodometry = "/odom"\ngoal_topic = "/goal_pose"\n'
 
 
-def test_goal_and_map_are_read_from_their_topics(tmp_path, trace_of):
+def test_goal_and_map_are_read_from_their_topics(tmp_path):
     # Unknown cells, half occupied ones and free ones; the lowest row first.
     cells = np.array([[-1, 100, 50, 0], [0, 100, 0, 0], [0, 0, 0, 100]])
     for name, x in (("a", 3.0), ("b", 4.0)):
@@ -222,7 +113,7 @@ def test_goal_and_map_are_read_from_their_topics(tmp_path, trace_of):
     np.testing.assert_allclose(found.wall_gap[0, 10], np.hypot(10.5 - 2.75, 3.0) - 0.3, atol=0.0626)
 
 
-def test_goals_that_are_missing_or_change_are_said(tmp_path, trace_of):
+def test_goals_that_are_missing_or_change_are_said(tmp_path):
     table = '[vehicle]\nodometry = "/odom"\ngoal_topic = "/goal_pose"\n'
     bag_of(tmp_path / "a", straight() + [("/goal_pose", t, goal_pose(t, 4.0 + t, 0.0)) for t in (0.0, 2.0)])
     with pytest.raises(InputError, match=r"the goal changes at 2.00 s: cut the bag there"):
@@ -237,13 +128,13 @@ def test_goals_that_are_missing_or_change_are_said(tmp_path, trace_of):
         drive_file(tmp_path, ["b"], 'map = "map.yaml"\n' + FROM_TOPICS)
 
 
-def test_a_clock_is_corrected_by_its_offset(tmp_path, trace_of):
+def test_a_clock_is_corrected_by_its_offset(tmp_path):
     bag_of(tmp_path / "a", straight(late=7.0))
     found, _ = trace_of(drive_file(tmp_path, ["a"], VEHICLE + "[people]\noffset = 7.0\n"))
     assert found.outcome.tolist() == [Outcome.SUCCESS]
 
 
-def test_an_identity_that_comes_again_or_jumps_is_another_pedestrian(tmp_path, trace_of):
+def test_an_identity_that_comes_again_or_jumps_is_another_pedestrian(tmp_path):
     messages = []
     for t in np.arange(0.0, 4.05, 0.1).tolist():
         messages.append(("/odom", t, odometry(100.0 + t, t, 0.0)))
@@ -258,7 +149,7 @@ def test_an_identity_that_comes_again_or_jumps_is_another_pedestrian(tmp_path, t
     assert found.position.shape[2] == 1 + 4
 
 
-def test_metrics_are_of_the_drive(tmp_path, trace_of):
+def test_metrics_are_of_the_drive(tmp_path):
     bag_of(tmp_path / "a", straight())
     found, _ = trace_of(drive_file(tmp_path, ["a"], VEHICLE))
     columns = Episodes.of(found, load_metrics([])).columns
@@ -278,7 +169,7 @@ def test_the_readmes_node_calls_a_planner():
 
 
 @pytest.mark.slow
-def test_a_run_is_exported_as_bags_that_score_as_the_run(tmp_path, call, trace_of):
+def test_a_run_is_exported_as_bags_that_score_as_the_run(tmp_path, call):
     call("run", "--planner", "orca", "--cases", "val:2", "--out", str(tmp_path / "run"))
     call("export", str(tmp_path / "run"), "--out", str(tmp_path / "out"), "--format", "rosbag2")
     bags = [f"out/tracks/val-{case}" for case in range(2)]
@@ -301,7 +192,7 @@ def drives(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_drives_are_exported_as_bags_that_are_the_same_drives(drives, tmp_path, call, trace_of):
+def test_drives_are_exported_as_bags_that_are_the_same_drives(drives, tmp_path, call):
     call("export", str(drives / "run"), "--out", str(tmp_path / "out"), "--format", "rosbag2")
     vehicle = '[vehicle]\nodometry = "/odom"\ngoal_topic = "/goal"\n'
     found, _ = trace_of(drive_file(tmp_path, ["out/tracks/test-0", "out/tracks/test-1"], vehicle))

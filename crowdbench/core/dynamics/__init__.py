@@ -3,6 +3,8 @@
 Simulator, lookaheads, samplers and environments move the vehicle only by this package.
 """
 
+from crowdbench.core.dynamics.actuation import DIRECT as DIRECT
+from crowdbench.core.dynamics.actuation import Actuation as Actuation
 from crowdbench.core.dynamics.body import DISC as DISC
 from crowdbench.core.dynamics.body import Body as Body
 from crowdbench.core.dynamics.body import chain as chain

@@ -51,7 +51,7 @@ class Dynamics(abc.ABC):
         bounds: The names of its limits, in the order of `limits` in that function, with their largest values.
 
     Raises:
-        InputError: A limit is not above 0, or larger than its bound.
+        InputError: A limit is neither its default nor above 0, or larger than its bound.
     """
 
     name: ClassVar[str]
@@ -60,15 +60,15 @@ class Dynamics(abc.ABC):
 
     def __post_init__(self) -> None:
         for name, most in self.bounds.items():
-            limit = getattr(self, name)
-            if not (is_number(limit) and 0.0 < limit <= most):
+            limit, default = getattr(self, name), getattr(type(self), name)
+            if not (is_number(limit) and (0.0 < limit <= most or limit == default)):
                 right = "a number above 0" if most == math.inf else f"a number above 0, and {most:g} at most"
                 raise InputError(f"{name} is {limit!r}, but must be {right}")
 
     @cached_property
-    def limits(self) -> Float[np.ndarray, "3"]:
+    def limits(self) -> Float[np.ndarray, "4"]:
         """Its limits as an argument of kernels; unused entries are 0."""
-        limits = np.zeros(3)
+        limits = np.zeros(4)
         limits[: len(self.bounds)] = [getattr(self, name) for name in self.bounds]
         return limits
 

@@ -64,7 +64,8 @@ def drive(code, limits, before, command, max_speed, dt):
         after = math.atan2(vy, vx) if vx != 0.0 or vy != 0.0 else heading
         return Motion(x, y, vx, vy, after, turn(heading, after) / dt)
     forward, change = vx * math.cos(heading) + vy * math.sin(heading), limits[0] * dt
-    speed = min(max(min(max(first, forward - change), forward + change), 0.0), max_speed)
+    slowest = 0.0 - min(limits[3], max_speed)
+    speed = min(max(min(max(first, forward - change), forward + change), slowest), max_speed)
     if code == UNICYCLE:
         change = limits[2] * dt
         turn_rate = min(max(second, turn_rate - change), turn_rate + change)
@@ -73,6 +74,22 @@ def drive(code, limits, before, command, max_speed, dt):
         turn_rate = speed * math.tan(min(max(second, -limits[1]), limits[1])) / limits[2]
     x, y, heading = along_arc(x, y, heading, speed, turn_rate, dt)
     return Motion(x, y, speed * math.cos(heading), speed * math.sin(heading), heading, turn_rate)
+
+
+@no_type_check
+@njit(nogil=True)
+def signed_speed(vx, vy, heading):
+    """Return the speed of a vehicle on wheels, negative if it drives backwards. Compiled.
+
+    Args:
+        vx (float): x of its velocity in m/s.
+        vy (float): Its y.
+        heading (float): Its heading at the end of the step in radians.
+
+    Returns:
+        speed (float): In m/s.
+    """
+    return math.copysign(math.hypot(vx, vy), vx * math.cos(heading) + vy * math.sin(heading))
 
 
 @no_type_check
@@ -166,7 +183,7 @@ def along_arc(x, y, heading, speed, turn_rate, time):
         x (float): x of its position in metres.
         y (float): Its y.
         heading (float): In radians.
-        speed (float): In m/s.
+        speed (float): In m/s, negative if it drives backwards.
         turn_rate (float): In rad/s.
         time (float): In seconds.
 
@@ -189,7 +206,7 @@ def chords(speed, turn_rate, reach, time):
     straight line over a time t is off by at most an eighth of that times t^2. Compiled.
 
     Args:
-        speed (float): v, in m/s.
+        speed (float): v, in m/s; its sign has no effect.
         turn_rate (float): w, in rad/s.
         reach (float): Largest distance in metres of a disc of the body from the vehicle's position.
         time (float): Duration of the arc in seconds.

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int, UInt
 
 from crowdbench.core import rng
 from crowdbench.core.arrays import AgentNumbers, AgentPoints
-from crowdbench.core.dynamics import DISC, FREE, Body, Dynamics, State, hull
+from crowdbench.core.dynamics import DIRECT, DISC, FREE, Actuation, Body, Dynamics, State, hull
 from crowdbench.core.geometry import local_goals
 from crowdbench.core.types.rules import PERFECT_SENSOR, Sensor
 from crowdbench.utils.errors import InputError
@@ -35,6 +35,7 @@ class Vehicle:
         radius: Radius in metres.
         preferred_speed: Preferred and largest speed in m/s.
         dynamics: Its dynamics.
+        actuation: Delay and lag with which it executes commands.
         goal_tolerance: Distance in metres to its goal below which it has arrived; None means its radius.
         body: The discs that it consists of.
     """
@@ -49,6 +50,7 @@ class Vehicle:
     radius: Float[np.ndarray, "*world"]
     preferred_speed: Float[np.ndarray, "*world"]
     dynamics: Dynamics = FREE
+    actuation: Actuation = DIRECT
     goal_tolerance: float | None = None
     body: Body = DISC
 

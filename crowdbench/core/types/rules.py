@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import Field
+from pydantic import Field, field_validator, model_validator
 
-from crowdbench.core.dynamics import DISC, DYNAMICS, FREE, Body, Dynamics
+from crowdbench.core.dynamics import DIRECT, DISC, DYNAMICS, FREE, Actuation, Body, Dynamics
 from crowdbench.core.types.attention import Attention
+from crowdbench.utils.errors import InputError
 from crowdbench.utils.toml import Flag, TomlTable, integer, number, table
 
 MAX_PEDESTRIANS = 10_000
@@ -40,10 +41,52 @@ class Lidar(TomlTable):
     Attributes:
         beams: Number of beams. The first one points along the heading, the others follow counter-clockwise.
         range: Length of a beam in metres.
+        legs: True if a person is a pair of legs that walk, see `crowdbench.sim.lidar`; otherwise a disc.
+        noise: Standard deviation in metres of the normal noise of each distance below the range.
+        dropout: Probability that a beam that meets something returns the range.
+        false_returns: Probability that a beam returns a distance that is uniform between 0 and the measured one.
+
+    The last four are None for False or 0, so that they change the digest of no scenario without them.
     """
 
     beams: int = integer(least=1, most=10_000)
     range: float = number(above=0.0, below=1e6)
+    legs: bool | None = Field(default=None, description="true or false")
+    noise: float | None = number(None, least=0.0, below=1e3)
+    dropout: float | None = number(None, least=0.0, below=1.0)
+    false_returns: float | None = number(None, least=0.0, below=1.0)
+
+    @field_validator("legs", "noise", "dropout", "false_returns")
+    @classmethod
+    def _without_default(cls, value: float | None) -> float | None:
+        return value or None
+
+
+class Detector(TomlTable):
+    """`[sensor.detector]`: a detector of people, and the tracker of its detections.
+
+    The page on scenarios names the sources of the defaults. The range, the field of view, occlusion and the delay are
+    keys of the sensor.
+
+    Attributes:
+        position: Standard deviation of each coordinate of a detection in metres.
+        velocity: The same of a measured velocity in m/s; None for a detector that measures no velocities.
+        missed: Probability that a visible pedestrian is not detected in a step.
+        false_detections: Mean number of false detections in a step.
+        radius: Radius in metres of every detection and track, because detectors do not measure radii.
+        remember: Seconds for which a track without detections continues at constant velocity.
+        spare: Number of columns of the observation in addition to the largest number of pedestrians.
+        raw: True if planners observe the detections, without the tracker.
+    """
+
+    position: float = number(0.17, least=0.0, below=1e3)
+    velocity: float | None = number(None, least=0.0, below=1e3)
+    missed: float = number(0.15, least=0.0, below=1.0)
+    false_detections: float = number(1.0, least=0.0, below=100.0)
+    radius: float = number(0.3, above=0.0, below=1e3)
+    remember: float = number(1.0, least=0.0, below=1e6)
+    spare: int = integer(5, least=0, most=1000)
+    raw: Flag = False
 
 
 class Sensor(TomlTable):
@@ -62,6 +105,7 @@ class Sensor(TomlTable):
         nearest: Largest number of observed pedestrians, the nearest ones; None for all. The default in scenarios with
             large crowds is `crowdbench.scenario.schema.SHOWN`.
         lidar: The lidar, if there is one. It is exact and has no delay.
+        detector: The detector of people and its tracker. Without one, each measurement belongs to a known pedestrian.
     """
 
     range: float | None = number(None, least=0.0, below=1e6)
@@ -73,11 +117,30 @@ class Sensor(TomlTable):
     remember: float = number(0.0, least=0.0, below=1e6)
     nearest: int | None = integer(None, least=1, most=MAX_PEDESTRIANS)
     lidar: Lidar | None = Field(default=None, description="a table [sensor.lidar] with beams and range")
+    # Absent from the dump without a detector, so that it does not change the identity of other scenarios.
+    detector: Detector | None = Field(
+        default=None, exclude_if=lambda value: value is None, description="a table [sensor.detector]"
+    )
+
+    @model_validator(mode="after")
+    def _check_errors(self) -> Sensor:
+        """Raise InputError if there is a detector beside errors of measurements without one."""
+        if self.detector is not None and (self.noise != Noise() or self.missed or self.remember):
+            raise InputError(
+                "sensor.noise, missed and remember do not go with a detector: set position, velocity, missed and "
+                "remember of [sensor.detector]"
+            )
+        return self
 
     @cached_property
     def sees_all(self) -> bool:
         """True if it sees all pedestrians exactly and without delay, even if only the nearest ones are observed."""
         return Sensor(remember=self.remember, lidar=self.lidar, nearest=self.nearest) == self
+
+    def columns(self, pedestrians: int) -> int:
+        """Return the number of columns of an observation in a world of so many pedestrians."""
+        columns = pedestrians + (0 if self.detector is None else self.detector.spare)
+        return columns if self.nearest is None else min(self.nearest, columns)
 
     def steps_delayed(self, dt: float) -> int:
         """Return the delay in steps of `dt` seconds."""
@@ -85,7 +148,8 @@ class Sensor(TomlTable):
 
     def steps_remembered(self, dt: float) -> int:
         """Return the number of steps of `dt` seconds for which a pedestrian is remembered."""
-        return int(self.remember / dt + 1e-9)
+        remember = self.remember if self.detector is None else self.detector.remember
+        return int(remember / dt + 1e-9)
 
 
 PERFECT_SENSOR = Sensor()
@@ -151,7 +215,7 @@ class RuleNumbers(NamedTuple):
     """
 
     code: int
-    limits: Float[np.ndarray, "3"]
+    limits: Float[np.ndarray, "4"]
     body: Float[np.ndarray, "disc"]
     goal_tolerance: float
     collision: int
@@ -173,6 +237,7 @@ class Rules:
         visible: True if pedestrians see the vehicle.
         attention: Model of the attention to a visible vehicle; None if all pedestrians notice it at any time.
         dynamics: Dynamics of the vehicle.
+        actuation: Delay and lag with which it executes commands.
         goal_tolerance: Distance in metres to its goal below which the vehicle has arrived; None means its radius.
         body: The discs that the vehicle consists of.
         sensor: Limits of the vehicle's sight.
@@ -185,6 +250,7 @@ class Rules:
     visible: bool = False
     attention: Attention | None = None
     dynamics: Dynamics = FREE
+    actuation: Actuation = DIRECT
     goal_tolerance: float | None = None
     body: Body = DISC
     sensor: Sensor = PERFECT_SENSOR
@@ -203,10 +269,21 @@ class Rules:
         walking = self.walking or WalkingLimits(math.inf, math.inf, math.inf)
         return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, self.max_steps, walking)
 
+    @cached_property
+    def with_perfect_sensor(self) -> Rules:
+        """The same rules with a sensor that sees all pedestrians exactly, without a lidar."""
+        return dataclasses.replace(self, sensor=PERFECT_SENSOR)
+
+    @cached_property
+    def of_pedestrian(self) -> Rules:
+        """The same rules for a pedestrian as the vehicle: a disc that moves in any direction and sees all exactly."""
+        sensor = PERFECT_SENSOR.model_copy(update={"lidar": self.sensor.lidar})
+        return dataclasses.replace(self, dynamics=FREE, actuation=DIRECT, body=DISC, sensor=sensor)
+
     def to_table(self) -> dict[str, Any]:
         """Return the rules as a table for JSON, without fields of vehicle and pedestrians that have their default."""
         entries = dataclasses.asdict(self)
-        for field in ("attention", "dynamics", "goal_tolerance", "body", "sensor", "walking"):
+        for field in ("attention", "dynamics", "actuation", "goal_tolerance", "body", "sensor", "walking"):
             if getattr(self, field) == getattr(Rules, field):
                 del entries[field]
         if "dynamics" in entries:
@@ -227,6 +304,7 @@ def _read_dynamics(table: Mapping[str, Any]) -> Dynamics:
 
 _READ: Mapping[str, Callable[[Any], Any]] = {
     "dynamics": _read_dynamics,
+    "actuation": Actuation._make,
     "attention": Attention.model_validate,
     "body": tuple,
     "sensor": Sensor.model_validate,

@@ -54,6 +54,7 @@ class World:
             be nested; empty for other policies. See `PolicyWithMemory`. With a model of
             attention also its state, see `crowdbench.sim.attention`.
         rules: The rules of the scenario.
+        actuation: The state of the vehicle's actuators, see `crowdbench.core.dynamics.Actuation`.
         sight: The vehicle's measurements of pedestrians so far, see `crowdbench.sim.sight`; empty if
             `Sensor.sees_all`.
     """
@@ -83,6 +84,7 @@ class World:
     parameters: Mapping[str, Mapping[str, Float[np.ndarray, "world agent"]]]
     memory: Mapping[str, Any]
     rules: Rules
+    actuation: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     sight: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -134,6 +136,7 @@ class World:
             "obstacles": np.empty((worlds, 0, 0, 2)),
             "policy": np.zeros(people, np.int64),
             "memory": {name: {} for name in parameters},
+            "actuation": rules.actuation.start(worlds, rules.dt),
         }
         return cls(position=position, radius=radius, rules=rules, parameters=parameters, **(fields | others))
 
@@ -226,9 +229,9 @@ class Trace:
         undisturbed: Positions of the pedestrians in the same case without the vehicle, in metres; NaN in entries
             of another pedestrian. None if pedestrians do not see the vehicle, or if not requested.
         perceived: Observed or remembered position of each pedestrian in metres, as in the observation; NaN for other
-            pedestrians. None if `Sensor.sees_all`.
+            pedestrians. With a detector, that of each track. None if `Sensor.sees_all`.
         age: Seconds since each pedestrian was at its last measured position; infinite for pedestrians neither seen
-            nor remembered. None if `Sensor.sees_all`.
+            nor remembered. With a detector, that of each track. None if `Sensor.sees_all`.
         block: The block of recorded time that each case is from: cases of the same block are not independent. None
             if no pedestrians are recorded.
         group: Number of the group that each pedestrian walks with, unique within the case; -1 without a group.
@@ -258,8 +261,8 @@ class Trace:
     obstacles: Float[np.ndarray, "world polygon corner 2"]
     rules: Rules
     undisturbed: Float[np.ndarray, "world time pedestrian 2"] | None = None
-    perceived: Float[np.ndarray, "world time pedestrian 2"] | None = None
-    age: Float[np.ndarray, "world time pedestrian"] | None = None
+    perceived: Float[np.ndarray, "world time track 2"] | None = None
+    age: Float[np.ndarray, "world time track"] | None = None
     block: Int[np.ndarray, "world"] | None = None
     group: Int[np.ndarray, "world time pedestrian"] | None = None
     noticed: Bool[np.ndarray, "world time pedestrian"] | None = None

@@ -12,7 +12,14 @@ from crowdbench.utils.errors import InputError
 
 DT = 0.25
 FREE = {"max_acceleration": math.inf, "max_angular_acceleration": math.inf}
-WHEELED = [Unicycle(), Unicycle(0.7, 1.1, 2.5), Bicycle(), Bicycle(wheelbase=1.0, max_steering=0.4)]
+WHEELED = [
+    Unicycle(),
+    Unicycle(0.7, 1.1, 2.5),
+    Unicycle(max_reverse_speed=0.4),
+    Bicycle(),
+    Bicycle(wheelbase=1.0, max_steering=0.4),
+    Bicycle(wheelbase=1.0, max_steering=0.4, max_reverse_speed=0.4),
+]
 
 
 def at_rest(n=1, heading=0.0):
@@ -75,7 +82,7 @@ def test_limits_hold_at_every_step_whatever_is_commanded(dynamics):
         after = dynamics.step(state, rng.normal(0.0, 3.0, (50, 2)), max_speed, DT)
         change = after.velocity - state.velocity
         if not isinstance(dynamics, Holonomic):
-            assert (after.speed >= -1e-12).all()
+            assert (after.speed >= -dynamics.max_reverse_speed - 1e-12).all()
             change = (after.speed - state.speed)[:, None]
         assert (np.linalg.norm(change, axis=1) <= dynamics.max_acceleration * DT + 1e-9).all()
         assert (np.linalg.norm(after.velocity, axis=1) <= max_speed * (1 + 1e-6)).all()
@@ -85,7 +92,7 @@ def test_limits_hold_at_every_step_whatever_is_commanded(dynamics):
             assert (np.abs(after.angular_speed - state.angular_speed) <= most).all()
         if isinstance(dynamics, Bicycle):
             sharpest = math.tan(dynamics.max_steering) / dynamics.wheelbase
-            assert (np.abs(after.angular_speed) <= sharpest * after.speed + 1e-9).all()
+            assert (np.abs(after.angular_speed) <= sharpest * np.abs(after.speed) + 1e-9).all()
         state = after
 
 
@@ -213,3 +220,44 @@ def test_a_velocity_of_any_size_is_slowed_down_to_the_limit(size):
         vx, vy = limit_speed(x, y, 1.3)
         assert math.hypot(vx, vy) == pytest.approx(1.3)
         assert math.atan2(vy, vx) == pytest.approx(math.atan2(y, x))
+
+
+@pytest.mark.parametrize("dynamics", [Unicycle(**FREE, max_reverse_speed=0.5), Bicycle(1.0, max_reverse_speed=0.5)])
+def test_a_drive_backwards_undoes_a_drive_forwards(dynamics):
+    there = driven(dynamics, at_rest(heading=0.3), [0.4, 0.5], 8)
+    first = dynamics.step(there[-1], np.array([[-0.4, 0.5]]), np.ones(1), DT)  # a bicycle stops on the way
+    back = driven(dynamics, first, [-0.4, 0.5] if isinstance(dynamics, Bicycle) else [-0.4, -0.5], 8)
+    assert back[-1].speed[0] == pytest.approx(-0.4)
+    assert np.linalg.norm(back[-1].position) < 0.2 < np.linalg.norm(there[-1].position)
+
+
+def test_a_vehicle_does_not_drive_backwards_faster_than_its_limit_or_its_preferred_speed():
+    slow, fast = Unicycle(max_reverse_speed=0.4), Unicycle(max_reverse_speed=9.0)
+    assert driven(slow, at_rest(), [-5.0, 0.0], 9)[-1].speed[0] == -0.4
+    assert driven(fast, at_rest(), [-5.0, 0.0], 9)[-1].speed[0] == -1.0
+    assert driven(Unicycle(), at_rest(), [-5.0, 0.0], 9)[-1].speed[0] == 0.0
+    assert slow.is_within(np.array([[-0.4, 0.0], [-0.41, 0.0]]), np.ones(2)).tolist() == [True, False]
+    assert slow.broken_limit(np.array([-0.41, 0.0]), 1.0).endswith("but the vehicle's speeds are -0.4 to 1 m/s")
+
+
+@pytest.mark.parametrize("made", [Unicycle, Bicycle])
+def test_a_slow_velocity_behind_is_driven_backwards_and_a_fast_one_makes_the_vehicle_turn(made):
+    dynamics, state = made(max_reverse_speed=0.5), at_rest(heading=0.0)
+    slow, _ = dynamics.follow(state, np.array([[-0.4, 0.05]]), np.ones(1), DT)[0]
+    fast, turn = dynamics.follow(state, np.array([[-0.9, 0.05]]), np.ones(1), DT)[0]
+    assert -0.4 <= slow < -0.35
+    assert fast >= 0.0
+    assert turn > 0.0
+    assert made().follow(state, np.array([[-0.4, 0.05]]), np.ones(1), DT)[0, 0] >= 0.0
+
+
+@pytest.mark.parametrize("made", [Unicycle, Bicycle])
+def test_a_vehicle_that_backs_towards_a_point_reaches_it(made):
+    dynamics, state, goal = made(max_reverse_speed=0.5), at_rest(), np.array([[-3.0, 0.5]])
+    for _ in range(40):
+        away = goal - state.position
+        velocity = 0.4 * away / np.linalg.norm(away)
+        state = dynamics.step(state, dynamics.follow(state, velocity, np.ones(1), DT), np.ones(1), DT)
+        if np.linalg.norm(goal - state.position) < 0.15:
+            return
+    raise AssertionError(state)

@@ -25,7 +25,7 @@ WORLDS = {
 
 CHOICES = [
     *({"observation": observation} for observation in OBSERVATIONS),
-    *({"observation": observation, "rays": 8} for observation in OBSERVATIONS if observation != "flat"),
+    *({"observation": observation, "rays": 8} for observation in ("goal_frame", "dict")),
     *({"action": action} for action in ACTIONS),
     *({"reward": reward} for reward in REWARDS.built_in()),
     *({"observation": observation, "dtype": "float64"} for observation in OBSERVATIONS),

@@ -19,7 +19,7 @@ from crowdbench.envs.step_outcomes import outcomes_of_agents
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.networks.features_ahead import REACH
 from crowdbench.scenario.layouts import LAYOUTS
-from crowdbench.sim.lines_of_sight import wall_distances
+from crowdbench.sim.lidar import wall_distances
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
@@ -314,14 +314,6 @@ def test_a_pedestrian_observes_walls_and_the_past_of_the_vehicle():
     assert np.isclose(mine["history"][-1], mine["pedestrians"][:, :2]).all()
 
 
-def test_only_the_vehicle_has_a_lidar():
-    env = parallel_env(load_scenario("doorway_10", {"sensor.lidar": {"beams": 9, "range": 5.0}}), observation="dict")
-    seen, _ = env.reset(seed=0)
-    assert seen["vehicle"]["lidar"].shape == (9,)
-    assert seen["pedestrian_0"].keys() == seen["vehicle"].keys() - {"lidar"}
-    assert all(row in env.observation_space(agent) for agent, row in seen.items())
-
-
 def table_of_training():
     """The names of `arguments` and their values in backticks, as docs/training.md lists them."""
     text = (Path(__file__).parents[3] / "docs" / "training.md").read_text()
@@ -339,7 +331,7 @@ def test_every_environment_has_the_arguments_of_the_page():
         "dtype": [*DTYPES],
     }
     rows = dict(table_of_training())
-    assert rows.keys() == {*known, "nearest", "rays", "dtype"}
+    assert rows.keys() == {*known, "nearest", "rays", "max_episode_steps"}
     for name, values in known.items():
         assert sorted(rows[name]) == sorted(values)
     choices = [{name: value} for name, values in known.items() for value in values]

@@ -23,6 +23,7 @@ from crowdbench.envs.rewards import (
     progress,
 )
 from crowdbench.envs.stable_baselines import CrowdVecEnv
+from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.features import features
@@ -63,13 +64,13 @@ def test_features_are_the_same_in_a_scene_that_is_turned():
 @pytest.mark.parametrize("action", ACTIONS)
 @pytest.mark.filterwarnings("ignore:.*A Box observation space (minimum|maximum) value is -?infinity.*")
 def test_every_view_passes_the_check_of_gymnasium(observation, action):
-    env = gymnasium.make(ID, observation=observation, action=action, reward="progress", nearest=3)
+    env = gymnasium.make(ID, observation=observation, action=action, reward="progress")
     check_env(env.unwrapped, skip_render_check=True)
 
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)
 def test_many_worlds_show_what_one_world_shows(observation):
-    options = {"observation": observation, "action": "goal_frame", "reward": "progress", "nearest": 3}
+    options = {"observation": observation, "action": "goal_frame", "reward": "progress"}
     many = gymnasium.make_vec(ID, num_envs=3, **options)
     ones = [gymnasium.make(ID, **options) for _ in range(3)]
     seen, _ = many.reset(seed=5)
@@ -93,10 +94,22 @@ def test_many_worlds_show_what_one_world_shows(observation):
             {"reward": "nothing"},
             r"^no reward is called 'nothing'; there are crowdnav, progress, safe_progress, crowdnav_plus, or give",
         ),
-        ({"observation": "round"}, r"^observation is 'round', but must be one of flat, goal_frame, dict$"),
-        ({"nearest": 0}, r"^nearest is 0, but must be a whole number of pedestrians, 1 or more$"),
+        ({"observation": "round"}, r"^observation is 'round', but must be one of flat, goal_frame, dict, lidar$"),
+        ({"nearest": 0}, r"^nearest is 0, but must be a whole number from 1 to 10000$"),
         ({"nearest": True}, r"^nearest is True, but must be a whole number"),
         ({"observation": "dict", "rays": True}, r"^rays is True, but must be a whole number"),
+        (
+            {"observation": "goal_frame", "rays": 10**9},
+            r"^rays is 1000000000, but must be a whole number from 0 to 10000",
+        ),
+        (
+            {"observation": "goal_frame", "nearest": 10**9},
+            r"^nearest is 1000000000, but must be a whole number from 1 to",
+        ),
+        ({"reward": lambda: 1}, r"^reward <lambda> must be a function of one argument, the step$"),
+        ({"scenario": None}, r"^scenario is None, but must be a name, a file or a Scenario$"),
+        ({"dtype": "int8"}, r"^dtype is 'int8', but must be one of float32, float64$"),
+        ({"action": ["native"]}, r"^action is \['native'\], but must be one of normalized, normalized_goal_frame,"),
     ],
 )
 def test_what_does_not_exist_gets_one_sentence(options, sentence):
@@ -321,7 +334,9 @@ def test_rays_and_the_motion_are_named_parts_and_stand_at_the_end_of_a_vector():
     assert joined.observation_space.contains(vector)
     np.testing.assert_array_equal(vector[-34:], np.concatenate([parts["motion"], parts["rays"]]))
     assert parts["rays"].min() < 5.0
-    with pytest.raises(InputError, match="rays is 24, but must be a whole number, 0 where the observation is flat"):
+    with pytest.raises(
+        InputError, match="rays is 24, but must be a whole number from 0 to 10000, 0 where the observation is flat"
+    ):
         gymnasium.make(**made)
 
 
@@ -345,3 +360,35 @@ def test_a_value_for_all_worlds_that_is_no_list_gets_one_sentence(name, value):
     envs = gymnasium.make_vec(ID, num_envs=2)
     with pytest.raises(InputError, match=f"{name} is .*, but must be a list with a value for each of 2 worlds"):
         envs.reset(**({"seed": value} if name == "seed" else {"options": {name: value}}))
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"num_envs": 0}, "num_envs is 0, but must be a whole number from 1 to 100000$"),
+        ({"num_envs": 10**9}, "num_envs is 1000000000, but must be"),
+        ({"num_envs": 2.0}, "num_envs is 2.0, but must be"),
+        ({"num_envs": 10**5, "observation": "dict", "nearest": 10**4}, "has 2.* numbers, but at most 100000000 fit$"),
+        ({"autoreset_mode": "always"}, "autoreset_mode is 'always', but must be one of NextStep, SameStep, Disabled$"),
+    ],
+)
+def test_arguments_of_many_worlds_get_one_sentence(options, sentence):
+    with pytest.raises(InputError, match=sentence):
+        VehicleVectorEnv(**options)
+
+
+@pytest.mark.parametrize("options", [3, [], "case"])
+def test_options_of_a_reset_that_are_no_table_get_one_sentence(options):
+    for env in (parallel_env(), VehicleEnv(), VehicleVectorEnv(2)):
+        with pytest.raises(InputError, match=r"options of reset is .*, but must be a table"):
+            env.reset(options=options)
+
+
+@pytest.mark.parametrize("actions", [None, 3, [[0.0, 0.0]], {"vehicle": [0.0, 0.0], 3: [0.0, 0.0]}])
+def test_actions_of_agents_that_are_no_table_get_one_sentence(actions):
+    env = parallel_env()
+    env.reset(seed=0)
+    with pytest.raises(
+        InputError, match=r"actions is .*, but must be a table of actions by agent|there are actions for"
+    ):
+        env.step(actions)

@@ -307,3 +307,47 @@ def test_what_cannot_be_exported_gets_one_sentence(onnx, tmp_path):
     with pytest.raises(InputError, match="wrappers that change actions are not exported"):
         export_policy(PPO("MlpPolicy", scaled, device="cpu"), tmp_path / "a.onnx", scaled)
     assert not (tmp_path / "a.onnx").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"function": 3}, "function is 3, but must be a function of the observation"),
+        ({"function": lambda: 1}, "must be a function of the observation and of each array of the state"),
+        ({"state": [(2,)]}, "must be a function of the observation and of each array of the state"),
+        ({"state": 3}, "state is 3, but must be a list of shapes"),
+        ({"state": [("x",)]}, "state is .*, but must be a list of shapes"),
+        ({"nearest": 10**9}, "nearest is 1000000000, but must be a whole number from 1 to 10000"),
+        ({"dynamics": "boat"}, "dynamics is 'boat', but must be None or one of holonomic, unicycle, bicycle"),
+        ({"action": "world"}, "action is 'world', but must be one of normalized, .*, velocity, goal_frame, native"),
+    ],
+)
+def test_arguments_that_do_not_fit_get_one_sentence(options, sentence):
+    given = {"function": lambda observed: observed, "observation": "flat", "action": "velocity", **options}
+    with pytest.raises(InputError, match=sentence):
+        PolicyPlanner(**given)
+
+
+def test_a_function_observes_numbers_of_the_chosen_type():
+    seen = []
+
+    def act(observed):
+        seen.append(observed.dtype)
+        return np.zeros((len(observed), 2))
+
+    for options in ({}, {"dtype": "float64"}):
+        PolicyPlanner(act, "flat", "normalized", **options).plan(start())
+    assert seen == [np.float32, np.float64]
+
+
+def test_a_normalized_action_is_a_share_of_the_preferred_speed():
+    obs = start(**{"vehicle.preferred_speed": 2.0})
+    np.testing.assert_allclose(PolicyPlanner(constant(0.5, -9.0), "flat", "normalized").plan(obs)[:, 0], 2.0 * 0.2**0.5)
+    way = obs.vehicle.local_goal - obs.vehicle.position
+    command = PolicyPlanner(constant(0.5, 0.0), "goal_frame", "normalized_goal_frame").plan(obs)
+    np.testing.assert_allclose(command, way / np.linalg.norm(way, axis=1)[:, None])
+    native = PolicyPlanner(constant(0.0, 1.0), "goal_frame", "normalized_native")
+    wheels = start(**{"vehicle.dynamics": "unicycle", "vehicle.preferred_speed": 2.0})
+    np.testing.assert_array_equal(
+        native.plan(wheels), np.tile([1.0, wheels.vehicle.dynamics.max_angular_speed], (4, 1))
+    )

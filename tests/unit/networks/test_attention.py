@@ -23,6 +23,7 @@ from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.train import ppo
 from crowdbench.train.config import PPOConfig
+from crowdbench.train.policy_worlds import make_interface
 from crowdbench.train.runner import Runner
 
 torch.set_num_threads(1)
@@ -134,7 +135,7 @@ def test_an_episode_is_the_same_alone_and_in_company(network):
     torch.manual_seed(0)
     scenario = load_scenario("unicycle_10", {"time_limit": 4.0, "pedestrians.number": 3})
     policy = make_policy(network)
-    planner = NetworkPlanner(policy, PolicyInterface(3, ConstantVelocity() if policy.remembered else None))
+    planner = NetworkPlanner(policy, make_interface(network, [scenario]))
     together = rollout(Driver(planner, "policy"), scenario, Cases("val", 0, 4))
     alone = rollout(Driver(planner, "policy"), scenario, Cases("val", 2, 3))
     np.testing.assert_allclose(together.command[2], alone.command[0], atol=1e-5)

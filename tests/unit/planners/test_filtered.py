@@ -7,8 +7,9 @@ import pytest
 from lookahead_scenes import DT, crowded
 
 from crowdbench.catalog import load_planner
+from crowdbench.core.kalman import ACCELERATION
 from crowdbench.core.types import HISTORY, Noise, Sensor
-from crowdbench.planners.filtered import ACCELERATION, EXACT, MEMORY, FilteredPlanner, KalmanFilter
+from crowdbench.planners.filtered import EXACT, MEMORY, FilteredPlanner, KalmanFilter
 from crowdbench.planners.planner import Planner
 from crowdbench.utils.errors import InputError
 

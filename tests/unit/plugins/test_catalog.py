@@ -8,6 +8,7 @@ from crowdbench import catalog
 from crowdbench.cli.options import assignments
 from crowdbench.metrics.registry import METRICS
 from crowdbench.metrics.user_metrics import load_metrics
+from crowdbench.predict.predictors import load_predictor
 from crowdbench.utils.errors import InputError
 
 PLANNER = '''
@@ -309,3 +310,22 @@ def test_a_whole_number_of_a_policy_is_not_rounded(tmp_path, value):
     assert scenario.crowd.parameters["mine"]["n"].mean == 4
     with pytest.raises(InputError, match=r"pedestrians\.mine\.n is .*1\.5.*, but must be a whole number"):
         catalog.load_scenario("circle_crossing_5", {"pedestrians.mine.n": value}, pedestrians=str(path))
+
+
+@pytest.mark.parametrize("margin", [-1, float("nan"), float("inf")])
+@pytest.mark.parametrize("planner", ["orca", "social_force"])
+def test_a_margin_below_0_is_refused(planner, margin):
+    with pytest.raises(InputError, match=r"safety_space is .*, but must be a number"):
+        catalog.load_planner(planner, {"safety_space": margin})
+
+
+@pytest.mark.parametrize("name", [0, 0.0, True, "x", ["kalman"]])
+def test_a_filter_that_does_not_exist_is_refused(name):
+    with pytest.raises(InputError, match=r"option filter is .*, but must be kalman, or left out"):
+        catalog.load_planner("orca_margin", {"filter": name})
+
+
+@pytest.mark.parametrize("arguments", [(None,), (3,), ("linear", 3), ("linear", {3: 4})])
+def test_a_predictor_that_is_no_text_or_options_that_are_no_table_are_refused(arguments):
+    with pytest.raises(InputError, match=r"predictor is .*, but must be a name|options is .*, but must be a table"):
+        load_predictor(*arguments)

@@ -33,6 +33,8 @@ OTHERS = {
     "vehicle.dynamics": "unicycle",
     "vehicle.goal_tolerance": 0.5,
     "vehicle.max_acceleration": 2.0,
+    "vehicle.command_delay": 0.5,
+    "vehicle.lag": 0.5,
     "sensor.range": 5.0,
     "sensor.field_of_view": 90.0,
     "sensor.occlusion": True,
@@ -69,7 +71,7 @@ def test_every_other_value_than_a_default_has_a_digest_of_its_own():
     changes += [{"vehicle.dynamics": "unicycle", key: 1.0} for key in ("vehicle.length", "vehicle.max_angular_speed")]
     changes.append({"layout.generator": "square_crossing", "layout.square_width": 9.0})
     changes += [{"vehicle.visible": True, "pedestrians.attention": {"ignores": share}} for share in (0.0, 0.1)]
-    assert len(changes) == 46
+    assert len(changes) == 48
     assert len({all_defaults(change).digest for change in changes}) == len(changes)
 
 
@@ -153,6 +155,7 @@ SCENARIOS = {
     "corner_crowd": "da5c3d2d98d9",
     "door_crowd": "990d8a088d21",
     "room_crowd": "aaad57a93d01",
+    "legs": "04a820af168b",
     "streams_crowd": "79b608a711ff",
     "street_crowd": "47b4d56c5cb4",
     "unicycle_slow": "cd2ed60dba7a",
@@ -163,7 +166,7 @@ SCENARIOS = {
 def test_the_digests_of_the_simulated_scenarios_stay():
     digests = {name: load_scenario(name).digest for name in simulated_scenarios()}
     assert digests.items() <= SCENARIOS.items()
-    assert len(digests) == 60
+    assert len(digests) == 61
 
 
 @pytest.mark.slow

@@ -133,7 +133,7 @@ def test_agents_of_thousands_observe_the_nearest(number):
 
 
 def test_what_needs_a_world_for_each_of_thousands_is_refused():
-    with pytest.raises(InputError, match=r"of which 20 are shown, they must be 'flat' and 'crowdnav'$"):
+    with pytest.raises(InputError, match=r"of which 20 are shown, they must be 'flat' or 'lidar', and 'crowdnav'$"):
         parallel_env(scenario(), observation="goal_frame")
     with pytest.raises(InputError, match=r"^observation is 'flat' and reward 'progress', but"):
         parallel_env(scenario(), reward="progress")

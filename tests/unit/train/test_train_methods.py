@@ -21,7 +21,7 @@ def test_every_network_has_a_method():
 
 def test_a_network_that_does_not_exist_is_refused():
     with pytest.raises(
-        InputError, match="no network is called 'mlp'; there are cadrl, lstm_rl, ppo, ppo_attention, sarl"
+        InputError, match="no network is called 'mlp'; there are cadrl, lstm_rl, ppo, ppo_attention, ppo_lidar, sarl"
     ):
         make_config("mlp", {})
 
@@ -29,7 +29,7 @@ def test_a_network_that_does_not_exist_is_refused():
 @pytest.mark.parametrize(
     ("network", "options", "message"),
     [
-        ("cadrl", {"steps": 9}, "--steps is not for cadrl, only for ppo, ppo_attention"),
+        ("cadrl", {"steps": 9}, "--steps is not for cadrl, only for ppo, ppo_attention, ppo_lidar"),
         ("ppo", {"episodes": 9}, "--episodes is not for ppo, only for cadrl, lstm_rl, sarl"),
         ("sarl", {"episodes": 9, "minutes": 1.0}, "--minutes and --episodes both set the length of a training"),
         ("sarl", {"seed": -1}, "--seed is -1, but must be a whole number from 0 to 1000000000"),
@@ -116,9 +116,9 @@ def test_a_third_method_is_one_line_of_the_table(monkeypatch):
     for network, options, message in [
         ("ppo", {"updates": 5}, "--updates is not for ppo, only for third"),
         ("sarl", {"updates": 5}, "--updates is not for sarl, only for third"),
-        ("third", {"steps": 5}, "--steps is not for third, only for ppo, ppo_attention"),
+        ("third", {"steps": 5}, "--steps is not for third, only for ppo, ppo_attention, ppo_lidar"),
         ("third", {"updates": 5, "minutes": 1.0}, "--minutes and --updates both set the length of a training"),
-        ("mlp", {}, "there are cadrl, lstm_rl, ppo, ppo_attention, sarl, third"),
+        ("mlp", {}, "there are cadrl, lstm_rl, ppo, ppo_attention, ppo_lidar, sarl, third"),
     ]:
         with pytest.raises(InputError, match=message):
             make_config(network, options)

@@ -1,0 +1,1 @@
+"""Errors of the tracks of people behind a detector, in scenarios of the suite."""
