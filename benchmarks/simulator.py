@@ -15,9 +15,9 @@ from jaxtyping import Float
 
 from benchmarks.measurement import Measurement, in_turns
 from crowdbench import Cases, Scenario, World, load_scenario, parallel_env
-from crowdbench.core import toward_goal
+from crowdbench.core import Lidar, toward_goal
 from crowdbench.envs import VEHICLE, Reward, load_reward
-from crowdbench.sim import crowd_velocities, observe, orca_velocities, step
+from crowdbench.sim import crowd_velocities, observe, orca_velocities, scan, step
 
 SCENARIO = "circle_crossing_5"
 
@@ -58,6 +58,9 @@ SENSORS: Mapping[str, Mapping[str, Any]] = {
 }
 """The sensors that are compared."""
 
+DISTURBED: Mapping[str, Any] = {"legs": True, "noise": 0.02, "dropout": 0.02, "false_returns": 0.002}
+"""The keys of a lidar with all disturbances."""
+
 VEC_ENV_ROUNDS = 7
 
 VEC_OPTIONS: dict[str, Any] = {"reward": "progress", "observation": "goal_frame", "action": "goal_frame", "nearest": 5}
@@ -81,6 +84,22 @@ def measure_sight() -> Iterator[Measurement]:
         for sensor, seconds in zip(SENSORS, durations, strict=True):
             work = f"processor time of a step and its observation, 10 pedestrians, {name}: {sensor}"
             yield Measurement(work, 1e6 * seconds, "us")
+
+
+def measure_scans(worlds: int = 500) -> Iterator[Measurement]:
+    """Measure scans of 180 beams by the vehicle and by every agent, among 20 pedestrians on a circle of 6 m."""
+    plain = load_scenario(SCENARIO, {"pedestrians.number": 20, "layout.circle_radius": 6.0})
+    walled = load_scenario("doorway_10", {"pedestrians.number": 20})
+    for name, (scenario, keys) in {
+        "people as discs, no walls": (plain, {}),
+        "the same with legs, noise, lost and false echoes": (plain, DISTURBED),
+        "the same with legs, noise, lost and false echoes, and six walls": (walled, DISTURBED),
+    }.items():
+        start, lidar = scenario.worlds(Cases("val", 0, worlds)), Lidar(beams=180, range=10.0, **keys)
+        for who, agents in (("the vehicle", 1), ("every agent", 21)):
+            work = functools.partial(_repeat, functools.partial(scan, start, lidar, agents), 1)
+            work_name = f"scan of 180 beams among 20 pedestrians, {who}, per agent and step: {name}"
+            yield Measurement(work_name, 1e6 * in_turns(ROUNDS, work)[0] / (worlds * agents), "us")
 
 
 def measure_thousands() -> Iterator[Measurement]:

@@ -19,8 +19,9 @@ from recording import Recording
 from topics import Topics, message
 
 from crowdbench import Driver, InputError, Observation, load_planner
-from crowdbench.cli import announce_compilation, assignments, main, say
+from crowdbench.cli import announce_compilation, assignments, exit_on_interrupt, main, say
 from crowdbench.core import Holonomic, Unicycle
+from crowdbench.utils import require_positive
 
 POLL = 0.05
 """Seconds between two checks of the age of messages."""
@@ -42,7 +43,7 @@ def twist_of(command: Float[np.ndarray, "2"], obs: Observation) -> Any:
 
 
 def serve(driver: Driver, observer: Observer, topics: Topics, send: Callable[[Any], None], limit: float) -> None:
-    """Answer observations with commands, until an error or an interrupt.
+    """Answer observations with commands until an error or an interrupt, and stop the robot then.
 
     Args:
         driver: The driver of the planner.
@@ -51,27 +52,30 @@ def serve(driver: Driver, observer: Observer, topics: Topics, send: Callable[[An
         send: Sends a command.
         limit: Age of a message in seconds above which the robot stops.
     """
-    is_moving = False
-    while True:
-        topics.wait(POLL)
-        for topic in READ:
-            for content in topics.take(topic):
-                observer.add(topic, content)
-        obs = observer.observation()
-        if obs is not None:
-            if observer.is_new:
-                driver.reset(np.zeros(1, np.int64))
-            command = np.zeros(2) if observer.has_arrived(obs) else driver.decide(obs)[0]
-            driver.decision_limit = DECISION_LIMIT if observer.lockstep else limit
-        # Without lock-step, the first decision may take too long, because the planner is compiled.
-        old = "" if observer.lockstep else observer.old(limit)
-        if obs is not None and not old:
-            send(twist_of(command, obs))
-            is_moving = True
-        elif is_moving and old:
-            send(message("geometry_msgs/Twist"))
-            say(f"stopped: no new message on {old} for {limit:g} s")
-            is_moving = False
+    try:
+        is_moving = False
+        while True:
+            topics.wait(POLL)
+            for topic in READ:
+                for content in topics.take(topic):
+                    observer.add(topic, content)
+            obs = observer.observation()
+            if obs is not None:
+                if observer.is_new:
+                    driver.reset(np.zeros(1, np.int64))
+                command = np.zeros(2) if observer.has_arrived(obs) else driver.decide(obs)[0]
+                driver.decision_limit = DECISION_LIMIT if observer.lockstep else limit
+            # Without lock-step, the first decision may take too long, because the planner is compiled.
+            old = "" if observer.lockstep else observer.old(limit)
+            if obs is not None and not old:
+                send(twist_of(command, obs))
+                is_moving = True
+            elif is_moving and old:
+                send(message("geometry_msgs/Twist"))
+                say(f"stopped: no new message on {old} for {limit:g} s")
+                is_moving = False
+    finally:
+        send(message("geometry_msgs/Twist"))
 
 
 def drive(
@@ -98,6 +102,8 @@ def drive(
     """
     if dynamics not in DYNAMICS:
         raise InputError(f"dynamics {dynamics!r} is not one of {', '.join(DYNAMICS)}")
+    for name, number in (("radius", radius), ("speed", speed), ("dt", dt), ("limit", limit)):
+        require_positive(f"--{name}", number)
     announce_compilation()
     driver = Driver(load_planner(planner, assignments(option or [], "--option")), planner)
     observer = Observer(Robot(DYNAMICS[dynamics](), radius, speed, dt))
@@ -113,10 +119,8 @@ def drive(
                 recording.add(observer.latest, twist)
 
         say(f"{planner} waits for /odom, /people and /goal_pose")
-        try:
+        with exit_on_interrupt("the robot has stopped"):
             serve(driver, observer, topics, send, limit)
-        finally:
-            send(message("geometry_msgs/Twist"))
 
 
 if __name__ == "__main__":

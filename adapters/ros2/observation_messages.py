@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -99,9 +100,10 @@ def observation_messages(obs: Observation, names: list[str], now: int) -> dict[s
     return messages
 
 
-def turned(xy: Float[np.ndarray, "2"], angle: float) -> tuple[float, float]:
+def turned(xy: Iterable[float], angle: float) -> tuple[float, float]:
     """Return a vector that is rotated by an angle."""
-    cos, sin, x, y = math.cos(angle), math.sin(angle), float(xy[0]), float(xy[1])
+    cos, sin = math.cos(angle), math.sin(angle)
+    x, y = map(float, xy)
     return cos * x - sin * y, sin * x + cos * y
 
 

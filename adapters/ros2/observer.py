@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import time
@@ -19,6 +20,9 @@ from crowdbench import InputError, Observation, Rules
 from crowdbench.core import HISTORY, Dynamics, Pedestrians, Vehicle, norm, pad_arrays
 
 READ = ("odom", "people", "scan", "goal_pose", "map", "tf", "tf_static", "crowdbench/state")
+
+FARTHEST = 1000.0
+"""Range in metres of a scan that states none."""
 
 
 class Pose(NamedTuple):
@@ -140,13 +144,26 @@ class Observer:
             self.episode, self.step, self.past = episode, -1, {}
             self.obstacles = self._obstacles()
         self.planned = now
+        self._check_numbers()
         self.step = self.step + 1 if state is None else state["step"]
         return self._observe(dt)
+
+    def _check_numbers(self) -> None:
+        """Raise InputError if a position or a velocity is not finite."""
+        odom, goal = self.latest["odom"], self.latest["goal_pose"]
+        points = {
+            "odom": [odom.pose.pose.position, odom.pose.pose.orientation, odom.twist.twist.linear],
+            "people": [point for one in self.latest["people"].people for point in (one.position, one.velocity)],
+            "goal_pose": [goal.pose.position],
+        }
+        for topic, values in points.items():
+            if not all(math.isfinite(number) for point in values for number in vars(point).values()):
+                raise InputError(f"a message of /{topic} has a number that is not finite")
 
     def _observe(self, dt: float) -> Observation:
         """Return the observation of the last messages."""
         state, robot = self.state or {}, self.robot
-        rules = Rules.of_table(state["rules"]) if state else Rules(dt=dt, dynamics=robot.dynamics)
+        rules = Rules.of_table(state["rules"]) if state else self._rules(dt)
         odom, goal = self.latest["odom"], self.latest["goal_pose"]
         pose = self._in_goal_frame(odom.header.frame_id).of(
             pose_of(odom.pose.pose.position, odom.pose.pose.orientation)
@@ -179,6 +196,14 @@ class Observer:
             sensor=rules.sensor,
             lidar=self._lidar(rules),
         )
+
+    def _rules(self, dt: float) -> Rules:
+        """Return the rules of a robot, with a lidar if there are scans."""
+        table: dict[str, Any] = {"dt": dt}
+        if "scan" in self.latest:
+            scan = self.latest["scan"]
+            table["sensor"] = {"lidar": {"beams": len(scan.ranges), "range": min(scan.range_max, FARTHEST)}}
+        return dataclasses.replace(Rules.of_table(table), dynamics=self.robot.dynamics)
 
     def _pedestrians(self) -> Pedestrians:
         """Return the pedestrians of the last message, with the positions of earlier ones."""
@@ -215,12 +240,17 @@ class Observer:
         return pad_arrays([np.array(corners) for corners in polygons], np.nan)
 
     def _lidar(self, rules: Rules) -> Float[np.ndarray, "1 beam"] | None:
-        """Return the last scan, whose first beam points along the heading; None without a lidar."""
-        if "scan" not in self.latest:
+        """Return the last scan, with the first beam along the heading; None without a lidar."""
+        if rules.sensor.lidar is None:
             return None
         scan = self.latest["scan"]
-        far = rules.sensor.lidar.range if rules.sensor.lidar else scan.range_max
         ranges = np.array(scan.ranges, np.float64)
+        if abs(len(ranges) * abs(scan.angle_increment) - 2.0 * math.pi) > 1.5 * abs(scan.angle_increment):
+            raise InputError("/scan is no whole ring of beams, which a lidar of crowdbench is")
+        ranges = np.roll(ranges, round(scan.angle_min / scan.angle_increment))
+        if scan.angle_increment < 0.0:
+            ranges = np.roll(ranges[::-1], 1)
+        far = rules.sensor.lidar.range
         return np.where(np.isfinite(ranges), np.minimum(ranges, far), far)[None]
 
     def _in_goal_frame(self, frame: str) -> Pose:

@@ -28,14 +28,14 @@ class Recording:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self.written = path, dict[str, Any]()
-        self.writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
-
-    def __enter__(self) -> Recording:
+        self.written: dict[str, Any] = {}
         try:
+            self.writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
             self.writer.open()
         except (WriterError, OSError) as error:
-            raise InputError(f"{self.path} cannot be written as a bag: {describe_error(error)}") from None
+            raise InputError(f"{path} cannot be written as a bag: {describe_error(error)}") from None
+
+    def __enter__(self) -> Recording:
         store = ros_typestore()
         self.connections = {
             topic: self.writer.add_connection(f"/{topic}", TOPICS[topic], typestore=store)

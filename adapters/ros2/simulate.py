@@ -32,7 +32,7 @@ from crowdbench import Cases, InputError, Observation, Planner, Trace
 from crowdbench.cli import announce_compilation, assignments, main, progress, say
 from crowdbench.core import Pedestrians, norm
 from crowdbench.runs import RunSpec, load_run, make_run
-from crowdbench.utils import command
+from crowdbench.utils import command, require_positive
 
 WRITTEN = ("clock", "tf", "tf_static", "people", "odom", "scan", "map", "goal_pose", "crowdbench/state")
 
@@ -157,7 +157,7 @@ class TopicPlanner(Planner):
         vehicle, twist = obs.vehicle, self.twist
         dynamics, fastest = vehicle.dynamics, vehicle.preferred_speed
         if dynamics.name == "holonomic":
-            asked = np.array([turned(np.array([twist.linear.x, twist.linear.y]), float(vehicle.heading[0]))])
+            asked = np.array([turned((twist.linear.x, twist.linear.y), float(vehicle.heading[0]))])
             limited = asked * fastest / np.maximum(norm(asked), fastest)
         else:
             asked = np.array([[twist.linear.x, twist.angular.z]])
@@ -216,6 +216,7 @@ def simulate(
         real_time: Simulate in real time. By default, each step waits for a command.
         limit: Longest time in seconds without a command.
     """
+    require_positive("--limit", limit)
     settings = {"real_time": True} if real_time else {}
     spec = RunSpec(
         name,

@@ -20,6 +20,7 @@ from crowdbench.envs.rewards import Reward, Step, crowdnav
 from crowdbench.envs.step_outcomes import outcomes_of_agents
 from crowdbench.scenario.population import CONTINUING_ARRIVALS
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.lidar import scan
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, finish_step, move
 from crowdbench.utils.errors import InputError, require
@@ -249,6 +250,9 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
             return self.view.observe(ego)
         # Only the vehicle has a sensor and dynamics.
         own, others = self.view.observe(self._world), self.view.observe(with_own_motion(ego, self._world, self._past))
+        if self.view.observation == "dict" and (lidar := self._world.rules.sensor.lidar):
+            # Not of ego views, which have neither the vehicle's body nor the numbers of persons and of the agent.
+            others["lidar"] = self.view.rounded(scan(self._world, lidar, len(ego))[0])
         return [row_of(own, 0), *(row_of(others, column) for column in range(1, len(ego)))]
 
     def _set_agents(self, agents: list[str]) -> None:

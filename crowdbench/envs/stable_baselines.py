@@ -14,8 +14,10 @@ from crowdbench.core.types import Outcome
 from crowdbench.envs.rewards import Reward, load_reward
 from crowdbench.envs.stepping import as_scenario, check_actions
 from crowdbench.envs.training_worlds import CASES, TrainingWorlds
+from crowdbench.envs.vector import MAX_ENVS
+from crowdbench.scenario.cases import MOST
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, is_integer, require, require_count
 from crowdbench.views.view import NEAREST, Observed, View, row_of
 
 try:
@@ -45,7 +47,8 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         cases: Number of training cases.
 
     Raises:
-        InputError: Scenario, reward, observation or action do not exist, or there is no world or no case.
+        InputError: Scenario, reward, observation or action do not exist, a number is out of its range, or it is no
+            whole number.
     """
 
     def __init__(
@@ -60,9 +63,8 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         rays: int = 0,
         cases: int = CASES,
     ) -> None:
-        for name, number in {"num_envs": num_envs, "cases": cases}.items():
-            if number < 1:
-                raise InputError(f"{name} is {number}, but must be 1 or more")
+        require_count("num_envs", num_envs, MAX_ENVS)
+        require_count("cases", cases, MOST)
         self.scenario = as_scenario(scenario)
         self.view = View(self.scenario, observation, action, nearest, rays)
         self.render_mode = None
@@ -75,10 +77,9 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Draw the training cases and their order again at the next reset. Without a seed, a random one is taken.
 
-        Raises InputError if the seed is negative.
+        Raises InputError if the seed is no whole number, or negative.
         """
-        if seed is not None and seed < 0:
-            raise InputError(f"seed is {seed}, but must be 0 or more")
+        require("seed", seed, seed is None or (is_integer(seed) and seed >= 0), "a whole number, 0 or more, or None")
         self._running.seed(seed)
         return [seed] * self.num_envs
 

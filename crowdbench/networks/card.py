@@ -57,7 +57,8 @@ def _driving_text(card: Mapping[str, Any]) -> CardText:
     if "reward" in trained:
         unit, further = "steps", [crowd(scenario) for scenario in trained["beside"]]
         rows = {"trained beside in": "; ".join(further)} if further else {}
-        rows |= {"reward": str(trained["reward"]), "pedestrians shown": f"{trained['nearest']} at most, the nearest"}
+        shown = f"{trained['nearest']} at most, the nearest" if trained["nearest"] else "none, but scans of a lidar"
+        rows |= {"reward": str(trained["reward"]), "pedestrians shown": shown}
         if further:
             setting, conditions = f"{setting}, and {len(further)} more", ", not in those beside it"
     else:

@@ -2,6 +2,7 @@ from .episode import fill_motion as fill_motion
 from .episode import gaps_on_arc as gaps_on_arc
 from .episode import step_outcome as step_outcome
 from .kernels import per_agent as per_agent
+from .lidar import scan as scan
 from .obstacles import number_of_corners as number_of_corners
 from .obstacles import wall_gap_in_step as wall_gap_in_step
 from .pedestrians.forces import Walkers as Walkers

@@ -100,10 +100,9 @@ def ego_views(world: World) -> World:
 
 
 def with_own_motion(views: World, world: World, past: Float[np.ndarray, "1 time 2"] | None = None) -> World:
-    """Return the ego views of one world with what else an agent observes: its motion, a lidar, the others' histories.
+    """Return the ego views of one world with what else an agent observes: its motion, and the others' histories.
 
-    A pedestrian is a disc that moves in any direction. Its heading is the direction of its velocity. It has the lidar
-    of the vehicle.
+    A pedestrian is a disc that moves in any direction. Its heading is the direction of its velocity.
 
     Args:
         views: `ego_views` of the world.

@@ -29,7 +29,14 @@ def invoke(*arguments):
     return CliRunner().invoke(app, ["export", *map(str, arguments)])
 
 
-@pytest.mark.parametrize("scenario", ["circle_crossing_5", "noisy_10", "unicycle_10"])
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        "circle_crossing_5",
+        pytest.param("noisy_10", marks=pytest.mark.slow),
+        pytest.param("unicycle_10", marks=pytest.mark.slow),
+    ],
+)
 def test_steps_are_what_the_environment_shows_and_pays(tmp_path, scenario):
     make(tmp_path / "run", scenario)
     assert invoke(tmp_path / "run", "--out", tmp_path / "out").exit_code == 0

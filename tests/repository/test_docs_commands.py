@@ -100,6 +100,7 @@ def where_else(arguments):
         "number=10000": "tests/unit/sim/test_thousands.py",
         ".onnx": "tests/unit/envs/test_policy_planner.py and tests/unit/envs/test_envs_vehicle.py",
         "runs/drive": "tests/repository/test_ros2.py",
+        "runs/my_stack": "tests/repository/test_ros2_live.py",
         "--format rosbag2": "tests/repository/test_ros2.py",
         "weights=mine.": "tests/parity/test_crowdnav_convert.py",
         "weights=CrowdNav_DSRNN": "tests/parity/test_ds_rnn_planner.py",

@@ -1,8 +1,11 @@
 """Robots' bags: a bag of a simulated run scores as the run does, and what is missing or wrong in a bag is said."""
 
 import json
+import os
 import shlex
 import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -237,6 +240,7 @@ def test_tracks_of_two_bags_do_not_replace_each_other(tmp_path):
         convert(tmp_path / "drive.toml", tmp_path / "run", tmp_path / "tracks")
 
 
+@pytest.mark.slow
 def test_the_commands_after_a_conversion_run_as_printed(tmp_path, capfd):
     from score_bags import convert
 
@@ -250,6 +254,7 @@ def test_the_commands_after_a_conversion_run_as_printed(tmp_path, capfd):
     convert(tmp_path / "drive.toml", tmp_path / "a drive", tmp_path / "my tracks")
     commands = [line.strip() for line in capfd.readouterr().err.splitlines() if line.startswith("  crowdbench ")]
     assert [shlex.split(one)[1] for one in commands] == ["score", "view", "run"]
+    path = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     for one in commands[::2]:
-        done = subprocess.run(one, shell=True, cwd=tmp_path, capture_output=True, text=True)
+        done = subprocess.run(one, shell=True, cwd=tmp_path, env=path, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr

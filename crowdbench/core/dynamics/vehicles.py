@@ -82,7 +82,7 @@ class _OnWheels(Dynamics):
 
     def broken_limit(self, command: Float[np.ndarray, "2"], max_speed: float) -> str:
         """See `Dynamics`."""
-        slowest = float(self._slowest(np.array(max_speed)))
+        slowest = 0.0 - min(self.max_reverse_speed, max_speed)
         if slowest * (1 + SPEED_TOLERANCE) <= command[0] <= max_speed * (1 + SPEED_TOLERANCE):
             return self.broken_turn.format(command[1], self.limits[1])
         return f"asked for {command[0]:.6g} m/s, but the vehicle's speeds are {slowest:g} to {max_speed:g} m/s"

@@ -277,8 +277,7 @@ class Rules:
     @cached_property
     def of_pedestrian(self) -> Rules:
         """The same rules for a pedestrian as the vehicle: a disc that moves in any direction and sees all exactly."""
-        sensor = PERFECT_SENSOR.model_copy(update={"lidar": self.sensor.lidar})
-        return dataclasses.replace(self, dynamics=FREE, actuation=DIRECT, body=DISC, sensor=sensor)
+        return dataclasses.replace(self, dynamics=FREE, actuation=DIRECT, body=DISC, sensor=PERFECT_SENSOR)
 
     def to_table(self) -> dict[str, Any]:
         """Return the rules as a table for JSON, without fields of vehicle and pedestrians that have their default."""

@@ -209,6 +209,14 @@ def test_without_stable_baselines_a_sentence_says_how_it_is_installed(monkeypatc
         from crowdbench.envs import CrowdVecEnv  # noqa: F401
 
 
+@pytest.mark.parametrize(
+    "wrong", [{"num_envs": 0}, {"num_envs": "3"}, {"num_envs": 10**9}, {"cases": 0}, {"seed": -1}, {"seed": "a"}]
+)
+def test_a_number_that_the_vec_env_cannot_use_gets_one_sentence(wrong):
+    with pytest.raises(InputError, match=rf"^{next(iter(wrong))} is .*, but must be a whole number"):
+        CrowdVecEnv(**{"num_envs": 2, "cases": 4, **wrong})
+
+
 def test_the_vec_env_repeats_itself():
     runs = []
     for _ in range(2):
@@ -312,7 +320,7 @@ def test_rewards_are_asked_only_for_steps_of_episodes():
 def test_a_policy_drives_as_it_was_trained(speed):
     """A planner's command is the velocity that the same action has in the environment."""
     scenario = load_scenario("circle_crossing_5", {"vehicle.preferred_speed": speed})
-    env = CrowdVecEnv(4, scenario, nearest=5, cases=4)
+    env = CrowdVecEnv(4, scenario, action="goal_frame", nearest=5, cases=4)
     seen = env.reset()
     policy = make_policy("ppo")
     inputs = (torch.as_tensor(seen[name], dtype=torch.float32) for name in ("vehicle", "pedestrians"))

@@ -178,6 +178,7 @@ def test_pedestrians_have_the_lidar_of_the_vehicle():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:invalid escape sequence")  # when moviepy is compiled
 def test_videos_are_recorded(tmp_path):
     pytest.importorskip("moviepy", reason="pip install 'crowdbench[video]'")
     one = RecordVideo(gymnasium.make(VEHICLE, render_mode="rgb_array", max_episode_steps=3), str(tmp_path / "one"))

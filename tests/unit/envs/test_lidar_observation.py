@@ -65,15 +65,17 @@ def test_own_numbers_are_relative_to_the_heading():
     assert pedestrian == pytest.approx([4.0, 0.0, 1.0, 0.3, 0.0, 0.0, 0.3, 1.0])
 
 
-def test_every_pedestrian_observes_its_scan_with_the_lidar_of_the_scenario():
+@pytest.mark.parametrize("observation", ["lidar", "dict"])
+def test_every_agent_observes_its_scan_with_the_lidar_of_the_scenario(observation):
     scenario = load_scenario("car_12", {"vehicle.visible": True, "sensor.lidar": NOISY})
-    env = parallel_env(scenario, observation="lidar", dtype="float64")
+    env = parallel_env(scenario, observation=observation, dtype="float64")
     seen, _ = env.reset(options=CASE)
     seen, *_ = env.step({"vehicle": np.array([0.5, 0.1])})
     expected = scan(env._world, Lidar(**NOISY), env._world.radius.shape[1])[0]
     for column, agent in enumerate(env.possible_agents):
         if agent in env.agents:
-            np.testing.assert_array_equal(seen[agent][OWN_NUMBERS:], expected[column])
+            ranges = seen[agent]["lidar"] if observation == "dict" else seen[agent][OWN_NUMBERS:]
+            np.testing.assert_array_equal(ranges, expected[column])
 
 
 def test_people_who_are_out_of_reach_or_hidden_change_no_number():

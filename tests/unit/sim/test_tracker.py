@@ -201,6 +201,7 @@ def test_a_trace_is_stored_and_drawn(tmp_path):
     assert same(read_tracks(tmp_path / "tracks"), trace)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nearest", [None, 3, 7])
 def test_environments_have_a_column_for_each_track(nearest):
     scenario = load_scenario("circle_crossing_5", {**DETECTOR, "sensor.nearest": nearest} if nearest else DETECTOR)
