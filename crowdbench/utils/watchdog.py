@@ -119,8 +119,9 @@ def _end_silent(source: int, process: int) -> None:
         if longest and silent > longest:
             _say(f"a plug-in hangs in compiled code: no Python code has run for {longest:g} s")
             os.kill(process, signal.SIGHUP)
-            time.sleep(TICK)
-            os.kill(process, signal.SIGKILL)
+            has_ended = select.select([source], [], [], 10.0 * TICK)[0]
+            if not has_ended:
+                os.kill(process, signal.SIGKILL)
             return
 
 

@@ -37,6 +37,7 @@ def _few_timed(monkeypatch):
 # A1: the season's seed in the sandbox
 
 
+@pytest.mark.nightly
 def test_a_planner_finds_no_season_no_board_and_no_entry(root, tmp_path, monkeypatch):
     not_timed(monkeypatch)
     names = "season.toml", "frozen.json", "board.toml", "entry.json", "maintainers"
@@ -170,6 +171,7 @@ def think(obs, commands):
 """
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("_few_timed")
 @pytest.mark.parametrize("wait", ["pass", "time.sleep(0.1)"])
 def test_the_time_of_short_lived_children_is_that_of_the_decision(wait, tmp_path, monkeypatch):

@@ -132,7 +132,7 @@ def test_an_interval_is_that_of_students_t_where_many_cases_differ():
     assert pair.error == pytest.approx(1.965 * values.std(ddof=1) / np.sqrt(CASES), rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("entries", "rate", "correlation"), [(3, 0.97, 0.3), (7, 0.99, 0.2)])
 def test_equal_entries_are_told_apart_on_at_most_5_percent_of_boards(entries, rate, correlation):
     repetitions = 120
@@ -142,7 +142,7 @@ def test_equal_entries_are_told_apart_on_at_most_5_percent_of_boards(entries, ra
     assert found["a tier"] <= found["a false sure pair"]  # a tier of equal entries is a false one
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_better_entry_is_found_with_the_power_that_is_printed():
     found = {cases: simulate(3, 0.97, 0.3, 60, BETTER, cases) for cases in (500, 1000)}
     power = {cases: each["the first is surely better than another"] for cases, each in found.items()}

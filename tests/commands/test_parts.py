@@ -171,7 +171,7 @@ def test_a_part_that_another_process_makes_is_left_to_it(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_run_that_is_killed_again_and_again_is_the_whole_in_the_end(whole, tmp_path):
     (tmp_path / "slow.py").write_text(
         "import time\nfrom crowdbench.planners.reactive import ORCAPlanner\n"
@@ -330,7 +330,7 @@ def recipe():
     return command.replace("crowdbench run", f"{sys.executable} -m crowdbench run --record commands")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_tasks_of_the_slurm_recipe_are_killed_and_submitted_again(tmp_path):
     (tmp_path / "slow.py").write_text(
         "import time\nfrom crowdbench.planners.reactive import ORCAPlanner\n"

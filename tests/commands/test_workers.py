@@ -66,7 +66,7 @@ def test_processes_of_this_machine_make_the_whole_also_if_one_is_killed(folder):
     assert digests(again) == digests(folder / "whole")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_two_ray_nodes_make_the_whole_also_if_a_worker_is_killed(folder, monkeypatch):
     pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
@@ -83,7 +83,7 @@ def test_two_ray_nodes_make_the_whole_also_if_a_worker_is_killed(folder, monkeyp
     assert digests(made) == digests(folder / "whole")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_two_dask_workers_make_the_whole_also_if_one_is_killed(folder):
     pytest.importorskip("distributed")
     script = (
@@ -102,7 +102,7 @@ def test_two_dask_workers_make_the_whole_also_if_one_is_killed(folder):
     assert digests(made) == digests(folder / "whole")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_suite_and_a_search_are_shared_out(tmp_path):
     for out, options in (("one", ()), ("two", ("--workers", "2"))):
         command = [sys.executable, "-m", "crowdbench", "suite", "straight", "--cases", "2", "--out", out, *options]

@@ -176,7 +176,7 @@ def test_what_moves_while_its_scenario_is_the_same_asks_for_another_version_of_t
     assert episodes.differences(recorded, found) == [CHANGED[change]]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="needs a processor of x86-64")
 def test_episodes_have_the_same_bits_without_avx_and_fma():
     scenarios = ["circle_crossing_5", "car_12", "doorway_10", "office_8", "restless_20", "crowdnav_plus_20"]

@@ -107,7 +107,7 @@ def test_works_that_are_compared_take_turns():
     assert (ours, theirs) == (4.0, 5.0)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_workers_are_compared_with_one_process(capsys):
     workers.workers("straight", cases=4)
     table = capsys.readouterr().out.splitlines()

@@ -262,7 +262,7 @@ def test_the_example_drives_through_topics_and_is_in_a_table_with_a_planner(tmp_
     assert 0.0 < result.metrics["command_latency"].mean < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_killed_node_and_a_killed_simulator_leave_a_sentence_and_no_run(tmp_path):
     def start(script, *options):
         line = [sys.executable, FOLDER / script, *options]

@@ -48,7 +48,7 @@ def drive_known(draws, middle, width, shared, levels=9):
     return first, {level: second[level] for level in estimate.levels_around(first)}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("middle", "width", "shared"), [(4.3, 0.4, 0.2), (5.5, 1.2, 0.0)])
 def test_a_known_curve_is_found_without_bias_and_as_often_as_the_interval_says(middle, width, shared, monkeypatch):
     monkeypatch.setattr(estimate, "RESAMPLES", 1000)

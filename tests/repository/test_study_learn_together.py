@@ -48,7 +48,7 @@ def test_the_crowd_is_one_by_name():
     assert (np.linalg.norm(together, axis=2) <= world.preferred_speed[:, 1:] + 1e-12).all()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore")
 def test_both_networks_learn_and_the_page_has_a_row_for_each_vehicle(onnx, tmp_path, monkeypatch, capsys):
     pytest.importorskip("supersuit", reason="pip install supersuit")

@@ -148,7 +148,9 @@ def test_a_metric_that_hangs_gets_one_sentence(monkeypatch):
 
 
 COMMAND = """
+import signal
 from crowdbench.utils import defaults, watchdog
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup ignores it
 defaults.START_LIMIT = watchdog.GRACE = watchdog.TICK = 0.2
 watchdog.HANG = 2.0
 from crowdbench.cli import main
