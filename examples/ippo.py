@@ -1,4 +1,6 @@
-"""IPPO (de Witt et al. 2020) in PettingZoo: the vehicle learns one network, all pedestrians share another one.
+"""IPPO (de Witt et al. 2020) in PettingZoo: the vehicle learns a network, and all pedestrians learn another one.
+
+The success is that of the vehicle among pedestrians that have learned.
 
 Needs `pip install 'crowdbench[ppo]' supersuit`. Then: python examples/ippo.py --out ippo.zip
 """
@@ -15,7 +17,7 @@ from torch.nn import Linear, Sequential, Tanh
 
 import crowdbench
 
-SCENARIO, WORLDS, AGENTS, CASES = "circle_crossing_5_visible", 16, 6, 100
+SCENARIO, WORLDS, AGENTS, CASES = "circle_crossing_5_visible", 16, 6, 200
 VIEW = {"observation": "goal_frame", "action": "normalized_goal_frame", "nearest": 5}
 PARAMETERS = {"n_steps": 64, "batch_size": 1024, "n_epochs": 6, "gamma": 0.97, "learning_rate": 7e-4}
 
@@ -26,9 +28,7 @@ class TwoNetworks(BaseFeaturesExtractor):
     def __init__(self, space):
         super().__init__(space, 2 * 64)
         size = space.shape[0] - AGENTS
-        self.vehicle, self.pedestrian = (
-            Sequential(Linear(size, 64), Tanh(), Linear(64, 64), Tanh()) for _ in range(2)
-        )
+        self.vehicle, self.pedestrian = (Sequential(Linear(size, 64), Tanh(), Linear(64, 64), Tanh()) for _ in range(2))
 
     def forward(self, seen):
         """Return the features of both networks, zeros for the network of the other agents."""
@@ -48,16 +48,15 @@ worlds = supersuit.pettingzoo_env_to_vec_env_v1(supersuit.black_death_v3(env))  
 worlds = supersuit.concat_vec_envs_v1(worlds, WORLDS, num_cpus=1, base_class="stable_baselines3")
 worlds.venv.reset(seed=args.seed)
 network = {"features_extractor_class": TwoNetworks, "share_features_extractor": False, "net_arch": []}
+network["log_std_init"] = -0.5
 model = PPO("MlpPolicy", worlds, **PARAMETERS, policy_kwargs=network, device="cpu").learn(args.steps)
 model.save(args.out)
 
-arrived = {agent: 0 for agent in env.possible_agents}
+arrived = 0
 for case in range(CASES):
     seen, _ = env.reset(options={"case": f"val/{case}"})
     while env.agents:
         actions, _ = model.predict(np.array([seen[agent] for agent in env.agents]), deterministic=True)
         seen, _, _, _, infos = env.step(dict(zip(env.agents, actions, strict=True)))
-        for agent, info in infos.items():
-            arrived[agent] += info["is_success"]
-vehicle, *pedestrians = (100 * number / CASES for number in arrived.values())
-print(f"{args.out}: vehicle {vehicle:.1f} % success, pedestrians {np.mean(pedestrians):.1f} %")
+    arrived += infos["vehicle"]["is_success"]
+print(f"{args.out}: {100 * arrived / CASES:.1f} % success on validation cases")
