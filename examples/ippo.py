@@ -1,8 +1,6 @@
-"""IPPO (de Witt et al. 2020) in PettingZoo: the vehicle learns a network, and all pedestrians learn another one.
+"""IPPO (de Witt et al. 2020) in PettingZoo, with a network of the vehicle and one of all pedestrians: examples/ippo.py
 
-The success is that of the vehicle among pedestrians that have learned.
-
-Needs `pip install 'crowdbench[ppo]' supersuit`. Then: python examples/ippo.py --out ippo.zip
+Needs `pip install 'crowdbench[ppo]' supersuit`. It prints the vehicle's success among pedestrians that have learned.
 """
 
 import argparse
