@@ -1,6 +1,6 @@
-"""IPPO (de Witt et al. 2020) in PettingZoo, with a network of the vehicle and one of all pedestrians: examples/ippo.py
+"""IPPO (de Witt et al. 2020) in PettingZoo: one network of the vehicle, one of all pedestrians: python examples/ippo.py
 
-Needs `pip install 'crowdbench[ppo]' supersuit`. It prints the vehicle's success among pedestrians that have learned.
+Needs `pip install '.[ppo]' supersuit`. It prints the vehicle's success among pedestrians that have learned.
 """
 
 import argparse

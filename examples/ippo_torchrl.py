@@ -1,6 +1,6 @@
 """IPPO of TorchRL in PettingZoo, with one network of all agents: python examples/ippo_torchrl.py
 
-Needs `pip install torchrl crowdbench`. It prints the vehicle's success among pedestrians that have learned.
+Needs `pip install torchrl .`. It prints the vehicle's success among pedestrians that have learned.
 """
 
 import argparse

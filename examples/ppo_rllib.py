@@ -1,7 +1,6 @@
 """PPO of RLlib, which simulates all worlds at once: python examples/ppo_rllib.py
 
-Needs an environment of its own, since RLlib pins Gymnasium: `pip install 'ray[rllib]' crowdbench`. 60 updates take X
-minutes on a core, and reach X % success on validation cases.
+Needs an environment of its own, because RLlib pins Gymnasium: `pip install 'ray[rllib]' .`.
 """
 
 import argparse

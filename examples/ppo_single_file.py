@@ -1,7 +1,7 @@
 """PPO (Schulman et al. 2017) in one file, on Gymnasium's vector environment: python examples/ppo_single_file.py
 
-Needs `pip install 'crowdbench[onnx]'`. A time-out counts as the end of an episode, for brevity. 150 updates take X
-minutes on a core, and reach X % success. Then drive the policy as a planner: crowdbench run --planner policy.onnx
+Needs `pip install '.[onnx]'`. Drive the policy as a planner: crowdbench run --planner policy.onnx
+A time-out counts as the end of an episode, for brevity.
 """
 
 import argparse

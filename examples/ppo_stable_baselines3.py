@@ -1,7 +1,6 @@
 """PPO of stable-baselines3, which simulates all worlds at once: python examples/ppo_stable_baselines3.py
 
-Needs `pip install 'crowdbench[ppo,onnx]'`. A million steps take X minutes on a core, and reach X % success.
-Then drive the policy as a planner: crowdbench run --planner policy.onnx
+Needs `pip install '.[ppo,onnx]'`. Drive the policy as a planner: crowdbench run --planner policy.onnx
 """
 
 import argparse

@@ -1,6 +1,6 @@
-"""PPO of Tianshou 2: python examples/ppo_tianshou.py --out policy.pth
+"""PPO of Tianshou: python examples/ppo_tianshou.py
 
-Needs `pip install tianshou crowdbench`. X epochs take X minutes on a core, and reach X % success on validation cases.
+Needs an environment of its own, because Tianshou pins pandas: `pip install tianshou .`.
 """
 
 import argparse

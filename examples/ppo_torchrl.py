@@ -1,7 +1,6 @@
-"""PPO of TorchRL on Gymnasium's vector environment: python examples/ppo_torchrl.py --out policy.onnx
+"""PPO of TorchRL on Gymnasium's vector environment: python examples/ppo_torchrl.py
 
-Needs `pip install torchrl 'crowdbench[onnx]'`. 60 updates take X minutes on a core, and reach X % success.
-Then drive the policy as a planner: crowdbench run --planner policy.onnx
+Needs `pip install torchrl '.[onnx]'`. Drive the policy as a planner: crowdbench run --planner policy.onnx
 """
 
 import argparse
