@@ -23,7 +23,7 @@ KEYS = {name: ("agents", name) for name in ("reward", "done", "terminated", "adv
 SEEN, ACTION, PROBABILITY, LOC, SCALE = (("agents", n) for n in ("observation", "action", "log_prob", "loc", "scale"))
 GROUP = {"group_map": MarlGroupMapType.ALL_IN_ONE_GROUP, "use_mask": True}
 parser = argparse.ArgumentParser()
-parser.add_argument("--updates", type=int, default=160)
+parser.add_argument("--updates", type=int, default=100)
 parser.add_argument("--seed", type=int, default=0)
 args = parser.parse_args()
 torch.manual_seed(args.seed)
