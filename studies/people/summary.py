@@ -31,6 +31,11 @@ def summarize(scores: Sequence[WindowScore]) -> dict[str, Figure]:
     return _estimate(*_columns(scores))
 
 
+def figures(scores: Sequence[WindowScore]) -> dict[str, float]:
+    """Return the figures of a model without intervals."""
+    return dict(zip(STATISTICS, _figures(*_columns(scores), axis=-1).tolist(), strict=True))
+
+
 def compare(scores: Sequence[WindowScore], others: Sequence[WindowScore]) -> dict[str, Figure]:
     """Return the differences of the figures of two models in the same windows."""
     return _estimate(*_columns(scores), *_columns(others))
