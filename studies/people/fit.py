@@ -111,14 +111,14 @@ def search(
 
     best, value = parameters(strategy.x0), -np.inf
     with progress(generations * OFFSPRING) as report:
-        for generation in range(generations):
+        for _ in range(generations):
             points = strategy.ask()
             trials = [parameters(point) for point in points]
             values = [judge(policy, windows, trial) for trial in trials]
             strategy.tell(points, [-each for each in values])
             if max(values) > value:
                 best, value = trials[int(np.argmax(values))], max(values)
-            report((generation + 1) * OFFSPRING)
+            report(OFFSPRING)
     return best, value
 
 
