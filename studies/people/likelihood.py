@@ -104,7 +104,7 @@ def log_frames(
 def _log_closest(
     near: Float[np.ndarray, "rollout person"], nearest: Float[np.ndarray, "person"]
 ) -> Float[np.ndarray, "person"]:
-    """Return the log-likelihood of each person's recorded closest approach, in metres, among those of the rollouts."""
+    """Return the log-likelihood of each person's recorded closest approach, in metres, among all rollouts."""
     counts = (bins_of("closest", near)[..., None] == BIN_NUMBERS).sum(axis=0)
     return np.log(smooth(counts / len(near)))[np.arange(len(nearest)), bins_of("closest", nearest)]
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 BASELINE = "orca"
 """The shipped policy with which others are compared."""
 
-HEADER = ("model", "goal", "v3", "motion", "path", "encounter", "new contacts", "/ recorded")
+HEADER = ("model", "goal", "v3", "motion", "path", "encounter", "new contacts", "ratio to recorded")
 
 Scores = dict[str, list["WindowScore"]]
 """By goal, `shown` or `hidden`, the score in each window."""
@@ -64,7 +64,9 @@ def people(
     rows = [_row(policy, goal, summarize(scores)) for goal, scores in models[policy].items()]
     if baseline is not models[policy]:
         rows += [_row(f"{BASELINE} as shipped", goal, summarize(scores)) for goal, scores in baseline.items()]
-        rows += [_row(difference, goal, compare(scores, baseline[goal])) for goal, scores in models[policy].items()]
+        rows += [
+            _row(difference, goal, compare(scores, baseline[goal]), "+") for goal, scores in models[policy].items()
+        ]
     if references:
         rows += _reference_rows(by_location, data)
     grid = Grid("People", list(HEADER), rows)
@@ -116,14 +118,20 @@ def _reference_rows(by_location: Mapping[str, Sequence[Window]], data: Path) -> 
     return rows + [_row("straight (blind)", goal, summarize(scores)) for goal, scores in blind.items()]
 
 
-def _row(model: str, goal: str, figures: Mapping[str, Figure]) -> list[str]:
-    """Return the row of a model."""
-    cells = [
-        f"{100 * value:.1f} ({100 * low:.1f} to {100 * high:.1f}) %"
-        if name == "contacts"
-        else f"{value:.3f} ({low:.3f} to {high:.3f})"
-        for name, (value, low, high) in figures.items()
-    ]
+def _row(model: str, goal: str, figures: Mapping[str, Figure], sign: str = "-") -> list[str]:
+    """Return the row of a model.
+
+    Args:
+        model: Its name.
+        goal: `shown`, `hidden` or none.
+        figures: Its figures, or differences.
+        sign: `+` to show the sign of positive numbers.
+    """
+    cells = []
+    for name, figure in figures.items():
+        factor, digits = (100.0, f"{sign}.1f") if name == "contacts" else (1.0, f"{sign}.3f")
+        value, low, high = (format(factor * number, digits) for number in figure)
+        cells.append(f"{value} ({low} to {high}){' %' * (name == 'contacts')}")
     return [model, goal, *cells]
 
 

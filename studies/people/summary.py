@@ -59,7 +59,7 @@ def _estimate(*columns: Columns) -> dict[str, Figure]:
 
 
 def _figures(*columns: Columns, axis: int) -> Statistics:
-    """Return the figures of one model, or the differences of those of two."""
+    """Return the figures of one model, or the differences between two models."""
     width = len(THIRDS) + 3
     if len(columns) == 2 * width:
         return _figures(*columns[:width], axis=axis) - _figures(*columns[width:], axis=axis)
