@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,6 +16,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench import InputError
 from crowdbench.cli import ThreadsOption, announce_compilation, help_from_docstring, main, progress, use_threads
+from crowdbench.utils import write_whole
 
 if TYPE_CHECKING:
     from studies.people.windows import Window
@@ -67,15 +69,17 @@ POLICIES: Mapping[str, Mapping[str, Bounds]] = {
 def fit(
     policy: str,
     data: Annotated[Path, typer.Option()],
+    out: Annotated[Path, typer.Option()],
     held_out: str = "",
     generations: int = 20,
     threads: ThreadsOption = None,
 ) -> None:
-    """Print the parameters of the best trial of CMA-ES on all locations but one, and its score there.
+    """Write the options of the best trial of CMA-ES on all locations but one as JSON, for `run.py --fits`.
 
     Args:
         policy: One of `POLICIES`.
         data: The folder with the tracks of ETH/UCY.
+        out: The folder of the file, which has the name of the location that takes no part, or `all`.
         held_out: The location that takes no part; none if not given.
         generations: Number of generations of trials.
     """
@@ -91,9 +95,10 @@ def fit(
     windows = [window for each in read_windows(data, locations).values() for window in each]
     bounds = _bounds(policy)
     best, value = search(policy, windows, bounds, generations)
-    print(f"{policy} on {', '.join(locations)}: {value:.4f}")
-    for name, number in options_of(policy, best).items():
-        print(f"  --option {name}={number}")
+    facts = {"policy": policy, "locations": locations, "trials": generations * OFFSPRING, "score": round(value, 4)}
+    out.mkdir(parents=True, exist_ok=True)
+    with write_whole(out / f"{held_out or 'all'}.json") as file:
+        file.write_text(json.dumps(facts | {"options": options_of(policy, best)}, indent=2) + "\n")
 
 
 def search(

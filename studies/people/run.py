@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -12,6 +13,7 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
+from crowdbench import InputError
 from crowdbench.cli import ThreadsOption, announce_compilation, assignments, help_from_docstring, main, use_threads
 from crowdbench.utils import Format, Grid, markdown, printed_by
 from studies.command import print_study
@@ -36,6 +38,7 @@ def people(
     data: Annotated[Path, typer.Option()],
     option: list[str] | None = None,
     location: list[str] | None = None,
+    fits: Path | None = None,
     references: bool = False,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
@@ -48,6 +51,7 @@ def people(
         option: A parameter of the policy, time_horizon=2, or a key of the scenario, pedestrians.radius=0.18. Repeat it
             for several.
         location: hotel, zara, univ or confirmation; the first three if not given. Repeat it for several.
+        fits: A folder of `fit.py`: each location has the options that were fitted without it.
         references: Add rows of the recording with noise, resampled motion, blind and random walkers.
     """
     use_threads(threads)
@@ -58,8 +62,9 @@ def people(
     options = assignments(option or [], "--option")
     by_location = read_windows(data, location or FOLDS)
     windows = [window for each in by_location.values() for window in each]
-    models = {policy: _score_policy(policy, windows, options)}
-    baseline = models[policy] if policy == BASELINE and not options else _score_policy(BASELINE, windows, {})
+    models = {policy: _score_policy(policy, by_location, options, fits)}
+    is_baseline = policy == BASELINE and not options and not fits
+    baseline = models[policy] if is_baseline else _score_policy(BASELINE, by_location)
     difference = "difference to shipped orca"
     rows = [_row(policy, goal, summarize(scores)) for goal, scores in models[policy].items()]
     if baseline is not models[policy]:
@@ -71,6 +76,7 @@ def people(
         rows += _reference_rows(by_location, data)
     grid = Grid("People", list(HEADER), rows)
     changed = [*_repeat("--option", option), *_repeat("--location", location), *["--references"] * references]
+    changed += ["--fits", str(fits)] if fits else []
     command = shlex.join(["python", "studies/people/run.py", policy, "--data", "DIR", *changed])
     page = [printed_by(command), markdown(grid.header, grid.rows), _describe(windows)]
     print_study([grid], [grid], "\n\n".join(page), format)
@@ -86,13 +92,35 @@ def _describe(windows: Sequence[Window]) -> str:
     return f"{len(windows)} windows, {persons} persons, {conflict} of them in conflict. 95 % intervals over windows."
 
 
-def _score_policy(policy: str, windows: Sequence[Window], options: Mapping[str, Any]) -> Scores:
+def _score_policy(
+    policy: str,
+    by_location: Mapping[str, Sequence[Window]],
+    options: Mapping[str, Any] | None = None,
+    fits: Path | None = None,
+) -> Scores:
     """Return the scores of a policy with the goal shown and with the goal hidden."""
     from studies.people.likelihood import score
     from studies.people.simulate import simulate
 
-    goals = {"shown": False, "hidden": True}
-    return {goal: score(windows, simulate(policy, windows, options, hidden=hidden)) for goal, hidden in goals.items()}
+    scores: Scores = {"shown": [], "hidden": []}
+    for location, windows in by_location.items():
+        own = {**_fitted(fits, location), **(options or {})}
+        for goal, found in scores.items():
+            found += score(windows, simulate(policy, windows, own, hidden=goal == "hidden"))
+    return scores
+
+
+def _fitted(fits: Path | None, location: str) -> dict[str, Any]:
+    """Return the options that were fitted without a location; none without a folder of fits."""
+    from studies.people.windows import PLACE
+
+    if fits is None:
+        return {}
+    file = fits / f"{PLACE.get(location, location)}.json"
+    if not file.is_file():
+        raise InputError(f"{fits} has no {file.name}: run `python studies/people/fit.py --held-out {file.stem}`")
+    options: dict[str, Any] = json.loads(file.read_text())["options"]
+    return options
 
 
 def _reference_rows(by_location: Mapping[str, Sequence[Window]], data: Path) -> list[list[str]]:
@@ -114,7 +142,7 @@ def _reference_rows(by_location: Mapping[str, Sequence[Window]], data: Path) -> 
         "random": map(random_walkers, windows),
     }
     rows = [_row(name, "-", summarize(score(windows, list(places)))) for name, places in rollouts.items()]
-    blind = _score_policy("straight", windows, {})
+    blind = _score_policy("straight", by_location)
     return rows + [_row("straight (blind)", goal, summarize(scores)) for goal, scores in blind.items()]
 
 

@@ -1,7 +1,7 @@
 """Pedestrians with a network that was trained on recorded people, and ORCA as its filter, see studies/people.
 
-The network predicts a pedestrian's mean velocity over the next 1.2 s from its own motion, its goal, and the nearest agents.
-ORCA (van den Berg et al. 2011) takes this velocity as the preferred one.
+The network predicts a pedestrian's mean velocity over the next 1.2 s from its own motion, its goal and the nearest
+agents. ORCA (van den Berg et al. 2011) takes this velocity as the preferred one.
 """
 
 from collections.abc import Mapping
@@ -37,12 +37,12 @@ class LearnedPeople(PedestrianPolicy):
 
     def __init__(self) -> None:
         weights = load_file(WEIGHTS)
-        self.weights = [weights[name].astype(np.float64) for name in sorted(weights)]
+        self.weights = [np.ascontiguousarray(weights[name].T, np.float64) for name in sorted(weights)]
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`."""
         here = world.position, world.velocity, goals_on_way(world), world.preferred_speed, world.present
-        wanted = preferred_velocities(observe(*here), *here[:4], *self.weights)
+        wanted = preferred_velocities(observe(*here), *here, *self.weights)
         return orca_velocities(
             world.position,
             world.velocity,
@@ -124,20 +124,20 @@ def _observe_nearest(position, velocity, present, i, x, y, row):
 
 @no_type_check
 @njit
-def preferred_velocities(observed, position, velocity, goal, speed, b0, b1, b2, w0, w1, w2):
+def preferred_velocities(observed, position, velocity, goal, speed, present, b0, b1, b2, w0, w1, w2):
     """Return the network's velocity of each agent in m/s, `[world, agent, 2]`.
 
-    The outputs are the changes, in the frame of `observe`, of the velocity towards the goal at the preferred speed. Rows
-    are computed separately, because matrix products depend on the batch.
+    The outputs are the changes, in the frame of `observe`, of the velocity towards the goal at the preferred speed.
+    Rows are computed separately, because matrix products depend on the batch.
     """
     wanted = np.zeros(position.shape)
     for w in range(len(observed)):
         for i in range(observed.shape[1]):
-            change = _network(observed[w, i], b0, b1, b2, w0, w1, w2)
             to_goal = goal[w, i] - position[w, i]
             distance = np.sqrt(to_goal[0] ** 2 + to_goal[1] ** 2)
-            if distance < 1e-9:
+            if distance < 1e-9 or not present[w, i]:
                 continue
+            change = _network(observed[w, i], b0, b1, b2, w0, w1, w2)
             x, y = to_goal[0] / distance, to_goal[1] / distance
             ahead, left = min(speed[w, i], distance) + change[0], change[1]
             wanted[w, i, 0] = x * ahead - y * left
@@ -148,12 +148,12 @@ def preferred_velocities(observed, position, velocity, goal, speed, b0, b1, b2, 
 @no_type_check
 @njit
 def _network(values, b0, b1, b2, w0, w1, w2):
-    """Return the output of a network with two hidden layers of tanh."""
+    """Return the output of a network with two hidden layers of tanh; weights are `[input, unit]`."""
     for layer, (weight, bias) in enumerate(((w0, b0), (w1, b1), (w2, b2))):
         out = bias.copy()
-        for unit in range(len(out)):
-            for index in range(len(values)):
-                out[unit] += weight[unit, index] * values[index]
+        for index in range(len(values)):
+            for unit in range(len(out)):
+                out[unit] += weight[index, unit] * values[index]
         values = np.tanh(out) if layer < 2 else out
     return values
 
