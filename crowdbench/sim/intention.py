@@ -150,4 +150,5 @@ def _update(begin, end, habits, dt, scene, people, shown, state):
             known[w, p], max_speed[w, p] = person[w, p], max(speed, length)
             noise[w, p, 0], noise[w, p, 1], intended[w, p, 0], intended[w, p, 1] = zx, zy, ux, uy
             far = max(distance, AHEAD * length) / length if length > SLOWEST * speed else 1.0
-            pace[w, a], goal[w, a, 0], goal[w, a, 1] = max(length, SLOWEST * speed), x + far * ux, y + far * uy
+            if speed > 0.0:
+                pace[w, a], goal[w, a, 0], goal[w, a, 1] = max(length, SLOWEST * speed), x + far * ux, y + far * uy
