@@ -21,6 +21,7 @@ from .pedestrians.policy import Velocities as Velocities
 from .pedestrians.recorded import Recorded as Recorded
 from .pedestrians.social_force import SocialForce as SocialForce
 from .pedestrians.social_force import social_force_velocities as social_force_velocities
+from .presence import come_and_go as come_and_go
 from .routes import goals_on_way as goals_on_way
 from .sensor import observe as observe
 from .simulator import advance as advance

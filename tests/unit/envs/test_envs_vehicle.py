@@ -1,23 +1,18 @@
 import subprocess
 import sys
-from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from helpers import drive
-from stable_baselines3 import PPO
 
 from crowdbench.core.types import Outcome
 from crowdbench.drawing import LIGHT
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
-from crowdbench.plugins.kind import load_module
 from crowdbench.utils.errors import InputError
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
 N = 4
 
 
@@ -134,31 +129,6 @@ def test_where_autoreset_is_disabled_an_ended_world_waits_for_its_reset():
         envs.step(np.zeros((2, 2)))
     envs.reset()
     envs.step(np.zeros((2, 2)))
-
-
-def exported(example, folder, *arguments, **settings):
-    """The policy that an example trains for some seconds."""
-    pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed: pip install 'crowdbench[onnx]'")
-    load_module(EXAMPLES / f"{example}.py").train(*arguments, minutes=0.05, **settings)
-    return folder / "policy.onnx"
-
-
-@pytest.mark.slow
-def test_stable_baselines_trains_on_it_and_its_exported_policy_drives_as_a_planner(tmp_path):
-    arguments = 10**9, "circle_crossing_5", 0, tmp_path / "policy.onnx"
-    trace = drive(str(exported("train_ppo", tmp_path, *arguments, worlds=16)), "6")
-    assert (trace.outcome != Outcome.RUNNING).all()
-    speed = np.hypot(*np.moveaxis(trace.velocity[:, 1:, 0], -1, 0))
-    assert 0.0 < np.nanmax(speed) <= 1.0 + 1e-6
-    assert PPO.load(tmp_path / "policy.zip").num_timesteps > 0
-
-
-@pytest.mark.slow
-def test_ppo_in_one_file_trains_on_many_worlds_and_its_exported_policy_drives_as_a_planner(tmp_path, capsys):
-    settings = {"scenario": "circle_crossing_5", "seed": 0, "out": tmp_path / "policy.onnx"}
-    trace = drive(str(exported("single_file_ppo", tmp_path, **settings)), "6")
-    assert (trace.outcome != Outcome.RUNNING).all()
-    assert f"exported {tmp_path / 'policy.onnx'}" in capsys.readouterr().out
 
 
 def has(picture, color):

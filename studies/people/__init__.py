@@ -1,0 +1,1 @@
+"""A score of pedestrian models: how likely recorded people are among simulated ones. See definition.md."""

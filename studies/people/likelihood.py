@@ -1,0 +1,121 @@
+"""The score: log-likelihoods of the recording among the rollouts of a model. See definition.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from studies.people.encounters import Places, closest_approach
+from studies.people.features import BINS, CONTACT, bins_of, per_frame
+from studies.people.windows import BLOCK, Window
+
+UNIFORM = 0.05
+"""Share of the uniform distribution in every probability."""
+
+BIN_NUMBERS = np.arange(BINS + 1)
+
+THIRDS: Mapping[str, tuple[str, ...]] = {
+    "motion": ("speed", "acceleration", "turning"),
+    "path": ("along", "lateral"),
+    "encounter": ("closest", "contact"),
+}
+"""The features of each third of the score."""
+
+
+@dataclass(frozen=True)
+class WindowScore:
+    """The score of a model in a window.
+
+    Attributes:
+        log: Mean log-likelihood of each third over persons; NaN if no person has it.
+        contacts: Mean number of scored persons with a new contact in a rollout.
+        recorded: Number of scored persons with a new contact in the recording.
+        persons: Number of scored persons.
+    """
+
+    log: Mapping[str, float]
+    contacts: float
+    recorded: int
+    persons: int
+
+
+def score_window(window: Window, places: Places) -> WindowScore:
+    """Return the score of rollouts in a window.
+
+    Args:
+        window: The window.
+        places: Positions in its rollouts in metres.
+    """
+    persons, truth = window.scored, window.future[None]
+    simulated, recorded = per_frame(window, places), per_frame(window, truth)
+    here = window.present[1:, persons]
+    of_person = {
+        name: log_frames(
+            bins_of(name, simulated[name][..., persons]), bins_of(name, recorded[name][0][..., persons]), here
+        )
+        for name in simulated
+    }
+    near = closest_approach(places, window.strangers, persons)
+    nearest = closest_approach(truth, window.strangers, persons)[0]
+    conflict = window.conflict[persons]
+    touches, touched = near < CONTACT, nearest < CONTACT
+    share = (1.0 - UNIFORM) * touches.mean(axis=0) + UNIFORM / 2.0
+    of_person["closest"] = np.where(conflict, _log_closest(near, nearest), np.nan)
+    of_person["contact"] = np.where(conflict, np.log(np.where(touched, share, 1.0 - share)), np.nan)
+    thirds = {third: np.mean([of_person[name] for name in names], axis=0) for third, names in THIRDS.items()}
+    return WindowScore(
+        {third: float(np.nanmean(log)) if np.isfinite(log).any() else np.nan for third, log in thirds.items()},
+        float(touches.mean(axis=0).sum()),
+        int(touched.sum()),
+        int(persons.sum()),
+    )
+
+
+def score(windows: Sequence[Window], rollouts: Sequence[Places]) -> list[WindowScore]:
+    """Return the score of rollouts in each window."""
+    return [score_window(window, places) for window, places in zip(windows, rollouts, strict=True)]
+
+
+def log_frames(
+    simulated: Int[np.ndarray, "rollout frame person"],
+    recorded: Int[np.ndarray, "frame person"],
+    here: Bool[np.ndarray, "frame person"],
+) -> Float[np.ndarray, "person"]:
+    """Return each person's mean log-likelihood of the recorded bins, in the histograms of their blocks.
+
+    Args:
+        simulated: The bin in each rollout.
+        recorded: The recorded bin.
+        here: True in the frames that count.
+    """
+    total = np.zeros(here.shape[1])
+    for first in range(0, len(here), BLOCK):
+        frames = slice(first, first + BLOCK)
+        counts = ((simulated[:, frames, :, None] == BIN_NUMBERS) & here[frames, :, None]).sum(axis=(0, 1))
+        samples = np.maximum(len(simulated) * here[frames].sum(axis=0), 1)
+        logs = np.log(smooth(counts / samples[:, None]))[np.arange(here.shape[1]), recorded[frames]]
+        total += np.where(here[frames], logs, 0.0).sum(axis=0)
+    return total / here.sum(axis=0)
+
+
+def _log_closest(
+    near: Float[np.ndarray, "rollout person"], nearest: Float[np.ndarray, "person"]
+) -> Float[np.ndarray, "person"]:
+    """Return the log-likelihood of each person's recorded closest approach, in metres, among all rollouts."""
+    counts = (bins_of("closest", near)[..., None] == BIN_NUMBERS).sum(axis=0)
+    return np.log(smooth(counts / len(near)))[np.arange(len(nearest)), bins_of("closest", nearest)]
+
+
+def smooth(share: Float[np.ndarray, "person bin"]) -> Float[np.ndarray, "person bin"]:
+    """Return histograms after the kernel 1/4 1/2 1/4, mixed with a uniform distribution.
+
+    At both ends the kernel's outer part stays in the bin. The last bin, of undefined values, is not smoothed.
+    """
+    inner = share[:, :BINS]
+    padded = np.concatenate([inner[:, :1], inner, inner[:, -1:]], axis=1)
+    kernel = padded[:, :-2] / 4.0 + inner / 2.0 + padded[:, 2:] / 4.0
+    mixed = np.concatenate([kernel, share[:, BINS:]], axis=1)
+    return (1.0 - UNIFORM) * mixed + UNIFORM / (BINS + 1)

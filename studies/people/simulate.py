@@ -1,0 +1,126 @@
+"""Rollouts of recorded windows: pedestrians of a policy start, come and go as recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench import Scenario, World, load_scenario
+from crowdbench.core import HISTORY as STATES
+from crowdbench.core import pad_arrays
+from crowdbench.plugins import plugin_name
+from crowdbench.scenario import ETH_UCY_DT
+from crowdbench.sim import come_and_go, crowd_decisions, init_memories, step_pedestrians
+from studies.people.windows import HISTORY, Window, by_size
+
+SCENARIO = Path(__file__).with_name("window.toml")
+
+ROLLOUTS = 32
+
+MIN_SPEED = 1e-3
+"""Smallest preferred speed in m/s, for persons that stood still."""
+
+MOST_ROLLOUTS = 1000
+"""More than any number of rollouts. A case is the number of a window times this number, plus that of a rollout."""
+
+MOST_WORLDS = 1024
+"""Worlds of a batch: their arrays take some 100 MB."""
+
+Rollouts = list[Float[np.ndarray, "rollout time person 2"]]
+"""By window, positions in metres in its frames from the start on; NaN for absent persons."""
+
+
+def simulate(
+    policy: str,
+    windows: Sequence[Window],
+    options: Mapping[str, Any] | None = None,
+    *,
+    hidden: bool = False,
+    rollouts: int = ROLLOUTS,
+) -> Rollouts:
+    """Simulate windows several times. A window gives the same rollouts alone and in any batch.
+
+    Args:
+        policy: The name of a pedestrian policy, or a file with one.
+        windows: The windows.
+        options: Parameters of the policy by name, and keys of the scenario that start with `pedestrians.`.
+        hidden: True if pedestrians walk to an extrapolated goal.
+        rollouts: Number of rollouts.
+
+    Raises:
+        InputError: There is no such policy, an option is wrong, or the policy fails.
+    """
+    options = options or {}
+    name = plugin_name(policy)
+    changes = {key if key.startswith("pedestrians.") else f"pedestrians.{name}.{key}": options[key] for key in options}
+    positions: Rollouts = []
+    for batch in by_size(windows, max(1, MOST_WORLDS // rollouts)):
+        number = max(len(window.group) for window in batch)
+        scenario = load_scenario(str(SCENARIO), {"pedestrians.number": number, **changes}, pedestrians=policy)
+        places = _walk(scenario, _worlds(scenario, batch, hidden, rollouts))
+        shape = len(batch), rollouts, *places.shape[1:]
+        for window, place in zip(batch, places.reshape(shape), strict=True):
+            positions.append(place[:, :, : len(window.group)])
+    return positions
+
+
+def _walk(scenario: Scenario, world: World) -> Float[np.ndarray, "world time person 2"]:
+    """Simulate worlds until the end of their tracks, and return positions in metres in the frames of the recording."""
+    every, positions = round(ETH_UCY_DT / scenario.rules.dt), []
+    for step in range(world.track.shape[1]):
+        if step % every == 0:
+            positions.append(np.where(world.present[:, 1:, None], world.position[:, 1:], np.nan))
+        crowd, world = crowd_decisions(world, scenario.policies)
+        world = step_pedestrians(world, crowd, come_and_go)
+    return np.stack(positions, axis=1)
+
+
+def _worlds(scenario: Scenario, windows: Sequence[Window], hidden: bool, rollouts: int) -> World:
+    """Return worlds at the start of windows: for each window one for each rollout."""
+    # The numbers of cases, from which random numbers derive, do not depend on the other windows.
+    cases = np.array([MOST_ROLLOUTS * window.case + rollout for window in windows for rollout in range(rollouts)])
+    world = scenario.draw("test", cases)
+
+    def stack(arrays: Iterable[np.ndarray], padding: float) -> np.ndarray:
+        return np.repeat(pad_arrays(list(arrays), padding), rollouts, axis=0)
+
+    def with_vehicle(vehicle: np.ndarray, arrays: Iterable[np.ndarray], padding: float) -> np.ndarray:
+        return np.concatenate([vehicle[:, :1], stack(arrays, padding)], axis=1)
+
+    fine = [_refine(window.position, round(ETH_UCY_DT / scenario.rules.dt)) for window in windows]
+    now = round(HISTORY * ETH_UCY_DT / scenario.rules.dt)
+    track = stack((path[now:] for path in fine), np.nan)
+    position = with_vehicle(world.position, (window.first for window in windows), 0.0)
+    speeds = (np.maximum(window.speed, MIN_SPEED) for window in windows)
+    world = world.replace(
+        position=position,
+        origin=position.copy(),
+        velocity=with_vehicle(world.velocity, (window.velocity for window in windows), 0.0),
+        goal=with_vehicle(world.goal, (window.goals(hidden=hidden) for window in windows), 0.0),
+        preferred_speed=with_vehicle(world.preferred_speed, speeds, 1.0),
+        present=np.concatenate([world.present[:, :1], np.isfinite(track[:, 0, :, 0])], axis=1),
+        track=track,
+        history=stack((_fill(path)[now + 1 - STATES : now + 1] for path in fine), 0.0),
+        memory={name: {} for name in scenario.policies},
+    )
+    return init_memories(world, scenario.policies)
+
+
+def _refine(path: Float[np.ndarray, "time person 2"], parts: int) -> Float[np.ndarray, "moment person 2"]:
+    """Return positions at `parts` times as many moments, linear between frames; NaN unless both are known."""
+    fine = np.full((parts * (len(path) - 1) + 1, *path.shape[1:]), np.nan)
+    for part in range(1, parts):
+        fine[part::parts] = path[:-1] + part / parts * np.diff(path, axis=0)
+    fine[::parts] = path
+    return fine
+
+
+def _fill(path: Float[np.ndarray, "time person 2"]) -> Float[np.ndarray, "time person 2"]:
+    """Return positions with each person's first one repeated before it."""
+    first = np.isfinite(path[..., 0]).argmax(axis=0)
+    before = np.arange(len(path))[:, None] < first
+    return np.where(before[..., None], path[first, np.arange(path.shape[1])], path)

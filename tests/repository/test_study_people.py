@@ -1,0 +1,363 @@
+"""The score of pedestrian models: windows, rollouts, likelihoods, references, and what leads."""
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from crowdbench.cli.app import build_script
+from crowdbench.scenario.tracks.recorded_tracks import FRAME_STEP, RecordedTracks
+from crowdbench.utils.errors import InputError
+from studies.people.encounters import NEAR, closest_approach
+from studies.people.features import BINS, RANGES, bins_of, per_frame
+from studies.people.groups import find_groups
+from studies.people.likelihood import THIRDS, UNIFORM, score, score_window
+from studies.people.references import random_walkers, recording_with_noise, resampled_motion
+from studies.people.run import people
+from studies.people.simulate import simulate
+from studies.people.summary import compare, summarize
+from studies.people.windows import BEYOND, FUTURE, HISTORY, cut, read_windows
+
+DT = 0.4
+STATES = HISTORY + FUTURE + 1
+
+
+def recording(*paths, name="mine"):
+    """A recording of paths `[time, 2]`; absent where NaN."""
+    rows = [
+        (FRAME_STEP * t, person, *point)
+        for person, path in enumerate(paths)
+        for t, point in enumerate(np.asarray(path, float))
+        if np.isfinite(point[0])
+    ]
+    frame, person, x, y = np.array(rows).T
+    return RecordedTracks(name, frame.astype(int), person.astype(int), np.stack([x, y], axis=1))
+
+
+def walk(start, velocity, frames=STATES, first=0):
+    path = np.array(start, float) + DT * np.arange(frames)[:, None] * np.array(velocity, float)
+    path[:first] = np.nan
+    return path
+
+
+def crossings(seed=0, windows=6, name="mine"):
+    """Windows in which four persons meet in the middle of the future."""
+    random, found = np.random.default_rng(seed), []
+    for number in range(windows):
+        speed = random.uniform(0.9, 1.4, 4)
+        angle = np.pi / 2 * np.arange(4) + random.uniform(-0.3, 0.3, 4)
+        ahead = np.stack([np.cos(angle), np.sin(angle)], axis=1) * speed[:, None]
+        starts = -6.0 * ahead + random.uniform(-0.2, 0.2, (4, 2))
+        found += cut(recording(*map(walk, starts, ahead), name=f"{name}{number}"))
+    return found
+
+
+def recorded_by(policy, windows, options=None):
+    """The windows with a rollout of a policy as the recording."""
+    remade = []
+    for window, places in zip(windows, simulate(policy, windows, options, rollouts=1), strict=True):
+        paths = np.concatenate([window.position[:HISTORY], places[0]]).swapaxes(0, 1)
+        remade += cut(recording(*paths, name=window.name))
+    return remade
+
+
+def v3(policy, windows, options=None):
+    return summarize(score(windows, simulate(policy, windows, options)))["v3"].value
+
+
+def test_futures_follow_each_other_and_have_the_history_before():
+    tracks = recording(walk((0, 0), (1, 0), HISTORY + 2 * FUTURE + 1))
+    first, second = cut(tracks)
+    assert first.position.shape == (STATES, 1, 2)
+    assert first.future[-1, 0] == pytest.approx(second.future[0, 0])
+    assert (first.number, second.number, first.case == second.case) == (0, 1, False)
+
+
+def test_persons_count_if_they_are_there_for_the_history_and_two_seconds():
+    leaves = walk((0, 9), (1, 0))
+    leaves[HISTORY + 5 :] = np.nan
+    (window,) = cut(recording(walk((0, 0), (1, 0)), walk((0, 5), (1, 0), first=1), leaves))
+    assert window.scored.tolist() == [True, False, False]
+
+
+def test_gaps_of_a_track_are_linear_in_between():
+    path = walk((0, 0), (1, 0.5))
+    whole = cut(recording(path))[0]
+    path[7:9] = np.nan
+    assert cut(recording(path))[0].position == pytest.approx(whole.position)
+
+
+def test_speed_velocity_and_goals_come_from_the_history():
+    path = walk((0, 0), (1, 0), 60)
+    path[HISTORY + 1 :, 1] = DT * np.arange(60 - HISTORY - 1)
+    window = cut(recording(path))[0]
+    assert window.speed == pytest.approx([1.0])
+    assert window.velocity[0] == pytest.approx([1.0, 0.0])
+    end = path[-1] - window.first[0]
+    shown = path[-1] + BEYOND * end / np.hypot(*end)
+    assert window.goals(hidden=False)[0] == pytest.approx(shown)
+    assert window.goals(hidden=True)[0] == pytest.approx([HISTORY * DT + FUTURE * DT + BEYOND, 0.0])
+
+
+def test_later_persons_have_the_speed_and_velocity_of_their_first_steps():
+    (window,) = cut(recording(walk((0, 0), (1, 0)), walk((0, 5), (0.5, 0), first=HISTORY + 3)))
+    assert window.speed[1] == pytest.approx(0.5)
+    assert window.velocity[1] == pytest.approx([0.5, 0.0])
+    assert window.first[1] == pytest.approx([0.5 * DT * (HISTORY + 3), 5.0])
+
+
+def test_groups_walk_together_for_four_seconds():
+    position = np.stack(
+        [walk((0, 0), (1, 0)), walk((0, 1), (1, 0)), walk((0, 2.2), (1, 0)), walk((0, -1), (-1, 0))], axis=1
+    )
+    assert find_groups(position).tolist() == [0, 0, 0, 1]
+    position[9:, 1] = np.nan
+    assert len(set(find_groups(position).tolist())) == 4
+
+
+def test_conflicts_are_with_strangers_who_are_apart():
+    meeting = walk((0, 0), (1, 0)), walk((10, 0.3), (-1, 0))
+    assert cut(recording(*meeting))[0].conflict.tolist() == [True, True]
+    assert cut(recording(meeting[0], walk((10, 0.7), (-1, 0))))[0].conflict.tolist() == [False, False]
+    assert cut(recording(meeting[0], walk((0, 0.5), (1, 0))))[0].conflict.tolist() == [False, False], "a group"
+
+
+def closest_slowly(places, strangers, person):
+    """The closest approach by a fine sampling of each step."""
+    found = []
+    for rollout in places:
+        least = math.inf
+        for other in range(rollout.shape[1]):
+            apart = rollout[:, other] - rollout[:, person]
+            there = np.flatnonzero(np.isfinite(apart[:, 0]))
+            if not strangers[person, other] or not len(there) or np.hypot(*apart[there[0]]) <= NEAR:
+                continue
+            least = min(least, *np.hypot(*apart[there].T))
+            for t in there[:-1]:
+                if t + 1 in there:
+                    share = np.linspace(0.0, 1.0, 1001)[:, None]
+                    least = min(least, np.hypot(*((1 - share) * apart[t] + share * apart[t + 1]).T).min())
+        found.append(least)
+    return found
+
+
+def test_closest_approaches_equal_a_slow_reference():
+    random = np.random.default_rng(0)
+    places = np.cumsum(random.normal(size=(3, 21, 6, 2)), axis=1) + 3.0 * random.normal(size=(3, 1, 6, 2))
+    places[:, :4, 1], places[:, 9:, 2], places[:, 1:, 3], places[:, :9, 4] = np.nan, np.nan, np.nan, np.nan
+    strangers = ~np.eye(6, dtype=bool)
+    strangers[0, 5] = strangers[5, 0] = False
+    found = closest_approach(places, strangers, np.ones(6, bool))
+    for person in range(6):
+        assert found[:, person] == pytest.approx(closest_slowly(places, strangers, person), abs=2e-3)
+
+
+def log_slowly(samples, truth, feature):
+    """The log-likelihood of a value among samples, by the definition's words."""
+    low, high = RANGES[feature]
+    shares = [0.0] * (BINS + 1)
+
+    def bin_of(value):
+        return BINS if not math.isfinite(value) else min(max(int((value - low) // ((high - low) / BINS)), 0), BINS - 1)
+
+    for sample in samples:
+        place = bin_of(sample)
+        for other, part in ((place - 1, 0.25), (place, 0.5), (place + 1, 0.25)):
+            shares[place if place == BINS else min(max(other, 0), BINS - 1)] += part / len(samples)
+    return math.log(0.95 * shares[bin_of(truth)] + 0.05 / 21)
+
+
+def score_slowly(window, places):
+    """The mean log-likelihoods of the thirds, person by person and frame by frame."""
+    simulated, truth = per_frame(window, places), per_frame(window, window.future[None])
+    thirds = {third: [] for third in THIRDS}
+    for person in np.flatnonzero(window.scored):
+        frames = [t for t in range(FUTURE) if window.present[t + 1, person]]
+        for third in ("motion", "path"):
+            logs = [
+                np.mean(
+                    [
+                        log_slowly(
+                            simulated[name][:, [f for f in frames if f // 5 == t // 5], person].ravel(),
+                            truth[name][0, t, person],
+                            name,
+                        )
+                        for t in frames
+                    ]
+                )
+                for name in THIRDS[third]
+            ]
+            thirds[third].append(np.mean(logs))
+        if window.conflict[person]:
+            near = closest_slowly(places, window.strangers, person)
+            nearest = closest_slowly(window.future[None], window.strangers, person)[0]
+            chance = 0.95 * np.mean(np.array(near) < 0.4) + 0.025
+            contact = math.log(chance if nearest < 0.4 else 1.0 - chance)
+            thirds["encounter"].append((log_slowly(near, nearest, "closest") + contact) / 2)
+    return {third: np.mean(logs) if logs else np.nan for third, logs in thirds.items()}
+
+
+def test_log_likelihoods_equal_a_slow_reference():
+    standing, leaving = walk((3, 3), (0, 0)), walk((-8, 0), (1.2, 0.3))
+    leaving[HISTORY + 9 :] = np.nan
+    meeting = walk((0, 0), (1.01, 0)), walk((10, 0.2), (-1.02, 0)), walk((4, -9), (0, 1.31), first=HISTORY + 2)
+    (window,) = cut(recording(*meeting, standing, leaving))
+    random = np.random.default_rng(1)
+    places = window.future + np.cumsum(random.normal(0.0, 0.15, (4, *window.future.shape)), axis=1)
+    places[:, 0] = window.future[0]
+    assert score_window(window, places).log == pytest.approx(score_slowly(window, places), abs=1e-9)
+    assert score_window(window, window.future[None]).log == pytest.approx(score_slowly(window, window.future[None]))
+
+
+def test_undefined_values_have_a_bin_of_their_own():
+    values = np.array([-1.0, 0.0, 0.149, 0.151, 2.99, 9.0, np.nan, np.inf])
+    assert bins_of("speed", values).tolist() == [0, 0, 0, 1, 19, 19, BINS, BINS]
+
+
+def test_new_contacts_count_persons_and_not_groups():
+    apart, meeting = walk((0, 0), (1, 0)), walk((10, 0.1), (-1, 0))
+    (window,) = cut(recording(apart, meeting, walk((0, 0.3), (1, 0))))
+    found = score_window(window, np.repeat(window.future[None], 2, axis=0))
+    assert (found.recorded, found.contacts, found.persons) == (3, 3.0, 3)
+    (window,) = cut(recording(apart, walk((0, 0.3), (1, 0))))
+    assert score_window(window, window.future[None]).recorded == 0
+
+
+def test_people_come_and_go_as_recorded_and_start_with_the_recorded_velocity():
+    leaves, comes = walk((0, 3), (1, 0)), walk((0, 6), (1, 0), first=HISTORY + 4)
+    leaves[HISTORY + 9 :] = np.nan
+    windows = cut(recording(walk((0, 0), (1, 0)), leaves, comes))
+    (places,) = simulate("straight", windows, rollouts=2)
+    assert (np.isfinite(places[..., 0]) == windows[0].present).all()
+    assert places[0] == pytest.approx(windows[0].future, abs=1e-9, nan_ok=True), "straight walkers, simulated straight"
+
+
+def test_a_window_has_the_same_rollouts_alone_and_in_a_batch():
+    windows = crossings(windows=3)
+    together = simulate("social_force", windows)
+    alone = simulate("social_force", windows[2:])
+    assert (together[2] == alone[0]).all()
+    assert score(windows, together) == score(windows, simulate("social_force", windows))
+    assert not (together[0][0] == together[0][1]).all(), "rollouts have other random numbers"
+
+
+@pytest.mark.parametrize(("truth", "other"), [("orca", "straight"), ("social_force", "orca"), ("straight", "orca")])
+def test_the_model_that_made_the_tracks_has_the_best_score(truth, other):
+    windows = recorded_by(truth, crossings())
+    assert v3(truth, windows) > v3(other, windows) + 0.02
+
+
+def test_no_disperser_and_no_collider_leads():
+    windows = recorded_by("orca", crossings())
+    best = v3("orca", windows)
+    references = {
+        "random": score(windows, list(map(random_walkers, windows))),
+        "dispersing": score(windows, simulate("social_force", windows, {"repulsion_strength": 50.0})),
+        "colliding": score(windows, simulate("straight", windows)),
+    }
+    for name, scores in references.items():
+        assert summarize(scores)["v3"].value < best - 0.05, name
+    assert summarize(references["colliding"])["contacts"].value > 0.5
+
+
+def test_goals_that_are_hidden_are_worth_less():
+    windows = recorded_by("orca", crossings())
+    turned = []
+    for window in windows:
+        paths = window.position.swapaxes(0, 1).copy()
+        paths[:, HISTORY + 1 :] += 0.3 * DT * np.arange(1, FUTURE + 1)[:, None] * [[0.0, 1.0]]
+        turned += cut(recording(*paths, name=window.name))
+    shown = summarize(score(turned, simulate("orca", turned)))["path"].value
+    hidden = summarize(score(turned, simulate("orca", turned, hidden=True)))["path"].value
+    assert shown > hidden
+
+
+def test_references_start_where_people_do_and_leave_as_recorded():
+    windows, donors = crossings(windows=2), crossings(1, 12, "other")
+    for places in (
+        recording_with_noise(windows[0]),
+        random_walkers(windows[0]),
+        resampled_motion(windows[0], donors),
+    ):
+        assert places.shape == (32, *windows[0].future.shape)
+        assert places[:, 0] == pytest.approx(np.repeat(windows[0].future[:1], 32, axis=0))
+        assert (np.isfinite(places[..., 0]) == windows[0].present).all()
+    straight = resampled_motion(windows[0], donors)
+    assert per_frame(windows[0], straight)["lateral"] == pytest.approx(0.0, abs=1e-9), "donors walk straight ahead"
+
+
+def test_the_recording_with_noise_leads_in_tracks_that_no_model_made():
+    windows = crossings()
+    noisy = summarize(score(windows, list(map(recording_with_noise, windows))))
+    assert noisy["v3"].value > summarize(score(windows, list(map(random_walkers, windows))))["v3"].value + 0.1
+
+
+def test_differences_are_paired():
+    windows = crossings()
+    scores, others = (score(windows, simulate(name, windows)) for name in ("orca", "straight"))
+    found = compare(scores, others)["v3"]
+    assert found.value == pytest.approx(summarize(scores)["v3"].value - summarize(others)["v3"].value)
+    same = compare(scores, scores)
+    assert all(tuple(same[name]) == (0.0, 0.0, 0.0) for name in ("v3", "motion", "contacts"))
+
+
+def test_the_uniform_share_bounds_a_logarithm():
+    (window,) = cut(recording(walk((0, 0), (1, 0))))
+    places = np.repeat(window.future[None], 32, axis=0) + np.arange(FUTURE + 1)[:, None, None]
+    assert score_window(window, places).log["path"] >= math.log(UNIFORM / (BINS + 1))
+
+
+RUNNER = CliRunner()
+DATA = Path(os.environ.get("CROWDBENCH_SHARED", "/nowhere")) / "data" / "eth_ucy"
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the tracks of ETH/UCY are not in CROWDBENCH_SHARED")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["orca", "--data", "nowhere"], "there is no folder nowhere with the recorded tracks of ETH/UCY"),
+        (["orca", "--data", ".", "--location", "moon"], "location is 'moon', but must be one of hotel, zara, univ"),
+        (["orca", "--data", "."], "biwi_hotel.txt cannot be read: No such file or directory"),
+        (["orca", "--data", ".", "--option", "radius"], "--option 'radius' sets nothing: write --option key=value"),
+    ],
+)
+def test_wrong_input_is_one_sentence(arguments, sentence, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = RUNNER.invoke(build_script(people), arguments)
+    assert isinstance(done.exception, InputError)
+    assert sentence in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    ("policy", "options", "sentence"),
+    [
+        ("nobody", {}, "no pedestrian policy is called 'nobody'"),
+        ("orca", {"horizon": 2.0}, "unknown key pedestrians.orca.horizon"),
+        ("orca", {"pedestrians.radius": -1.0}, "pedestrians.radius is -1.0"),
+    ],
+)
+def test_a_wrong_policy_or_option_is_one_sentence(policy, options, sentence):
+    with pytest.raises(InputError, match=sentence):
+        simulate(policy, crossings(windows=1), options)
+
+
+@needs_data
+def test_windows_of_hotel_are_those_of_the_definition():
+    windows = read_windows(DATA, ["hotel"])["hotel"]
+    assert (len(windows), sum(int(each.scored.sum()) for each in windows)) == (43, 161)
+
+
+@needs_data
+@pytest.mark.slow
+def test_the_command_prints_a_row_for_each_goal():
+    done = RUNNER.invoke(build_script(people), ["straight", "--data", str(DATA), "--location", "hotel"])
+    rows = [line for line in done.output.splitlines() if line.startswith("| ")]
+    assert [row.split(" | ")[:2] for row in rows[2:]] == [
+        [f"| {model}", goal]
+        for model in ("straight", "orca as shipped", "difference to shipped orca")
+        for goal in ("shown", "hidden")
+    ]
+    assert "43 windows, 161 persons" in done.output
