@@ -106,7 +106,7 @@ class CompiledStep:
         is_plain = isinstance(rules.dynamics, Holonomic) and rules.actuation == DIRECT and rules.body == DISC
         is_alone = scenario.post_step_rule is None
         sees_all = rules.sensor.sees_all and not rules.sensor.nearest
-        is_orca = [type(policy) for policy in scenario.policies.values()] == [ORCA]
+        is_orca = [type(policy) for policy in scenario.policies.values()] == [ORCA] and not rules.intentions
         everybody_sees = not rules.visible or rules.attention is None
         is_small = world.radius.shape[1] < CELLS_FROM
         is_open = not (world.route.shape[2] or world.track.shape[1] or world.obstacles.shape[1])

@@ -22,7 +22,7 @@ from crowdbench.scenario.population import CONTINUING_ARRIVALS
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.lidar import scan
 from crowdbench.sim.routes import goals_on_way
-from crowdbench.sim.simulator import crowd_decisions, finish_step, move
+from crowdbench.sim.simulator import crowd_decisions, finish_step, move, without_intentions
 from crowdbench.utils.errors import InputError, require
 from crowdbench.views.ego import ego_views, flatten_everybody, with_own_motion
 from crowdbench.views.global_state import global_state, state_bounds
@@ -217,6 +217,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         position, goal = before.position[0, acting], goals_on_way(before)[0, acting]
         speed, is_vehicle = before.preferred_speed[0, acting], np.array(acting) == 0
         chosen[0, acting] = self.view.commands(position, goal, speed, actions, is_vehicle)
+        world = without_intentions(world, [column - 1 for column in acting if column > 0])
         moved, check = move(world, self.view.to_command(world, chosen[:, 0]), chosen[:, 1:])
         outcomes, gaps = outcomes_of_agents(before, moved, check)
         if self.reward.reward is crowdnav:  # it needs no ego views

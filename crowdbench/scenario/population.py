@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from pydantic import Field, model_validator
 
-from crowdbench.core.types import World
+from crowdbench.core.types import Intention, World
 from crowdbench.scenario.clear_space import ClearSpace
 from crowdbench.utils.errors import is_number
 from crowdbench.utils.toml import TomlTable, number
@@ -143,6 +144,57 @@ class WalkingLimitsSpec(TomlTable):
     sideways: float = number(above=0.0, below=1e3)
 
 
+class PopulationSpec(TomlTable):
+    """`[pedestrians.population]`: how people differ from each other, and from themselves over time.
+
+    Attributes:
+        noise: See `Intention`.
+        noise_time: See `Intention`.
+        inertia: See `Intention`.
+        shrinkage: Share of the difference to the typical speed by which preferred speeds are drawn towards it.
+        typical_speed: In m/s.
+        spread: Standard deviations of the logarithms of random factors, by quantity: `radius`, `preferred_speed`, or a
+            parameter of a policy.
+    """
+
+    noise: float = number(0.0, least=0.0, below=10.0)
+    noise_time: float = number(1.0, above=0.0, below=1e6)
+    inertia: float = number(0.0, least=0.0, below=1e6)
+    shrinkage: float = Field(default=0.0, ge=0, le=1, description="a share from 0 to 1")
+    typical_speed: float = number(1.2, above=0.0, below=100.0)
+    spread: dict[str, Annotated[float, Field(ge=0, le=1)]] = Field(
+        default={}, description="a table such as { radius = 0.2, time_horizon = 0.3 } of numbers from 0 to 1"
+    )
+
+    @property
+    def intention(self) -> Intention:
+        """The intention of its pedestrians."""
+        return Intention(self.noise, self.noise_time, self.inertia)
+
+    @property
+    def changes_traits(self) -> bool:
+        """True if it changes pedestrians as they are drawn."""
+        return self.shrinkage > 0.0 or bool(self.spread)
+
+    def largest(self, quantity: str, value: float) -> float:
+        """Return a bound on a quantity whose largest value is given, without shrinkage."""
+        return value * math.exp(LARGEST_DEVIATION * self.spread.get(quantity, 0.0))
+
+    def shrink(self, speed: np.ndarray | float) -> np.ndarray | float:
+        """Return preferred speeds in m/s, drawn towards the typical speed."""
+        return speed + self.shrinkage * (self.typical_speed - speed)
+
+    def factors(self, stream: np.random.Generator, n: int) -> dict[str, Float[np.ndarray, "{n}"]]:
+        """Draw a factor for each of n pedestrians, by quantity."""
+        return {name: np.exp(sigma * _DEVIATION.draw(stream, n)) for name, sigma in sorted(self.spread.items())}
+
+
+LARGEST_DEVIATION = 2.0
+"""Normal numbers whose absolute value is larger are drawn again, so that nobody is many times larger than others."""
+
+_DEVIATION = Distribution.model_construct(mean=0.0, std=1.0, low=-LARGEST_DEVIATION, high=LARGEST_DEVIATION)
+
+
 @dataclass(frozen=True)
 class Population:
     """The pedestrians of a scenario.
@@ -158,6 +210,7 @@ class Population:
         arrival: Behaviour of pedestrians on arrival, one of `ARRIVALS`.
         goal_change: Changes of goals during an episode; None without changes.
         clear_space: The space around the vehicle in which no pedestrian starts or respawns; None without one.
+        variation: By policy, how its pedestrians vary; policies without variation are left out.
     """
 
     number: tuple[int, int]
@@ -170,6 +223,7 @@ class Population:
     arrival: str = "walk_on"
     goal_change: GoalChange | None = None
     clear_space: ClearSpace | None = None
+    variation: Mapping[str, PopulationSpec] = dataclasses.field(default_factory=dict)
 
     @property
     def stands(self) -> Bool[np.ndarray, "policy"]:
@@ -183,15 +237,59 @@ class Population:
             return self
         return dataclasses.replace(self, shares=shares)
 
-    def draw(self, stream: np.random.Generator, n: int | None = None) -> Traits:
-        """Draw n pedestrians from a random stream. If n is None, their number is drawn first."""
+    @property
+    def largest_radius(self) -> float:
+        """A bound on the radii in metres."""
+        radius = self.radius.high
+        return max([radius, *(spec.largest("radius", radius) for spec in self.variation.values())])
+
+    @property
+    def largest_preferred_speed(self) -> float:
+        """A bound on the preferred speeds in m/s."""
+        speed = self.preferred_speed.high
+        varied = (spec.largest("preferred_speed", float(spec.shrink(speed))) for spec in self.variation.values())
+        return max([speed, *varied])
+
+    def draw(
+        self, stream: np.random.Generator, n: int | None = None, speed: Float[np.ndarray, "{n}"] | None = None
+    ) -> Traits:
+        """Draw pedestrians.
+
+        Args:
+            stream: The random stream to draw from.
+            n: The number of pedestrians; it is drawn first if None.
+            speed: Their preferred speeds in m/s before the variation; they are drawn if None.
+        """
         if n is None:
             n = int(stream.integers(self.number[0], self.number[1] + 1))
-        radius, speed = self.radius.draw(stream, n), self.preferred_speed.draw(stream, n)
+        radius, drawn_speed = self.radius.draw(stream, n), self.preferred_speed.draw(stream, n)
         total = sum(self.shares.values())
         policy = stream.choice(len(self.shares), n, p=[share / total for share in self.shares.values()])
         parameters = {
             name: {parameter: quantity.draw(stream, n) for parameter, quantity in table.items()}
             for name, table in self.parameters.items()
         }
-        return Traits(radius, speed, policy, parameters)
+        traits = Traits(radius, drawn_speed if speed is None else speed, policy, parameters)
+        # Last, so that all other draws are the same without variation.
+        for name, spec in self.variation.items():
+            traits = _vary(traits, name, policy == list(self.parameters).index(name), spec, stream)
+        return traits
+
+
+def _vary(
+    traits: Traits,
+    policy: str,
+    follows: Bool[np.ndarray, "pedestrian"],
+    spec: PopulationSpec,
+    stream: np.random.Generator,
+) -> Traits:
+    """Return pedestrians of which those that follow a policy are varied, with the parameters of this policy."""
+    factors = spec.factors(stream, len(traits.radius))
+    radius, speed = traits.radius * factors.get("radius", 1.0), spec.shrink(traits.preferred_speed)
+    speed = speed * factors.get("preferred_speed", 1.0)
+    table = {name: values * factors.get(name, 1.0) for name, values in traits.parameters[policy].items()}
+    return traits._replace(
+        radius=np.where(follows, radius, traits.radius),
+        preferred_speed=np.where(follows, speed, traits.preferred_speed),
+        parameters={**traits.parameters, policy: table},
+    )

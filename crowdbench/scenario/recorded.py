@@ -205,7 +205,7 @@ class TrackedCrowd:
     def start(self, case: Case, crowd: Population, vehicle: VehicleSpec, rules: Rules) -> Start:
         """Draw the start of a case, see `LayoutStarts`. Later pedestrians start at their first recorded position."""
         window = self.window(case.split, case.number)
-        traits = crowd.draw(rng.generator(case.key, "crowd"), len(window.radius))
+        traits = crowd.draw(rng.generator(case.key, "crowd"), len(window.radius), window.mean_speed)
         traits = _with_recorded_traits(window, traits, list(crowd.parameters))
         radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
         with case.location.named():
@@ -253,11 +253,13 @@ class TrackedCrowd:
 def _with_recorded_traits(window: Excerpt, traits: Traits, policies: Sequence[str]) -> Traits:
     """Return pedestrians with their recorded speeds; discs of cars get their radius and the policy `recorded`.
 
-    Pedestrians with the policy `recorded` get their largest speed, which their track needs, others their mean speed.
+    Pedestrians with the policy `recorded` get their largest speed, which their track needs, others keep theirs.
     `policies` are the names of the policies that `traits.policy` indexes.
     """
     recorded = policies.index(RECORDED) if RECORDED in policies else -1
     is_car = ~np.isnan(window.radius)
     policy = np.where(is_car, recorded, traits.policy)
-    speed = np.maximum(np.where(policy == recorded, _SPEED_MARGIN * window.top_speed, window.mean_speed), MIN_SPEED)
+    speed = np.maximum(
+        np.where(policy == recorded, _SPEED_MARGIN * window.top_speed, traits.preferred_speed), MIN_SPEED
+    )
     return traits._replace(radius=np.where(is_car, window.radius, traits.radius), preferred_speed=speed, policy=policy)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,10 +12,11 @@ from crowdbench.core.dynamics import DISC, DYNAMICS, Actuation, Bicycle, Body, D
 from crowdbench.core.types import Rules, WalkingLimits
 from crowdbench.scenario.layouts.crossings import crowdnav_plus
 from crowdbench.scenario.placement import Layout, LayoutCall
-from crowdbench.scenario.population import RECORDED, Distribution, Population
+from crowdbench.scenario.population import RECORDED, Distribution, Population, PopulationSpec
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import (
     DISTANCE,
+    POPULATION,
     SHOWN,
     SHOWN_IN,
     LayoutScenarioSpec,
@@ -72,26 +74,32 @@ def parse_scenario(
     file = Location(source)
     names = parse_table(NamesSpec, table, file)
     policies = _load_policies(names.pedestrians, load_policy, file.at("pedestrians"))
-    parameters = {name: part.policy.parameters for name, part in policies.items()}
+    of_policies = tuple(
+        {name: getattr(part.policy, fact) for name, part in policies.items()} for fact in ("parameters", "population")
+    )
     if "tracks" in table:
         layout = None
-        model = scenario_spec(names.vehicle.dynamics, parameters)
+        model = scenario_spec(names.vehicle.dynamics, *of_policies)
     else:
         with file.at("layout", "generator").named():
             generator, layout, digest = load_layout(names.layout.generator)
-            model = scenario_spec(names.vehicle.dynamics, parameters, layout)
+            model = scenario_spec(names.vehicle.dynamics, *of_policies, layout)
         _check_digest(names.layout.generator_file, digest, file.at("layout", "generator_file"))
     spec = parse_table(model, table, file)
     # Names of plug-ins replace their files, whose digests are added.
     shares = {name: part.share for name, part in policies.items()}
     digests = {name: part.digest for name, part in policies.items() if part.digest is not None}
     spec = _with(spec, "pedestrians", policy=shares, policy_files=digests)
+    variation = _variation(spec.pedestrians, policies, file.at("pedestrians"))
+    intentions = tuple(variation.get(name, PopulationSpec()).intention for name in (*policies, RECORDED))
     rules = rules_of(spec, file)
+    if any(intention.noise or intention.inertia for intention in intentions):
+        rules = dataclasses.replace(rules, intentions=intentions)
     starts: LayoutStarts | TrackedCrowd
     if isinstance(spec, LayoutScenarioSpec):
         assert layout is not None
         spec = _with(spec, "layout", generator=generator, generator_file=digest)
-        starts = _layout_starts(spec, layout, file)
+        starts = _layout_starts(spec, layout, variation, file)
     else:
         assert isinstance(spec, TracksScenarioSpec)
         starts, files = _recorded_starts(spec.tracks, rules, data, file.at("tracks"))
@@ -104,7 +112,7 @@ def parse_scenario(
         table=spec.complete(),
         vehicle=_without_limits(spec.vehicle),
         rules=rules,
-        crowd=_population(spec.pedestrians, policies, starts),
+        crowd=_population(spec.pedestrians, policies, starts, variation),
         starts=starts,
         policies={name: part.policy for name, part in policies.items()},
     )
@@ -120,7 +128,9 @@ def _with(spec: Spec, key: str, **values: object) -> Spec:
     return spec.model_copy(update={key: getattr(spec, key).model_copy(update=values)})
 
 
-def _layout_starts(spec: LayoutScenarioSpec, layout: Layout, file: Location) -> LayoutStarts:
+def _layout_starts(
+    spec: LayoutScenarioSpec, layout: Layout, variation: Mapping[str, PopulationSpec], file: Location
+) -> LayoutStarts:
     """Return the starts of cases by a layout: the first test cases as in CrowdNav, or as in CrowdNav++ with its
     layout."""
     pedestrians, cases = file.at("pedestrians"), spec.crowdnav_cases
@@ -135,6 +145,9 @@ def _layout_starts(spec: LayoutScenarioSpec, layout: Layout, file: Location) -> 
     if cases and spec.pedestrians.clear_space:
         right = "left out where crowdnav_cases is not 0: those cases start as in CrowdNav"
         raise pedestrians.at("clear_space").wrong("given", right)
+    if cases and layout is crowdnav_plus and variation:
+        right = "left out where crowdnav_cases is not 0: those cases start as in CrowdNav++"
+        raise pedestrians.at("population").wrong("given", right)
     call = LayoutCall(layout, **additional_keys(spec.layout))
     if not cases or layout is not crowdnav_plus:
         return LayoutStarts(call, cases)
@@ -160,16 +173,51 @@ def _recorded_starts(
     return crowd, files
 
 
+def _variation(spec: PedestriansSpec, policies: Mapping[str, _Policy], location: Location) -> dict[str, PopulationSpec]:
+    """Return, by policy, the population of its pedestrians: the policy's own, or `[pedestrians.population]`.
+
+    Raises InputError if a quantity with a spread belongs to no policy that has this population.
+    """
+    variation, common, known = {}, spec.population, {"radius", "preferred_speed"}
+    for name, table in additional_keys(spec).items():
+        part, parameters = policies[name].policy, additional_keys(table)
+        own = parameters.pop(POPULATION, None)
+        if part.stands or name == RECORDED:
+            continue
+        varied = {key for key in parameters if not isinstance(part.parameters[key], int)}
+        if own is not None:
+            _check_spread(own, {"radius", "preferred_speed", *varied}, location.at(name, POPULATION))
+        known |= varied if own is None else set()
+        if (population := own or common) is not None:
+            variation[name] = population
+    if common is not None:
+        _check_spread(common, known, location.at(POPULATION))
+    return variation
+
+
+def _check_spread(population: PopulationSpec, known: set[str], location: Location) -> None:
+    """Raise InputError if a quantity with a spread is not known."""
+    for name in population.spread:
+        if name not in known:
+            raise location.at("spread").wrong(f"a table with {name}", f"of {', '.join(sorted(known))}")
+
+
 def _population(
-    spec: PedestriansSpec, policies: Mapping[str, _Policy], starts: LayoutStarts | TrackedCrowd
+    spec: PedestriansSpec,
+    policies: Mapping[str, _Policy],
+    starts: LayoutStarts | TrackedCrowd,
+    variation: Mapping[str, PopulationSpec],
 ) -> Population:
     """Return the pedestrians of a scenario."""
     parameters = {name: additional_keys(values) for name, values in additional_keys(spec).items()}
+    for table in parameters.values():
+        table.pop(POPULATION, None)
     common: dict[str, Any] = {
         "radius": spec.radius,
         "shares": spec.policy,
         "standing": [name for name, part in policies.items() if part.policy.stands],
         "parameters": {name: parameters.get(name, {}) for name in policies},
+        "variation": variation,
     }
     if isinstance(spec, SimulatedPedestriansSpec):
         return Population(

@@ -21,7 +21,14 @@ from crowdbench.plugins.options import PLAIN, REQUIRED, Option, read_options
 from crowdbench.scenario.clear_space import ClearSpace
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import Layout
-from crowdbench.scenario.population import ARRIVALS, Distribution, GoalChange, WalkingLimitsSpec, WholeDistribution
+from crowdbench.scenario.population import (
+    ARRIVALS,
+    Distribution,
+    GoalChange,
+    PopulationSpec,
+    WalkingLimitsSpec,
+    WholeDistribution,
+)
 from crowdbench.utils.errors import InputError, is_integer
 from crowdbench.utils.toml import Flag, Name, Text, TomlTable, choice, integer, number, table
 
@@ -32,6 +39,9 @@ SHOWN, SHOWN_IN = 20, 100
 
 MIN_SIZE = 1e-3
 """Lower bound of pedestrians' radii in metres and of their preferred speeds in m/s."""
+
+POPULATION = "population"
+"""The key of the population of a policy in the table of its parameters."""
 
 DISTANCE = 8.0
 """Default distance in metres from the vehicle's start to its goal among recorded pedestrians."""
@@ -140,6 +150,10 @@ class PedestriansSpec(PoliciesSpec):
     radius: Size = quantity(0.3, MIN_SIZE)
     attention: Attention | None = table_like("{ ignores = 0.1, delay = 0.4 }")
     limits: WalkingLimitsSpec | None = table_like("{ acceleration = 1.5, braking = 3.0, sideways = 2.0 }")
+    # Absent from the dump without a population, so that it does not change the identity of other scenarios.
+    population: PopulationSpec | None = Field(
+        default=None, exclude_if=lambda value: value is None, description="a table [pedestrians.population]"
+    )
 
 
 class SimulatedPedestriansSpec(PedestriansSpec):
@@ -211,7 +225,10 @@ class TracksScenarioSpec(ScenarioSpec):
 
 
 def scenario_spec(
-    dynamics: str, parameters: Mapping[str, Mapping[str, float]], layout: Layout | None = None
+    dynamics: str,
+    parameters: Mapping[str, Mapping[str, float]],
+    populations: Mapping[str, Mapping[str, Any]],
+    layout: Layout | None = None,
 ) -> type[ScenarioSpec]:
     """Return the pydantic model of a complete file.
 
@@ -220,6 +237,7 @@ def scenario_spec(
     Args:
         dynamics: The vehicle's dynamics.
         parameters: By pedestrian policy, the defaults of its parameters.
+        populations: By pedestrian policy, the defaults of its population, empty without one.
         layout: The layout that the file names; None with recorded tracks.
 
     Raises:
@@ -232,12 +250,15 @@ def scenario_spec(
     }
     policies = {}
     for name, defaults in parameters.items():
-        quantities = {
+        quantities: dict[str, tuple[Any, Any]] = {
             key: (WholeDistribution, quantity(default, noun="a whole number"))
             if isinstance(default, int)
             else (Distribution, quantity(default))
             for key, default in defaults.items()
         }
+        if own := populations[name]:
+            field = Field(default=own, validate_default=True, description=f"a table [pedestrians.{name}.population]")
+            quantities[POPULATION] = PopulationSpec, field
         policies[name] = _extended(TomlTable, quantities), table(f"pedestrians.{name}")
     tables: dict[str, Any] = {"vehicle": _extended(VehicleSpec, limits)}
     base: type[ScenarioSpec] = TracksScenarioSpec

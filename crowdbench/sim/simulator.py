@@ -15,6 +15,7 @@ from crowdbench.core.dynamics.kernels import HOLONOMIC, Motion, drive, limit_cha
 from crowdbench.core.types import Outcome, RuleNumbers, Rules, World
 from crowdbench.sim.attention import AttentionState, adapted_view, init_attention, update_attention
 from crowdbench.sim.episode import StepCheck, check_disc, check_step
+from crowdbench.sim.intention import IntentionState, init_intentions, update_intentions
 from crowdbench.sim.obstacles import slide
 from crowdbench.sim.pedestrians import Memory, PedestrianPolicy, PolicyWithMemory
 from crowdbench.sim.pedestrians.policy import Velocities, init_memory, query_policy
@@ -29,9 +30,9 @@ See `crowdbench.scenario.post_step_rule`.
 """
 
 
-BLIND, ATTENTION = "without the vehicle", "attention"
-"""Keys of a world's memory: the policies' memories for a crowd in which no pedestrian sees the vehicle, and the state
-of the pedestrians' attention."""
+BLIND, ATTENTION, INTENTION = "without the vehicle", "attention", "intention"
+"""Keys of a world's memory: the policies' memories for a crowd in which no pedestrian sees the vehicle, and the states
+of the pedestrians' attention and of their intentions."""
 
 
 def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Velocities:
@@ -44,7 +45,8 @@ def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> t
 
     Policies are queried only here. In their input, an invisible vehicle is not `present`, and a visible one is the
     smallest disc around its body. With a model of attention, policies are queried once with the vehicle and once
-    without it, with a separate memory for each.
+    without it, with a separate memory for each. With `Rules.intentions`, goals and preferred speeds in their input
+    express the intended velocities.
 
     Args:
         world: The worlds as they are now.
@@ -52,16 +54,20 @@ def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> t
 
     Returns:
         A velocity in m/s per pedestrian, computed by its policy, and the worlds with the memories of the policies and
-        the state of attention after this decision.
+        the states of attention and intentions after this decision.
 
     Raises:
         InputError: A policy raises an exception, or does not return a finite velocity per pedestrian or a memory.
     """
-    view = _policy_view(world)
+    intending = world
+    if world.rules.intentions:
+        intending, intentions = update_intentions(world, IntentionState(**world.memory[INTENTION]))
+        world = _with_memories(world, {INTENTION: intentions._asdict()})
+    view = _policy_view(intending)
     if not has_attention(world.rules):
         velocity, memories = _query_policies(view, policies)
         return velocity, _with_memories(world, memories)
-    blind = world.replace(memory=world.memory[BLIND])
+    blind = intending.replace(memory=world.memory[BLIND])
     intended, blind_memories = _query_policies(_without_vehicle(blind), policies)
     adapts, state = update_attention(view, intended, AttentionState(**world.memory[ATTENTION]))
     velocity, memories = _query_policies(adapted_view(view, state), policies)
@@ -87,6 +93,8 @@ def init_memories(world: World, policies: Mapping[str, PedestrianPolicy]) -> Wor
     memories = memories_of(_policy_view(world))
     if has_attention(world.rules):
         memories[BLIND] = {**world.memory, **memories_of(_without_vehicle(world))}
+    if world.rules.intentions:
+        memories[INTENTION] = init_intentions(world)._asdict()
     return forget_vehicle(_with_memories(world, memories))
 
 
@@ -95,6 +103,15 @@ def forget_vehicle(world: World) -> World:
     if not has_attention(world.rules):
         return world
     return _with_memories(world, {ATTENTION: init_attention(world)._asdict()})
+
+
+def without_intentions(world: World, pedestrians: list[int]) -> World:
+    """Return worlds in which some pedestrians are at most as fast as their preferred speed in the next step."""
+    if not world.rules.intentions:
+        return world
+    max_speed = world.memory[INTENTION]["max_speed"].copy()
+    max_speed[:, pedestrians] = 0.0
+    return _with_memories(world, {INTENTION: {**world.memory[INTENTION], "max_speed": max_speed}})
 
 
 def with_bounding_disc(world: World) -> World:
@@ -181,9 +198,10 @@ def step(
 
     The parts are: motion, check of the outcome, post-step rule, and measurement of the vehicle's sensor.
 
-    The simulator limits speeds only here, to the preferred speed of each agent. In a run, the `Driver` has already
-    rejected faster commands of a planner. The vehicle's other limits and the limits of pedestrians in `Rules.walking`
-    are enforced too. Pedestrians overlap if these limits prevent avoidance.
+    The simulator limits speeds only here, to the preferred speed of each agent, or to the intended speed of a
+    pedestrian if that is larger. In a run, the `Driver` has already rejected faster commands of a planner. Other
+    limits of the vehicle, and the limits of `Rules.walking` for pedestrians, are enforced too. Pedestrians overlap if
+    these limits prevent avoidance.
 
     Pedestrians cannot pass walls: they slide along a wall that their rim touches, and have the velocity of this motion.
     The vehicle is not stopped by walls, because a collision ends its episode.
@@ -249,8 +267,17 @@ def advance(world: World, command: Float[np.ndarray, "world 2"], crowd: Velociti
     commands = np.ascontiguousarray(command), np.ascontiguousarray(crowd)
     is_free = world.rules.dynamics.code == HOLONOMIC and not world.obstacles.shape[1]
     kernel = _step_in_the_open if is_free else _step
-    kernel(tuple(world.rules.numbers), state_before(world), commands, after, check)
+    kernel(tuple(world.rules.numbers), state_before(_with_max_speeds(world)), commands, after, check)
     return After(*after), StepCheck(*check)
+
+
+def _with_max_speeds(world: World) -> World:
+    """Return worlds in which pedestrians that intend to be faster than their preferred speed have this limit."""
+    if not world.rules.intentions:
+        return world
+    speed = world.preferred_speed.copy()
+    np.maximum(speed[:, 1:], world.memory[INTENTION]["max_speed"], out=speed[:, 1:])
+    return world.replace(preferred_speed=speed)
 
 
 @no_type_check

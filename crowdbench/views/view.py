@@ -47,6 +47,7 @@ from crowdbench.networks.features_ahead import MOTION, REACH, motion
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import EXTENT
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.intention import FASTEST
 from crowdbench.sim.lidar import DEFAULT_LIDAR, wall_distances
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import is_integer, is_number, require, require_count
@@ -141,7 +142,7 @@ class View:
     @property
     def pedestrian_action_space(self) -> Box:
         """The space of a pedestrian's actions. The largest preferred speed of the scenario bounds velocities."""
-        speed = np.array(self.scenario.crowd.preferred_speed.high)
+        speed = np.array(self.scenario.crowd.largest_preferred_speed)
         return self._actions(*FREE.space(speed), ACTIONS[self.action].normalized)
 
     def _actions(self, low: np.ndarray, high: np.ndarray, normalized: bool) -> Box:
@@ -292,10 +293,11 @@ def position_bound(scenario: Scenario) -> float:
 def largest_radius(scenario: Scenario) -> float:
     """Return the largest radius in metres of an agent, of the vehicle the one of a disc around its body."""
     body = scenario.rules.body
-    radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, scenario.crowd.radius.high)
+    radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, scenario.crowd.largest_radius)
     return max(radius, scenario.tracks.largest_radius) if scenario.tracks else radius
 
 
 def largest_speed(scenario: Scenario) -> float:
     """Return a bound in m/s on the speed of an agent."""
-    return max(scenario.vehicle.preferred_speed, scenario.crowd.preferred_speed.high) * (1 + SPEED_TOLERANCE)
+    pedestrians = scenario.crowd.largest_preferred_speed * (FASTEST if scenario.rules.intentions else 1.0)
+    return max(scenario.vehicle.preferred_speed, pedestrians) * (1 + SPEED_TOLERANCE)

@@ -15,6 +15,7 @@ from crowdbench.core.types.rules import DISCOMFORT_GAP as DISCOMFORT_GAP
 from crowdbench.core.types.rules import HISTORY as HISTORY
 from crowdbench.core.types.rules import PERFECT_SENSOR as PERFECT_SENSOR
 from crowdbench.core.types.rules import Detector as Detector
+from crowdbench.core.types.rules import Intention as Intention
 from crowdbench.core.types.rules import Lidar as Lidar
 from crowdbench.core.types.rules import Noise as Noise
 from crowdbench.core.types.rules import Outcome as Outcome

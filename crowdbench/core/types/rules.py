@@ -172,6 +172,20 @@ class WalkingLimits(NamedTuple):
     exempt: int = -1
 
 
+class Intention(NamedTuple):
+    """How the pedestrians of a policy change the velocity that they intend; see `crowdbench.sim.intention`.
+
+    Attributes:
+        noise: Standard deviation of each component of the noise of the desired velocity, as a share of its length.
+        noise_time: Correlation time of this noise in seconds.
+        inertia: Relaxation time of the intended velocity in seconds; 0 if it is the desired velocity at once.
+    """
+
+    noise: float = 0.0
+    noise_time: float = 1.0
+    inertia: float = 0.0
+
+
 HISTORY = 8
 """Number of positions in the history of a pedestrian, including the current one."""
 
@@ -242,6 +256,7 @@ class Rules:
         body: The discs that the vehicle consists of.
         sensor: Limits of the vehicle's sight.
         walking: The limits of pedestrians; None if only their speed is limited.
+        intentions: The intention of the pedestrians of each policy; empty if all have their desired velocity.
     """
 
     dt: float = 0.25
@@ -255,6 +270,7 @@ class Rules:
     body: Body = DISC
     sensor: Sensor = PERFECT_SENSOR
     walking: WalkingLimits | None = None
+    intentions: tuple[Intention, ...] = ()
 
     # Computed once, because they are read in every step.
     @cached_property
@@ -282,7 +298,16 @@ class Rules:
     def to_table(self) -> dict[str, Any]:
         """Return the rules as a table for JSON, without fields of vehicle and pedestrians that have their default."""
         entries = dataclasses.asdict(self)
-        for field in ("attention", "dynamics", "actuation", "goal_tolerance", "body", "sensor", "walking"):
+        for field in (
+            "attention",
+            "dynamics",
+            "actuation",
+            "goal_tolerance",
+            "body",
+            "sensor",
+            "walking",
+            "intentions",
+        ):
             if getattr(self, field) == getattr(Rules, field):
                 del entries[field]
         if "dynamics" in entries:
@@ -308,5 +333,6 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     "body": tuple,
     "sensor": Sensor.model_validate,
     "walking": WalkingLimits._make,
+    "intentions": lambda rows: tuple(map(Intention._make, rows)),
 }
 """Constructors of the fields of `Rules` from entries of a table."""

@@ -52,7 +52,8 @@ class World:
         parameters: By policy and name, the parameters of the policies (column 0, the vehicle's, is not used).
         memory: By policy, arrays `[world, ...]` that a policy with a memory stores between steps, in mappings that may
             be nested; empty for other policies. See `PolicyWithMemory`. With a model of
-            attention also its state, see `crowdbench.sim.attention`.
+            attention also its state, see `crowdbench.sim.attention`, and with `Rules.intentions` the intentions, see
+            `crowdbench.sim.intention`.
         rules: The rules of the scenario.
         actuation: The state of the vehicle's actuators, see `crowdbench.core.dynamics.Actuation`.
         sight: The vehicle's measurements of pedestrians so far, see `crowdbench.sim.sight`; empty if

@@ -37,6 +37,10 @@ class PedestrianPolicy(abc.ABC):
     parameters: ClassVar[Mapping[str, float]] = {}
     """The parameters that a scenario can set, with their defaults."""
 
+    population: ClassVar[Mapping[str, Any]] = {}
+    """The population of the policy, with the keys of `[pedestrians.population]`: `{"noise": 0.15, "inertia": 2.5}`. A
+    scenario can change it in the table `population` of the policy."""
+
     stands: ClassVar[bool] = False
     """True if its pedestrians always stand. A scenario places them at some point between start and goal."""
 
