@@ -202,7 +202,7 @@ def _window(name: str, number: int, position: Path2, group: Int[np.ndarray, "per
     return Window(name, number, position, group, scored, velocity, heading, speed, end)
 
 
-def by_size(windows: Sequence[Window], most: int) -> Iterator[list[Window]]:
+def batches(windows: Sequence[Window], most: int) -> Iterator[list[Window]]:
     """Yield windows in batches of at most `most`, in their order."""
     for start in range(0, len(windows), most):
         yield list(windows[start : start + most])
