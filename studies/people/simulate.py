@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench import InputError, Scenario, World, load_scenario
+from crowdbench import InputError, PedestrianPolicy, Scenario, World, load_scenario
 from crowdbench.core import HISTORY as STATES
 from crowdbench.core import pad_arrays
 from crowdbench.plugins import plugin_name
@@ -59,25 +59,21 @@ def simulate(
     Raises:
         InputError: There is no such policy, an option is wrong, or the policy fails.
     """
-    scenario = _load(policy, options or {})
-    for window in windows:
-        if len(window.group) > MOST_PERSONS:
-            found = f"{window.name} has {len(window.group)} persons in a window"
-            raise InputError(f"{found}, but at most {MOST_PERSONS} can be simulated")
+    scenario = load_policy(policy, options or {})
     positions: Rollouts = []
     for batch in batches(windows, max(1, MOST_WORLDS // rollouts)):
-        places = _walk(scenario, _worlds(scenario, batch, hidden, rollouts))
+        places = walk(start_worlds(scenario, batch, hidden, rollouts), scenario.policies)
         shape = len(batch), rollouts, *places.shape[1:]
         for window, place in zip(batch, places.reshape(shape), strict=True):
             positions.append(place[:, :, : len(window.group)])
     return positions
 
 
-def _load(policy: str, options: Mapping[str, Any]) -> Scenario:
-    """Return the scenario of windows for a policy with its options."""
+def load_policy(policy: str, options: Mapping[str, Any], file: Path = SCENARIO) -> Scenario:
+    """Return the scenario of windows for a policy with its options. Raises InputError if one is wrong."""
     name = plugin_name(policy)
     changes = {key if key.startswith("pedestrians.") else f"pedestrians.{name}.{key}": options[key] for key in options}
-    return load_scenario(str(SCENARIO), {"pedestrians.number": MOST_PERSONS, **changes}, pedestrians=policy)
+    return load_scenario(str(file), {"pedestrians.number": MOST_PERSONS, **changes}, pedestrians=policy)
 
 
 def population_options(policy: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -85,7 +81,7 @@ def population_options(policy: str, options: Mapping[str, Any]) -> dict[str, Any
 
     Parameters of the policy do not vary then, because the other one may lack them. Without a population there are none.
     """
-    scenario = _load(policy, options)
+    scenario = load_policy(policy, options)
     for population in scenario.crowd.variation.values():
         spread = {name: sigma for name, sigma in population.spread.items() if name in ("radius", "preferred_speed")}
         table = {**population.model_dump(), "spread": spread}
@@ -93,23 +89,36 @@ def population_options(policy: str, options: Mapping[str, Any]) -> dict[str, Any
     return {}
 
 
-def _walk(scenario: Scenario, world: World) -> Float[np.ndarray, "world time person 2"]:
-    """Simulate worlds until the end of their tracks, and return positions in metres in the frames of the recording."""
-    every, positions = round(ETH_UCY_DT / scenario.rules.dt), []
+def walk(
+    world: World, policies: Mapping[str, PedestrianPolicy], before: Callable[[World], World] | None = None
+) -> Float[np.ndarray, "world time person 2"]:
+    """Simulate worlds until the end of their tracks.
+
+    Args:
+        world: The worlds at their start.
+        policies: The policies by name.
+        before: A change before each step, such as motion of the vehicle.
+
+    Returns:
+        Positions in metres in the frames of the recording; NaN for absent persons.
+    """
+    every, positions = round(ETH_UCY_DT / world.rules.dt), []
     for step in range(world.track.shape[1]):
         if step % every == 0:
             positions.append(np.where(world.present[:, 1:, None], world.position[:, 1:], np.nan))
-        crowd, world = crowd_decisions(world, scenario.policies)
+        crowd, world = crowd_decisions(world if before is None else before(world), policies)
         world = step_pedestrians(world, crowd, come_and_go)
     return np.stack(positions, axis=1)
 
 
-def _worlds(scenario: Scenario, windows: Sequence[Window], hidden: bool, rollouts: int) -> World:
+def start_worlds(scenario: Scenario, windows: Sequence[Window], hidden: bool, rollouts: int) -> World:
     """Return worlds at the start of windows: for each window one for each rollout."""
     # The numbers of cases, from which random numbers derive, do not depend on the other windows.
     cases = np.array([MOST_ROLLOUTS * window.case + rollout for window in windows for rollout in range(rollouts)])
     drawn = scenario.draw("test", cases)
     people = max(len(window.group) for window in windows)
+    if people > MOST_PERSONS:
+        raise InputError(f"a window has {people} persons, but at most {MOST_PERSONS} can be simulated")
 
     def of_agents(array: np.ndarray) -> np.ndarray:
         return array[:, : people + 1].copy()
