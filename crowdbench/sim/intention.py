@@ -13,10 +13,11 @@ import math
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from crowdbench.core.rng import four_normal, purpose_bits
-from crowdbench.core.types import World
+from crowdbench.core.types import Intention, World
+from crowdbench.sim.kernels import in_blocks
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit
 
@@ -27,6 +28,9 @@ to stand can still give way. No intended velocity is faster than the upper one."
 AHEAD = 2.0
 """Smallest distance of a shown goal, in seconds at the intended speed. Policies slow down at goals that are nearer than
 one second."""
+
+BLOCK_PEOPLE = 500
+"""Smallest number of people for a thread: the transfer to it takes about 50 microseconds."""
 
 TINY = 1e-9
 """Replacement of 0 in numbers by which a formula divides."""
@@ -66,88 +70,85 @@ def update_intentions(world: World, state: IntentionState) -> tuple[World, Inten
     Returns:
         The worlds in which the policies are queried, and the new state.
     """
-    rules, after = world.rules, IntentionState(*(array.copy() for array in state))
+    after = IntentionState(*(array.copy() for array in state))
     goal, speed = world.goal.copy(), world.preferred_speed.copy()
     scene = world.key, world.step, world.position, world.velocity, goals_on_way(world), world.present
-    people = world.person, world.group, world.policy
-    _update(np.array(rules.intentions), rules.dt, *map(np.ascontiguousarray, scene + people), goal, speed, *after)
+    arrays = tuple(map(np.ascontiguousarray, scene)), (world.person, world.group, world.policy)
+    habits, dt = _habits(world.rules.intentions, world.rules.dt), world.rules.dt
+    in_blocks(
+        lambda begin, end: _update(begin, end, habits, dt, *arrays, (goal, speed), tuple(after)),
+        len(world),
+        BLOCK_PEOPLE // speed.shape[1] + 1,
+        len(world),
+    )
     view = world.replace(goal=goal, preferred_speed=speed)
     if not world.route.shape[2]:
         return view, after
+    # Intending pedestrians have passed all waypoints, so that their local goal is the goal.
     waypoint, points = world.waypoint.copy(), np.isfinite(world.route[:, 1:, :, 0]).sum(axis=2)
-    waypoint[:, 1:] = np.where(_intending(world), points, waypoint[:, 1:])
+    waypoint[:, 1:] = np.where(after.person >= 0, points, waypoint[:, 1:])
     return view.replace(waypoint=waypoint), after
 
 
-def _intending(world: World) -> Bool[np.ndarray, "world pedestrian"]:
-    """Return a mask of pedestrians whose policy has noise or inertia."""
-    intends = [intention.noise > 0.0 or intention.inertia > 0.0 for intention in world.rules.intentions]
-    return np.array(intends)[world.policy]
+def _habits(intentions: tuple[Intention, ...], dt: float) -> Float[np.ndarray, "policy 4"]:
+    """Return, by policy, noise, share of the noise that stays in a step, inertia in seconds, and share of the change of
+    the intended velocity in a step."""
+    return np.array(
+        [
+            (one.noise, math.exp(-dt / one.noise_time), one.inertia, 1.0 - math.exp(-dt / max(one.inertia, TINY)))
+            for one in intentions
+        ]
+    )
 
 
 @no_type_check
-@njit(error_model="numpy")
-def _update(
-    intentions,
-    dt,
-    key,
-    step,
-    position,
-    velocity,
-    ahead,
-    present,
-    person,
-    group,
-    policy,
-    goal,
-    pace,
-    known,
-    noise,
-    intended,
-    max_speed,
-):
-    """Fill goals and preferred speeds of intending pedestrians, and update the fields of `IntentionState`.
+@njit(error_model="numpy", nogil=True)
+def _update(begin, end, habits, dt, scene, people, shown, state):
+    """Replace goals and preferred speeds of intending pedestrians by those that they show, and update their state.
 
     Args:
-        intentions (array): `[policy, 3]`, the fields of `Intention`.
+        begin (int): The first world.
+        end (int): The one after the last.
+        habits (array): See `_habits`.
         dt (float): Length of a step in seconds.
-        ahead (array): Local goals `[world, agent, 2]`.
-        goal (array): True goals, replaced.
-        pace (array): True preferred speeds, replaced.
+        scene (tuple): The arrays `key`, `step`, `position`, `velocity`, local goals and `present` of the worlds.
+        people (tuple): The arrays `person`, `group` and `policy`.
+        shown (tuple): The arrays `goal` and `preferred_speed`, in which values are replaced.
+        state (tuple): The fields of `IntentionState`.
     """
-    for w in range(len(key)):
+    (key, step, position, velocity, ahead, present), (person, group, policy) = scene, people
+    (goal, pace), (known, noise, intended, max_speed) = shown, state
+    for w in range(begin, end):
         for p in range(person.shape[1]):
             a = p + 1
-            share, noise_time, inertia = intentions[policy[w, p]]
+            share, stays, inertia, gain = habits[policy[w, p]]
             if not present[w, a] or (share == 0.0 and inertia == 0.0):
                 known[w, p], max_speed[w, p] = -1, 0.0
                 continue
             x, y, speed = position[w, a, 0], position[w, a, 1], pace[w, a]
             dx, dy = ahead[w, a, 0] - x, ahead[w, a, 1] - y
             distance = math.sqrt(dx * dx + dy * dy)
-            scale = speed / max(distance, speed, TINY)
+            scale = speed / max(distance, speed, TINY)  # as in `toward_goal`
             dx, dy = scale * dx, scale * dy
             row, purpose = (person[w, p], _ALONE) if group[w, p] < 0 else (group[w, p], _GROUP)
             zx, zy, _, _ = four_normal(0, row, step[w], np.uint64(0), key[w], purpose)
-            if known[w, p] != person[w, p]:
-                known[w, p] = person[w, p]
+            ux, uy = intended[w, p, 0], intended[w, p, 1]
+            if known[w, p] == person[w, p]:
+                fresh = math.sqrt(1.0 - stays * stays)
+                zx, zy = stays * noise[w, p, 0] + fresh * zx, stays * noise[w, p, 1] + fresh * zy
+            else:
                 ux, uy = velocity[w, a, 0], velocity[w, a, 1]
                 if ux == 0.0 and uy == 0.0:
                     ux, uy = dx, dy
-            else:
-                keep = math.exp(-dt / noise_time)
-                fresh = math.sqrt(1.0 - keep * keep)
-                zx, zy = keep * noise[w, p, 0] + fresh * zx, keep * noise[w, p, 1] + fresh * zy
-                ux, uy = intended[w, p, 0], intended[w, p, 1]
-            noise[w, p, 0], noise[w, p, 1] = zx, zy
+            if distance < inertia * speed:
+                gain = 1.0 - math.exp(-dt * speed / max(distance, TINY))
             spread = share * scale * distance
-            gain = 1.0 - math.exp(-dt / max(min(inertia, distance / max(speed, TINY)), TINY))
             ux, uy = ux + gain * (dx + spread * zx - ux), uy + gain * (dy + spread * zy - uy)
-            length = math.sqrt(ux * ux + uy * uy)
-            slower = FASTEST * speed / max(length, FASTEST * speed, TINY)
-            ux, uy, length = slower * ux, slower * uy, slower * length
-            intended[w, p, 0], intended[w, p, 1], max_speed[w, p] = ux, uy, max(speed, length)
-            pace[w, a], far = max(length, SLOWEST * speed), 1.0
-            if length > SLOWEST * speed:
-                far = max(distance, AHEAD * length) / length
-            goal[w, a, 0], goal[w, a, 1] = x + far * ux, y + far * uy
+            length, fastest = math.sqrt(ux * ux + uy * uy), FASTEST * speed
+            if length > fastest:
+                ux, uy, length = ux * (fastest / length), uy * (fastest / length), fastest
+            known[w, p], max_speed[w, p] = person[w, p], max(speed, length)
+            noise[w, p, 0], noise[w, p, 1], intended[w, p, 0], intended[w, p, 1] = zx, zy, ux, uy
+            far = max(distance, AHEAD * length) / length if length > SLOWEST * speed else 1.0
+            if speed > 0.0:
+                pace[w, a], goal[w, a, 0], goal[w, a, 1] = max(length, SLOWEST * speed), x + far * ux, y + far * uy

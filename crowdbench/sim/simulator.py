@@ -199,9 +199,9 @@ def step(
     The parts are: motion, check of the outcome, post-step rule, and measurement of the vehicle's sensor.
 
     The simulator limits speeds only here, to the preferred speed of each agent, or to the intended speed of a
-    pedestrian if that is larger. In a run, the `Driver` has already rejected faster commands of a planner. The vehicle's
-    other limits and the limits of pedestrians in `Rules.walking` are enforced too. Pedestrians overlap if these limits
-    prevent avoidance.
+    pedestrian if that is larger. In a run, the `Driver` has already rejected faster commands of a planner. Other
+    limits of the vehicle, and the limits of `Rules.walking` for pedestrians, are enforced too. Pedestrians overlap if
+    these limits prevent avoidance.
 
     Pedestrians cannot pass walls: they slide along a wall that their rim touches, and have the velocity of this motion.
     The vehicle is not stopped by walls, because a collision ends its episode.

@@ -97,7 +97,7 @@ class Simulated(Predictor):
             world = world.replace(key=np.concatenate(keys))
         if self.knows == Knowledge.GOALS:
             usual = {name: np.full(world.radius.shape, float(value)) for name, value in ORCA.parameters.items()}
-            rules = dataclasses.replace(world.rules, visible=False)
+            rules = dataclasses.replace(world.rules, visible=False, intentions=())
             return world.replace(rules=rules, parameters={**world.parameters, ASSUMED: usual})
         return forget_vehicle(world) if self.knows == Knowledge.POLICIES else world
 
@@ -111,6 +111,8 @@ def has_chance(scenario: Scenario, knows: Knowledge) -> bool:
         return True
     if knows == Knowledge.GOALS:
         return False
+    if any(intention.noise for intention in scenario.rules.intentions):
+        return True
     policies = scenario.policies.values()
     is_certain = all(isinstance(policy, ORCA) or policy.stands for policy in policies)
     return not is_certain or (knows == Knowledge.POLICIES and has_attention(scenario.rules))
@@ -120,7 +122,7 @@ def adds_nothing(scenario: Scenario, knows: Knowledge) -> bool:
     """Return whether a kind of knowledge gives the same futures as the one before it, by construction."""
     if knows == Knowledge.POLICIES:
         usual = ORCA.parameters
-        return not scenario.rules.visible and all(
+        return not (scenario.rules.visible or scenario.crowd.variation) and all(
             scenario.policies[name].stands
             or (
                 isinstance(scenario.policies[name], ORCA)

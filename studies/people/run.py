@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 BASELINE = "orca"
 """The shipped policy with which others are compared."""
+
+BLIND = "straight"
+"""The policy of people who see nobody."""
 
 HEADER = ("model", "goal", "v3", "motion", "path", "encounter", "new contacts", "ratio to recorded")
 
@@ -56,22 +60,20 @@ def people(
     """
     use_threads(threads)
     announce_compilation()
-    from studies.people.summary import compare, summarize
+    from studies.people.simulate import population_options
     from studies.people.windows import FOLDS, read_windows
 
     options = assignments(option or [], "--option")
     by_location = read_windows(data, location or FOLDS)
     windows = [window for each in by_location.values() for window in each]
-    models = {policy: _score_policy(policy, by_location, options, fits)}
-    is_baseline = policy == BASELINE and not options and not fits
-    baseline = models[policy] if is_baseline else _score_policy(BASELINE, by_location)
-    difference = "difference to shipped orca"
-    rows = [_row(policy, goal, summarize(scores)) for goal, scores in models[policy].items()]
-    if baseline is not models[policy]:
-        rows += [_row(f"{BASELINE} as shipped", goal, summarize(scores)) for goal, scores in baseline.items()]
-        rows += [
-            _row(difference, goal, compare(scores, baseline[goal]), "+") for goal, scores in models[policy].items()
-        ]
+    own = {name: {**_fitted(fits, name), **options} for name in by_location}
+    model = _score_policy(policy, by_location, own)
+    rows = _rows(policy, model)
+    if policy != BASELINE or any(own.values()):
+        rows += _beside(model, f"{BASELINE} as shipped", _score_policy(BASELINE, by_location, {}))
+    populations = {name: population_options(policy, each) for name, each in own.items()}
+    if any(populations.values()):
+        rows += _beside(model, "blind, same population", _score_policy(BLIND, by_location, populations))
     if references:
         rows += _reference_rows(by_location, data)
     grid = Grid("People", list(HEADER), rows)
@@ -93,20 +95,16 @@ def _describe(windows: Sequence[Window]) -> str:
 
 
 def _score_policy(
-    policy: str,
-    by_location: Mapping[str, Sequence[Window]],
-    options: Mapping[str, Any] | None = None,
-    fits: Path | None = None,
+    policy: str, by_location: Mapping[str, Sequence[Window]], options: Mapping[str, Mapping[str, Any]]
 ) -> Scores:
-    """Return the scores of a policy with the goal shown and with the goal hidden."""
+    """Return the scores of a policy, with options by location, with the goal shown and with the goal hidden."""
     from studies.people.likelihood import score
     from studies.people.simulate import simulate
 
     scores: Scores = {"shown": [], "hidden": []}
     for location, windows in by_location.items():
-        own = {**_fitted(fits, location), **(options or {})}
         for goal, found in scores.items():
-            found += score(windows, simulate(policy, windows, own, hidden=goal == "hidden"))
+            found += score(windows, simulate(policy, windows, options.get(location), hidden=goal == "hidden"))
     return scores
 
 
@@ -127,7 +125,6 @@ def _reference_rows(by_location: Mapping[str, Sequence[Window]], data: Path) -> 
     """Return the rows of references: those without a policy have no goal."""
     from studies.people.likelihood import score
     from studies.people.references import random_walkers, recording_with_noise, resampled_motion
-    from studies.people.summary import summarize
     from studies.people.windows import FOLDS, PLACE, read_windows
 
     windows = [window for each in by_location.values() for window in each]
@@ -141,9 +138,23 @@ def _reference_rows(by_location: Mapping[str, Sequence[Window]], data: Path) -> 
         "resampled motion": resampled,
         "random": map(random_walkers, windows),
     }
-    rows = [_row(name, "-", summarize(score(windows, list(places)))) for name, places in rollouts.items()]
-    blind = _score_policy("straight", by_location)
-    return rows + [_row("straight (blind)", goal, summarize(scores)) for goal, scores in blind.items()]
+    rows = [row for name, places in rollouts.items() for row in _rows(name, {"-": score(windows, list(places))})]
+    return rows + _rows("blind", _score_policy(BLIND, by_location, {}))
+
+
+def _rows(name: str, model: Scores) -> list[list[str]]:
+    """Return the rows of a model, one for each goal."""
+    from studies.people.summary import summarize
+
+    return [_row(name, goal, summarize(scores)) for goal, scores in model.items()]
+
+
+def _beside(model: Scores, name: str, other: Scores) -> list[list[str]]:
+    """Return the rows of another model, and of the difference of a model to it."""
+    from studies.people.summary import compare
+
+    differences = [_row(f"difference to {name}", goal, compare(model[goal], other[goal]), "+") for goal in model]
+    return _rows(name, other) + differences
 
 
 def _row(model: str, goal: str, figures: Mapping[str, Figure], sign: str = "-") -> list[str]:
@@ -157,6 +168,9 @@ def _row(model: str, goal: str, figures: Mapping[str, Figure], sign: str = "-") 
     """
     cells = []
     for name, figure in figures.items():
+        if math.isnan(figure.value):
+            cells.append("-")
+            continue
         factor, digits = (100.0, f"{sign}.1f") if name == "contacts" else (1.0, f"{sign}.3f")
         value, low, high = (format(factor * number, digits) for number in figure)
         cells.append(f"{value} ({low} to {high}){' %' * (name == 'contacts')}")

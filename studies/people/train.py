@@ -59,10 +59,10 @@ def learn(windows: Sequence[Window], seed: int) -> dict[str, np.ndarray]:
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, EPOCHS)
     for epoch in range(EPOCHS):
         total = 0.0
-        for rows in torch.randperm(len(observed)).split(BATCH):
+        for rows in torch.randperm(len(observed)).split(BATCH):  # type: ignore[no-untyped-call]
             loss = torch.nn.functional.huber_loss(network(observed[rows]), change[rows], delta=0.3)
             optimizer.zero_grad()
-            loss.backward()
+            loss.backward()  # type: ignore[no-untyped-call]
             optimizer.step()
             total += float(loss.detach()) * len(rows)
         schedule.step()

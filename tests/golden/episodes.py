@@ -47,6 +47,9 @@ ROUNDED = {"brne", "dra_mppi", "mpc"}
 MEASURED = ("circle_crossing_5", "circle_crossing_5_visible", "doorway_10", "car_12", "crowdnav_plus_20")
 """Scenarios with recorded metrics of `straight`, which collides, and of `orca_margin`."""
 
+POPULATED = str(Path(__file__).parent.parent / "scenarios" / "populated.toml")
+"""A scenario with a population, which no shipped scenario has."""
+
 STEPS = 8
 """Steps after which the positions of the vehicle are compared, for planners whose last bits vary."""
 
@@ -65,7 +68,7 @@ def digest(trace):
 
 def load(name):
     """Return a scenario with its tracks, None where they are not there."""
-    if "tracks" not in read_toml(scenario_path(name), "scenario"):
+    if name == POPULATED or "tracks" not in read_toml(scenario_path(name), "scenario"):
         return load_scenario(name)
     if "CROWDBENCH_SHARED" not in os.environ:
         return None
@@ -129,12 +132,12 @@ def measure(names):
     for name in names:
         if (scenario := load(name)) is None:
             continue
-        found["scenarios"][name] = scenario.digest
+        found["scenarios"][scenario.name] = scenario.digest
         for planner, cases in drives(scenario):
-            found["episodes"][f"{name} {cases} {planner}"] = episode(planner, scenario, cases)
+            found["episodes"][f"{scenario.name} {cases} {planner}"] = episode(planner, scenario, cases)
         if name in MEASURED:
             found["metrics"] |= measure_metrics(scenario)
-        print(name, flush=True)
+        print(scenario.name, flush=True)
     return found
 
 
@@ -176,7 +179,7 @@ def record(before, found):
 
 
 if __name__ == "__main__":
-    names = [name for name in sys.argv[1:] if name != "--record"] or [name for name, _ in scenarios()]
+    names = [name for name in sys.argv[1:] if name != "--record"] or [*(name for name, _ in scenarios()), POPULATED]
     before, found = json.loads(FILE.read_text()), measure(names)
     told = differences(before, found)
     if "--record" in sys.argv and not any(sentence.endswith(MOVED) for sentence in told):
