@@ -52,13 +52,15 @@ POPULATION: Mapping[str, Bounds] = {
 """Parameters of the population, for all policies."""
 
 SPREAD = Bounds(0.05, 0.35, 0.8)
-"""Spread of the policy's parameters and of the radius, the same one for all of them."""
-
-RADIUS = Bounds(0.1, 0.2, 0.3)
+"""Spread of the policy's parameters, the same one for all of them."""
 
 POLICIES: Mapping[str, Mapping[str, Bounds]] = {
     "straight": {},
-    "orca": {"time_horizon": Bounds(0.4, 1.5, 6.0), "neighbor_distance": Bounds(1.0, 3.0, 10.0)},
+    "orca": {
+        "time_horizon": Bounds(0.4, 1.5, 6.0),
+        "neighbor_distance": Bounds(1.0, 3.0, 10.0),
+        "safety_space": Bounds(0.002, 0.03, 0.15),
+    },
     "power_law": {"interaction_energy": Bounds(0.1, 1.5, 6.0), "interaction_horizon": Bounds(0.5, 3.0, 8.0)},
     "social_force": {"repulsion_strength": Bounds(0.02, 0.1, 3.0), "repulsion_range": Bounds(0.1, 0.3, 1.0)},
 }
@@ -144,15 +146,14 @@ def options_of(policy: str, parameters: Mapping[str, float]) -> dict[str, Any]:
     population: dict[str, Any] = {name: parameters[name] for name in POPULATION if "." not in name}
     spread = {"preferred_speed": parameters["spread.preferred_speed"]}
     if own:
-        spread |= dict.fromkeys(("radius", *own), parameters["spread"])
-    options: dict[str, Any] = {name: parameters[name] for name in own}
-    options |= {"pedestrians.radius": parameters["radius"]} if own else {}
-    return options | {"pedestrians.population": {**population, "spread": spread}}
+        spread |= dict.fromkeys(own, parameters["spread"])
+    options = {name: parameters[name] for name in own}
+    return {**options, "pedestrians.population": {**population, "spread": spread}}
 
 
 def _bounds(policy: str) -> dict[str, Bounds]:
     own = POLICIES[policy]
-    return {**POPULATION, **({"spread": SPREAD, "radius": RADIUS, **own} if own else {})}
+    return {**POPULATION, **({"spread": SPREAD, **own} if own else {})}
 
 
 if __name__ == "__main__":
