@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from crowdbench.core import norm
 from crowdbench.scenario import ETH_UCY_DT
 from studies.people.encounters import Places
-from studies.people.windows import FUTURE, HISTORY, Window
+from studies.people.windows import HISTORY, Window
 
 BINS = 20
 """Number of bins of a feature; one more is for an undefined value."""
@@ -22,6 +22,8 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "along": (-0.5, 2.5),
     "lateral": (-1.05, 0.95),
     "closest": (0.0, 4.0),
+    "rim": (0.0, 6.0),
+    "time to collision": (0.0, 6.0),
 }
 """Bounds of the bins of each feature; values beyond belong to the first or the last bin. 0 is in the middle of a bin of
 acceleration, turning and lateral velocity: at a bound, rounding would decide about those who walk straight."""
@@ -49,7 +51,7 @@ def per_frame(window: Window, places: Places) -> dict[str, PerFrame]:
     cross = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
     turn = np.arctan2(cross, (before * after).sum(axis=-1)) / ETH_UCY_DT
     walks = np.minimum(speed[:, :-1], speed[:, 1:]) >= TURNS
-    time = ETH_UCY_DT * np.arange(1, FUTURE + 1)
+    time = ETH_UCY_DT * np.arange(1, places.shape[1])
     mean = (places[:, 1:] - places[:, :1]) / time[:, None, None]
     ahead = window.heading
     return {

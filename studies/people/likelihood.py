@@ -12,6 +12,9 @@ from studies.people.encounters import Places, closest_approach
 from studies.people.features import BINS, CONTACT, bins_of, per_frame
 from studies.people.windows import BLOCK, Window
 
+PerPerson = Float[np.ndarray, "person"]
+PerRollout = Float[np.ndarray, "rollout person"]
+
 UNIFORM = 0.05
 """Share of the uniform distribution in every probability."""
 
@@ -50,21 +53,13 @@ def score_window(window: Window, places: Places) -> WindowScore:
         places: Positions in its rollouts in metres.
     """
     persons, truth = window.scored, window.future[None]
-    simulated, recorded = per_frame(window, places), per_frame(window, truth)
-    here = window.present[1:, persons]
-    of_person = {
-        name: log_frames(
-            bins_of(name, simulated[name][..., persons]), bins_of(name, recorded[name][0][..., persons]), here
-        )
-        for name in simulated
-    }
+    of_person = log_motion(window, places, persons)
     near = closest_approach(places, window.strangers, persons)
     nearest = closest_approach(truth, window.strangers, persons)[0]
     conflict = window.conflict[persons]
     touches, touched = near < CONTACT, nearest < CONTACT
-    share = (1.0 - UNIFORM) * touches.mean(axis=0) + UNIFORM / 2.0
-    of_person["closest"] = np.where(conflict, _log_closest(near, nearest), np.nan)
-    of_person["contact"] = np.where(conflict, np.log(np.where(touched, share, 1.0 - share)), np.nan)
+    of_person["closest"] = np.where(conflict, log_value("closest", near, nearest), np.nan)
+    of_person["contact"] = np.where(conflict, log_event(touches, touched), np.nan)
     thirds = {third: np.mean([of_person[name] for name in names], axis=0) for third, names in THIRDS.items()}
     return WindowScore(
         {third: float(np.nanmean(log)) if np.isfinite(log).any() else np.nan for third, log in thirds.items()},
@@ -77,6 +72,24 @@ def score_window(window: Window, places: Places) -> WindowScore:
 def score(windows: Sequence[Window], rollouts: Sequence[Places]) -> list[WindowScore]:
     """Return the score of rollouts in each window."""
     return [score_window(window, places) for window, places in zip(windows, rollouts, strict=True)]
+
+
+def log_motion(window: Window, places: Places, persons: Bool[np.ndarray, "all"]) -> dict[str, PerPerson]:
+    """Return each person's mean log-likelihood of each feature of motion and path.
+
+    Args:
+        window: The window.
+        places: Positions in its rollouts in metres.
+        persons: The persons to return.
+    """
+    simulated, recorded = per_frame(window, places), per_frame(window, window.future[None])
+    here = window.present[1:, persons]
+    return {
+        name: log_frames(
+            bins_of(name, simulated[name][..., persons]), bins_of(name, recorded[name][0][..., persons]), here
+        )
+        for name in simulated
+    }
 
 
 def log_frames(
@@ -101,12 +114,16 @@ def log_frames(
     return total / here.sum(axis=0)
 
 
-def _log_closest(
-    near: Float[np.ndarray, "rollout person"], nearest: Float[np.ndarray, "person"]
-) -> Float[np.ndarray, "person"]:
-    """Return the log-likelihood of each person's recorded closest approach, in metres, among all rollouts."""
-    counts = (bins_of("closest", near)[..., None] == BIN_NUMBERS).sum(axis=0)
-    return np.log(smooth(counts / len(near)))[np.arange(len(nearest)), bins_of("closest", nearest)]
+def log_value(feature: str, simulated: PerRollout, recorded: PerPerson) -> PerPerson:
+    """Return the log-likelihood of a feature with one value per person and rollout."""
+    counts = (bins_of(feature, simulated)[..., None] == BIN_NUMBERS).sum(axis=0)
+    return np.log(smooth(counts / len(simulated)))[np.arange(len(recorded)), bins_of(feature, recorded)]
+
+
+def log_event(simulated: Bool[np.ndarray, "rollout person"], recorded: Bool[np.ndarray, "person"]) -> PerPerson:
+    """Return the log-likelihood of an event that each person has or has not."""
+    share = (1.0 - UNIFORM) * simulated.mean(axis=0) + UNIFORM / 2.0
+    return np.log(np.where(recorded, share, 1.0 - share))
 
 
 def smooth(share: Float[np.ndarray, "person bin"]) -> Float[np.ndarray, "person bin"]:

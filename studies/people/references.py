@@ -9,7 +9,7 @@ import numpy as np
 from crowdbench.scenario import ETH_UCY_DT
 from studies.people.encounters import Places
 from studies.people.simulate import ROLLOUTS
-from studies.people.windows import FUTURE, Window
+from studies.people.windows import Window
 
 NOISE = 0.05
 """Standard deviation in metres of the noise on each coordinate of recorded positions."""
@@ -70,4 +70,4 @@ def _straightened(donors: Sequence[Window]) -> tuple[np.ndarray, np.ndarray]:
 
 def _age(window: Window) -> np.ndarray:
     """Return the frames since each person's first one `[time, person]`, negative before it."""
-    return np.arange(FUTURE + 1)[:, None] - window.present.argmax(axis=0)
+    return np.arange(len(window.future))[:, None] - window.present.argmax(axis=0)

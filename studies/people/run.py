@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
 BASELINE = "orca"
 """The shipped policy with which others are compared."""
+
+BLIND = "straight"
+"""The policy of people who see nobody."""
 
 HEADER = ("model", "goal", "v3", "motion", "path", "encounter", "new contacts", "ratio to recorded")
 
@@ -52,21 +56,18 @@ def people(
     """
     use_threads(threads)
     announce_compilation()
-    from studies.people.summary import compare, summarize
+    from studies.people.simulate import population_options
     from studies.people.windows import FOLDS, read_windows
 
     options = assignments(option or [], "--option")
     by_location = read_windows(data, location or FOLDS)
     windows = [window for each in by_location.values() for window in each]
-    models = {policy: _score_policy(policy, windows, options)}
-    baseline = models[policy] if policy == BASELINE and not options else _score_policy(BASELINE, windows, {})
-    difference = "difference to shipped orca"
-    rows = [_row(policy, goal, summarize(scores)) for goal, scores in models[policy].items()]
-    if baseline is not models[policy]:
-        rows += [_row(f"{BASELINE} as shipped", goal, summarize(scores)) for goal, scores in baseline.items()]
-        rows += [
-            _row(difference, goal, compare(scores, baseline[goal]), "+") for goal, scores in models[policy].items()
-        ]
+    model = _score_policy(policy, windows, options)
+    rows = _rows(policy, model)
+    if policy != BASELINE or options:
+        rows += _beside(model, f"{BASELINE} as shipped", _score_policy(BASELINE, windows, {}))
+    if population := population_options(policy, options):
+        rows += _beside(model, "blind, same population", _score_policy(BLIND, windows, population))
     if references:
         rows += _reference_rows(by_location, data)
     grid = Grid("People", list(HEADER), rows)
@@ -99,7 +100,6 @@ def _reference_rows(by_location: Mapping[str, Sequence[Window]], data: Path) -> 
     """Return the rows of references: those without a policy have no goal."""
     from studies.people.likelihood import score
     from studies.people.references import random_walkers, recording_with_noise, resampled_motion
-    from studies.people.summary import summarize
     from studies.people.windows import FOLDS, PLACE, read_windows
 
     windows = [window for each in by_location.values() for window in each]
@@ -113,9 +113,23 @@ def _reference_rows(by_location: Mapping[str, Sequence[Window]], data: Path) -> 
         "resampled motion": resampled,
         "random": map(random_walkers, windows),
     }
-    rows = [_row(name, "-", summarize(score(windows, list(places)))) for name, places in rollouts.items()]
-    blind = _score_policy("straight", windows, {})
-    return rows + [_row("straight (blind)", goal, summarize(scores)) for goal, scores in blind.items()]
+    rows = [row for name, places in rollouts.items() for row in _rows(name, {"-": score(windows, list(places))})]
+    return rows + _rows("blind", _score_policy(BLIND, windows, {}))
+
+
+def _rows(name: str, model: Scores) -> list[list[str]]:
+    """Return the rows of a model, one for each goal."""
+    from studies.people.summary import summarize
+
+    return [_row(name, goal, summarize(scores)) for goal, scores in model.items()]
+
+
+def _beside(model: Scores, name: str, other: Scores) -> list[list[str]]:
+    """Return the rows of another model, and of the difference of a model to it."""
+    from studies.people.summary import compare
+
+    differences = [_row(f"difference to {name}", goal, compare(model[goal], other[goal]), "+") for goal in model]
+    return _rows(name, other) + differences
 
 
 def _row(model: str, goal: str, figures: Mapping[str, Figure], sign: str = "-") -> list[str]:
@@ -129,6 +143,9 @@ def _row(model: str, goal: str, figures: Mapping[str, Figure], sign: str = "-") 
     """
     cells = []
     for name, figure in figures.items():
+        if math.isnan(figure.value):
+            cells.append("-")
+            continue
         factor, digits = (100.0, f"{sign}.1f") if name == "contacts" else (1.0, f"{sign}.3f")
         value, low, high = (format(factor * number, digits) for number in figure)
         cells.append(f"{value} ({low} to {high}){' %' * (name == 'contacts')}")

@@ -57,7 +57,8 @@ def _figures(*columns: Columns, axis: int) -> Statistics:
     """Return the figures of one model, or the differences between two models."""
     width = len(THIRDS) + 3
     if len(columns) == 2 * width:
-        return _figures(*columns[:width], axis=axis) - _figures(*columns[width:], axis=axis)
+        with np.errstate(invalid="ignore"):  # of infinite ratios, without a contact in the recordings
+            return _figures(*columns[:width], axis=axis) - _figures(*columns[width:], axis=axis)
     *thirds, contacts, recorded, persons = columns
     with np.errstate(invalid="ignore", divide="ignore"):
         logs = [np.nansum(log, axis=axis) / np.isfinite(log).sum(axis=axis) for log in thirds]

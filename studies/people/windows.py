@@ -59,7 +59,7 @@ class Window:
     Attributes:
         name: The recording.
         number: Number of the window among all windows of its recording.
-        position: Positions in metres in the frames from `-HISTORY` to `FUTURE`, NaN for absent persons.
+        position: Positions in metres in the frames from `-HISTORY` on, NaN for absent persons.
         group: Number of each person's group.
         scored: True for persons whose motion is scored.
         velocity: In m/s, at the start or, for later persons, at their first frame.
@@ -77,6 +77,11 @@ class Window:
     heading: Vectors
     speed: Float[np.ndarray, "person"]
     end: Vectors
+
+    @property
+    def seconds(self) -> float:
+        """Duration of the future in seconds."""
+        return ETH_UCY_DT * (len(self.future) - 1)
 
     @property
     def future(self) -> Path2:
@@ -106,7 +111,7 @@ class Window:
         moving = self.velocity - self.velocity[:, None]
         speed2 = (moving**2).sum(axis=-1)
         with np.errstate(invalid="ignore", divide="ignore"):
-            when = np.clip(-(apart * moving).sum(axis=-1) / speed2, 0.0, FUTURE * ETH_UCY_DT)
+            when = np.clip(-(apart * moving).sum(axis=-1) / speed2, 0.0, self.seconds)
         closest = norm(apart + np.nan_to_num(when)[..., None] * moving)
         meets = self.strangers & (norm(apart) > NEAR) & (closest < CONFLICT)
         return self.scored & meets.any(axis=1)
@@ -126,7 +131,7 @@ class Window:
         Args:
             hidden: True for the extrapolation of the start velocity, which uses nothing of the future.
         """
-        ahead = self.heading * self.speed[:, None] * FUTURE * ETH_UCY_DT if hidden else self.end - self.first
+        ahead = self.heading * self.speed[:, None] * self.seconds if hidden else self.end - self.first
         length = norm(ahead)[:, None]
         direction = np.where(length > SLOW, ahead / np.maximum(length, SLOW), self.heading)
         return self.first + ahead + BEYOND * direction
@@ -153,17 +158,23 @@ def read_windows(data: Path, locations: Sequence[str] = FOLDS) -> dict[str, list
     }
 
 
-def cut(tracks: RecordedTracks) -> list[Window]:
-    """Return the windows of a recording: futures follow each other without a gap. Windows without scored persons are
-    left out."""
+def cut(tracks: RecordedTracks, frames: int = FUTURE) -> list[Window]:
+    """Return the windows of a recording: futures follow each other without a gap.
+
+    Windows without scored persons are left out.
+
+    Args:
+        tracks: The recording, annotated every 0.4 s.
+        frames: Number of frames of a future.
+    """
     frame, position = on_grid(tracks)
     group = find_groups(position)
     ends = np.array([path[np.isfinite(path[:, 0])][-1] for path in position.swapaxes(0, 1)])
     windows = []
-    for number, start in enumerate(range(HISTORY, len(frame) - FUTURE, FUTURE)):
-        part = position[start - HISTORY : start + FUTURE + 1]
+    for number, start in enumerate(range(HISTORY, len(frame) - frames, frames)):
+        part = position[start - HISTORY : start + frames + 1]
         near = np.flatnonzero(np.isfinite(part[HISTORY:, :, 0]).any(axis=0))
-        window = _window(tracks.name, number, part[:, near], group[near], ends[near])
+        window = make_window(tracks.name, number, part[:, near], group[near], ends[near])
         if window.scored.any():
             windows.append(window)
     return windows
@@ -182,7 +193,8 @@ def on_grid(tracks: RecordedTracks) -> tuple[Int[np.ndarray, "time"], Path2]:
     return frame, position
 
 
-def _window(name: str, number: int, position: Path2, group: Int[np.ndarray, "person"], end: Vectors) -> Window:
+def make_window(name: str, number: int, position: Path2, group: Int[np.ndarray, "person"], end: Vectors) -> Window:
+    """Return a window, with velocities and speeds from its positions; see the attributes of `Window`."""
     present = np.isfinite(position[..., 0])
     scored = present[: HISTORY + 1 + BLOCK].all(axis=0)
     step = np.diff(position, axis=0) / ETH_UCY_DT
@@ -202,7 +214,7 @@ def _window(name: str, number: int, position: Path2, group: Int[np.ndarray, "per
     return Window(name, number, position, group, scored, velocity, heading, speed, end)
 
 
-def by_size(windows: Sequence[Window], most: int) -> Iterator[list[Window]]:
+def batches(windows: Sequence[Window], most: int) -> Iterator[list[Window]]:
     """Yield windows in batches of at most `most`, in their order."""
     for start in range(0, len(windows), most):
         yield list(windows[start : start + most])
