@@ -95,7 +95,7 @@ def fit(
     announce_compilation()
     locations = [name for name in FOLDS if name != held_out]
     windows = [window for each in read_windows(data, locations).values() for window in each]
-    bounds = _bounds(policy)
+    bounds = parameter_bounds(policy)
     best, value = search(policy, windows, bounds, generations)
     facts = {"policy": policy, "locations": locations, "trials": generations * OFFSPRING, "score": round(value, 4)}
     out.mkdir(parents=True, exist_ok=True)
@@ -136,6 +136,8 @@ def judge(policy: str, windows: Sequence[Window], parameters: Mapping[str, float
     from studies.people.summary import figures
 
     found = figures(score(windows, simulate(policy, windows, options_of(policy, parameters), rollouts=ROLLOUTS)))
+    if not np.isfinite(found["ratio"]):  # no new contact is recorded
+        return found["v3"]
     excess = abs(np.log2(max(found["ratio"], 1e-3))) - np.log2(MOST_CONTACTS)
     return float(found["v3"] - LOSS * max(0.0, excess))
 
@@ -151,7 +153,8 @@ def options_of(policy: str, parameters: Mapping[str, float]) -> dict[str, Any]:
     return {**options, "pedestrians.population": {**population, "spread": spread}}
 
 
-def _bounds(policy: str) -> dict[str, Bounds]:
+def parameter_bounds(policy: str) -> dict[str, Bounds]:
+    """Return the bounds of the fitted parameters of a policy, which has one of the names in `POLICIES`."""
     own = POLICIES[policy]
     return {**POPULATION, **({"spread": SPREAD, **own} if own else {})}
 
