@@ -28,7 +28,7 @@ BASELINE = "orca"
 BLIND = "straight"
 """The policy of people who see nobody."""
 
-HEADER = ("model", "goal", "v3", "motion", "path", "encounter", "new contacts", "ratio to recorded")
+HEADER = ("model", "goal", "v3", "motion", "path", "encounter", "new contacts", "ratio to recorded", "closest [m]")
 
 Scores = dict[str, list["WindowScore"]]
 """By goal, `shown` or `hidden`, the score in each window."""

@@ -14,8 +14,12 @@ from studies.people.likelihood import THIRDS, WindowScore
 Columns = Float[np.ndarray, "*resample window"]
 Statistics = Float[np.ndarray, "*resample statistic"]
 
-STATISTICS = ("v3", *THIRDS, "contacts", "ratio")
-"""The score, its thirds, the share of persons with a new contact, and its ratio to the recorded share."""
+STATISTICS = ("v3", *THIRDS, "contacts", "ratio", "closest")
+"""The score, its thirds, the share of persons with a new contact, its ratio to the recorded share, and the mean closest
+approach in metres."""
+
+COUNTS = ("persons", "contacts", "recorded_contacts", "conflicts", "closest")
+"""Fields of `WindowScore` that are summed over windows."""
 
 
 class Figure(NamedTuple):
@@ -38,8 +42,7 @@ def compare(scores: Sequence[WindowScore], others: Sequence[WindowScore]) -> dic
 
 def _columns(scores: Sequence[WindowScore]) -> list[Columns]:
     thirds = [np.array([each.log[third] for each in scores]) for third in THIRDS]
-    counts = [[each.contacts, each.recorded, each.persons] for each in scores]
-    return [*thirds, *np.array(counts, float).T]
+    return [*thirds, *(np.array([getattr(each, name) for each in scores], float) for name in COUNTS)]
 
 
 def _estimate(*columns: Columns) -> dict[str, Figure]:
@@ -55,13 +58,13 @@ def _estimate(*columns: Columns) -> dict[str, Figure]:
 
 def _figures(*columns: Columns, axis: int) -> Statistics:
     """Return the figures of one model, or the differences between two models."""
-    width = len(THIRDS) + 3
+    width = len(THIRDS) + len(COUNTS)
     if len(columns) == 2 * width:
         with np.errstate(invalid="ignore"):  # of infinite ratios, without a contact in the recordings
             return _figures(*columns[:width], axis=axis) - _figures(*columns[width:], axis=axis)
-    *thirds, contacts, recorded, persons = columns
+    thirds = columns[: len(THIRDS)]
+    persons, contacts, recorded, conflicts, closest = (column.sum(axis=axis) for column in columns[len(THIRDS) :])
     with np.errstate(invalid="ignore", divide="ignore"):
         logs = [np.nansum(log, axis=axis) / np.isfinite(log).sum(axis=axis) for log in thirds]
-        share = contacts.sum(axis=axis) / persons.sum(axis=axis)
-        ratio = contacts.sum(axis=axis) / recorded.sum(axis=axis)
-    return np.stack([np.exp(np.mean(logs, axis=0)), *np.exp(logs), share, ratio], axis=-1)
+        shares = contacts / persons, contacts / recorded, closest / conflicts
+    return np.stack([np.exp(np.mean(logs, axis=0)), *np.exp(logs), *shares], axis=-1)

@@ -221,9 +221,9 @@ def test_new_contacts_count_persons_and_not_groups():
     apart, meeting = walk((0, 0), (1, 0)), walk((10, 0.1), (-1, 0))
     (window,) = cut(recording(apart, meeting, walk((0, 0.3), (1, 0))))
     found = score_window(window, np.repeat(window.future[None], 2, axis=0))
-    assert (found.recorded, found.contacts, found.persons) == (3, 3.0, 3)
+    assert (found.recorded_contacts, found.contacts, found.persons) == (3, 3.0, 3)
     (window,) = cut(recording(apart, walk((0, 0.3), (1, 0))))
-    assert score_window(window, window.future[None]).recorded == 0
+    assert score_window(window, window.future[None]).recorded_contacts == 0
 
 
 def test_people_come_and_go_as_recorded_and_start_with_the_recorded_velocity():
