@@ -16,8 +16,8 @@ from studies.people.encounters import Places
 from studies.people.windows import HISTORY, Window, cut
 from studies.social_gan.windows import resample
 
-FRAMES = 15
-"""Frames of a window's future, 6 s: clips are short."""
+FRAMES, EVERY = 15, 7
+"""Frames of a window's future, 6 s, and from one start to the next, 2.8 s: clips are short, and windows overlap."""
 
 VEHICLES = "_traj_veh_filtered.csv"
 """End of the name of the file with a clip's cars."""
@@ -105,8 +105,8 @@ def cut_with_cars(tracks: RecordedTracks, cars: Sequence[Car]) -> list[CarWindow
     coarse = resample(tracks, ETH_UCY_DT)
     first = coarse.frame.min() / FRAME_STEP * ETH_UCY_DT
     found = []
-    for window in cut(coarse, FRAMES):
-        start = first + ETH_UCY_DT * (HISTORY + window.number * FRAMES)
+    for window in cut(coarse, FRAMES, EVERY):
+        start = first + ETH_UCY_DT * (HISTORY + window.number * EVERY)
         each = CarWindow(window, start, [])
         here = [car for car in cars if np.isfinite(pose(car, each.times(ETH_UCY_DT))[1]).any()]
         distance = [_nearest(each, car) for car in here]

@@ -98,8 +98,13 @@ def _with_recorded_discs(world: World, windows: Sequence[CarWindow], rollouts: i
         radius[rows, 1 + first : 1 + first + len(widths)] = widths
         speed[rows, 1 + first :] = FASTEST
     parameters = {**world.parameters, RECORDED: {}}
-    memory = {name: {} for name in parameters}
-    return world.replace(policy=policy, radius=radius, preferred_speed=speed, parameters=parameters, memory=memory)
+    return world.replace(
+        policy=policy,
+        radius=radius,
+        preferred_speed=speed,
+        parameters=parameters,
+        memory={name: {} for name in parameters},
+    )
 
 
 class _Vehicles:
