@@ -34,7 +34,7 @@ from crowdbench.scenario.schema import (
 )
 from crowdbench.scenario.starts import LayoutStarts
 from crowdbench.sim.pedestrians import PedestrianPolicy, Recorded
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, require
 from crowdbench.utils.toml import Location, parse_table
 
 if TYPE_CHECKING:
@@ -74,16 +74,17 @@ def parse_scenario(
     file = Location(source)
     names = parse_table(NamesSpec, table, file)
     policies = _load_policies(names.pedestrians, load_policy, file.at("pedestrians"))
-    of_policies = tuple(
-        {name: getattr(part.policy, fact) for name, part in policies.items()} for fact in ("parameters", "population")
-    )
+    parameters = {name: part.policy.parameters for name, part in policies.items()}
+    populations = {
+        name: _own_population(name, part.policy) for name, part in policies.items() if part.policy.population
+    }
     if "tracks" in table:
         layout = None
-        model = scenario_spec(names.vehicle.dynamics, *of_policies)
+        model = scenario_spec(names.vehicle.dynamics, parameters, populations)
     else:
         with file.at("layout", "generator").named():
             generator, layout, digest = load_layout(names.layout.generator)
-            model = scenario_spec(names.vehicle.dynamics, *of_policies, layout)
+            model = scenario_spec(names.vehicle.dynamics, parameters, populations, layout)
         _check_digest(names.layout.generator_file, digest, file.at("layout", "generator_file"))
     spec = parse_table(model, table, file)
     # Names of plug-ins replace their files, whose digests are added.
@@ -171,6 +172,13 @@ def _recorded_starts(
         right = "left out where cars say where the vehicle starts and goes"
         raise location.at("distance").wrong(f"{tracks.distance:g}", right)
     return crowd, files
+
+
+def _own_population(name: str, policy: PedestrianPolicy) -> PopulationSpec:
+    """Return the population that a policy brings. Raises InputError if it is invalid."""
+    population = policy.population
+    require(f"population of pedestrian policy {name}", population, isinstance(population, Mapping), "a table")
+    return parse_table(PopulationSpec, population, Location(f"pedestrian policy {name}", POPULATION))
 
 
 def _variation(spec: PedestriansSpec, policies: Mapping[str, _Policy], location: Location) -> dict[str, PopulationSpec]:

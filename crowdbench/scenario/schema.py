@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_model
@@ -81,6 +81,11 @@ def _ordered(pair: tuple[int, int]) -> tuple[int, int]:
 
 def _as_shares(value: Any) -> Any:
     return {value: 1.0} if isinstance(value, str) else value
+
+
+def _defaults_of(spec: TomlTable) -> Callable[[Any], Any]:
+    """Return a function that adds the values of a table to another table, for its missing keys."""
+    return lambda value: {**spec.complete(), **value} if isinstance(value, dict) else value
 
 
 GroupSize = Literal["1", "2", "3", "4", "5"]
@@ -227,7 +232,7 @@ class TracksScenarioSpec(ScenarioSpec):
 def scenario_spec(
     dynamics: str,
     parameters: Mapping[str, Mapping[str, float]],
-    populations: Mapping[str, Mapping[str, Any]],
+    populations: Mapping[str, PopulationSpec],
     layout: Layout | None = None,
 ) -> type[ScenarioSpec]:
     """Return the pydantic model of a complete file.
@@ -237,7 +242,7 @@ def scenario_spec(
     Args:
         dynamics: The vehicle's dynamics.
         parameters: By pedestrian policy, the defaults of its parameters.
-        populations: By pedestrian policy, the defaults of its population, empty without one.
+        populations: By pedestrian policy, the default of its population; others have none.
         layout: The layout that the file names; None with recorded tracks.
 
     Raises:
@@ -256,9 +261,10 @@ def scenario_spec(
             else (Distribution, quantity(default))
             for key, default in defaults.items()
         }
-        if own := populations[name]:
-            field = Field(default=own, validate_default=True, description=f"a table [pedestrians.{name}.population]")
-            quantities[POPULATION] = PopulationSpec, field
+        if name in populations:
+            right = f"a table [pedestrians.{name}.{POPULATION}]"
+            kind = Annotated[PopulationSpec, BeforeValidator(_defaults_of(populations[name]))]
+            quantities[POPULATION] = kind, Field(default=populations[name], description=right)
         policies[name] = _extended(TomlTable, quantities), table(f"pedestrians.{name}")
     tables: dict[str, Any] = {"vehicle": _extended(VehicleSpec, limits)}
     base: type[ScenarioSpec] = TracksScenarioSpec

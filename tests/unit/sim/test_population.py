@@ -214,7 +214,28 @@ def test_a_policy_brings_its_own_population(tmp_path):
     assert np.array_equal(after.memory[INTENTION]["person"] >= 0, now.policy == 1)
     both = load_scenario(SCENARIO, shares | {KEY: {"inertia": 1.0}, "pedestrians.own": {"population": {"noise": 0.1}}})
     assert both.rules.intentions == (Intention(0.0, 1.0, 1.0), Intention(0.1), Intention())
+    assert both.table["pedestrians"]["own"]["population"]["spread"] == {"time_horizon": 0.3}
     assert len({scenario.digest, both.digest, load_scenario(SCENARIO, shares | {KEY: {"inertia": 1.0}}).digest}) == 3
+
+
+@pytest.mark.parametrize(
+    ("population", "words"),
+    [
+        ({"noize": 0.1}, "pedestrian policy own: unknown key population.noize (did you mean noise?)"),
+        ({"noise": -1.0}, "pedestrian policy own: population.noise is -1.0, but must be a number of at least 0"),
+        (0.3, "population of pedestrian policy own is 0.3, but must be a table"),
+        ({"spread": {"pace": 0.1}}, "pedestrians.own.population.spread is a table with pace, but must be of"),
+    ],
+)
+def test_a_bad_population_of_a_policy_gets_one_sentence(population, words, tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(
+        f"from crowdbench import ORCA\n\n\nclass Own(ORCA):\n    population = {population!r}\n\n\n"
+        "def policy():\n    return Own()\n"
+    )
+    with pytest.raises(InputError) as error:
+        load_scenario(SCENARIO, {"pedestrians.policy": str(path)})
+    assert words in str(error.value)
 
 
 def test_standing_people_have_none():
