@@ -91,6 +91,8 @@ def people(
     if population := population_options(policy, options):
         blind = recordings.score_policy(BLIND, population)
         rows += rows_beside(model, "blind, same population", blind, recordings.blocks)
+        baseline = recordings.score_policy(BASELINE, population)
+        rows += rows_of(f"{BASELINE}, same population", baseline, recordings.blocks)
     if references:
         rows += _reference_rows(recordings, data, location)
     grid = Grid("People", list(HEADER), rows)

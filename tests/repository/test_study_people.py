@@ -12,17 +12,28 @@ from crowdbench.cli.app import build_script
 from crowdbench.scenario.tracks.dut import Car
 from crowdbench.scenario.tracks.recorded_tracks import FRAME_STEP, RecordedTracks
 from crowdbench.utils.errors import InputError
-from studies.people.cars import DISCS, FRAMES, cut_with_cars, discs_of, rim_distance, time_to_collision
+from studies import people as definitions
+from studies.people.cars import (
+    DISCS,
+    EVERY,
+    FRAMES,
+    MOVING,
+    NEAR_CAR,
+    cut_with_cars,
+    discs_of,
+    rim_distance,
+    time_to_collision,
+)
 from studies.people.encounters import NEAR, closest_approach
-from studies.people.features import BINS, RANGES, bins_of, per_frame
-from studies.people.groups import find_groups
-from studies.people.likelihood import THIRDS, UNIFORM, score, score_window
+from studies.people.features import BINS, CONTACT, RANGES, bins_of, per_frame
+from studies.people.groups import APART, DRIFT, TOGETHER, find_groups
+from studies.people.likelihood import FARTHEST, THIRDS, UNIFORM, score, score_window
 from studies.people.references import random_walkers, recording_with_noise, resampled_motion
 from studies.people.run import people
-from studies.people.simulate import population_options, simulate
+from studies.people.simulate import ROLLOUTS, population_options, simulate
 from studies.people.summary import compare, summarize
 from studies.people.traffic import score_traffic, simulate_traffic, with_discs
-from studies.people.windows import BEYOND, FUTURE, HISTORY, cut, read_windows
+from studies.people.windows import BEYOND, CONFLICT, FUTURE, HISTORY, cut, read_windows
 
 DT = 0.4
 STATES = HISTORY + FUTURE + 1
@@ -344,6 +355,19 @@ def test_the_uniform_share_bounds_a_logarithm():
     (window,) = cut(recording(walk((0, 0), (1, 0))))
     places = np.repeat(window.future[None], 32, axis=0) + np.arange(FUTURE + 1)[:, None, None]
     assert score_window(window, places).log["path"] >= math.log(UNIFORM / (BINS + 1))
+
+
+def test_the_definition_has_the_numbers_of_the_code():
+    folder = Path(definitions.__file__).parent
+    page, cars = ((folder / name).read_text("utf-8") for name in ("definition.md", "definition_cars.md"))
+    for name, (low, high) in RANGES.items():
+        assert f"{low:g} to {high:g} m" in page + cars or f"{low:g} to {high:g} rad" in page, name
+    for number in (NEAR, CONTACT, CONFLICT, BEYOND, FARTHEST, APART):
+        assert f"{number:g} m" in page
+    for number in (f"{ROLLOUTS} rollouts", f"{DRIFT:g} m/s", f"{TOGETHER} frames", f"{UNIFORM:.0%}".replace("%", " %")):
+        assert number in page
+    for number in (f"{FRAMES * DT:g} s of future", f"{EVERY * DT:g} s later", f"{NEAR_CAR:g} m", f"{MOVING:g} m/s"):
+        assert number in cars
 
 
 RUNNER = CliRunner()
