@@ -15,11 +15,11 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench import InputError
 from crowdbench.cli import ThreadsOption, announce_compilation, assignments, help_from_docstring, main, use_threads
-from crowdbench.utils import Format, Grid, markdown, printed_by
+from crowdbench.utils import Format, markdown, printed_by
 from studies.command import print_study
 
 if TYPE_CHECKING:
-    from studies.people.table import Scores
+    from studies.people.table import Row, Scores
 
 BASELINE = "orca"
 """The shipped policy with which others are compared."""
@@ -77,7 +77,7 @@ def people(
     use_threads(threads)
     announce_compilation()
     from studies.people.simulate import population_options
-    from studies.people.table import HEADER, describe, rows_beside, rows_of
+    from studies.people.table import describe, grid_of, rows_beside, rows_of
 
     options = assignments(option or [], "--option")
     if cars and (location or references):
@@ -95,12 +95,12 @@ def people(
         rows += rows_of(f"{BASELINE}, same population", baseline, recordings.blocks)
     if references:
         rows += _reference_rows(recordings, data, location)
-    grid = Grid("People", list(HEADER), rows)
+    grid = grid_of(rows)
     flags = [*_repeat("--option", option), *_repeat("--location", location)]
     flags += [*["--cars"] * cars, *["--references"] * references]
     command = shlex.join(["python", "studies/people/run.py", policy, "--data", "DIR", *flags])
     page = [printed_by(command), markdown(grid.header, grid.rows), describe(model["shown"])]
-    print_study([grid], [grid], "\n\n".join(page), format)
+    print_study(grid.records, [grid], "\n\n".join(page), format)
 
 
 def _repeat(flag: str, values: Sequence[str] | None) -> list[str]:
@@ -124,7 +124,7 @@ def _read_cars(data: Path) -> Recordings:
     return Recordings(windows, simulate_traffic, score_traffic, [each.window.name for each in windows])
 
 
-def _reference_rows(recordings: Recordings, data: Path, location: Sequence[str] | None) -> list[list[str]]:
+def _reference_rows(recordings: Recordings, data: Path, location: Sequence[str] | None) -> list[Row]:
     """Return the rows of references: without a policy they have no goal."""
     from studies.people.references import random_walkers, recording_with_noise, resampled_motion
     from studies.people.table import rows_of

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
+from crowdbench.utils import Grid
 from studies.people.likelihood import WindowScore
 from studies.people.summary import Figure, compare, summarize
 
@@ -17,28 +19,48 @@ Blocks = Sequence[str] | None
 """The block of each window, see `summarize`."""
 
 
-def rows_of(name: str, model: Scores, blocks: Blocks = None) -> list[list[str]]:
-    """Return the rows of a model, one for each goal."""
-    return [_row(name, goal, summarize(scores, blocks)) for goal, scores in model.items()]
+class Row(NamedTuple):
+    """A row of the table.
 
-
-def rows_beside(model: Scores, name: str, other: Scores, blocks: Blocks = None) -> list[list[str]]:
-    """Return the rows of another model, and of the difference of a model to it."""
-    differences = {goal: compare(model[goal], other[goal], blocks) for goal in model}
-    rows = [_row(f"difference to {name}", goal, figures, "+") for goal, figures in differences.items()]
-    return rows_of(name, other, blocks) + rows
-
-
-def _row(model: str, goal: str, figures: Mapping[str, Figure], sign: str = "-") -> list[str]:
-    """Return the row of a model.
-
-    Args:
+    Attributes:
         model: Its name.
         goal: `shown`, `hidden` or none.
         figures: Its figures, or differences.
         sign: `+` to show the sign of positive numbers.
     """
-    return [model, goal, *(_cell(name, figure, sign) for name, figure in figures.items())]
+
+    model: str
+    goal: str
+    figures: Mapping[str, Figure]
+    sign: str = "-"
+
+    @property
+    def cells(self) -> list[str]:
+        """The cells for readers."""
+        return [self.model, self.goal, *(_cell(name, figure, self.sign) for name, figure in self.figures.items())]
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The content for programs."""
+        figures = {name: figure._asdict() for name, figure in self.figures.items()}
+        return {"model": self.model, "goal": self.goal, **figures}
+
+
+def grid_of(rows: Sequence[Row]) -> Grid:
+    """Return the table."""
+    return Grid("People", HEADER, [row.cells for row in rows], [row.record for row in rows])
+
+
+def rows_of(name: str, model: Scores, blocks: Blocks = None) -> list[Row]:
+    """Return the rows of a model, one for each goal."""
+    return [Row(name, goal, summarize(scores, blocks)) for goal, scores in model.items()]
+
+
+def rows_beside(model: Scores, name: str, other: Scores, blocks: Blocks = None) -> list[Row]:
+    """Return the rows of another model, and of the difference of a model to it."""
+    differences = {goal: compare(model[goal], other[goal], blocks) for goal in model}
+    rows = [Row(f"difference to {name}", goal, figures, "+") for goal, figures in differences.items()]
+    return rows_of(name, other, blocks) + rows
 
 
 def _cell(name: str, figure: Figure, sign: str) -> str:

@@ -1,5 +1,8 @@
 """The score of pedestrian models: windows, rollouts, likelihoods, references, and what leads."""
 
+import csv
+import io
+import json
 import math
 import os
 from pathlib import Path
@@ -505,3 +508,14 @@ def test_whole_blocks_are_resampled():
     assert one["v3"].value == pytest.approx(each["v3"].value)
     assert one["v3"].low == pytest.approx(one["v3"].high)
     assert each["v3"].low < each["v3"].high
+
+
+@needs_data
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["csv", "json"])
+def test_the_figures_are_for_programs_too(form):
+    arguments = ["orca", "--data", str(DATA), "--location", "hotel", "--format", form]
+    printed = RUNNER.invoke(build_script(people), arguments).stdout
+    rows = json.loads(printed) if form == "json" else list(csv.DictReader(io.StringIO(printed)))
+    assert [row["goal"] for row in rows] == ["shown", "hidden"]
+    assert 0.1 < float(rows[0]["v3"]["value"] if form == "json" else rows[0]["v3.value"]) < 0.4
