@@ -15,6 +15,8 @@ from .population import CONTINUING_ARRIVALS as CONTINUING_ARRIVALS
 from .respawn import LayoutWithRespawn as LayoutWithRespawn
 from .respawn import Surroundings as Surroundings
 from .scenario_file import parse_scenario as parse_scenario
+from .tracks.dut import Car as Car
+from .tracks.dut import read_clip as read_clip
 from .tracks.eth_ucy import SCENES as SCENES
 from .tracks.eth_ucy import read_tracks as read_tracks
 from .tracks.recorded_tracks import ETH_UCY_DT as ETH_UCY_DT

@@ -28,21 +28,31 @@ THIRDS: Mapping[str, tuple[str, ...]] = {
 """The features of each third of the score."""
 
 
+FARTHEST = 4.0
+"""Distance in metres by which a closest approach is bounded in the mean closest approach."""
+
+
 @dataclass(frozen=True)
 class WindowScore:
     """The score of a model in a window.
 
     Attributes:
         log: Mean log-likelihood of each third over persons; NaN if no person has it.
-        contacts: Mean number of scored persons with a new contact in a rollout.
-        recorded: Number of scored persons with a new contact in the recording.
         persons: Number of scored persons.
+        contacts: Mean number of scored persons with a new contact in a rollout.
+        recorded_contacts: Number of scored persons with a new contact in the recording.
+        conflicts: Number of persons in conflict.
+        closest: Sum of their mean closest approaches in metres, at most `FARTHEST` each.
+        recorded_closest: The same in the recording.
     """
 
     log: Mapping[str, float]
-    contacts: float
-    recorded: int
     persons: int
+    contacts: float
+    recorded_contacts: int
+    conflicts: int
+    closest: float
+    recorded_closest: float
 
 
 def score_window(window: Window, places: Places) -> WindowScore:
@@ -53,19 +63,43 @@ def score_window(window: Window, places: Places) -> WindowScore:
         places: Positions in its rollouts in metres.
     """
     persons, truth = window.scored, window.future[None]
-    of_person = log_motion(window, places, persons)
     near = closest_approach(places, window.strangers, persons)
     nearest = closest_approach(truth, window.strangers, persons)[0]
-    conflict = window.conflict[persons]
-    touches, touched = near < CONTACT, nearest < CONTACT
-    of_person["closest"] = np.where(conflict, log_value("closest", near, nearest), np.nan)
-    of_person["contact"] = np.where(conflict, log_event(touches, touched), np.nan)
-    thirds = {third: np.mean([of_person[name] for name in names], axis=0) for third, names in THIRDS.items()}
+    of_person = log_motion(window, places, persons) | {
+        "closest": log_value("closest", near, nearest),
+        "contact": log_event(near < CONTACT, nearest < CONTACT),
+    }
+    return make_score(of_person, THIRDS, window.conflict[persons], (near, nearest), limit=CONTACT)
+
+
+def make_score(
+    of_person: Mapping[str, PerPerson],
+    thirds: Mapping[str, tuple[str, ...]],
+    conflict: Bool[np.ndarray, "person"],
+    closest: tuple[PerRollout, PerPerson],
+    limit: float,
+) -> WindowScore:
+    """Return the score of a window from the log-likelihoods of its persons.
+
+    Args:
+        of_person: Log-likelihoods by feature.
+        thirds: The features of each third.
+        conflict: The persons that have an encounter.
+        closest: Closest approaches in metres in the rollouts and in the recording.
+        limit: Distance in metres of a contact.
+    """
+    logs = {third: np.mean([of_person[name] for name in names], axis=0) for third, names in thirds.items()}
+    logs["encounter"] = logs["encounter"][conflict]
+    simulated, recorded = closest
+    near, nearest = (np.minimum(values[..., conflict], FARTHEST) for values in closest)
     return WindowScore(
-        {third: float(np.nanmean(log)) if np.isfinite(log).any() else np.nan for third, log in thirds.items()},
-        float(touches.mean(axis=0).sum()),
-        int(touched.sum()),
-        int(persons.sum()),
+        log={third: float(log.mean()) if len(log) else np.nan for third, log in logs.items()},
+        persons=len(conflict),
+        contacts=float((simulated < limit).mean(axis=0).sum()),
+        recorded_contacts=int((recorded < limit).sum()),
+        conflicts=int(conflict.sum()),
+        closest=float(near.mean(axis=0).sum()),
+        recorded_closest=float(nearest.sum()),
     )
 
 

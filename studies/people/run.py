@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import math
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,13 +15,11 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench import InputError
 from crowdbench.cli import ThreadsOption, announce_compilation, assignments, help_from_docstring, main, use_threads
-from crowdbench.utils import Format, Grid, markdown, printed_by
+from crowdbench.utils import Format, markdown, printed_by
 from studies.command import print_study
 
 if TYPE_CHECKING:
-    from studies.people.likelihood import WindowScore
-    from studies.people.summary import Figure
-    from studies.people.windows import Window
+    from studies.people.table import Row, Scores
 
 BASELINE = "orca"
 """The shipped policy with which others are compared."""
@@ -30,10 +27,29 @@ BASELINE = "orca"
 BLIND = "straight"
 """The policy of people who see nobody."""
 
-HEADER = ("model", "goal", "v3", "motion", "path", "encounter", "new contacts", "ratio to recorded")
 
-Scores = dict[str, list["WindowScore"]]
-"""By goal, `shown` or `hidden`, the score in each window."""
+@dataclass(frozen=True)
+class Recordings:
+    """Recorded windows, and the functions that simulate and score them.
+
+    Attributes:
+        windows: The windows.
+        simulate: `simulate` or `simulate_traffic`.
+        score: `score` or `score_traffic`.
+        blocks: The block of each window; None if each window is a block.
+    """
+
+    windows: Sequence[Any]
+    simulate: Callable[..., Any]
+    score: Callable[..., Any]
+    blocks: Sequence[str] | None
+
+    def score_policy(self, policy: str, options: Mapping[str, Any]) -> Scores:
+        """Return the scores of a policy with the goal shown and with the goal hidden."""
+        rollouts = {
+            goal: self.simulate(policy, self.windows, options, hidden=goal == "hidden") for goal in ("shown", "hidden")
+        }
+        return {goal: self.score(self.windows, places) for goal, places in rollouts.items()}
 
 
 @help_from_docstring
@@ -42,7 +58,7 @@ def people(
     data: Annotated[Path, typer.Option()],
     option: list[str] | None = None,
     location: list[str] | None = None,
-    fits: Path | None = None,
+    cars: bool = False,
     references: bool = False,
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
@@ -51,130 +67,82 @@ def people(
 
     Args:
         policy: A name, ./mine.py or ./mine.py:function.
-        data: The folder with the tracks of ETH/UCY.
+        data: The folder with the tracks of ETH/UCY, or of DUT with --cars.
         option: A parameter of the policy, time_horizon=2, or a key of the scenario, pedestrians.radius=0.18. Repeat it
             for several.
         location: hotel, zara, univ or confirmation; the first three if not given. Repeat it for several.
-        fits: A folder of `fit.py`: each location has the options that were fitted without it.
+        cars: Score people near moving cars in the clips of DUT.
         references: Add rows of the recording with noise, resampled motion, blind and random walkers.
     """
     use_threads(threads)
     announce_compilation()
     from studies.people.simulate import population_options
-    from studies.people.windows import FOLDS, read_windows
+    from studies.people.table import describe, grid_of, rows_beside, rows_of
 
     options = assignments(option or [], "--option")
-    by_location = read_windows(data, location or FOLDS)
-    windows = [window for each in by_location.values() for window in each]
-    own = {name: {**_fitted(fits, name), **options} for name in by_location}
-    model = _score_policy(policy, by_location, own)
-    rows = _rows(policy, model)
-    if policy != BASELINE or any(own.values()):
-        rows += _beside(model, f"{BASELINE} as shipped", _score_policy(BASELINE, by_location, {}))
-    populations = {name: population_options(policy, each) for name, each in own.items()}
-    if any(populations.values()):
-        rows += _beside(model, "blind, same population", _score_policy(BLIND, by_location, populations))
+    if cars and (location or references):
+        raise InputError("--location and --references go with the tracks of ETH/UCY: leave them out with --cars")
+    recordings = _read_cars(data) if cars else _read_people(data, location)
+    model = recordings.score_policy(policy, options)
+    rows = rows_of(policy, model, recordings.blocks)
+    if policy != BASELINE or options:
+        baseline = recordings.score_policy(BASELINE, {})
+        rows += rows_beside(model, f"{BASELINE} as shipped", baseline, recordings.blocks)
+    if population := population_options(policy, options):
+        blind = recordings.score_policy(BLIND, population)
+        rows += rows_beside(model, "blind, same population", blind, recordings.blocks)
+        baseline = recordings.score_policy(BASELINE, population)
+        rows += rows_of(f"{BASELINE}, same population", baseline, recordings.blocks)
     if references:
-        rows += _reference_rows(by_location, data)
-    grid = Grid("People", list(HEADER), rows)
-    changed = [*_repeat("--option", option), *_repeat("--location", location), *["--references"] * references]
-    changed += ["--fits", str(fits)] if fits else []
-    command = shlex.join(["python", "studies/people/run.py", policy, "--data", "DIR", *changed])
-    page = [printed_by(command), markdown(grid.header, grid.rows), _describe(windows)]
-    print_study([grid], [grid], "\n\n".join(page), format)
+        rows += _reference_rows(recordings, data, location)
+    grid = grid_of(rows)
+    flags = [*_repeat("--option", option), *_repeat("--location", location)]
+    flags += [*["--cars"] * cars, *["--references"] * references]
+    command = shlex.join(["python", "studies/people/run.py", policy, "--data", "DIR", *flags])
+    page = [printed_by(command), markdown(grid.header, grid.rows), describe(model["shown"])]
+    print_study(grid.records, [grid], "\n\n".join(page), format)
 
 
 def _repeat(flag: str, values: Sequence[str] | None) -> list[str]:
     return [text for value in values or [] for text in (flag, value)]
 
 
-def _describe(windows: Sequence[Window]) -> str:
-    """Return the numbers of windows and persons in a sentence."""
-    persons, conflict = (sum(int(getattr(each, name).sum()) for each in windows) for name in ("scored", "conflict"))
-    return f"{len(windows)} windows, {persons} persons, {conflict} of them in conflict. 95 % intervals over windows."
-
-
-def _score_policy(
-    policy: str, by_location: Mapping[str, Sequence[Window]], options: Mapping[str, Mapping[str, Any]]
-) -> Scores:
-    """Return the scores of a policy, with options by location, with the goal shown and with the goal hidden."""
+def _read_people(data: Path, location: Sequence[str] | None) -> Recordings:
     from studies.people.likelihood import score
     from studies.people.simulate import simulate
+    from studies.people.windows import FOLDS, read_windows
 
-    scores: Scores = {"shown": [], "hidden": []}
-    for location, windows in by_location.items():
-        for goal, found in scores.items():
-            found += score(windows, simulate(policy, windows, options.get(location), hidden=goal == "hidden"))
-    return scores
+    windows = [window for each in read_windows(data, location or FOLDS).values() for window in each]
+    return Recordings(windows, simulate, score, None)
 
 
-def _fitted(fits: Path | None, location: str) -> dict[str, Any]:
-    """Return the options that were fitted without a location; none without a folder of fits."""
-    from studies.people.windows import PLACE
+def _read_cars(data: Path) -> Recordings:
+    from studies.people.cars import read_car_windows
+    from studies.people.traffic import score_traffic, simulate_traffic
 
-    if fits is None:
-        return {}
-    file = fits / f"{PLACE.get(location, location)}.json"
-    if not file.is_file():
-        raise InputError(f"{fits} has no {file.name}: run `python studies/people/fit.py --held-out {file.stem}`")
-    options: dict[str, Any] = json.loads(file.read_text())["options"]
-    return options
+    windows = read_car_windows(data)
+    return Recordings(windows, simulate_traffic, score_traffic, [each.window.name for each in windows])
 
 
-def _reference_rows(by_location: Mapping[str, Sequence[Window]], data: Path) -> list[list[str]]:
-    """Return the rows of references: those without a policy have no goal."""
-    from studies.people.likelihood import score
+def _reference_rows(recordings: Recordings, data: Path, location: Sequence[str] | None) -> list[Row]:
+    """Return the rows of references: without a policy they have no goal."""
     from studies.people.references import random_walkers, recording_with_noise, resampled_motion
+    from studies.people.table import rows_of
     from studies.people.windows import FOLDS, PLACE, read_windows
 
-    windows = [window for each in by_location.values() for window in each]
     donors = read_windows(data, FOLDS)
     resampled = []
-    for location, each in by_location.items():
-        others = [window for other in FOLDS if other != PLACE.get(location, location) for window in donors[other]]
-        resampled += [resampled_motion(window, others) for window in each]
+    for name, windows in read_windows(data, location or FOLDS).items():
+        others = [window for other in FOLDS if other != PLACE.get(name, name) for window in donors[other]]
+        resampled += [resampled_motion(window, others) for window in windows]
     rollouts = {
-        "recording with 5 cm of noise": map(recording_with_noise, windows),
+        "recording with 5 cm of noise": [recording_with_noise(window) for window in recordings.windows],
         "resampled motion": resampled,
-        "random": map(random_walkers, windows),
+        "random": [random_walkers(window) for window in recordings.windows],
     }
-    rows = [row for name, places in rollouts.items() for row in _rows(name, {"-": score(windows, list(places))})]
-    return rows + _rows("blind", _score_policy(BLIND, by_location, {}))
-
-
-def _rows(name: str, model: Scores) -> list[list[str]]:
-    """Return the rows of a model, one for each goal."""
-    from studies.people.summary import summarize
-
-    return [_row(name, goal, summarize(scores)) for goal, scores in model.items()]
-
-
-def _beside(model: Scores, name: str, other: Scores) -> list[list[str]]:
-    """Return the rows of another model, and of the difference of a model to it."""
-    from studies.people.summary import compare
-
-    differences = [_row(f"difference to {name}", goal, compare(model[goal], other[goal]), "+") for goal in model]
-    return _rows(name, other) + differences
-
-
-def _row(model: str, goal: str, figures: Mapping[str, Figure], sign: str = "-") -> list[str]:
-    """Return the row of a model.
-
-    Args:
-        model: Its name.
-        goal: `shown`, `hidden` or none.
-        figures: Its figures, or differences.
-        sign: `+` to show the sign of positive numbers.
-    """
-    cells = []
-    for name, figure in figures.items():
-        if math.isnan(figure.value):
-            cells.append("-")
-            continue
-        factor, digits = (100.0, f"{sign}.1f") if name == "contacts" else (1.0, f"{sign}.3f")
-        value, low, high = (format(factor * number, digits) for number in figure)
-        cells.append(f"{value} ({low} to {high}){' %' * (name == 'contacts')}")
-    return [model, goal, *cells]
+    scores = {name: recordings.score(recordings.windows, places) for name, places in rollouts.items()}
+    rows = [row for name, each in scores.items() for row in rows_of(name, {"-": each})]
+    return rows + rows_of("blind", recordings.score_policy(BLIND, {}))
 
 
 if __name__ == "__main__":

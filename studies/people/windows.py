@@ -6,6 +6,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -158,20 +159,21 @@ def read_windows(data: Path, locations: Sequence[str] = FOLDS) -> dict[str, list
     }
 
 
-def cut(tracks: RecordedTracks, frames: int = FUTURE) -> list[Window]:
-    """Return the windows of a recording: futures follow each other without a gap.
+def cut(tracks: RecordedTracks, frames: int = FUTURE, every: int = FUTURE) -> list[Window]:
+    """Return the windows of a recording, by default with futures that follow each other without a gap.
 
     Windows without scored persons are left out.
 
     Args:
         tracks: The recording, annotated every 0.4 s.
         frames: Number of frames of a future.
+        every: Frames from the start of a window to that of the next one.
     """
     frame, position = on_grid(tracks)
     group = find_groups(position)
     ends = np.array([path[np.isfinite(path[:, 0])][-1] for path in position.swapaxes(0, 1)])
     windows = []
-    for number, start in enumerate(range(HISTORY, len(frame) - frames, frames)):
+    for number, start in enumerate(range(HISTORY, len(frame) - frames, every)):
         part = position[start - HISTORY : start + frames + 1]
         near = np.flatnonzero(np.isfinite(part[HISTORY:, :, 0]).any(axis=0))
         window = make_window(tracks.name, number, part[:, near], group[near], ends[near])
@@ -214,7 +216,7 @@ def make_window(name: str, number: int, position: Path2, group: Int[np.ndarray, 
     return Window(name, number, position, group, scored, velocity, heading, speed, end)
 
 
-def batches(windows: Sequence[Window], most: int) -> Iterator[list[Window]]:
+def batches(windows: Sequence[Any], most: int) -> Iterator[list[Any]]:
     """Yield windows in batches of at most `most`, in their order."""
     for start in range(0, len(windows), most):
         yield list(windows[start : start + most])

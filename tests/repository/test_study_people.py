@@ -1,5 +1,8 @@
 """The score of pedestrian models: windows, rollouts, likelihoods, references, and what leads."""
 
+import csv
+import io
+import json
 import math
 import os
 from pathlib import Path
@@ -9,17 +12,31 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench.cli.app import build_script
+from crowdbench.scenario.tracks.dut import Car
 from crowdbench.scenario.tracks.recorded_tracks import FRAME_STEP, RecordedTracks
 from crowdbench.utils.errors import InputError
+from studies import people as definitions
+from studies.people.cars import (
+    DISCS,
+    EVERY,
+    FRAMES,
+    MOVING,
+    NEAR_CAR,
+    cut_with_cars,
+    discs_of,
+    rim_distance,
+    time_to_collision,
+)
 from studies.people.encounters import NEAR, closest_approach
-from studies.people.features import BINS, RANGES, bins_of, per_frame
-from studies.people.groups import find_groups
-from studies.people.likelihood import THIRDS, UNIFORM, score, score_window
+from studies.people.features import BINS, CONTACT, RANGES, bins_of, per_frame
+from studies.people.groups import APART, DRIFT, TOGETHER, find_groups
+from studies.people.likelihood import FARTHEST, THIRDS, UNIFORM, score, score_window
 from studies.people.references import random_walkers, recording_with_noise, resampled_motion
 from studies.people.run import people
-from studies.people.simulate import population_options, simulate
+from studies.people.simulate import ROLLOUTS, population_options, simulate
 from studies.people.summary import compare, summarize
-from studies.people.windows import BEYOND, FUTURE, HISTORY, cut, read_windows
+from studies.people.traffic import score_traffic, simulate_traffic, with_discs
+from studies.people.windows import BEYOND, CONFLICT, FUTURE, HISTORY, cut, read_windows
 
 DT = 0.4
 STATES = HISTORY + FUTURE + 1
@@ -221,9 +238,9 @@ def test_new_contacts_count_persons_and_not_groups():
     apart, meeting = walk((0, 0), (1, 0)), walk((10, 0.1), (-1, 0))
     (window,) = cut(recording(apart, meeting, walk((0, 0.3), (1, 0))))
     found = score_window(window, np.repeat(window.future[None], 2, axis=0))
-    assert (found.recorded, found.contacts, found.persons) == (3, 3.0, 3)
+    assert (found.recorded_contacts, found.contacts, found.persons) == (3, 3.0, 3)
     (window,) = cut(recording(apart, walk((0, 0.3), (1, 0))))
-    assert score_window(window, window.future[None]).recorded == 0
+    assert score_window(window, window.future[None]).recorded_contacts == 0
 
 
 def test_people_come_and_go_as_recorded_and_start_with_the_recorded_velocity():
@@ -343,6 +360,19 @@ def test_the_uniform_share_bounds_a_logarithm():
     assert score_window(window, places).log["path"] >= math.log(UNIFORM / (BINS + 1))
 
 
+def test_the_definition_has_the_numbers_of_the_code():
+    folder = Path(definitions.__file__).parent
+    page, cars = ((folder / name).read_text("utf-8") for name in ("definition.md", "definition_cars.md"))
+    for name, (low, high) in RANGES.items():
+        assert f"{low:g} to {high:g} m" in page + cars or f"{low:g} to {high:g} rad" in page, name
+    for number in (NEAR, CONTACT, CONFLICT, BEYOND, FARTHEST, APART):
+        assert f"{number:g} m" in page
+    for number in (f"{ROLLOUTS} rollouts", f"{DRIFT:g} m/s", f"{TOGETHER} frames", f"{UNIFORM:.0%}".replace("%", " %")):
+        assert number in page
+    for number in (f"{FRAMES * DT:g} s of future", f"{EVERY * DT:g} s later", f"{NEAR_CAR:g} m", f"{MOVING:g} m/s"):
+        assert number in cars
+
+
 RUNNER = CliRunner()
 DATA = Path(os.environ.get("CROWDBENCH_SHARED", "/nowhere")) / "data" / "eth_ucy"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the tracks of ETH/UCY are not in CROWDBENCH_SHARED")
@@ -354,6 +384,11 @@ needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the tracks of ETH/UCY
         (["orca", "--data", "nowhere"], "there is no folder nowhere with the recorded tracks of ETH/UCY"),
         (["orca", "--data", ".", "--location", "moon"], "location is 'moon', but must be one of hotel, zara, univ"),
         (["orca", "--data", "."], "biwi_hotel.txt cannot be read: No such file or directory"),
+        (["orca", "--data", "nowhere", "--cars"], "there is no folder nowhere with the recorded tracks of DUT"),
+        (
+            ["orca", "--data", ".", "--cars", "--location", "zara"],
+            "--location and --references go with the tracks",
+        ),
         (["orca", "--data", ".", "--option", "radius"], "--option 'radius' sets nothing: write --option key=value"),
     ],
 )
@@ -394,3 +429,93 @@ def test_the_command_prints_a_row_for_each_goal():
         for goal in ("shown", "hidden")
     ]
     assert "43 windows, 161 persons" in done.output
+
+
+def car(start, velocity, seconds=11.0, length=4.0, width=1.6):
+    time = np.arange(0.0, seconds, 0.1)
+    heading = np.full(len(time), math.atan2(velocity[1], velocity[0]))
+    return Car(time, np.array(start) + time[:, None] * np.array(velocity), heading, length, width)
+
+
+def traffic(*cars, people=((-8.0, 0.0), (1.2, 0.0)), frames=HISTORY + FRAMES + 1):
+    """The first window of a person among cars."""
+    return cut_with_cars(recording(walk(*people, frames), walk((50, 50), (1, 0), frames)), cars)[0]
+
+
+def test_windows_with_cars_have_the_nearest_moving_car_first():
+    near, far, parked = car((0, -20), (0, 4)), car((30, -20), (0, 4)), car((0, 3), (1e-9, 0))
+    window = traffic(parked, far, near)
+    assert [each is near for each in window.cars] == [True, False, False]
+    assert window.start == pytest.approx(HISTORY * DT)
+    assert window.near.tolist() == [True, False]
+    assert cut_with_cars(recording(walk((0, 0), (1, 0))), [parked]) == []
+
+
+def test_rims_and_times_to_collision_equal_a_slow_reference():
+    random = np.random.default_rng(0)
+    places = np.cumsum(random.normal(size=(2, 9, 3, 2)), axis=1)
+    places[:, 5:, 2] = np.nan
+    cars = [car((-3, 1), (2, 0.5), 3.0), car((0, 5), (0.3, -1.5), 2.0), car((1, 1), (0.1, 0))]
+    discs = discs_of(cars, DT * np.arange(9))
+    rims, times = np.full((2, 3), np.inf), np.full((2, 3), np.inf)
+    for r, t, p, d in np.ndindex(2, 8, 3, len(discs.radius)):
+        begin, end = (places[r, k, p] - discs.position[k, d] for k in (t, t + 1))
+        if not discs.moving[t, d] or not np.isfinite(begin + end).all():
+            continue
+        share = np.linspace(0.0, 1.0, 2001)[:, None]
+        reach = discs.radius[d] + 0.2
+        rims[r, p] = min(rims[r, p], np.hypot(*(begin + share * (end - begin)).T).min() - reach)
+        ahead = np.hypot(*(begin + np.linspace(0.0, 100.0, 100_001)[:, None] * (end - begin) / DT).T) <= reach
+        if ahead.any():
+            times[r, p] = min(times[r, p], 1e-3 * ahead.argmax())
+    assert rim_distance(places, discs) == pytest.approx(rims, abs=1e-3)
+    assert time_to_collision(places, discs) == pytest.approx(times, abs=2e-3)
+
+
+def test_cars_drive_as_recorded_and_people_see_them():
+    window = traffic(car((0, -20), (0, 3)), car((4, -26), (0, 3), width=1.2))
+    discs = with_discs(window)
+    assert discs.position.shape[1] == 2 + DISCS
+    assert discs.scored.tolist() == [True, True, *[False] * DISCS]
+    blind, orca = (
+        simulate_traffic(policy, [window], {"pedestrians.attention.ignores": 0.0}, rollouts=2)[0]
+        for policy in ("straight", "orca")
+    )
+    assert blind[0] == pytest.approx(window.window.future, abs=1e-9)
+    assert rim_distance(blind[:, :, :1], window.discs).max() < 0.0
+    assert rim_distance(orca[:, :, :1], window.discs).min() > rim_distance(blind[:, :, :1], window.discs).max()
+
+
+def test_people_that_avoid_cars_are_scored_best_by_the_model_that_avoids_them():
+    options = {"pedestrians.attention.ignores": 0.0}
+    window = traffic(car((0, -20), (0, 3)))
+    (places,) = simulate_traffic("orca", [window], options, rollouts=1)
+    paths = np.concatenate([window.window.position[:HISTORY], places[0]]).swapaxes(0, 1)
+    (made,) = cut_with_cars(recording(*paths), window.cars)
+    scores = {
+        policy: score_traffic([made], simulate_traffic(policy, [made], options))[0] for policy in ("orca", "straight")
+    }
+    assert scores["orca"].log["encounter"] > scores["straight"].log["encounter"] + 0.5
+    assert scores["orca"].contacts < 0.1, "who looks away may be struck"
+    assert scores["straight"].contacts == 1.0
+    assert scores["orca"].persons == 1
+
+
+def test_whole_blocks_are_resampled():
+    windows = crossings(windows=6)
+    scores = score(windows, simulate("straight", windows))
+    each, one = summarize(scores), summarize(scores, ["same"] * 6)
+    assert one["v3"].value == pytest.approx(each["v3"].value)
+    assert one["v3"].low == pytest.approx(one["v3"].high)
+    assert each["v3"].low < each["v3"].high
+
+
+@needs_data
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["csv", "json"])
+def test_the_figures_are_for_programs_too(form):
+    arguments = ["orca", "--data", str(DATA), "--location", "hotel", "--format", form]
+    printed = RUNNER.invoke(build_script(people), arguments).stdout
+    rows = json.loads(printed) if form == "json" else list(csv.DictReader(io.StringIO(printed)))
+    assert [row["goal"] for row in rows] == ["shown", "hidden"]
+    assert 0.1 < float(rows[0]["v3"]["value"] if form == "json" else rows[0]["v3.value"]) < 0.4
