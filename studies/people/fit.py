@@ -27,10 +27,10 @@ ROLLOUTS = 8
 OFFSPRING = 10
 """Trials of a generation of CMA-ES."""
 
-MOST_CONTACTS = 1.5
+MOST_CONTACTS = 1.2
 """Ratio of new contacts to recorded ones, above which (or below whose inverse) a trial loses."""
 
-LOSS = 0.05
+LOSS = 0.1
 """Loss of a trial for contacts twice as frequent, or half as frequent, as those bounds."""
 
 
@@ -59,7 +59,7 @@ POLICIES: Mapping[str, Mapping[str, Bounds]] = {
     "orca": {
         "time_horizon": Bounds(0.4, 1.5, 6.0),
         "neighbor_distance": Bounds(1.0, 3.0, 10.0),
-        "safety_space": Bounds(0.002, 0.03, 0.15),
+        "safety_space": Bounds(0.005, 0.05, 0.2),
     },
     "power_law": {"interaction_energy": Bounds(0.1, 1.5, 6.0), "interaction_horizon": Bounds(0.5, 3.0, 8.0)},
     "social_force": {"repulsion_strength": Bounds(0.02, 0.1, 3.0), "repulsion_range": Bounds(0.1, 0.3, 1.0)},

@@ -33,7 +33,7 @@ def folds(
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Score a fitted policy, the shipped `orca`, and a blind walker with the same population, at all locations together.
+    """Score a fitted policy, shipped `orca`, and a blind walker with the same population, at all locations together.
 
     Args:
         policy: The policy that was fitted.
