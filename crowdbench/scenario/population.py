@@ -251,7 +251,7 @@ class Population:
         return max([speed, *varied])
 
     def draw(
-        self, stream: np.random.Generator, n: int | None = None, speed: Float[np.ndarray, "{n}"] | None = None
+        self, stream: np.random.Generator, n: int | None = None, speed: Float[np.ndarray, "pedestrian"] | None = None
     ) -> Traits:
         """Draw pedestrians.
 

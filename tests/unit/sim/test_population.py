@@ -116,11 +116,8 @@ def test_who_stops_stands_still():
 # Policies.
 
 
-class Seen:
-    """A policy that remembers the worlds in which it was queried."""
-
-    parameters = ORCA.parameters
-    stands = False
+class Seen(ORCA):
+    """A policy that remembers the world in which it was queried."""
 
     def velocities(self, world, parameters):
         self.world = world
@@ -167,7 +164,7 @@ def test_avoidance_is_not_smoothed(inertia):
             [[9.0, offset], [-9.0, 0.0]],
             [[1.0, 0.0], [-1.0, 0.0]],
         )
-        gaps = [norm(after.position[0, 1] - after.position[0, 2]) - 0.6 for _, after in walk(now, policies, 40)]
+        gaps = [math.dist(after.position[0, 1], after.position[0, 2]) - 0.6 for _, after in walk(now, policies, 40)]
         assert min(gaps) > -1e-6
         assert now.position[0, 1, 0] < 0.0 < after_crossing(now, policies)
 
@@ -268,6 +265,19 @@ def test_people_differ_by_factors_around_the_same_draws():
     assert np.abs(np.corrcoef(list(logs.values())) - np.eye(3)).max() < 0.1
     assert (varied.radius[:, 0] == 0.3).all()
     assert np.array_equal(plain.parameters["orca"]["max_neighbors"], varied.parameters["orca"]["max_neighbors"])
+
+
+def test_mixed_crowds_vary_in_the_parameters_of_each_policy():
+    spread = {"time_horizon": 0.3, "relaxation_time": 0.3}
+    now = draw({KEY: {**FITTED, "spread": spread}}, "val:3", "half_half_20")
+    orca, force = now.parameters["orca"], now.parameters["social_force"]
+    assert len(np.unique(orca["time_horizon"][:, 1:])) == len(np.unique(force["relaxation_time"][:, 1:])) == 60
+    assert len(np.unique(orca["neighbor_distance"][:, 1:])) == len(np.unique(force["wall_range"][:, 1:])) == 1
+    assert now.rules.intentions == (Intention(0.15, 1.4, 2.7), Intention(0.15, 1.4, 2.7), Intention())
+    together, alone = (
+        drive("orca_margin", cases, "half_half_20", pedestrians__population=FITTED) for cases in ("val:3", "val:1:2")
+    )
+    assert np.array_equal(together.position[1:2, : alone.position.shape[1]], alone.position, equal_nan=True)
 
 
 def test_draws_and_steps_do_not_depend_on_other_cases_or_threads(monkeypatch):
