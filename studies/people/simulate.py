@@ -73,7 +73,10 @@ def load_policy(policy: str, options: Mapping[str, Any], file: Path = SCENARIO) 
     """Return the scenario of windows for a policy with its options. Raises InputError if one is wrong."""
     name = plugin_name(policy)
     changes = {key if key.startswith("pedestrians.") else f"pedestrians.{name}.{key}": options[key] for key in options}
-    return load_scenario(str(file), {"pedestrians.number": MOST_PERSONS, **changes}, pedestrians=policy)
+    scenario = load_scenario(str(file), {"pedestrians.number": MOST_PERSONS, **changes}, pedestrians=policy)
+    if scenario.crowd.stands.any():
+        raise InputError(f"the pedestrians of {name} always stand: only policies that walk are scored")
+    return scenario
 
 
 def population_options(policy: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -403,6 +403,8 @@ def test_wrong_input_is_one_sentence(arguments, sentence, tmp_path, monkeypatch)
     ("policy", "options", "sentence"),
     [
         ("nobody", {}, "no pedestrian policy is called 'nobody'"),
+        ("standing", {}, "the pedestrians of standing always stand"),
+        ("recorded", {}, "pedestrians.policy is recorded"),
         ("orca", {"horizon": 2.0}, "unknown key pedestrians.orca.horizon"),
         ("orca", {"pedestrians.radius": -1.0}, "pedestrians.radius is -1.0"),
     ],
