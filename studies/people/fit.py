@@ -51,20 +51,28 @@ POPULATION: Mapping[str, Bounds] = {
 }
 """Parameters of the population, for all policies."""
 
-SPREAD = Bounds(0.05, 0.35, 0.8)
-"""Spread of the policy's parameters, the same one for all of them."""
+SPREAD = Bounds(0.05, 0.35, 0.6)
+"""Spread of the varied parameters, the same one for all of them."""
 
 POLICIES: Mapping[str, Mapping[str, Bounds]] = {
     "straight": {},
     "orca": {
         "time_horizon": Bounds(0.4, 1.5, 6.0),
-        "neighbor_distance": Bounds(1.0, 3.0, 10.0),
-        "safety_space": Bounds(0.005, 0.05, 0.2),
+        "neighbor_distance": Bounds(1.5, 3.0, 10.0),
+        "safety_space": Bounds(0.005, 0.04, 0.1),
     },
     "power_law": {"interaction_energy": Bounds(0.1, 1.5, 6.0), "interaction_horizon": Bounds(0.5, 3.0, 8.0)},
     "social_force": {"repulsion_strength": Bounds(0.02, 0.1, 3.0), "repulsion_range": Bounds(0.1, 0.3, 1.0)},
 }
 """The fitted parameters of each policy."""
+
+VARIED: Mapping[str, tuple[str, ...]] = {
+    "straight": (),
+    "orca": ("time_horizon", "neighbor_distance"),
+    "power_law": ("interaction_energy", "interaction_horizon"),
+    "social_force": ("repulsion_strength", "repulsion_range"),
+}
+"""The fitted parameters that differ between people."""
 
 
 @help_from_docstring
@@ -148,7 +156,7 @@ def options_of(policy: str, parameters: Mapping[str, float]) -> dict[str, Any]:
     population: dict[str, Any] = {name: parameters[name] for name in POPULATION if "." not in name}
     spread = {"preferred_speed": parameters["spread.preferred_speed"]}
     if own:
-        spread |= dict.fromkeys(own, parameters["spread"])
+        spread |= dict.fromkeys(VARIED[policy], parameters["spread"])
     options = {name: parameters[name] for name in own}
     return {**options, "pedestrians.population": {**population, "spread": spread}}
 
