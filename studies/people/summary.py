@@ -40,6 +40,11 @@ def summarize(scores: Sequence[WindowScore], blocks: Sequence[str] | None = None
     return _estimate(*_columns(scores, blocks))
 
 
+def figures(scores: Sequence[WindowScore]) -> dict[str, float]:
+    """Return the figures of a model without intervals."""
+    return dict(zip(STATISTICS, _figures(*_columns(scores, None), axis=-1).tolist(), strict=True))
+
+
 def compare(
     scores: Sequence[WindowScore], others: Sequence[WindowScore], blocks: Sequence[str] | None = None
 ) -> dict[str, Figure]:
