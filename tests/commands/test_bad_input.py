@@ -292,6 +292,7 @@ def test_a_forked_process_does_not_go_on_with_the_run(ends, status, told):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="needs names of files that are any bytes")
 def test_a_folder_whose_name_is_not_utf_8_works_or_is_named(crowdbench, tmp_path, monkeypatch):
     folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))

@@ -70,7 +70,7 @@ def test_a_run_leaves_a_table_a_result_its_episodes_and_a_recording(call, tmp_pa
         assert estimate == pytest.approx(result["metrics"][name], abs=1e-9, nan_ok=True), name
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_json_is_all_that_json_prints(call):
     done = call("run", "--planner", "orca", "--cases", "3", "--json", "--set", "collision=crowdnav")
     result = json.loads(done.stdout)

@@ -147,6 +147,7 @@ def planner():
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interrupted", [False, True])
 def test_a_run_on_a_real_terminal_shows_a_bar_to_its_end_and_leaves_the_cursor(tmp_path, interrupted):
     (tmp_path / "slow.py").write_text(SLOW)

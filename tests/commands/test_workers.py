@@ -56,7 +56,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_processes_of_this_machine_make_the_whole_also_if_one_is_killed(folder):
     made = run_command(folder, "a", "--workers", "2", "--batch", "6")
     assert (folder / "died").exists()
@@ -138,7 +138,7 @@ def test_wrong_options_get_one_sentence(call, options, sentence, tmp_path, monke
     assert list(Path().iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_error_of_the_planner_on_a_worker_is_the_error_of_the_run(tmp_path):
     (tmp_path / "bad.py").write_text(DIES_ONCE.replace("os.kill(os.getpid(), signal.SIGKILL)", "raise KeyError(7)"))
     command = ["run", "--planner", "./bad.py", "--cases", "val:8", "--workers", "2", "--batch", "2", "--out", "a"]

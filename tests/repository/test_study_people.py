@@ -474,6 +474,7 @@ def test_rims_and_times_to_collision_equal_a_slow_reference():
     assert time_to_collision(places, discs) == pytest.approx(times, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_cars_drive_as_recorded_and_people_see_them():
     window = traffic(car((0, -20), (0, 3)), car((4, -26), (0, 3), width=1.2))
     discs = with_discs(window)

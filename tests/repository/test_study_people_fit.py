@@ -26,6 +26,7 @@ def test_the_generating_parameters_are_better_than_distant_ones():
     assert judge("orca", windows, near) > judge("orca", windows, far)
 
 
+@pytest.mark.slow
 def test_a_search_is_never_worse_than_its_first_trials_and_repeats_itself():
     windows = recorded_by("straight", crossings(windows=2))
     bounds = parameter_bounds("straight")

@@ -85,6 +85,7 @@ def test_idle_children_take_what_they_do_not_share(tmp_path):
         assert one.process.usage.memory < 5e8
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("_groups")
 def test_processes_are_limited(tmp_path):
     body = "while True:\n    forked(1, lambda: time.sleep(99))"

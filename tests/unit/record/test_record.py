@@ -282,6 +282,7 @@ def test_without_a_display_a_picture_is_offered(recorded, monkeypatch):
         viewer.view(recorded)
 
 
+@pytest.mark.slow
 def test_a_table_of_many_recordings_shows_what_each_is_of(driven, tmp_path):
     one, other = tmp_path / "one.rrd", tmp_path / "other.rrd"
     for path, identity in ((one, "aaaa"), (other, "bbbb")):

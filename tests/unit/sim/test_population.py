@@ -95,6 +95,7 @@ def test_near_the_goal_the_intention_relaxes_in_the_time_that_is_left():
     assert intended(after)[0, 0] == pytest.approx([math.exp(-DT / 2.0), 1.0 - math.exp(-DT / 2.0)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", ["straight", "orca", "social_force", "power_law"])
 def test_everybody_still_arrives(policy):
     changes = {KEY: FITTED, "pedestrians.number": 4, "pedestrians.policy": policy}
@@ -356,6 +357,7 @@ def test_recorded_people_enter_with_their_velocity_and_vary_around_their_speed(s
 # Environments.
 
 
+@pytest.mark.slow
 def test_pedestrians_with_an_action_are_not_affected():
     env = parallel_env(load_scenario("circle_crossing_5", {KEY: FITTED}), action="velocity")
     env.reset(options={"case": "val/0"})

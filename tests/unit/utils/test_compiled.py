@@ -98,7 +98,7 @@ def versions(folder):
     return set((folder.parent / "cache").glob("*/kernels/*"))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_edit_acts_at_once_in_functions_of_other_files(tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
     for folder in (first, second):
@@ -265,6 +265,7 @@ np.savez(sys.argv[1], *episodes())
 """
 
 
+@pytest.mark.slow
 def test_episodes_are_the_same_without_compilation(tmp_path):
     files = [tmp_path / "compiled.npz", tmp_path / "slow.npz"]
     for value, file in enumerate(files):
