@@ -16,7 +16,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench import InputError
 from crowdbench.cli import ThreadsOption, announce_compilation, help_from_docstring, main, progress, use_threads
-from crowdbench.utils import write_whole
+from crowdbench.utils import require_positive, write_whole
 
 if TYPE_CHECKING:
     from studies.people.windows import Window
@@ -93,13 +93,14 @@ def fit(
         held_out: The location that takes no part; none if not given.
         generations: Number of generations of trials.
     """
+    require_positive("--generations", generations)
     use_threads(threads)
     from studies.people.windows import FOLDS, read_windows
 
     if policy not in POLICIES:
-        raise InputError(f"policy is {policy}, but must be one of {', '.join(POLICIES)}")
+        raise InputError(f"policy is {policy!r}, but must be one of {', '.join(POLICIES)}")
     if held_out and held_out not in FOLDS:
-        raise InputError(f"--held-out is {held_out}, but must be one of {', '.join(FOLDS)}")
+        raise InputError(f"--held-out is {held_out!r}, but must be one of {', '.join(FOLDS)}")
     announce_compilation()
     locations = [name for name in FOLDS if name != held_out]
     windows = [window for each in read_windows(data, locations).values() for window in each]
