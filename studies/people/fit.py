@@ -1,4 +1,4 @@
-"""Fit the parameters of a pedestrian policy and of its population to recorded people, as definition.md says."""
+"""Fit the parameters of a pedestrian policy and of its population to recorded people."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ OFFSPRING = 10
 """Trials of a generation of CMA-ES."""
 
 MOST_CONTACTS = 1.2
-"""Ratio of new contacts to recorded ones, above which (or below whose inverse) a trial loses."""
+"""A trial loses if the ratio of new contacts to recorded ones is above this number, or below its inverse."""
 
 LOSS = 0.1
-"""Loss of a trial for contacts twice as frequent, or half as frequent, as those bounds."""
+"""Loss of v3 for each factor of 2 by which the ratio is outside these bounds."""
 
 
 class Bounds(NamedTuple):
@@ -84,7 +84,7 @@ def fit(
     generations: int = 20,
     threads: ThreadsOption = None,
 ) -> None:
-    """Write the options of the best trial of CMA-ES on all locations but one as JSON, for `run.py --fits`.
+    """Write the options of the best trial of CMA-ES on all locations but one as JSON, for `folds.py`.
 
     Args:
         policy: One of `POLICIES`.
