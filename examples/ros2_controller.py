@@ -23,6 +23,7 @@ def find_topic(name, endpoints):
         if end.topic_name == f"rt/{name}":
             kind, types = get_types_for_typeid(participant, end.type_id, duration(seconds=5))
             return Topic(participant, end.topic_name, kind), types
+    raise SystemExit(f"no program has announced /{name} for a minute: start adapters/ros2/simulate.py")
 
 
 goals, people, odometry = (

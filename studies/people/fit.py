@@ -1,4 +1,4 @@
-"""Fit the parameters of a pedestrian policy and of its population to recorded people, as definition.md says."""
+"""Fit the parameters of a pedestrian policy and of its population to recorded people."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench import InputError
 from crowdbench.cli import ThreadsOption, announce_compilation, help_from_docstring, main, progress, use_threads
-from crowdbench.utils import write_whole
+from crowdbench.utils import require_positive, write_whole
 
 if TYPE_CHECKING:
     from studies.people.windows import Window
@@ -28,10 +28,10 @@ OFFSPRING = 10
 """Trials of a generation of CMA-ES."""
 
 MOST_CONTACTS = 1.2
-"""Ratio of new contacts to recorded ones, above which (or below whose inverse) a trial loses."""
+"""A trial loses if the ratio of new contacts to recorded ones is above this number, or below its inverse."""
 
 LOSS = 0.1
-"""Loss of a trial for contacts twice as frequent, or half as frequent, as those bounds."""
+"""Loss of v3 for each factor of 2 by which the ratio is outside these bounds."""
 
 
 class Bounds(NamedTuple):
@@ -84,7 +84,7 @@ def fit(
     generations: int = 20,
     threads: ThreadsOption = None,
 ) -> None:
-    """Write the options of the best trial of CMA-ES on all locations but one as JSON, for `run.py --fits`.
+    """Write the options of the best trial of CMA-ES on all locations but one as JSON, for `folds.py`.
 
     Args:
         policy: One of `POLICIES`.
@@ -93,13 +93,14 @@ def fit(
         held_out: The location that takes no part; none if not given.
         generations: Number of generations of trials.
     """
+    require_positive("--generations", generations)
     use_threads(threads)
     from studies.people.windows import FOLDS, read_windows
 
     if policy not in POLICIES:
-        raise InputError(f"policy is {policy}, but must be one of {', '.join(POLICIES)}")
+        raise InputError(f"policy is {policy!r}, but must be one of {', '.join(POLICIES)}")
     if held_out and held_out not in FOLDS:
-        raise InputError(f"--held-out is {held_out}, but must be one of {', '.join(FOLDS)}")
+        raise InputError(f"--held-out is {held_out!r}, but must be one of {', '.join(FOLDS)}")
     announce_compilation()
     locations = [name for name in FOLDS if name != held_out]
     windows = [window for each in read_windows(data, locations).values() for window in each]

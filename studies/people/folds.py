@@ -17,11 +17,10 @@ from crowdbench import InputError
 from crowdbench.cli import ThreadsOption, announce_compilation, help_from_docstring, main, use_threads
 from crowdbench.utils import Format, markdown, printed_by
 from studies.command import print_study
+from studies.people.run import BASELINE, BLIND
 
 if TYPE_CHECKING:
     from studies.people.windows import Window
-
-BASELINE, BLIND = "orca", "straight"
 
 
 @help_from_docstring
@@ -78,7 +77,7 @@ def score_folds(
 def fitted_without(fits: Path, location: str) -> dict[str, Any]:
     """Return the options that were fitted without a location, and without others at the same place.
 
-    Raises InputError if there is no such file.
+    Raises InputError if there is no such file, or if it is not one of `fit.py`.
     """
     from studies.people.windows import PLACE
 
@@ -86,8 +85,10 @@ def fitted_without(fits: Path, location: str) -> dict[str, Any]:
     file = fits / f"{held_out}.json"
     if not file.is_file():
         raise InputError(f"there is no {file}: run studies/people/fit.py with --held-out {held_out}")
-    options: dict[str, Any] = json.loads(file.read_text())["options"]
-    return options
+    try:
+        return dict(json.loads(file.read_text())["options"])
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{file} is no file of studies/people/fit.py: run it with --held-out {held_out}") from None
 
 
 if __name__ == "__main__":

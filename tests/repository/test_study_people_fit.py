@@ -1,9 +1,14 @@
 """Fits of pedestrian policies and of their populations to recorded people."""
 
+import json
+
 import pytest
 from repository.test_study_people import crossings, recorded_by
 
+from crowdbench.utils.errors import InputError
 from studies.people.fit import POLICIES, judge, options_of, parameter_bounds, search
+from studies.people.folds import fitted_without, score_folds
+from studies.people.likelihood import score
 from studies.people.simulate import simulate
 
 
@@ -35,3 +40,23 @@ def test_a_search_is_never_worse_than_its_first_trials_and_repeats_itself():
     assert value == judge("straight", windows, best)
     assert value >= search("straight", windows, bounds, generations=1)[1]
     assert all(bounds[name].low <= number <= bounds[name].high for name, number in best.items())
+
+
+def test_each_location_has_the_options_that_were_fitted_without_it(tmp_path):
+    for name, horizon in (("hotel", 1.0), ("univ", 4.0)):
+        (tmp_path / f"{name}.json").write_text(json.dumps({"options": {"time_horizon": horizon}}))
+    windows = {"hotel": crossings(windows=1), "confirmation": crossings(windows=1, seed=1)}
+    options = {name: fitted_without(tmp_path, name) for name in windows}
+    assert options == {"hotel": {"time_horizon": 1.0}, "confirmation": {"time_horizon": 4.0}}  # a place with `univ`
+    found = score_folds("orca", windows, options)["shown"]
+    expected = [score(each, simulate("orca", each, options[name]))[0] for name, each in windows.items()]
+    assert [one.log for one in found] == [one.log for one in expected]
+    assert found[1].log != score(windows["confirmation"], simulate("orca", windows["confirmation"]))[0].log
+
+
+@pytest.mark.parametrize("content", [None, "{", "[]", "{}"])
+def test_a_missing_and_a_wrong_file_of_a_fit_get_one_sentence(content, tmp_path):
+    if content is not None:
+        (tmp_path / "zara.json").write_text(content)
+    with pytest.raises(InputError, match=r"zara\.json.*run .* --held-out zara$"):
+        fitted_without(tmp_path, "zara")
