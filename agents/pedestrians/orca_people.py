@@ -1,33 +1,63 @@
 """ORCA with parameters and a population that were fitted to recorded people, see studies/people.
 
-ORCA: van den Berg et al. 2011. Data: ETH/UCY (Pellegrini et al. 2009, Lerner et al. 2007), `studies/people/fits/orca`.
+ORCA: van den Berg et al. 2011. Data: ETH/UCY (Pellegrini et al. 2009, Lerner et al. 2007).
 """
 
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from crowdbench import ORCA
+import numpy as np
 
-OWN = ("time_horizon", "neighbor_distance", "safety_space")
+from crowdbench import ORCA, PedestrianPolicy, World
+from crowdbench.core import toward_goal
+from crowdbench.sim import Parameters, Velocities, goals_on_way, orca_velocities
+
+MARGIN = 0.01
+"""Safety margin in metres, as for the policy `orca`."""
+
+VARIED = ("time_horizon", "neighbor_distance", "personal_space")
 """The fitted parameters, which differ between people."""
 
 
-class ORCAPeople(ORCA):
-    """ORCA for people: near avoidance, at different distances, of intentions that vary."""
+class ORCAPeople(PedestrianPolicy):
+    """ORCA for people: they differ in the distances that they keep, and their intentions vary."""
 
     parameters: ClassVar[Mapping[str, float]] = {
         **ORCA.parameters,
-        "time_horizon": 2.0,
+        "time_horizon": 2.1,
         "neighbor_distance": 3.5,
-        "safety_space": 0.03,
+        "personal_space": 1.2,
     }
     population: ClassVar[Mapping[str, Any]] = {
-        "noise": 0.4,
-        "noise_time": 0.6,
+        "noise": 0.41,
+        "noise_time": 0.62,
         "inertia": 2.5,
-        "shrinkage": 0.2,
-        "spread": {"preferred_speed": 0.03, **dict.fromkeys(OWN, 0.5)},
+        "shrinkage": 0.19,
+        "spread": {"preferred_speed": 0.03, **dict.fromkeys(VARIED, 0.52)},
     }
+
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
+        """See `PedestrianPolicy`."""
+        moves = world.present.copy()
+        moves[:, 0] = False
+        radius = world.radius + (MARGIN + parameters["safety_space"])
+        return orca_velocities(
+            world.position,
+            world.velocity,
+            toward_goal(world.position, goals_on_way(world), world.preferred_speed),
+            radius,
+            world.preferred_speed,
+            time_step=world.rules.dt,
+            neighbor_distance=parameters["neighbor_distance"],
+            max_neighbors=parameters["max_neighbors"],
+            time_horizon=parameters["time_horizon"],
+            obstacles=world.obstacles,
+            time_horizon_obst=parameters["time_horizon_obst"],
+            line_of_sight=parameters["line_of_sight"],
+            seen=world.present,
+            moves=moves,
+            space=2.0 * world.radius * (parameters["personal_space"] - 1.0),
+        )[:, 1:]
 
 
 def policy() -> ORCAPeople:
@@ -40,6 +70,8 @@ def policy() -> ORCAPeople:
         safety_space: Margin that is added to every radius [m].
         time_horizon_obst: Time horizon for collisions with obstacles [s].
         line_of_sight: 1 if a pedestrian ignores agents behind obstacles; 0 if it avoids them, as in RVO2 [1].
+        personal_space: Distance between the centres of two pedestrians that a pedestrian keeps, in diameters of its
+            body [1].
 
     Returns:
         The policy.

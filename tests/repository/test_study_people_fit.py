@@ -25,10 +25,10 @@ def test_every_fitted_parameter_is_an_option_of_the_policy(policy):
 
 
 def test_the_generating_parameters_are_better_than_distant_ones():
-    near = starts("orca") | {"noise": 0.05}
+    near = starts("orca_people") | {"noise": 0.05}
     far = near | {"noise": 0.5}
-    windows = recorded_by("orca", crossings(), options_of("orca", near))
-    assert judge("orca", windows, near) > judge("orca", windows, far)
+    windows = recorded_by("orca_people", crossings(), options_of("orca_people", near))
+    assert judge("orca_people", windows, near) > judge("orca_people", windows, far)
 
 
 @pytest.mark.slow
