@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from jaxtyping import Float
 
 from crowdbench import ORCA, PedestrianPolicy, World
-from crowdbench.core import toward_goal
+from crowdbench.core import norm, toward_goal
 from crowdbench.sim import Parameters, Velocities, goals_on_way, orca_velocities
 
 MARGIN = 0.01
@@ -38,26 +39,39 @@ class ORCAPeople(PedestrianPolicy):
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`."""
-        moves = world.present.copy()
-        moves[:, 0] = False
-        radius = world.radius + (MARGIN + parameters["safety_space"])
-        return orca_velocities(
-            world.position,
-            world.velocity,
-            toward_goal(world.position, goals_on_way(world), world.preferred_speed),
-            radius,
-            world.preferred_speed,
-            time_step=world.rules.dt,
-            neighbor_distance=parameters["neighbor_distance"],
-            max_neighbors=parameters["max_neighbors"],
-            time_horizon=parameters["time_horizon"],
-            obstacles=world.obstacles,
-            time_horizon_obst=parameters["time_horizon_obst"],
-            line_of_sight=parameters["line_of_sight"],
-            seen=world.present,
-            moves=moves,
-            space=2.0 * world.radius * (parameters["personal_space"] - 1.0),
-        )[:, 1:]
+        return avoid(world, toward_goal(world.position, goals_on_way(world), world.preferred_speed), parameters)
+
+
+def avoid(world: World, preferred: Float[np.ndarray, "world agent 2"], parameters: Parameters) -> Velocities:
+    """Return the velocities that pedestrians take by ORCA with personal space.
+
+    Args:
+        world: The worlds as they are now.
+        preferred: Velocities in m/s that they would take if they were alone.
+        parameters: See `policy`.
+
+    Returns:
+        Velocities in m/s, not faster than the preferred speed or the preferred velocity.
+    """
+    moves = world.present.copy()
+    moves[:, 0] = False
+    return orca_velocities(
+        world.position,
+        world.velocity,
+        preferred,
+        world.radius + (MARGIN + parameters["safety_space"]),
+        np.maximum(world.preferred_speed, norm(preferred)),
+        time_step=world.rules.dt,
+        neighbor_distance=parameters["neighbor_distance"],
+        max_neighbors=parameters["max_neighbors"],
+        time_horizon=parameters["time_horizon"],
+        obstacles=world.obstacles,
+        time_horizon_obst=parameters["time_horizon_obst"],
+        line_of_sight=parameters["line_of_sight"],
+        seen=world.present,
+        moves=moves,
+        space=2.0 * world.radius * (parameters["personal_space"] - 1.0),
+    )[:, 1:]
 
 
 def policy() -> ORCAPeople:

@@ -6,14 +6,14 @@ agents. ORCA (van den Berg et al. 2011) takes this velocity as the preferred one
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar, no_type_check
+from typing import Any, ClassVar, no_type_check
 
 import numpy as np
 from safetensors.numpy import load_file
 
-from crowdbench import ORCA, PedestrianPolicy, World
-from crowdbench.core import norm
-from crowdbench.sim import Parameters, Velocities, goals_on_way, orca_velocities
+from agents.pedestrians.orca_people import VARIED, ORCAPeople, avoid
+from crowdbench import PedestrianPolicy, World
+from crowdbench.sim import Parameters, Velocities, goals_on_way
 from crowdbench.utils import njit
 
 WEIGHTS = Path(__file__).with_name("learned_people.safetensors")
@@ -24,16 +24,20 @@ NEAREST, REACH = 6, 6.0
 FAR = 10.0
 """Distance in metres beyond which goals are equally far."""
 
-MARGIN = 0.01
-"""Safety margin in metres of ORCA, as for the policy `orca`."""
-
 FEATURES = 4 + 5 * NEAREST
 
 
 class LearnedPeople(PedestrianPolicy):
     """ORCA whose preferred velocities come from a network that was trained on recorded people."""
 
-    parameters: ClassVar[Mapping[str, float]] = {**ORCA.parameters, "neighbor_distance": 3.0, "time_horizon": 1.0}
+    parameters: ClassVar[Mapping[str, float]] = ORCAPeople.parameters
+    population: ClassVar[Mapping[str, Any]] = {
+        "noise": 0.15,
+        "noise_time": 0.6,
+        "inertia": 1.0,
+        "shrinkage": 0.05,
+        "spread": {"preferred_speed": 0.1, "inertia": 0.5, **dict.fromkeys(VARIED, 0.5)},
+    }
 
     def __init__(self) -> None:
         weights = load_file(WEIGHTS)
@@ -42,23 +46,7 @@ class LearnedPeople(PedestrianPolicy):
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`."""
         here = world.position, world.velocity, goals_on_way(world), world.preferred_speed, world.present
-        wanted = preferred_velocities(observe(*here), *here, *self.weights)
-        return orca_velocities(
-            world.position,
-            world.velocity,
-            wanted,
-            world.radius + (MARGIN + parameters["safety_space"]),
-            np.maximum(world.preferred_speed, norm(wanted)),
-            time_step=world.rules.dt,
-            neighbor_distance=parameters["neighbor_distance"],
-            max_neighbors=parameters["max_neighbors"],
-            time_horizon=parameters["time_horizon"],
-            obstacles=world.obstacles,
-            time_horizon_obst=parameters["time_horizon_obst"],
-            line_of_sight=parameters["line_of_sight"],
-            seen=world.present,
-            moves=world.present,
-        )[:, 1:]
+        return avoid(world, preferred_velocities(observe(*here), *here, *self.weights), parameters)
 
 
 @no_type_check
@@ -168,6 +156,8 @@ def policy() -> LearnedPeople:
         safety_space: Margin that is added to every radius [m].
         time_horizon_obst: Time horizon for collisions with obstacles [s].
         line_of_sight: 1 if a pedestrian ignores agents behind obstacles; 0 if it avoids them, as in RVO2 [1].
+        personal_space: Distance between the centres of two pedestrians that a pedestrian keeps, in diameters of its
+            body [1].
 
     Returns:
         The policy.
