@@ -278,6 +278,7 @@ def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
     return Rules(
         dt=spec.dt,
         time_limit=spec.time_limit,
+        time_limit_factor=spec.time_limit_factor,
         collision=spec.collision,
         visible=vehicle.visible,
         attention=attention if vehicle.visible else None,
