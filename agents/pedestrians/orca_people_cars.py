@@ -1,7 +1,7 @@
 """ORCA for people among cars, with parameters that were fitted to recorded people. For worlds with cars only.
 
-ORCA: van den Berg et al. 2011. Parameters: fitted to people among themselves in ETH/UCY. Clearance to cars: chosen on DUT
-(Yang et al. 2019) by `studies/people/fit_cars.py`. Neighbour distance: the range of attention to vehicles.
+ORCA: van den Berg et al. 2011. Parameters: fitted to people among themselves in ETH/UCY. Clearance to cars: chosen on
+DUT (Yang et al. 2019) by `studies/people/fit_cars.py`. Neighbour distance: the range of attention to vehicles.
 """
 
 from collections.abc import Mapping

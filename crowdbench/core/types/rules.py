@@ -89,10 +89,19 @@ class Detector(TomlTable):
     raw: Flag = False
 
 
+SENSING_TRACKS: Mapping[str, Mapping[str, Any]] = {
+    "perfect": {},
+    "realistic": {"range": 8.0, "occlusion": True, "detector": {}},
+}
+"""Tracks of sensing, in which every scenario can be driven: values of keys of `[sensor]` that are left out there."""
+
+
 class Sensor(TomlTable):
     """`[sensor]`: sensor of the vehicle for pedestrians. By default it sees all of them exactly and without delay.
 
     Attributes:
+        track: A name in `SENSING_TRACKS`, whose values replace the defaults below. A sensor that is read has these
+            values, and no track.
         range: Largest distance in metres between the rims of the vehicle and of a pedestrian that is seen: the
             distance of their centres minus both radii (as in CrowdNav++, Liu et al. 2023); None for any distance.
         field_of_view: Angle in degrees, half of it on each side of the heading, in which a pedestrian's centre is seen.
@@ -108,6 +117,9 @@ class Sensor(TomlTable):
         detector: The detector of people and its tracker. Without one, each measurement belongs to a known pedestrian.
     """
 
+    track: str | None = Field(
+        default=None, exclude=True, pattern=f"^({'|'.join(SENSING_TRACKS)})$", description='"perfect" or "realistic"'
+    )
     range: float | None = number(None, least=0.0, below=1e6)
     field_of_view: float = Field(default=360.0, gt=0, le=360, description="a number of degrees above 0 and up to 360")
     occlusion: Flag = False
@@ -121,6 +133,15 @@ class Sensor(TomlTable):
     detector: Detector | None = Field(
         default=None, exclude_if=lambda value: value is None, description="a table [sensor.detector]"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _replace_track(cls, values: Any) -> Any:
+        """Replace a track by its values, beneath the values that are given."""
+        track = values.get("track") if isinstance(values, dict) else None
+        if not isinstance(track, str) or track not in SENSING_TRACKS:
+            return values
+        return {**SENSING_TRACKS[track], **values, "track": None}
 
     @model_validator(mode="after")
     def _check_errors(self) -> Sensor:

@@ -306,7 +306,7 @@ def test_costs_to_pedestrians_are_those_of_the_tracks_of_two_runs(seen, unseen):
 
 
 def test_distances_from_walls_are_those_of_the_tracks_and_walls(tmp_path):
-    scenario = load_scenario("doorway_10")
+    scenario = load_scenario("door_10")
     make(tmp_path / "run", "straight", scenario, "val:12")
     (tmp_path / "export").mkdir()
     export_tracks(RunResult.read(tmp_path / "run"), lambda _: scenario, tmp_path / "export", format="socnav")

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -164,11 +166,9 @@ def test_a_broken_file_gets_one_sentence(tmp_path, text):
 
 def test_people_are_placed_anew_where_the_last_one_finds_no_room():
     # In one of these attempts the first 19 stand so that nobody else finds room.
-    start = (
-        load_scenario("half_half_20", {"pedestrians.clear_space": None})
-        .draw("train", np.array([1447966886]))
-        .position[0]
-    )
+    file = Path(__file__).parents[3] / "studies" / "scenarios" / "half_half_20.toml"
+    scenario = load_scenario(str(file), {"pedestrians.clear_space": None})
+    start = scenario.draw("train", np.array([1447966886])).position[0]
     gaps = np.linalg.norm(start[:, None] - start, axis=2)[~np.eye(len(start), dtype=bool)] - 0.6
     assert gaps.min() >= 0.2
 

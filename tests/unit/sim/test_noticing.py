@@ -223,7 +223,7 @@ def test_a_case_does_not_depend_on_its_batch():
 )
 def test_impossible_attention_is_refused(changes, error):
     with pytest.raises(InputError, match=error):
-        load_scenario("doorway_10", changes)
+        load_scenario("door_10", changes)
 
 
 # Clearance, and the attention that a policy brings.

@@ -253,7 +253,7 @@ import numpy as np
 from crowdbench import Cases, load_scenario, parallel_env, rollout
 
 def episodes():
-    for planner, scenario in (("orca", "circle_crossing_5"), ("social_force", "doorway_10")):
+    for planner, scenario in (("orca", "circle_crossing_5"), ("social_force", "door_10")):
         yield rollout(planner, load_scenario(scenario, {"time_limit": 1.5}), Cases.parse("val/3")).position
     for observation in ("flat", "dict"):
         env = parallel_env("circle_crossing_5", observation=observation)
