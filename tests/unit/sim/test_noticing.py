@@ -275,7 +275,7 @@ def test_the_complete_table_of_a_scenario_makes_the_same_scenario(own_attention)
     again = load_scenario("circle_crossing_5", {**copy.deepcopy(scenario.table), "pedestrians.policy": "./own.py"})
     assert again.table == scenario.table
     assert again.rules.attention.distance == 0.2
-    assert "clearance" not in load_scenario("circle_crossing_20_seen").table["pedestrians"]["attention"]
+    assert "clearance" not in load_scenario("door_10").table["pedestrians"]["attention"]
 
 
 def test_policies_that_bring_different_attention_are_refused(own_attention):
