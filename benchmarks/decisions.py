@@ -127,7 +127,7 @@ def measure_large_crowds(cases: int = 40) -> Iterator[Measurement]:
     Args:
         cases: Number of cases that each planner drives at once.
     """
-    scenario, driven = load_scenario("circle_crossing_20"), Cases("test", 0, cases)
+    scenario, driven = load_scenario("circle_20_blind"), Cases("test", 0, cases)
     for name in PAPER:
         work = functools.partial(rollout, load_planner(name), scenario, driven)
         duration = in_turns(1, functools.partial(seconds, work))[0] / cases

@@ -89,7 +89,7 @@ def measure_sight() -> Iterator[Measurement]:
 def measure_scans(worlds: int = 500) -> Iterator[Measurement]:
     """Measure scans of 180 beams by the vehicle and by every agent, among 20 pedestrians on a circle of 6 m."""
     plain = load_scenario(SCENARIO, {"pedestrians.number": 20, "layout.circle_radius": 6.0})
-    walled = load_scenario("doorway_10", {"pedestrians.number": 20})
+    walled = load_scenario("door_10", {"pedestrians.number": 20})
     for name, (scenario, keys) in {
         "people as discs, no walls": (plain, {}),
         "the same with legs, noise, lost and false echoes": (plain, DISTURBED),

@@ -5,9 +5,9 @@ from .catalog import PLANNERS as PLANNERS
 from .catalog import SCENARIOS as SCENARIOS
 from .catalog import load_planner as load_planner
 from .catalog import load_scenario as load_scenario
+from .catalog import read_suite as read_suite
 from .catalog import scenario_path as scenario_path
 from .catalog import simulated_scenarios as simulated_scenarios
-from .catalog import suite_families as suite_families
 from .core.types import Observation as Observation
 from .core.types import Outcome as Outcome
 from .core.types import Rules as Rules

@@ -31,6 +31,23 @@ SUITE = SCENARIOS / "suite" / "suite.toml"
 """The list of the scenarios of the suite."""
 
 
+@dataclasses.dataclass(frozen=True)
+class Suite:
+    """The suite: its version, and the names of its scenarios.
+
+    Attributes:
+        version: The name of the version. Scores of different versions are never compared.
+        ranked: Scenarios whose scores have a mean.
+        stress: Scenarios whose pedestrians do not see the vehicle.
+        held_out: Scenarios outside of the range of all trainings.
+    """
+
+    version: str
+    ranked: Sequence[str]
+    stress: Sequence[str]
+    held_out: Sequence[str]
+
+
 def _check_parameters(name: str, policy: PedestrianPolicy) -> None:
     """Raise InputError unless the parameters of a pedestrian policy are numbers by name."""
     with plugin_in_time(f"the parameters of {name} cannot be read:"):
@@ -272,9 +289,9 @@ def _scenario_files() -> list[Path]:
     return [path for path in files if path != SUITE]
 
 
-def suite_families() -> dict[str, list[str]]:
-    """Return the names of the scenarios of the suite by family."""
-    return dict(read_toml(SUITE, "suite")["families"])
+def read_suite() -> Suite:
+    """Return the suite that ships."""
+    return Suite(**read_toml(SUITE, "suite"))
 
 
 def _resolve_files(policy: Any) -> Any:

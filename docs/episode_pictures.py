@@ -22,6 +22,9 @@ from crowdbench.planners.planner import Planner
 from crowdbench.record.decisions import draw_decisions, read_paths
 from crowdbench.runs.spec import EVERY_STEP, Replanning
 
+EARLIER = Path(__file__).parents[1] / "studies" / "scenarios"
+"""Scenarios of the suite before its first version."""
+
 COLUMNS = 4
 """Number of panels side by side in a picture of the width of a page."""
 
@@ -63,11 +66,9 @@ class Waiting(Planner):
 
 
 @functools.cache
-def drive(
-    planner: str, scenario: str, cases: str, filtered: bool = False, replanning: Replanning = EVERY_STEP
-) -> Trace:
-    """Return the trace of a planner in cases of a scenario; it filters noisy measurements if `filtered`."""
-    made = Waiting() if planner == "waiting" else load_planner(planner, {"filter": "kalman"} if filtered else {})
+def drive(planner: str, scenario: str, cases: str, replanning: Replanning = EVERY_STEP) -> Trace:
+    """Return the trace of a planner in cases of a scenario."""
+    made = Waiting() if planner == "waiting" else load_planner(planner)
     return rollout(made, scenario, cases, replanning=replanning, keep_logs=True)
 
 
@@ -75,7 +76,7 @@ def draw_suite(out: Path) -> None:
     """Draw case val/0 of each scenario of the suite, driven by MPPI."""
     pictures = []
     for name in suite_names():
-        trace = drive("mppi", name, "val/0", filtered=True)
+        trace = drive("mppi", name, "val/0")
         length = float(np.hypot(*(trace.goal[0, 0, 0] - trace.position[0, 0, 0])))
         episode = Still(trace, 0, title=name, side=WHOLE / COLUMNS, half=0.6 * length + 0.8)
         pictures.append(episode.picture(float(episode.end)))
@@ -86,7 +87,7 @@ def draw_race(out: Path) -> None:
     """Make a film of four planners in the same case of a crossing, at twice the speed."""
     episodes = []
     for planner in ("orca", "ppo", "dwa", "mppi"):
-        trace = drive(planner, "intersection_16_seen", "val/7")
+        trace = drive(planner, str(EARLIER / "intersection_16_seen.toml"), "val/7")
         paths = read_paths(list(draw_decisions(trace, 0)), trace.rules.dt)
         episodes.append(Still(trace, 0, None, paths, planner, side=320 / 144))
     film(episodes, out, speed=2.0)
@@ -99,7 +100,7 @@ def draw_episode(out: Path) -> None:
 
 def draw_moments(out: Path) -> None:
     """Draw five moments of a case at an intersection."""
-    draw_strip(Episode(drive("mppi", "intersection_16", "val/8"), 0, 9.0), 5, out)
+    draw_strip(Episode(drive("mppi", "streets_16_blind", "val/8"), 0, 9.0), 5, out)
 
 
 def draw_groups(out: Path) -> None:
@@ -109,7 +110,7 @@ def draw_groups(out: Path) -> None:
 
 def draw_paper(scenario: str, replanning: Replanning, out: Path) -> None:
     """Draw the first validation case of a scenario, driven with three predictors, as in Li et al. (2020)."""
-    traces = {name: drive(name, scenario, "val/0", False, replanning) for name in ("sarl_lin", "sarl_cvm", "sarl_sgan")}
+    traces = {name: drive(name, scenario, "val/0", replanning) for name in ("sarl_lin", "sarl_cvm", "sarl_sgan")}
     episodes = [Still(trace, 0, title=name, side=WHOLE / 3, half=5.0) for name, trace in traces.items()]
     draw_pictures([episode.picture() for episode in episodes], 3, out)
 
@@ -121,7 +122,7 @@ def draw_faults(out: Path) -> None:
 
 def draw_fault(title: str, kind: Fault, planner: str, case: int) -> Picture:
     """Return a picture of the two agents in contact at the end of a case, with their motion of the last second."""
-    trace = drive(planner, "intersection_16_seen", f"val/{case}")
+    trace = drive(planner, str(EARLIER / "intersection_16_seen.toml"), f"val/{case}")
     contacts, end = find_contacts(trace), int(trace.steps[0])
     if contacts.fault[0] != kind:
         raise ValueError(f"case val/{case} of {planner} is no example of {title}")
@@ -145,7 +146,9 @@ def draw_decision(out: Path) -> None:
     """Draw a decision with noisy measurements in the Rerun viewer, without its empty menu."""
     with tempfile.TemporaryDirectory() as folder:
         run, shot = Path(folder) / "run", Path(folder) / "shot.png"
-        crowdbench.run("sarl_cvm", "noisy_10", "val:1:2", out=run, record="all", progress=lambda _: None)
+        crowdbench.run(
+            "sarl_cvm", str(EARLIER / "noisy_10.toml"), "val:1:2", out=run, record="all", progress=lambda _: None
+        )
         take_picture(run / "run.rrd", 2.5, shot)
         with Image.open(shot) as picture:
             width, height = picture.size

@@ -1,13 +1,12 @@
 """Prints docs/noticing.md, the reactions to the vehicle: python docs/noticing_page.py. docs/pictures.py draws it."""
 
 import math
-import tomllib
 from pathlib import Path
 
 import numpy as np
 
 from crowdbench.api import rollout
-from crowdbench.catalog import load_scenario, scenarios
+from crowdbench.catalog import load_scenario, read_suite, scenarios
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Rules, Trace
 from crowdbench.drawing import LIGHT, Disc, Moment, Polygon, Shape, draw_bands, draw_moment, extent
@@ -48,9 +47,9 @@ def main() -> None:
 
 
 def suite_names() -> list[str]:
-    """Return the names of the scenarios of the suite, without duplicates."""
-    study = tomllib.loads((DOCS.parent / "studies" / "suite" / "study.toml").read_text())
-    return list(dict.fromkeys(name for table in study["tables"] for name in table["scenarios"]))
+    """Return the names of the scenarios of the suite."""
+    suite = read_suite()
+    return [*suite.ranked, *suite.stress, *suite.held_out]
 
 
 def draw_noticing(name: str, out: Path) -> None:

@@ -20,7 +20,7 @@ from crowdbench.cli import main
 
 HERE = Path(__file__).parent
 
-PLANNERS, SCENARIOS = ["mppi", "orca"], ["circle_crossing_5", "groups_12", "unicycle_10"]
+PLANNERS, SCENARIOS = ["mppi", "orca"], ["circle_crossing_5", "groups_12", "unicycle"]
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""The command that drives a planner through the scenarios of the suite, and prints one table."""
+"""The command that drives a planner through the scenarios of the suite in each track of sensing, and prints scores."""
 
 from __future__ import annotations
 
@@ -14,14 +14,23 @@ from crowdbench.cli.console import announce_compilation, exit_on_interrupt, prin
 from crowdbench.cli.options import ThreadsOption, WorkersOption, assignments, use_threads
 
 if TYPE_CHECKING:
+    from crowdbench.catalog import Suite
     from crowdbench.metrics.summary import Estimate
     from crowdbench.runs.run import Run
     from crowdbench.runs.spec import RunSpec
     from crowdbench.utils.executors import Executor
     from crowdbench.utils.tables import Grid
 
-METRICS = ("success_rate", "sct")
-"""The metrics of the table."""
+SCORE = "sct"
+"""The metric of the table."""
+
+MEAN = "mean"
+"""The row of the mean over the ranked scenarios."""
+
+CLAIM = "Simulated pedestrians: no claim on robots or comfort."
+
+Place = tuple[str, str]
+"""A scenario and a track of sensing."""
 
 
 def suite(
@@ -35,30 +44,33 @@ def suite(
     threads: ThreadsOption = None,
     as_json: bool = False,
 ) -> None:
-    """Drive a planner through the scenarios of the suite, and print its success and SCT in each, and their means.
+    """Drive a planner through the suite in both tracks of sensing, and print its scores and their mean.
 
     The same command makes only the runs that are missing.
 
     Args:
         planner: Name of a planner, or a file of your own: ./mine.py, ./mine.py:factory or policy.onnx.
-        cases: Number of test cases of each scenario.
+        cases: Number of test cases of each scenario and track.
         isolated: Run the planner in a separate process, which receives only observations.
         out: Folder that keeps the runs.
     """
     use_threads(threads)
-    from crowdbench.catalog import suite_families
+    from crowdbench.catalog import read_suite
+    from crowdbench.core.types.rules import SENSING_TRACKS
     from crowdbench.plugins.kind import plugin_name
     from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
     from crowdbench.utils.executors import open_executor
     from crowdbench.utils.tables import plain
 
-    families = suite_families()
-    options = assignments(option or [], "--option")
+    scenarios = read_suite()
+    base = RunSpec(
+        planner, "", Cases("test", 0, cases), options=assignments(option or [], "--option"), isolated=isolated
+    )
     specs = {
-        scenario: RunSpec(planner, scenario, Cases("test", 0, cases), options=options, record="none", isolated=isolated)
-        for scenarios in families.values()
-        for scenario in scenarios
+        (name, track): replace(base, scenario=name, overrides={"sensor.track": track}, record="none")
+        for name in (*scenarios.ranked, *scenarios.stress, *scenarios.held_out)
+        for track in SENSING_TRACKS
     }
     announce_compilation()
     message = f"finished batches are kept in {out}, with which the same command goes on"
@@ -68,40 +80,40 @@ def suite(
         progress(cases * len(specs), "of the suite") as report,
     ):
         runs, failures = _make_runs(specs, out, executor, report)
-    estimates = {name: _read_estimates(run, out) for name, run in runs.items() if name not in failures}
-    for name, reason in failures.items():
-        say(f"{name} counts 0, because it cannot be driven: {reason}")
-    table = _table(f"{plugin_name(planner)} on the suite, {cases} cases of each scenario", families, estimates)
+    scores = {place: _read_score(run, out) for place, run in runs.items() if place not in failures}
+    for (name, track), reason in failures.items():
+        say(f"{name} ({track}) counts 0, because it cannot be driven: {reason}")
+    table = _table(f"Score of {plugin_name(planner)} on {scenarios.version}, {cases} cases", scenarios, scores)
     if as_json:
-        records = {str(record["scenario"]): {name: record[name] for name in METRICS} for record in table.records}
-        print(json.dumps(plain({"cases": cases, "metrics": records}), indent=2))
+        records = {record["scenario"]: {track: record[track] for track in SENSING_TRACKS} for record in table.records}
+        print(json.dumps(plain({"version": scenarios.version, "cases": cases, "scores": records}), indent=2))
         return
     print_table(table)
-    write(f"\nAll families of scenarios count the same in the mean. Kept in {out}")
+    write(f"\n{CLAIM} Kept in {out}")
 
 
 def _make_runs(
-    specs: Mapping[str, RunSpec], out: Path, executor: Executor | None, report: Callable[[float], None]
-) -> tuple[dict[str, Run], dict[str, str]]:
+    specs: Mapping[Place, RunSpec], out: Path, executor: Executor | None, report: Callable[[float], None]
+) -> tuple[dict[Place, Run], dict[Place, str]]:
     """Make the runs that the folder lacks.
 
     Args:
-        specs: The run of each scenario, by its name.
+        specs: The run of each scenario and track.
         out: The folder.
         executor: Workers that make them, if any.
         report: Called with the progress, in cases.
 
     Returns:
-        The runs, and the error of each scenario that the planner cannot drive, by the names of the scenarios.
+        The runs, and the error in each scenario and track that the planner cannot drive.
     """
     from crowdbench.runs.each_scenario import make_each
     from crowdbench.runs.folder import is_complete, make_in_folder, make_in_folder_with
     from crowdbench.runs.loading import open_run
     from crowdbench.utils.errors import MachineFault
 
-    runs: dict[str, Run] = {}
+    runs: dict[Place, Run] = {}
 
-    def make(name: str) -> None:
+    def make(place: Place) -> None:
         done = 0.0
 
         def count(cases: float) -> None:
@@ -109,8 +121,8 @@ def _make_runs(
             done += cases
             report(cases)
 
-        with open_run(specs[name]) as run:
-            runs[name] = run
+        with open_run(specs[place]) as run:
+            runs[place] = run
             if executor is None:
                 try:
                     if not is_complete(run, out):
@@ -121,45 +133,60 @@ def _make_runs(
     failures = make_each(specs, make)
     if executor is not None:
         made = make_in_folder_with(executor, list(runs.values()), out, report)
-        errors = {each.parts.run.spec.scenario: each.error for each in made if each.error is not None}
+        errors = {
+            (each.parts.run.spec.scenario, each.parts.run.spec.overrides["sensor.track"]): each.error
+            for each in made
+            if each.error is not None
+        }
         if len(errors) == len(specs):
             raise next(iter(errors.values()))
-        failures |= {name: str(error) for name, error in errors.items()}
-    for name, run in runs.items():
-        if name not in failures and not is_complete(run, out):
-            raise MachineFault(f"another process is making the run of {name}: try again when it has ended")
+        failures |= {place: str(error) for place, error in errors.items()}
+    for place, run in runs.items():
+        if place not in failures and not is_complete(run, out):
+            raise MachineFault(f"another process is making the run of {place[0]}: try again when it has ended")
     return runs, failures
 
 
-def _read_estimates(run: Run, out: Path) -> Mapping[str, Estimate]:
+def _read_score(run: Run, out: Path) -> Estimate:
     from crowdbench.results.episodes import read_estimate
     from crowdbench.results.result_file import read_result
     from crowdbench.runs.folder import run_directory
 
-    measured = read_result(run_directory(run, out))["metrics"]
-    return {name: read_estimate(measured[name]) for name in METRICS}
+    return read_estimate(read_result(run_directory(run, out))["metrics"][SCORE])
 
 
-def _table(title: str, families: Mapping[str, list[str]], estimates: Mapping[str, Mapping[str, Estimate]]) -> Grid:
-    """Return a row for each scenario, and one for the mean, in which all families count the same.
+def _table(title: str, scenarios: Suite, scores: Mapping[Place, Estimate]) -> Grid:
+    """Return a row for each ranked scenario, for their mean, and for each other scenario, with a column for each track.
 
     Args:
         title: The title.
-        families: The names of the scenarios by family.
-        estimates: The estimates by scenario and metric; none of a scenario that the planner cannot drive.
+        scenarios: The suite.
+        scores: The scores by scenario and track; none where the planner cannot drive, which counts 0.
     """
+    from crowdbench.core.types.rules import SENSING_TRACKS
     from crowdbench.metrics.registry import info_of
     from crowdbench.metrics.scenario_means import FAILED, mean_over_scenarios, scenario_weights
     from crowdbench.metrics.summary import LEAST_CASES
-    from crowdbench.results.table import NO_INTERVAL, estimate_grid
+    from crowdbench.results.table import NO_INTERVAL
+    from crowdbench.utils.tables import Grid
 
-    weights = scenario_weights(families)
-    rows = {name: estimates.get(name, dict.fromkeys(METRICS, FAILED)) for names in families.values() for name in names}
-    means = {metric: mean_over_scenarios(weights, [row[metric] for row in rows.values()]) for metric in METRICS}
-    records = [{"scenario": name, **row} for name, row in (rows | {"mean": means}).items()]
-    # The interval of the mean is shown only if each scenario that was driven has one.
-    least = min((row["success_rate"].n for row in rows.values() if row["success_rate"].n), default=0)
-    shown = {metric: mean.for_display(least) for metric, mean in means.items()}
-    infos = {metric: info_of(metric) for metric in METRICS}
-    grid = estimate_grid(title, [*records[:-1], {"scenario": "mean", **shown}], infos)
-    return replace(grid, records=records, note="" if least >= LEAST_CASES else NO_INTERVAL)
+    info, weights = info_of(SCORE), scenario_weights({"ranked": scenarios.ranked})
+
+    def estimates(name: str) -> dict[str, Estimate]:
+        return {track: scores.get((name, track), FAILED) for track in SENSING_TRACKS}
+
+    ranked = {name: estimates(name) for name in scenarios.ranked}
+    means = {track: mean_over_scenarios(weights, [row[track] for row in ranked.values()]) for track in SENSING_TRACKS}
+    others = {f"{name} (stress)": estimates(name) for name in scenarios.stress}
+    others |= {f"{name} (held out)": estimates(name) for name in scenarios.held_out}
+    # The interval of a mean is shown only if each scenario that was driven has one.
+    least = min((score.n for score in scores.values()), default=0)
+    shown = {track: mean.for_display(least) for track, mean in means.items()}
+    rows = []
+    for name, row in (ranked | {MEAN: shown} | others).items():
+        perfect, realistic = row.values()
+        loss = info.number(perfect.mean - realistic.mean)
+        rows.append([name, info.estimate(perfect), info.estimate(realistic), loss])
+    records = [{"scenario": name, **row} for name, row in (ranked | {MEAN: means} | others).items()]
+    note = "" if least >= LEAST_CASES else NO_INTERVAL
+    return Grid(title, ["scenario", *SENSING_TRACKS, "loss"], rows, records, note=note)

@@ -26,6 +26,7 @@ from .types.observation import Vehicle as Vehicle
 from .types.rules import COLLISION_RULES as COLLISION_RULES
 from .types.rules import HISTORY as HISTORY
 from .types.rules import PERFECT_SENSOR as PERFECT_SENSOR
+from .types.rules import SENSING_TRACKS as SENSING_TRACKS
 from .types.rules import Intention as Intention
 from .types.rules import Lidar as Lidar
 from .types.rules import RuleNumbers as RuleNumbers

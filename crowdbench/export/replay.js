@@ -64,7 +64,7 @@ const replay = (() => {
     return { ...episode, stays, planned, heading, gap: gap.sums(gap.many(episode.steps)), end: episode.steps * scenario.dt };
   }
 
-  // Which case is shown: #doorway_10/val/3/mppi,orca@6.25, or with a board before the scenario.
+  // Which case is shown: #door_10/val/3/mppi,orca@6.25, or with a board before the scenario.
 
   const ending = (planner, which) => scenario.runs[planner].outcomes[scenario.runs[planner].names.indexOf(which)] ?? "";
   const fails = which => chosen.some(planner => "cwt".includes(ending(planner, which) || "s"));

@@ -2,8 +2,8 @@
 
 index.html, replay.js           the page
 data/index.js                   scenarios, planners, outcomes, and the palette
-data/doorway_10/val-3.js         a case: the tracks of its episodes, one for each planner
-data/doorway_10/val-3.paths.js   predicted, considered and planned paths in it, if they were recorded
+data/door_10/val-3.js         a case: the tracks of its episodes, one for each planner
+data/door_10/val-3.paths.js   predicted, considered and planned paths in it, if they were recorded
 
 Data files are scripts, because a page that is opened from a folder cannot read other files. Arrays are texts, see
 `pack`. Positions are rounded to `QUANTUM`.

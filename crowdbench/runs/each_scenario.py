@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Hashable
+from typing import TypeVar
 
 from crowdbench.utils.errors import InputError, MachineFault
 
+Place = TypeVar("Place", bound=Hashable)
 
-def make_each(scenarios: Collection[str], make: Callable[[str], None]) -> dict[str, str]:
+
+def make_each(scenarios: Collection[Place], make: Callable[[Place], None]) -> dict[Place, str]:
     """Make the run of each scenario.
 
     Args:
-        scenarios: Their names.
+        scenarios: Their names, or their names with those of a track of sensing.
         make: Makes the run of a scenario.
 
     Returns:
@@ -21,7 +24,7 @@ def make_each(scenarios: Collection[str], make: Callable[[str], None]) -> dict[s
         InputError: The planner fails in all scenarios.
         MachineFault: The machine fails.
     """
-    failures: dict[str, InputError] = {}
+    failures: dict[Place, InputError] = {}
     for name in scenarios:
         try:
             make(name)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field
 
-from crowdbench import METRICS, Cases, InputError, Scenario, load_scenario, scenario_path, suite_families
+from crowdbench import METRICS, Cases, InputError, Scenario, load_scenario, read_suite, scenario_path
 from crowdbench.core import COLLISION_RULES
 from crowdbench.metrics import MAIN, Metric, scenario_weights
 from crowdbench.runs import LOOK_FIRST, Replanning
@@ -26,7 +26,7 @@ from crowdbench.utils import Flag, Location, Name, Names, TomlTable, choice, int
 FILE = "board.toml"
 
 SUITE = "suite"
-"""The value of `families` for the families of `crowdbench suite`."""
+"""The value of `families` for the ranked scenarios of `crowdbench suite`."""
 
 MEASURED = (*MAIN, "intimate_zone", "max_velocity_change", "imposed_delay", "imposed_delay_positive")
 """The metrics that boards show."""
@@ -40,11 +40,12 @@ ROOT = _PACKAGE / "rules" if (_PACKAGE / "rules").is_dir() else _PACKAGE.parent
 
 
 class BoardSpec(TomlTable):
-    """The contents of `board.toml`. `families = "suite"` stands for the families of `crowdbench suite`.
+    """The contents of `board.toml`. `families = "suite"` stands for the ranked scenarios of `crowdbench suite`.
 
     `position` orders boards in lists. `recorded` is true if the scenarios need recorded tracks, and `ranked` if entries
     have ranks. `public_cases` is the number of public cases of each scenario. `cases` is the number of cases in a
-    season, on which entries are ranked by success.
+    season, on which entries are ranked by success. `track` is the track of sensing; without one, sensors are as in the
+    files of the scenarios.
     """
 
     title: Name
@@ -61,6 +62,8 @@ class BoardSpec(TomlTable):
     replan_every: int = integer(1, least=1, most=1000)
     look_first: int = integer(LOOK_FIRST, least=1, most=1000)
     collision: str = choice(COLLISION_RULES, default="swept")
+    # Absent from the rules of boards without a track, so that it does not change their digests.
+    track: str | None = Field(default=None, exclude_if=lambda value: value is None, description="a track of sensing")
 
 
 @dataclass(frozen=True)
@@ -135,6 +138,8 @@ class Board:
     def overrides(self, seed: int | None) -> dict[str, Any]:
         """Return the scenario keys that the board sets, for the cases of a seed; None for the public cases."""
         rules: dict[str, Any] = {"collision": self.spec.collision}
+        if self.spec.track is not None:
+            rules["sensor.track"] = self.spec.track
         if seed is not None:
             rules["seed"] = seed
             if not self.spec.recorded:
@@ -182,7 +187,7 @@ def read_board(folder: Path) -> Board:
     file = Location(f"{folder.name}/{FILE}")
     table = read_toml(folder / FILE, "board")
     if table.get("families") == SUITE:
-        table["families"] = suite_families()
+        table["families"] = {name: [name] for name in read_suite().ranked}
     board = Board(folder.name, parse_table(BoardSpec, table, file))
     names = board.scenarios
     if double := [name for i, name in enumerate(names) if name in names[:i]]:

@@ -4,7 +4,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from crowdbench import catalog, suite_families
+from crowdbench import catalog, read_suite
 from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.board import ROOT, find_board, read_board, read_boards
 
@@ -140,8 +140,16 @@ def test_what_is_wrong_in_a_board_gets_one_sentence(old, new, sentence, tmp_path
         read_board(write(tmp_path, BOARD.replace(old, new)))
 
 
-def test_the_board_of_the_suite_has_its_scenarios():
-    assert find_board("suite").spec.families == suite_families()
+@pytest.mark.parametrize(("name", "has_detector"), [("suite", False), ("suite_realistic", True)])
+def test_a_board_of_the_suite_has_the_ranked_scenarios_in_one_track_of_sensing(name, has_detector):
+    board = find_board(name)
+    assert board.scenarios == read_suite().ranked
+    assert {scenario.rules.sensor.detector is not None for scenario in board.load(7)} == {has_detector}
+
+
+def test_a_board_without_a_track_has_no_track_in_its_rules():
+    assert "track" not in find_board("five").parts["rules"]
+    assert "sensor.track" not in find_board("five").overrides(7)
 
 
 def test_every_board_that_ships_is_in_the_wheel():

@@ -22,7 +22,7 @@ from crowdbench.scenario import ETH_UCY_DT, FRAME_STEP, RecordedTracks, read_tra
 from crowdbench.sim import crowd_decisions, init_memories, step_pedestrians
 from crowdbench.utils import markdown, printed_by
 
-FOLDERS = ("suite", "generalisation", "maps")
+FOLDERS = ("suite", "stress", "held_out", "maps")
 """The folders whose scenarios are measured unless others are named."""
 
 Names = Annotated[list[str] | None, typer.Argument(show_default=" ".join(FOLDERS))]

@@ -33,8 +33,8 @@ def invoke(*arguments):
     "scenario",
     [
         "circle_crossing_5",
-        pytest.param("noisy_10", marks=pytest.mark.slow),
-        pytest.param("unicycle_10", marks=pytest.mark.slow),
+        pytest.param("noise_late", marks=pytest.mark.slow),
+        pytest.param("unicycle", marks=pytest.mark.slow),
     ],
 )
 def test_steps_are_what_the_environment_shows_and_pays(tmp_path, scenario):
@@ -99,7 +99,7 @@ def conforms(value, kind):
 
 @pytest.fixture(
     scope="module",
-    params=["doorway_10", *(pytest.param(name, marks=pytest.mark.slow) for name in ("car_12", "restless_20"))],
+    params=["door_10", *(pytest.param(name, marks=pytest.mark.slow) for name in ("car_12", "mixed_20"))],
 )
 def socnav(request, tmp_path_factory):
     """A scenario, a trace, and the content of the file of each of its cases."""
@@ -155,7 +155,7 @@ def test_the_walls_of_a_socnav_file_are_in_its_grid(socnav):
     for content in contents:
         grid, cells = content["grid"], np.array(content["grid"]["data"])
         assert cells.shape == (grid["height"], grid["width"])
-        assert (len(content["walls"]) > 0) == cells.any() == (scenario == "doorway_10")
+        assert (len(content["walls"]) > 0) == cells.any() == (scenario == "door_10")
         walls = np.array(content["walls"]).reshape(-1, 1, 2, 2)
         points = (walls[:, :, 0] + np.linspace(0, 1, 9)[:, None] * (walls[:, :, 1] - walls[:, :, 0])).reshape(-1, 2)
         column, row = ((points - [grid["x_orig"], grid["y_orig"]]) // grid["cell_size"]).astype(int).T

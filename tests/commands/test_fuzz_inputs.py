@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[2]
 WORDS = st.sampled_from(
     [
         *(token for token in TOKENS if "\0" not in token and "test:0:1" not in token),
-        *("val/0", "val:1", "a", "b", "jerk", "success_rate", "circle_crossing_5", "doorway_10", "social_force", "pdf"),
+        *("val/0", "val:1", "a", "b", "jerk", "success_rate", "circle_crossing_5", "door_10", "social_force", "pdf"),
         *(
             "10",
             "3.7",
@@ -213,11 +213,11 @@ def test_environments(kind, arguments, seed, options, action):
     with contextlib.suppress(ValueError, gymnasium.error.Error), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         if kind == "pettingzoo":
-            env, action = crowdbench.parallel_env("doorway_10", **arguments), {"vehicle": action}
+            env, action = crowdbench.parallel_env("door_10", **arguments), {"vehicle": action}
         else:
             # The checker of Gymnasium itself fails after a reset that was refused.
             make, more = (gymnasium.make_vec, {"num_envs": 2}) if kind == "vector" else (gymnasium.make, UNCHECKED)
-            env = make(VEHICLE, scenario="doorway_10", **arguments, **more)
+            env = make(VEHICLE, scenario="door_10", **arguments, **more)
         with contextlib.suppress(ValueError, gymnasium.error.Error):
             env.reset(seed=seed, options=options)
         env.reset(seed=0)
@@ -235,7 +235,7 @@ PYTHON = st.fixed_dictionaries(
         "record": st.sampled_from(["none", "all", "", "x"]),
         "key": st.sampled_from(["", "x", "é\0"]),
         "data": st.sampled_from(["", "x", "/dev/null", Path()]),
-        "scenario": st.sampled_from(["doorway_10", "", "x", "./x.toml", "/dev/zero", "circle_crossing_5"]),
+        "scenario": st.sampled_from(["door_10", "", "x", "./x.toml", "/dev/zero", "circle_crossing_5"]),
     },
 )
 

@@ -53,7 +53,7 @@ def test_a_case_is_drawn_with_the_times_along_its_way(driven, tmp_path):
 
 
 def test_a_vehicle_that_has_hit_an_obstacle_has_the_mark_of_a_contact():
-    scenario = load_scenario("corridor_8", {"pedestrians.number": 1})
+    scenario = load_scenario("street_8", {"pedestrians.number": 1})
     trace = rollout(Driver(Sideways(), "sideways"), scenario, Cases("test", 0, 1))
     assert trace.outcome[0] == Outcome.WALL_COLLISION
     end = int(trace.steps[0])
@@ -66,7 +66,7 @@ def test_a_vehicle_that_has_hit_an_obstacle_has_the_mark_of_a_contact():
     assert LIGHT.contact not in colors(end - 1)
 
 
-@pytest.mark.parametrize(("scenario", "number"), [("noisy_10", 1), ("circle_crossing_5", 0)])
+@pytest.mark.parametrize(("scenario", "number"), [("noise_late", 1), ("circle_crossing_5", 0)])
 def test_measured_positions_are_rings_with_a_key_where_they_differ(tmp_path, scenario, number):
     run = tmp_path / "run"
     given = ["run", "--planner", "orca", "--scenario", scenario, "--cases", "val:1", "--out", str(run)]
@@ -95,23 +95,23 @@ def test_a_picture_shows_what_is_around_the_vehicle(driven, tmp_path):
     np.testing.assert_allclose(episode.bounds(), [way.min(axis=0) - 2.0, way.max(axis=0) + 2.0])
     given = ["render", str(driven), "--case", "1", "--zoom", "4", "--strip", "2", "--out", str(tmp_path / "a.svg")]
     assert CliRunner().invoke(app, given).exit_code == 0
-    refused = CliRunner().invoke(app, ["render", "blind_corner_5", "--case", "3", "--zoom", "4"])
+    refused = CliRunner().invoke(app, ["render", "corner_5", "--case", "3", "--zoom", "4"])
     assert "--zoom is for a case of a run" in str(refused.exception)
 
 
 def test_a_scenario_is_drawn_before_anything_is_run(tmp_path):
     out = tmp_path / "a.svg"
-    assert CliRunner().invoke(app, ["render", "blind_corner_5", "--case", "3", "--out", str(out)]).exit_code == 0
+    assert CliRunner().invoke(app, ["render", "corner_5", "--case", "3", "--out", str(out)]).exit_code == 0
     assert words(out) == ["1 m"]
     first = out.read_bytes()
-    CliRunner().invoke(app, ["render", "blind_corner_5", "--case", "4", "--out", str(out)])
+    CliRunner().invoke(app, ["render", "corner_5", "--case", "4", "--out", str(out)])
     assert out.read_bytes() != first
 
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["blind_corner_5", "--strip", "3"], "a scenario has its start alone"),
+        (["corner_5", "--strip", "3"], "a scenario has its start alone"),
         (["eth_recorded"], "give the folder that holds them"),
     ],
 )
@@ -182,7 +182,7 @@ def test_several_runs_are_drawn_side_by_side(driven, tmp_path):
     assert CliRunner().invoke(app, ["run", *elsewhere, "--out", str(tmp_path / "three")]).exit_code == 0
     for more, sentence in (
         ([str(tmp_path / "three")], "case 1 starts differently in"),
-        (["corridor_8"], "are not all runs"),
+        (["street_8"], "are not all runs"),
         ([str(other), "--strip", "3"], "--strip draws a figure of one run"),
     ):
         with pytest.raises(InputError, match=sentence):

@@ -23,9 +23,9 @@ from crowdbench.scenario.cases import Cases
 pytestmark = pytest.mark.slow
 
 RUNS = [
-    ("orca", "doorway_10", 10),
-    ("mppi", "doorway_10", 2),
-    ("orca_margin", "restless_20", 1),
+    ("orca", "door_10", 10),
+    ("mppi", "door_10", 2),
+    ("orca_margin", "mixed_20", 1),
     ("orca", "office_8", 1),
 ]
 """Planner, scenario and number of cases: with attention and predictions, with respawn, with walls that hide people."""
@@ -133,13 +133,13 @@ def test_the_page_has_the_positions_of_the_recording_to_the_quantum(runs, visit,
             assert flags["noticed"].any()
         if episode.get("heading"):
             same(np.exp(1j * np.array(episode["heading"])), np.exp(1j * trace.heading[case, :states]), 0.006)
-    assert (~flags["seen"][:, 1:] & present).any() == (scenario != "doorway_10")
+    assert (~flags["seen"][:, 1:] & present).any() == (scenario != "door_10")
 
 
 def test_predicted_and_considered_paths_are_those_of_the_recording(runs, visit):
     run = runs[0][1]
     recorded = read_recorded(run.directory / "run.rrd", 1).paths(run.rules.dt)
-    planned = visit("#suite/doorway_10/val/1/mppi@2").evaluate(EPISODES)["mppi"]["planned"]
+    planned = visit("#suite/door_10/val/1/mppi@2").evaluate(EPISODES)["mppi"]["planned"]
     assert len(planned) == run.episodes.steps[1] + 1
     compared = 0
     for state, paths in enumerate(planned):
@@ -153,7 +153,7 @@ def test_predicted_and_considered_paths_are_those_of_the_recording(runs, visit):
 
 
 def test_a_link_shows_its_frame_and_stays(runs, visit):
-    page = visit("#suite/doorway_10/val/1/mppi,orca@3.25")
+    page = visit("#suite/door_10/val/1/mppi,orca@3.25")
     assert page.evaluate("Object.keys(replay.episodes)") == ["mppi", "orca"]
     assert page.locator("#clock").inner_text() == "3.25 s"
     assert page.locator("#time").input_value() == "3.25"
@@ -162,16 +162,16 @@ def test_a_link_shows_its_frame_and_stays(runs, visit):
         label = page.get_by_role("img", name=re.compile(f"^{planner} at 3.25 s")).get_attribute("aria-label")
         assert f"gap {trace.gap[1, 12]:.2f} m" in label
         assert "sees 10 of 10 pedestrians" in label
-    assert page.url.endswith("#doorway_10/val/1/mppi,orca@3.25")
+    assert page.url.endswith("#door_10/val/1/mppi,orca@3.25")
     page.locator("#time").fill("2")
-    assert page.url.endswith("#doorway_10/val/1/mppi,orca@2")
+    assert page.url.endswith("#door_10/val/1/mppi,orca@2")
     page.goto(page.url.replace("val/1/mppi,orca@2", "val/0/orca@1"))
     page.wait_for_function("document.title.includes('val/0')")
     assert page.locator("#clock").inner_text() == "1.00 s"
 
 
 def test_it_plays_to_the_end_and_pauses(visit):
-    page = visit("#suite/doorway_10/val/0/orca", reduced_motion="no-preference")
+    page = visit("#suite/door_10/val/0/orca", reduced_motion="no-preference")
     page.wait_for_function("document.getElementById('time').value > .5")  # without a time in the link it plays
     page.keyboard.press(" ")
     stopped = page.locator("#time").input_value()
@@ -187,7 +187,7 @@ def test_it_plays_to_the_end_and_pauses(visit):
 def test_a_failure_has_a_verdict_and_a_button_that_leads_to_it(runs, visit):
     episodes = runs[0][0].episodes
     failed = next(case for case in episodes.failures["collision"] if case > 0)
-    page = visit("#suite/doorway_10/val/0/orca@0")
+    page = visit("#suite/door_10/val/0/orca@0")
     page.keyboard.press("f")
     page.wait_for_function(f"document.title.includes('val/{failed} ')")
     end = episodes.steps[failed] * 0.25
@@ -202,7 +202,7 @@ def test_a_failure_has_a_verdict_and_a_button_that_leads_to_it(runs, visit):
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 720)])
 def test_the_page_fits_and_each_control_has_a_name(visit, width, height, theme):
-    page = visit("#suite/doorway_10/val/1/mppi,orca@3", width, height, color_scheme=theme)
+    page = visit("#suite/door_10/val/1/mppi,orca@3", width, height, color_scheme=theme)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     if width == 1280:
         assert page.evaluate("document.documentElement.scrollHeight") <= height
@@ -227,7 +227,7 @@ def test_the_page_fits_and_each_control_has_a_name(visit, width, height, theme):
 def test_the_page_and_its_data_are_small(runs):
     folder = runs[1]
     assert sum(path.stat().st_size for path in folder.iterdir() if path.is_file()) < 60_000
-    for path in folder.glob("data/doorway_10/*[0-9].js"):
+    for path in folder.glob("data/door_10/*[0-9].js"):
         episodes = json.loads(path.read_text().partition(",")[2][:-2])
         assert path.stat().st_size / len(episodes) < 5_000
     assert not re.search(r"https?://", "".join(path.read_text() for path in folder.iterdir() if path.is_file()))
@@ -238,9 +238,9 @@ def test_runs_that_cannot_share_a_page_are_refused(runs, tmp_path, call):
     done = call("export", first, others[0], "--out", str(tmp_path / "out"))
     assert done.returncode == 1
     assert "--format txt takes one run, and 2 are given" in done.stderr
-    spec = RunSpec("orca", "doorway_10", Cases("val", 0, 1), overrides={"pedestrians.attention.ignores": 0.5})
+    spec = RunSpec("orca", "door_10", Cases("val", 0, 1), overrides={"pedestrians.attention.ignores": 0.5})
     make_run(load_run(spec), tmp_path / "other")
     done = call("export", first, str(tmp_path / "other"), "--format", "replay", "--out", str(tmp_path / "out"))
     assert done.returncode == 1
-    assert "has another scenario doorway_10 than runs before it" in done.stderr
+    assert "has another scenario door_10 than runs before it" in done.stderr
     assert not (tmp_path / "out").exists()

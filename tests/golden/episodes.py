@@ -29,7 +29,7 @@ FILE = Path(__file__).with_suffix(".json")
 IN_EVERY_SCENARIO = {"orca_margin": ("test:6", "val:3", "train:2"), "mppi": ("test:2",)}
 """The cases by planner. Of crowds of a thousand, only `orca_margin` drives one case of each split."""
 
-OF_EVERY_PLANNER = {"circle_crossing_5": "test:2", "doorway_10": "test:1"}
+OF_EVERY_PLANNER = {"circle_crossing_5": "test:2", "door_10": "test:1"}
 """The cases of every shipped planner, by scenario."""
 
 SLOW = {
@@ -44,7 +44,7 @@ AMONG_WALLS = {"mppi_interactive"}
 ROUNDED = {"brne", "dra_mppi", "mpc"}
 """Planners without weights whose last bits depend on the processor, since they use libraries for linear algebra."""
 
-MEASURED = ("circle_crossing_5", "circle_crossing_5_visible", "doorway_10", "car_12", "crowdnav_plus_20")
+MEASURED = ("circle_crossing_5", "circle_crossing_5_visible", "door_10", "car_12", "crowdnav_plus_20")
 """Scenarios with recorded metrics of `straight`, which collides, and of `orca_margin`."""
 
 POPULATED = str(Path(__file__).parent.parent / "scenarios" / "populated.toml")

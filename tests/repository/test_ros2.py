@@ -41,7 +41,7 @@ from ros_bags import (  # noqa: E402
 from crowdbench.export.rosbag import write_bag  # noqa: E402
 
 
-@pytest.mark.parametrize("scenario", ["blind_corner_5", pytest.param("unicycle_10", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("scenario", ["corner_5", pytest.param("unicycle", marks=pytest.mark.slow)])
 def test_a_bag_of_a_simulated_run_scores_as_the_run_does(tmp_path, scenario):
     trace = rollout(Driver(load_planner("orca"), "orca"), load_scenario(scenario), Cases("val", 0, 4))
     for row in range(4):
@@ -60,7 +60,7 @@ def test_a_bag_of_a_simulated_run_scores_as_the_run_does(tmp_path, scenario):
         both = np.isfinite(gaps[0]) & np.isfinite(gaps[1])
         assert both.mean() > 0.5
         assert (gaps[0] >= gaps[1] - 0.01).all()
-        limit = 1e-6 if scenario == "blind_corner_5" else 0.01
+        limit = 1e-6 if scenario == "corner_5" else 0.01
         assert np.median(np.abs(gaps[0][both] - gaps[1][both])) < limit
         assert found.position.shape[2] - 1 == there.sum()
 

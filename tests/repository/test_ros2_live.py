@@ -78,7 +78,7 @@ def start_node():
 
 
 @pytest.mark.parametrize(
-    ("scenario", "cases"), [("circle_crossing_5", "2"), ("unicycle_10", "1"), ("noisy_10", "1"), ("groups_12", "1")]
+    ("scenario", "cases"), [("circle_crossing_5", "2"), ("unicycle", "1"), ("noise_late", "1"), ("groups_12", "1")]
 )
 def test_a_drive_in_lockstep_equals_a_direct_one(start_node, scenario, cases):
     from simulate import WRITTEN, TopicPlanner

@@ -243,8 +243,6 @@ def test_an_interrupted_command_goes_on_with_what_is_missing(made, monkeypatch):
 
 
 STALE = {
-    "suite": "",
-    "generalisation": "",
     "maps": "",
 }
 """Scenarios by folder that have changed since their cases were examined. `python studies/certificates/run.py NAME`

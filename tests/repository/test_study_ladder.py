@@ -56,7 +56,7 @@ def came_true(world, trace):
     return row, position[:, 1:], stays
 
 
-@pytest.mark.parametrize("name", ["restless_20", "intersection_16", "circle_crossing_20_seen", "groups_12"])
+@pytest.mark.parametrize("name", ["mixed_20", "streets_16_blind", "circle_20", "groups_12"])
 def test_the_true_future_comes_true(name):
     world, predicted, trace = foreseen(name, Knowledge.ALL)
     row, position, stays = came_true(world, trace)
@@ -66,37 +66,37 @@ def test_the_true_future_comes_true(name):
 
 
 def test_futures_differ_by_what_is_chance_alone():
-    predicted = foreseen("restless_20", Knowledge.ATTENTION)[1]
+    predicted = foreseen("mixed_20", Knowledge.ATTENTION)[1]
     assert predicted.shape[1] == FUTURES
     assert (np.abs(predicted - predicted[:, :1]).max(axis=(2, 3, 4))[:, 1:] > 0.1).all()
-    again = foreseen("restless_20", Knowledge.ATTENTION, cases=2)[1]
+    again = foreseen("mixed_20", Knowledge.ATTENTION, cases=2)[1]
     np.testing.assert_array_equal(again, predicted[:2])
 
 
 def test_pedestrians_that_leave_are_replaced_in_the_true_future_only():
     everything_but_chance, future = (
-        foreseen("intersection_16", knows) for knows in (Knowledge.ATTENTION, Knowledge.ALL)
+        foreseen("streets_16_blind", knows) for knows in (Knowledge.ATTENTION, Knowledge.ALL)
     )
     assert everything_but_chance[1].shape[1] == future[1].shape[1] == 1
-    assert not adds_nothing(load_scenario("intersection_16"), Knowledge.ALL)
+    assert not adds_nothing(load_scenario("streets_16_blind"), Knowledge.ALL)
     world, trace = future[0], future[2]
     row, position, stays = came_true(world, trace)
     soon = stays[:, None] & (np.arange(STEPS) < 1)[None, :, None]
     np.testing.assert_allclose(everything_but_chance[1][row, 0][soon], position[soon], atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["circle_crossing_20", "circle_crossing_20_seen"])
+@pytest.mark.parametrize("name", ["circle_20_blind", "circle_20"])
 def test_knowledge_of_chance_adds_nothing_where_there_is_none(name):
     assert adds_nothing(load_scenario(name), Knowledge.ALL)
     np.testing.assert_array_equal(foreseen(name, Knowledge.ATTENTION)[1], foreseen(name, Knowledge.ALL)[1])
 
 
 def test_knowledge_of_policies_adds_nothing_where_all_walk_by_orca_and_ignore_the_vehicle():
-    same, other = "circle_crossing_20", "half_half_20"
+    same, other = "circle_20_blind", "mixed_20"
     assert adds_nothing(load_scenario(same), Knowledge.POLICIES)
     np.testing.assert_array_equal(foreseen(same, Knowledge.GOALS)[1], foreseen(same, Knowledge.POLICIES)[1])
     assert not adds_nothing(load_scenario(other), Knowledge.POLICIES)
-    assert not adds_nothing(load_scenario("circle_crossing_20_seen"), Knowledge.POLICIES)
+    assert not adds_nothing(load_scenario("circle_20"), Knowledge.POLICIES)
     assert not adds_nothing(load_scenario(same, {"pedestrians.orca.safety_space": 0.2}), Knowledge.POLICIES)
     goals, policies = (foreseen(other, knows)[1][:, 0] for knows in (Knowledge.GOALS, Knowledge.POLICIES))
     assert np.abs(goals - policies).max() > 0.1
@@ -104,14 +104,14 @@ def test_knowledge_of_policies_adds_nothing_where_all_walk_by_orca_and_ignore_th
 
 def test_futures_without_knowledge_of_attention_differ_where_people_may_notice_the_vehicle():
     """The vehicle drives into the crowd, where some give way to it and some ignore it."""
-    name = "circle_crossing_20_seen"
+    name = "circle_20"
     changes = {"pedestrians.attention.ignores": 0.5}
     scenario = load_scenario(name, changes)
     assert has_chance(scenario, Knowledge.POLICIES)
     assert not has_chance(scenario, Knowledge.ATTENTION)
     predicted = foreseen(name, Knowledge.POLICIES, start=8, command=(0.0, 1.0), **changes)[1]
     assert np.abs(predicted - predicted[:, :1]).max() > 0.1
-    assert adds_nothing(load_scenario("circle_crossing_20"), Knowledge.ATTENTION)
+    assert adds_nothing(load_scenario("circle_20_blind"), Knowledge.ATTENTION)
 
 
 @pytest.mark.parametrize(("gained", "lost"), [(0.01, 0.01), (0.2, 0.1)])
@@ -175,7 +175,7 @@ def test_what_is_no_ladder_is_refused(arguments, sentence, tmp_path, monkeypatch
 
 
 def test_certificates_are_of_the_cases_that_were_examined():
-    scenario = load_scenario("blocks_12")
+    scenario = load_scenario("office_8")
 
     def found(digest, number):
         examined = {"scenario": digest, "margin": 0.1, "test": {"examined": 9, "uncertified": [2]}}

@@ -8,7 +8,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.recorded_tracks import RecordedTracks
 from studies.validity.motion import ETH_UCY_DT, HEADER, Walks, measure, motion, recorded, simulate
 
-FILES = [path for folder in ("suite", "generalisation") for path in (SCENARIOS / folder).glob("*.toml")]
+FILES = [path for folder in ("suite", "stress", "held_out") for path in (SCENARIOS / folder).glob("*.toml")]
 SUITE = sorted(path.stem for path in FILES if path.stem != "suite")  # which lists the others
 
 
@@ -61,13 +61,13 @@ def test_recorded_people_are_read_as_walks():
 
 def test_a_straight_drive_meets_a_crowd_that_crosses_in_the_centre():
     changes = {"pedestrians.clear_space": None}
-    walked, (arrived, approach, near) = simulate(load_scenario("circle_crossing_20", changes), Cases("val", 0, 3))
+    walked, (arrived, approach, near) = simulate(load_scenario("circle_20_blind", changes), Cases("val", 0, 3))
     assert len(np.unique(walked.person)) == 60
     assert (np.diff(walked.time) > 0)[np.diff(walked.person) == 0].all()
     assert (arrived, approach < 1.0, near > 5.0) == (1.0, True, True)
 
 
-QUICK = "doorway_10", "restless_20"
+QUICK = "door_10", "mixed_20"
 
 
 @pytest.mark.parametrize(
@@ -76,14 +76,14 @@ QUICK = "doorway_10", "restless_20"
 def test_people_of_the_suite_move_like_people(name):
     walked, _ = simulate(load_scenario(name), Cases("val", 0, 10))
     _, _, most, largest, reversals, _, overlapping, *_ = measure(walked)
-    assert most <= (3.0 if name == "restless_20" else 2.5)
+    assert most <= (3.0 if name == "mixed_20" else 2.5)
     assert largest <= 3.0
     assert reversals <= 1.0
     assert overlapping <= 0.004, "0.2 % in many cases"
 
 
 def test_the_command_prints_the_page(capsys):
-    motion(["unicycle_10"], cases=2)
+    motion(["unicycle"], cases=2)
     printed = capsys.readouterr().out
-    assert "python studies/validity/motion.py unicycle_10 --cases 2`" in printed
+    assert "python studies/validity/motion.py unicycle --cases 2`" in printed
     assert [line.count("|") - 2 for line in printed.splitlines() if line.startswith("| ")] == [HEADER.count("|")] * 3

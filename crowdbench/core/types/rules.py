@@ -89,10 +89,19 @@ class Detector(TomlTable):
     raw: Flag = False
 
 
+SENSING_TRACKS: Mapping[str, Mapping[str, Any]] = {
+    "perfect": {},
+    "realistic": {"range": 8.0, "occlusion": True, "detector": {}},
+}
+"""Tracks of sensing, in which every scenario can be driven: values of keys of `[sensor]` that are left out there."""
+
+
 class Sensor(TomlTable):
     """`[sensor]`: sensor of the vehicle for pedestrians. By default it sees all of them exactly and without delay.
 
     Attributes:
+        track: A name in `SENSING_TRACKS`, whose values replace the defaults below. A sensor that is read has these
+            values, and no track.
         range: Largest distance in metres between the rims of the vehicle and of a pedestrian that is seen: the
             distance of their centres minus both radii (as in CrowdNav++, Liu et al. 2023); None for any distance.
         field_of_view: Angle in degrees, half of it on each side of the heading, in which a pedestrian's centre is seen.
@@ -108,6 +117,9 @@ class Sensor(TomlTable):
         detector: The detector of people and its tracker. Without one, each measurement belongs to a known pedestrian.
     """
 
+    track: str | None = Field(
+        default=None, exclude=True, pattern=f"^({'|'.join(SENSING_TRACKS)})$", description='"perfect" or "realistic"'
+    )
     range: float | None = number(None, least=0.0, below=1e6)
     field_of_view: float = Field(default=360.0, gt=0, le=360, description="a number of degrees above 0 and up to 360")
     occlusion: Flag = False
@@ -121,6 +133,15 @@ class Sensor(TomlTable):
     detector: Detector | None = Field(
         default=None, exclude_if=lambda value: value is None, description="a table [sensor.detector]"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _replace_track(cls, values: Any) -> Any:
+        """Replace a track by its values, beneath the values that are given."""
+        track = values.get("track") if isinstance(values, dict) else None
+        if not isinstance(track, str) or track not in SENSING_TRACKS:
+            return values
+        return {**SENSING_TRACKS[track], **values, "track": None}
 
     @model_validator(mode="after")
     def _check_errors(self) -> Sensor:
@@ -226,7 +247,6 @@ class RuleNumbers(NamedTuple):
         goal_tolerance: In metres; 0 means the vehicle's radius.
         collision: Index of the collision rule in `COLLISION_RULES`.
         dt: Length of a step in seconds.
-        max_steps: Steps after which an episode times out.
         walking: The limits of pedestrians; infinite without any.
     """
 
@@ -236,7 +256,6 @@ class RuleNumbers(NamedTuple):
     goal_tolerance: float
     collision: int
     dt: float
-    max_steps: int
     walking: WalkingLimits
 
 
@@ -247,6 +266,8 @@ class Rules:
     Attributes:
         dt: Length of a step in seconds.
         time_limit: The first step that starts at or after `time_limit` - 1 s ends in a time-out (as in CrowdNav).
+        time_limit_factor: Limit of each case as a multiple of its `least_time`, if that is earlier: the first step
+            that starts at or after this limit ends in a time-out. None for the same limit in all cases.
         collision: `swept` (true relative motion over the step), `crowdnav` (every pedestrian is moved, only for
             the collision test, with its velocity before the step), or `crowdnav_plus` (positions before the step,
             for collision and arrival).
@@ -263,6 +284,7 @@ class Rules:
 
     dt: float = 0.25
     time_limit: float = 25.0
+    time_limit_factor: float | None = None
     collision: str = "swept"
     visible: bool = False
     attention: Attention | None = None
@@ -277,7 +299,7 @@ class Rules:
     # Computed once, because they are read in every step.
     @cached_property
     def max_steps(self) -> int:
-        """The number of steps of an episode that ends in a time-out."""
+        """The largest number of steps of an episode, see `World.max_steps`."""
         return math.ceil((self.time_limit - 1.0) / self.dt - 1e-9) + 1
 
     @cached_property
@@ -285,7 +307,7 @@ class Rules:
         """The rules as an argument of kernels."""
         vehicle = self.dynamics.code, self.dynamics.limits, np.array(self.body), self.goal_tolerance or 0.0
         walking = self.walking or WalkingLimits(math.inf, math.inf, math.inf)
-        return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, self.max_steps, walking)
+        return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, walking)
 
     @cached_property
     def with_perfect_sensor(self) -> Rules:
@@ -301,6 +323,7 @@ class Rules:
         """Return the rules as a table for JSON, without fields of vehicle and pedestrians that have their default."""
         entries = dataclasses.asdict(self)
         for field in (
+            "time_limit_factor",
             "attention",
             "dynamics",
             "actuation",

@@ -228,7 +228,7 @@ def test_a_scenario_is_started_and_driven(tmp_path):
     results = results_of(Subject(SCENARIO, lambda: place, "mine", {"": place}), Cases.parse("val:2"))
     assert "driven by ORCA: " in results["answers"].observation
     assert not broken(results)
-    text = Path("scenarios/suite/corridor_8.toml").read_text()
+    text = Path("scenarios/suite/street_8.toml").read_text()
     (tmp_path / "full.toml").write_text(text.replace("number = 8", "number = 40"))
     found = CliRunner().invoke(app, ["check", str(tmp_path / "full.toml"), "--cases", "val:2"])
     assert found.exit_code == 1
@@ -236,7 +236,7 @@ def test_a_scenario_is_started_and_driven(tmp_path):
 
 
 def test_a_scenario_is_checked_as_its_file_says(tmp_path):
-    failed = CliRunner().invoke(app, ["check", "./mine.toml", "--scenario", "doorway_10"])
+    failed = CliRunner().invoke(app, ["check", "./mine.toml", "--scenario", "door_10"])
     assert "leave out --option and --scenario" in str(failed.exception)
     missing = CliRunner().invoke(app, ["check", str(tmp_path / "mine.toml")])
     assert "mine.toml" in str(missing.exception)

@@ -14,11 +14,11 @@ WORLDS = {
     "nobody": ("circle_crossing_5", {"pedestrians.number": 0}),
     "one": ("circle_crossing_5", {"pedestrians.number": 1}),
     "hidden vehicle": ("circle_crossing_5", {"vehicle.visible": False}),
-    "nobody among walls": ("doorway_10", {"pedestrians.number": 0}),
-    "walls": ("doorway_10", {}),
+    "nobody among walls": ("door_10", {"pedestrians.number": 0}),
+    "walls": ("door_10", {}),
     "a car": ("car_12", {}),
     "groups": ("groups_12", {}),
-    "limited sight": ("blind_corner_5", {}),
+    "limited sight": ("corner_5", {}),
     "recorded": ("eth_recorded", {}),
 }
 

@@ -110,7 +110,7 @@ def test_what_was_observed_stays_as_it_was():
 @pytest.mark.parametrize(
     ("name", "changes", "options"),
     [
-        ("blind_corner_5", {}, {}),
+        ("corner_5", {}, {}),
         ("circle_crossing_5", {"vehicle.dynamics": "unicycle"}, {}),
         ("circle_crossing_5", {"sensor.range": 3.0}, {}),
         ("circle_crossing_5", {"pedestrians.policy": "social_force"}, {}),

@@ -33,7 +33,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 
-QUICK = {"circle_crossing_5", "circle_crossing_mixed", "car_12", "doorway_10", "groups_12", "restless_20"}
+QUICK = {"circle_crossing_5", "circle_crossing_mixed", "car_12", "door_10", "groups_12", "mixed_20"}
 SCENARIOS = [
     name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in sorted(simulated_scenarios())
 ]
@@ -281,7 +281,7 @@ def test_a_vehicle_may_be_alone():
     assert infos["vehicle"]["gap"] == np.inf
 
 
-@pytest.mark.parametrize("scenario", ["doorway_10", "car_12", "blind_corner_5"])
+@pytest.mark.parametrize("scenario", ["door_10", "car_12", "corner_5"])
 @pytest.mark.parametrize("observation", ["goal_frame", "dict"])
 def test_the_vehicle_observes_the_same_as_in_gymnasium(scenario, observation):
     chosen = {"scenario": scenario, "observation": observation, "rays": 24}
@@ -293,7 +293,7 @@ def test_the_vehicle_observes_the_same_as_in_gymnasium(scenario, observation):
 
 
 def test_a_pedestrian_observes_walls_and_the_past_of_the_vehicle():
-    env = parallel_env("doorway_10", observation="dict", rays=24)
+    env = parallel_env("door_10", observation="dict", rays=24)
     seen, _ = env.reset(options={"case": "val/3"})
     path = [env._world.position[0, 0]] * HISTORY
     for _ in range(HISTORY + 2):
@@ -337,8 +337,8 @@ def test_every_environment_has_the_arguments_of_the_page():
     choices = [{name: value} for name, values in known.items() for value in values]
     choices += [{"observation": seen, "rays": 24, "nearest": 3} for seen in ("goal_frame", "dict")]
     for choice in choices:
-        envs = gymnasium.make_vec(ID, num_envs=2, scenario="doorway_10", **choice)
-        for env in (parallel_env("doorway_10", **choice), gymnasium.make(ID, scenario="doorway_10", **choice), envs):
+        envs = gymnasium.make_vec(ID, num_envs=2, scenario="door_10", **choice)
+        for env in (parallel_env("door_10", **choice), gymnasium.make(ID, scenario="door_10", **choice), envs):
             env.reset(seed=0)
             alone = not hasattr(env, "possible_agents")
             env.step(env.action_space.sample() if alone else {"vehicle": env.action_space("vehicle").sample()})

@@ -334,7 +334,7 @@ def test_a_policy_drives_as_it_was_trained(speed):
 
 
 def test_rays_and_the_motion_are_named_parts_and_stand_at_the_end_of_a_vector():
-    made = {"id": ID, "scenario": "doorway_10", "action": "goal_frame", "rays": 24, "nearest": 3}
+    made = {"id": ID, "scenario": "door_10", "action": "goal_frame", "rays": 24, "nearest": 3}
     named, joined = (gymnasium.make(**made, observation=observation) for observation in ("dict", "goal_frame"))
     parts, vector = (env.reset(options={"case": "val/0"})[0] for env in (named, joined))
     assert set(parts) == set(named.observation_space)

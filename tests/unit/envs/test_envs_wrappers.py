@@ -23,7 +23,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     from pettingzoo.test import api_test, parallel_api_test, state_test
 
-SCENARIOS = ["circle_crossing_5", "doorway_10", "sizes_speeds_12", "car_12", "restless_20"]
+SCENARIOS = ["circle_crossing_5", "door_10", "mixed_20", "car_12", "mixed_20"]
 
 
 @pytest.fixture(params=[*SCENARIOS, "eth_recorded"], scope="module")
@@ -39,7 +39,7 @@ def samples(env):
 def test_pettingzoo_makes_it_by_its_id():
     code = (
         "import crowdbench, pettingzoo\n"
-        f"env = pettingzoo.make('parallel', '{CROWD}', scenario='doorway_10', max_cycles=3)\n"
+        f"env = pettingzoo.make('parallel', '{CROWD}', scenario='door_10', max_cycles=3)\n"
         "print(type(env).__name__, len(env.possible_agents), env.metadata['name'])\n"
         f"print(pettingzoo.make('aec', '{CROWD}').possible_agents[0])"
     )
@@ -108,7 +108,7 @@ def test_the_state_lists_every_agent(scenario):
 
 
 def test_pettingzoos_test_of_the_state_passes():
-    state_test(parallel_to_aec(parallel_env("doorway_10")), parallel_env("doorway_10"))
+    state_test(parallel_to_aec(parallel_env("door_10")), parallel_env("door_10"))
 
 
 @pytest.mark.filterwarnings("ignore:We recommend agents to be named")
@@ -149,7 +149,7 @@ def test_the_vector_wrappers_of_supersuit_work(scenario):
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
 def test_a_normalized_action_is_a_share_of_the_agents_own_speed(scale):
-    env = parallel_env(load_scenario("sizes_speeds_12", {"pedestrians.limits": None}))
+    env = parallel_env(load_scenario("mixed_20", {"pedestrians.limits": None}))
     env.reset(seed=4)
     env.step({agent: np.array([0.0, scale]) for agent in env.agents})
     world = env._world
@@ -170,7 +170,7 @@ def test_a_normalized_native_action_covers_the_commands_of_the_dynamics():
 
 
 def test_pedestrians_have_the_lidar_of_the_vehicle():
-    env = parallel_env(load_scenario("doorway_10", {"sensor.lidar": {"beams": 9, "range": 5.0}}), observation="dict")
+    env = parallel_env(load_scenario("door_10", {"sensor.lidar": {"beams": 9, "range": 5.0}}), observation="dict")
     parallel_api_test(env, num_cycles=10)
     seen, _ = env.reset(seed=0)
     assert {row["lidar"].shape for row in seen.values()} == {(9,)}

@@ -25,7 +25,7 @@ STEPS = 6
 
 @pytest.mark.parametrize("sensor", [{}, {"sensor.lidar": NOISY}])
 def test_all_environments_and_planners_observe_the_same_numbers(sensor):
-    scenario = load_scenario("doorway_10", sensor)
+    scenario = load_scenario("door_10", sensor)
     one, many = VehicleEnv(scenario, observation="lidar"), VehicleVectorEnv(2, scenario, observation="lidar")
     people = parallel_env(scenario, observation="lidar")
     received = []

@@ -303,7 +303,7 @@ def test_what_cannot_be_exported_gets_one_sentence(onnx, tmp_path):
     for model in (Linear(3), "model"):
         with pytest.raises(InputError, match="cannot be exported"):
             export_policy(model, tmp_path / "a.onnx", env)
-    scaled = RescaleAction(VehicleEnv(scenario="unicycle_10", action="native"), -1, 1)
+    scaled = RescaleAction(VehicleEnv(scenario="unicycle", action="native"), -1, 1)
     with pytest.raises(InputError, match="wrappers that change actions are not exported"):
         export_policy(PPO("MlpPolicy", scaled, device="cpu"), tmp_path / "a.onnx", scaled)
     assert not (tmp_path / "a.onnx").exists()

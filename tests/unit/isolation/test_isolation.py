@@ -128,7 +128,7 @@ def test_a_planner_in_its_own_process_drives_every_vehicle_in_every_world_as_in_
     spec = mine(name) if name == NATIVE else name
     here = Driver(load_planner(spec), "here")
     with driven(spec) as apart:
-        for scenario in ("unicycle_10", "car_12", "doorway_10"):
+        for scenario in ("unicycle", "car_12", "door_10"):
             one, two = (drive(driver, "val:2", scenario=scenario) for driver in (here, apart))
             for array in ("command", "position", "heading", "outcome", "steps"):
                 np.testing.assert_array_equal(getattr(one, array), getattr(two, array), scenario)
@@ -155,7 +155,7 @@ def test_native_commands_beyond_the_limits_get_the_same_sentences_as_in_this_pro
         found = []
         for _ in range(3):
             with pytest.raises(InputError) as error:
-                drive(driver, scenario="unicycle_10")
+                drive(driver, scenario="unicycle")
             found.append(str(error.value))
         with pytest.raises(InputError, match="has native = 'unicycle', but the vehicle of the scenario is holonomic"):
             drive(driver)

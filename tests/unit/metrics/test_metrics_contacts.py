@@ -153,11 +153,11 @@ def test_who_is_swapped_has_the_other_share_and_mirrors_and_turns_change_nothing
 
 @pytest.mark.slow
 def test_many_episodes_have_the_shares_that_each_has_alone():
-    batch = drive("straight", "test:60", "circle_crossing_20")
+    batch = drive("straight", "test:60", "circle_20_blind")
     whole = find_contacts(batch)
     assert set(whole.fault.tolist()) > {Fault.BOTH}
     for row in (0, 17, 42):
-        alone = find_contacts(drive("straight", f"test:{row}:{row + 1}", "circle_crossing_20"))
+        alone = find_contacts(drive("straight", f"test:{row}:{row + 1}", "circle_20_blind"))
         for name, values in alone._asdict().items():
             np.testing.assert_array_equal(getattr(whole, name)[[row]], values)
 

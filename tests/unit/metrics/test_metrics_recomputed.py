@@ -69,6 +69,14 @@ def gaps(p):
     return norm((1 - share) * offset[:-1] + share * offset[1:]).min(axis=0) - 2 * RADIUS
 
 
+def seconds_close(p):
+    """Seconds close to pedestrians: at gaps up to 0.3 m fully, at 0.6 m not at all."""
+    offset = p[:, 1:] - p[:, :1]
+    share = (np.arange(2000)[:, None, None, None] + 0.5) / 2000
+    gap = norm((1 - share) * offset[:-1] + share * offset[1:]) - 2 * RADIUS
+    return DT * np.clip((0.6 - gap) / 0.3, 0.0, 1.0).mean(axis=0).sum()
+
+
 def times(p):
     """The time to collision `[step, pedestrian]` at the velocity of the step, on a grid of 1 ms up to 1.5 s."""
     offset, velocity = (p[:, 1:] - p[:, :1])[:-1], np.diff(p[:, 1:] - p[:, :1], axis=0) / DT
@@ -103,6 +111,9 @@ def ends(p, reward):
         "timeout_rate": not hits and not success,
         "navigation_time": time if success else np.nan,
         "navigation_time_or_limit": time if success else LIMIT,
+        "t_empty": least,
+        "t_close": seconds_close(p) if success else np.nan,
+        "score": success * least / (max(time, least) + seconds_close(p)),
         "path_length": length,
         "success_path_length": length if success else np.nan,
         "spl": success * shortest / max(length, shortest),
@@ -306,7 +317,7 @@ def test_costs_to_pedestrians_are_those_of_the_tracks_of_two_runs(seen, unseen):
 
 
 def test_distances_from_walls_are_those_of_the_tracks_and_walls(tmp_path):
-    scenario = load_scenario("doorway_10")
+    scenario = load_scenario("door_10")
     make(tmp_path / "run", "straight", scenario, "val:12")
     (tmp_path / "export").mkdir()
     export_tracks(RunResult.read(tmp_path / "run"), lambda _: scenario, tmp_path / "export", format="socnav")

@@ -133,7 +133,7 @@ def test_an_episode_begins_without_a_memory_and_steps_at_once_are_steps_one_by_o
 @pytest.mark.parametrize("network", POLICIES)
 def test_an_episode_is_the_same_alone_and_in_company(network):
     torch.manual_seed(0)
-    scenario = load_scenario("unicycle_10", {"time_limit": 4.0, "pedestrians.number": 3})
+    scenario = load_scenario("unicycle", {"time_limit": 4.0, "pedestrians.number": 3})
     policy = make_policy(network)
     planner = NetworkPlanner(policy, make_interface(network, [scenario]))
     together = rollout(Driver(planner, "policy"), scenario, Cases("val", 0, 4))
@@ -158,21 +158,19 @@ def test_it_is_trained_and_drives(tmp_path, monkeypatch):
     trainings.shorten(monkeypatch, ppo, 4, CASES=16, CHUNK=2, VALIDATIONS=2)
     overrides = {"pedestrians.number": [1, 3], "time_limit": 4.0}
     sizes = {"worlds": 8, "steps": 16, "segments": 4}
-    config = PPOConfig(
-        network="ppo_attention", scenario="doorway_10", overrides=overrides, seed=7, steps=300, ppo=sizes
-    )
+    config = PPOConfig(network="ppo_attention", scenario="door_10", overrides=overrides, seed=7, steps=300, ppo=sizes)
     run = Runner.start(config, tmp_path / "a", "cpu")
     before = [each.clone() for each in run.training.network.parameters()]
     list(run.train())
     changed = [(new != old).any().item() for new, old in zip(run.training.network.parameters(), before, strict=True)]
     assert all(changed)
     assert (
-        "crowdbench train ppo_attention --scenario doorway_10"
+        "crowdbench train ppo_attention --scenario door_10"
         in run.finish(trainings.ignore).with_suffix(".md").read_text()
     )
 
 
-@pytest.mark.parametrize("scenario", ["doorway_10", "blind_corner_5"])
+@pytest.mark.parametrize("scenario", ["door_10", "corner_5"])
 def test_a_policy_that_heads_for_walls_drives_into_none(scenario):
     torch.manual_seed(1)
     policy = make_policy("ppo_attention")

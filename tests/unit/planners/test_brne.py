@@ -105,7 +105,7 @@ def test_commands_are_no_faster_than_preferred_and_also_for_several_steps():
 
 
 def test_a_case_is_the_same_alone_and_in_company():
-    scenario = load_scenario("doorway_10", {"time_limit": 3.0})
+    scenario = load_scenario("door_10", {"time_limit": 3.0})
     driver = Driver(load_planner("brne", {"samples": 20}), "brne")
     together = rollout(driver, scenario, Cases("val", 0, 4))
     for case in (3, 1):

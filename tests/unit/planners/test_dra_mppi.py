@@ -139,7 +139,7 @@ def test_it_drives_around_a_block():
 
 
 def test_a_case_is_the_same_alone_and_in_company():
-    scenario = load_scenario("doorway_10", {"time_limit": 3.0})
+    scenario = load_scenario("door_10", {"time_limit": 3.0})
     options = {"predictor": "constant_velocity_sampled", "samples": 30, "points": 400}
     driver = Driver(load_planner("dra_mppi", options), "dra_mppi")
     together = rollout(driver, scenario, Cases("val", 0, 4))

@@ -16,7 +16,7 @@ from crowdbench.utils.errors import InputError
 
 FOLDER = PLANNERS.folder / "mppi_interactive"
 
-DOOR = load_scenario("doorway_10")
+DOOR = load_scenario("door_10")
 STEPS = 18
 
 

@@ -11,7 +11,7 @@ from crowdbench.sim.sensor import observe
 
 
 @pytest.mark.parametrize("planner", ["orca_margin", "social_force"])
-@pytest.mark.parametrize(("scenario", "width"), [("doorway_10", 1.0), ("doorway_10", 0.7), ("door_narrow", 0.9)])
+@pytest.mark.parametrize(("scenario", "width"), [("door_10", 1.0), ("door_10", 0.7), ("door_narrow", 0.9)])
 def test_a_door_that_is_wide_enough_is_passed_where_nobody_else_is(planner, scenario, width):
     alone = {"pedestrians__number": 0, "layout__door_width": width}
     assert (drive(planner, "val:3", scenario, **alone).outcome == Outcome.SUCCESS).all()

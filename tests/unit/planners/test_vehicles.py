@@ -263,6 +263,6 @@ class Wandering(Planner):
 @pytest.mark.parametrize("acceleration", [0.5, 1.0])
 def test_no_vehicle_on_wheels_drives_into_a_wall_whatever_velocities_are_wanted(acceleration):
     overrides = {"pedestrians.number": 0, "vehicle.max_acceleration": acceleration}
-    trace = rollout(Driver(Wandering(), "wandering"), load_scenario("doorway_10", overrides), Cases("val", 0, 60))
+    trace = rollout(Driver(Wandering(), "wandering"), load_scenario("door_10", overrides), Cases("val", 0, 60))
     assert trace.gap.shape[1] > 100
     assert (trace.outcome != Outcome.WALL_COLLISION).all()

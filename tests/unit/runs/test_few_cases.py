@@ -95,8 +95,8 @@ def folders(tmp_path_factory):
 
 
 def test_runs_of_two_scenarios_are_told_apart_by_their_names(folders, tmp_path):
-    other = run("straight", "doorway_10", cases=2, out=tmp_path / "other")
-    with pytest.raises(InputError, match="runs of different scenarios, circle_crossing_5 and doorway_10: run both"):
+    other = run("straight", "door_10", cases=2, out=tmp_path / "other")
+    with pytest.raises(InputError, match="runs of different scenarios, circle_crossing_5 and door_10: run both"):
         Result.read(folders[0]).compare(other)
 
 

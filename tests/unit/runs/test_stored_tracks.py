@@ -12,7 +12,7 @@ from crowdbench.results.stored_tracks import read_tracks, write_tracks
 from crowdbench.utils.errors import InputError
 
 
-@pytest.mark.parametrize("scenario", ["circle_crossing_5_visible", "noisy_10", "groups_12", "unicycle_10"])
+@pytest.mark.parametrize("scenario", ["circle_crossing_5_visible", "noise_late", "groups_12", "unicycle"])
 def test_tracks_are_read_back_bit_for_bit(scenario, tmp_path):
     driven = drive("straight", "3", scenario)
     write_tracks(driven, tmp_path / "tracks.parquet")

@@ -18,7 +18,7 @@ def gaps(world):
     return np.where(world.present[:, 1:], far - world.radius[:, 1:] - world.radius[:, :1], np.inf)
 
 
-@pytest.mark.parametrize("name", ["circle_crossing_20", "doorway_10"])
+@pytest.mark.parametrize("name", ["circle_20_blind", "door_10"])
 def test_nobody_starts_in_it(name):
     cases = np.arange(15)
     without, there = (load_scenario(name, changes).draw("test", cases) for changes in ({KEY: None}, {KEY: SPACE}))
@@ -38,7 +38,7 @@ def test_nobody_comes_in_near_the_vehicle():
     least = {}
     for clear in (None, SPACE):
         changes = {"vehicle__radius": 0.05, "pedestrians__clear_space": clear}
-        trace = drive("orca_margin", "10", "intersection_16", **changes)
+        trace = drive("orca_margin", "10", "streets_16_blind", **changes)
         row, before, pedestrian = np.nonzero(np.diff(trace.person, axis=1) > 0)
         after = before + 1
         way = trace.position[row, after, pedestrian + 1] - trace.position[row, after, 0]
@@ -73,8 +73,8 @@ def test_the_whole_body_counts():
 
 def test_what_cannot_be_gets_one_sentence():
     with pytest.raises(InputError, match="somebody is in the clear_space in all 1000 placemen"):
-        load_scenario("circle_crossing_20", {KEY: {"distance": 20.0, "time": 0.0}}).draw("test", np.arange(1))
+        load_scenario("circle_20_blind", {KEY: {"distance": 20.0, "time": 0.0}}).draw("test", np.arange(1))
     with pytest.raises(InputError, match="clear_space is given, but must be left out where crowdnav_cases is not 0"):
         load_scenario("circle_crossing_5", {KEY: SPACE})
     with pytest.raises(InputError, match=r"clear_space\.time is missing"):
-        load_scenario("circle_crossing_20", {KEY: {"distance": 1.5}})
+        load_scenario("circle_20_blind", {KEY: {"distance": 1.5}})

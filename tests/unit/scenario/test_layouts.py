@@ -227,7 +227,7 @@ def test_solid_polygons_of_a_world_are_counter_clockwise(door):
 
 def turns(**changes):
     """By how many degrees the goals of pedestrians are turned from the point opposite of the start, and the world."""
-    world = load_scenario("circle_crossing_20", {f"layout.{key}": value for key, value in changes.items()}).worlds(
+    world = load_scenario("circle_20_blind", {f"layout.{key}": value for key, value in changes.items()}).worlds(
         Cases.parse("val:30")
     )
     start, goal = (array[:, 1:] @ np.array([1.0, 1.0j]) for array in (world.position, world.goal))

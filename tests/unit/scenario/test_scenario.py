@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -118,6 +120,8 @@ BROKEN = {
     "time_limit = ": ["TOML"],
     "seed = 1.0": ["seed is 1.0", "whole number from 0"],
     "dt = true": ["dt is True", "number above 0"],
+    "time_limit_factor = 0": ["time_limit_factor is 0", "number above 0"],
+    "time_limit_factor = '4 T'": ["time_limit_factor is '4 T'", "number above 0"],
     "time_limit = nan": ["time_limit is nan", "number above 1"],
     "description = 3": ["description is 3", "text in quotes"],
     "[pedestrians]\nnumber = true": ["pedestrians.number is True", "whole number"],
@@ -164,11 +168,9 @@ def test_a_broken_file_gets_one_sentence(tmp_path, text):
 
 def test_people_are_placed_anew_where_the_last_one_finds_no_room():
     # In one of these attempts the first 19 stand so that nobody else finds room.
-    start = (
-        load_scenario("half_half_20", {"pedestrians.clear_space": None})
-        .draw("train", np.array([1447966886]))
-        .position[0]
-    )
+    file = Path(__file__).parents[3] / "studies" / "scenarios" / "half_half_20.toml"
+    scenario = load_scenario(str(file), {"pedestrians.clear_space": None})
+    start = scenario.draw("train", np.array([1447966886])).position[0]
     gaps = np.linalg.norm(start[:, None] - start, axis=2)[~np.eye(len(start), dtype=bool)] - 0.6
     assert gaps.min() >= 0.2
 

@@ -120,10 +120,10 @@ def test_walls_enclose_everybody_far_behind_starts_and_goals(name):
 @pytest.mark.parametrize(
     ("planner", "name", "cases"),
     [
-        ("orca_margin", "corridor_8", "val:30"),
-        ("orca_margin", "blind_corner_5", "val:10"),
-        ("orca_margin", "intersection_16", "val:1:2"),
-        ("dwa", "corridor_8", "val:5:8"),
+        ("orca_margin", "street_8", "val:30"),
+        ("orca_margin", "corner_5", "val:10"),
+        ("orca_margin", "streets_16_blind", "val:1:2"),
+        ("dwa", "street_8", "val:5:8"),
     ],
 )
 def test_a_vehicle_that_people_push_back_stays_in_its_world(planner, name, cases):

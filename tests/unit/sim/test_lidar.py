@@ -58,7 +58,7 @@ def slow_scans(worlds, beams, reach):
         yield slow_scan(x, y, float(worlds.heading[w]), people, worlds.obstacles[w], beams, reach)
 
 
-@pytest.mark.parametrize("name", ["circle_crossing_10", "doorway_10", "shop_10"])
+@pytest.mark.parametrize("name", ["circle_crossing_10", "door_10", "shop_10"])
 @pytest.mark.parametrize("beams", [1, 7, 60])
 def test_every_bit_of_a_scan_is_that_of_beams_cast_at_all_people_and_walls(name, beams):
     worlds = load_scenario(name).worlds(Cases("val", 0, 6))
@@ -191,7 +191,7 @@ DISTURBED = {"beams": 30, "range": REACH, "legs": True, "noise": 0.1, "dropout":
 
 
 def test_a_scan_is_the_same_alone_and_in_any_batch_and_differs_between_cases_steps_and_agents():
-    scenario = load_scenario("doorway_10", {"sensor.lidar": DISTURBED})
+    scenario = load_scenario("door_10", {"sensor.lidar": DISTURBED})
     worlds = scenario.worlds(Cases("val", 0, 5))
     together = observe(worlds).lidar
     alone = [observe(scenario.worlds(Cases("val", k, k + 1))).lidar[0] for k in (3, 0)]
@@ -205,15 +205,15 @@ def test_a_scan_is_the_same_alone_and_in_any_batch_and_differs_between_cases_ste
 
 
 def test_what_planners_see_does_not_determine_the_noise():
-    worlds = load_scenario("doorway_10", {"sensor.lidar": DISTURBED}).worlds(Cases("val", 0, 3))
+    worlds = load_scenario("door_10", {"sensor.lidar": DISTURBED}).worlds(Cases("val", 0, 3))
     other = worlds.replace(noise_key=worlds.noise_key + np.uint64(1))
     np.testing.assert_array_equal(observe(worlds).lidar, observe(other).lidar)
 
 
 def test_the_default_lidar_measures_the_people_in_the_observation():
-    worlds = load_scenario("doorway_10").worlds(Cases("val", 0, 3))
+    worlds = load_scenario("door_10").worlds(Cases("val", 0, 3))
     np.testing.assert_array_equal(scan_of(observe(worlds)), scan(worlds, DEFAULT_LIDAR)[:, 0])
-    disturbed = load_scenario("doorway_10", {"sensor.lidar": DISTURBED}).worlds(Cases("val", 0, 3))
+    disturbed = load_scenario("door_10", {"sensor.lidar": DISTURBED}).worlds(Cases("val", 0, 3))
     np.testing.assert_array_equal(scan_of(observe(disturbed)), observe(disturbed).lidar)
 
 

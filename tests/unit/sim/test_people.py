@@ -239,7 +239,7 @@ def test_a_group_fits_into_its_disc():
             assert place.mean(axis=0) == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
-@pytest.mark.parametrize("scenario", ["restless_20", fixture("companions")])
+@pytest.mark.parametrize("scenario", ["mixed_20", fixture("companions")])
 def test_scenarios_of_people_are_the_same_again(scenario):
     trace = drive("orca_margin", "3", scenario)
     assert same(trace, drive("orca_margin", "3", scenario))

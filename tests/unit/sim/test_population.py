@@ -23,7 +23,7 @@ from crowdbench.utils.errors import InputError
 DT = 0.25
 FITTED = {"noise": 0.15, "noise_time": 1.4, "inertia": 2.7}
 VARIED = {"shrinkage": 0.4, "spread": {"radius": 0.1, "preferred_speed": 0.2, "time_horizon": 0.4}}
-KEY, SCENARIO = "pedestrians.population", "circle_crossing_20"
+KEY, SCENARIO = "pedestrians.population", "circle_20_blind"
 
 
 def scene(intention, position, goal, velocity=None, policy=None, **changes):
@@ -270,13 +270,13 @@ def test_people_differ_by_factors_around_the_same_draws():
 
 def test_mixed_crowds_vary_in_the_parameters_of_each_policy():
     spread = {"time_horizon": 0.3, "relaxation_time": 0.3}
-    now = draw({KEY: {**FITTED, "spread": spread}}, "val:3", "half_half_20")
+    now = draw({KEY: {**FITTED, "spread": spread}, "pedestrians.number": 20}, "val:3", "mixed")
     orca, force = now.parameters["orca"], now.parameters["social_force"]
     assert len(np.unique(orca["time_horizon"][:, 1:])) == len(np.unique(force["relaxation_time"][:, 1:])) == 60
     assert len(np.unique(orca["neighbor_distance"][:, 1:])) == len(np.unique(force["wall_range"][:, 1:])) == 1
     assert now.rules.intentions == (Intention(0.15, 1.4, 2.7), Intention(0.15, 1.4, 2.7), Intention())
     together, alone = (
-        drive("orca_margin", cases, "half_half_20", pedestrians__population=FITTED) for cases in ("val:3", "val:1:2")
+        drive("orca_margin", cases, "mixed", pedestrians__population=FITTED) for cases in ("val:3", "val:1:2")
     )
     assert np.array_equal(together.position[1:2, : alone.position.shape[1]], alone.position, equal_nan=True)
 

@@ -89,7 +89,7 @@ def test_recorded_cars_keep_to_their_tracks_among_people_with_limits(shared):
     assert seen > 12
 
 
-@pytest.mark.parametrize("name", ["half_half_20", "corridor_8", pytest.param("thousand", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["mixed_20", "street_8", pytest.param("thousand", marks=pytest.mark.slow)])
 def test_bits_do_not_depend_on_other_cases_or_threads(name, monkeypatch):
     changes, cases = {"pedestrians__limits": TABLE}, "val:3" if name != "thousand" else "val:2"
     together = drive("orca_margin", cases, name, **changes)
@@ -119,7 +119,7 @@ def test_every_policy_keeps_them_with_and_without_the_vehicle(policy):
 
 
 def test_what_is_foreseen_is_what_happens():
-    scenario = load_scenario("half_half_20", {"pedestrians.limits": TABLE})
+    scenario = load_scenario("mixed_20", {"pedestrians.limits": TABLE})
     now = scenario.worlds(Cases.parse("val:3"))
     for _ in range(20):
         crowd, now = crowd_decisions(now, scenario.policies)

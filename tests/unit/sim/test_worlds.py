@@ -64,7 +64,7 @@ def test_spl_and_sct_take_the_way_round_walls():
 
 
 def test_a_door_without_people_can_be_driven_through():
-    trace = drive("straight", "3", "doorway_10", pedestrians__number=0)
+    trace = drive("straight", "3", "door_10", pedestrians__number=0)
     assert (trace.outcome == Outcome.SUCCESS).all()
     assert trace.noticed.shape[2] == 0
 

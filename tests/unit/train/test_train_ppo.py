@@ -139,16 +139,16 @@ def test_only_the_time_limit_leaves_the_value_of_what_would_have_followed(monkey
 @pytest.mark.slow
 def test_a_training_in_several_scenarios_shares_its_worlds(tmp_path):
     config = dataclasses.replace(
-        CONFIG, also_train_in="doorway_10,square_crossing_5", validation="circle_crossing_5,doorway_10", steps=130
+        CONFIG, also_train_in="door_10,square_crossing_5", validation="circle_crossing_5,door_10", steps=130
     )
     training = trainings.start(config)
     assert [len(worlds.rows) for worlds in training.worlds] == [3, 3, 2]
     assert training.interface.nearest == 10
     list(training.learn())
     assert training.curve[-1]["steps"] == 256
-    assert "--also-train-in doorway_10,square_crossing_5" in config.command
+    assert "--also-train-in door_10,square_crossing_5" in config.command
     about = training.conditions()["beside"]
-    assert [each["name"] for each in about] == ["doorway_10", "square_crossing_5"]
+    assert [each["name"] for each in about] == ["door_10", "square_crossing_5"]
     assert about[0]["pedestrians"]["number"] == [10, 10]
 
 
