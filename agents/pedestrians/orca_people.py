@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from crowdbench import ORCA, PedestrianPolicy, World
 from crowdbench.core import norm, toward_goal
-from crowdbench.sim import Parameters, Velocities, goals_on_way, orca_velocities
+from crowdbench.sim import Agents, Avoidance, Parameters, Velocities, avoid, goals_on_way
 
 MARGIN = 0.01
 """Safety margin in metres, as for the policy `orca`."""
@@ -39,11 +39,11 @@ class ORCAPeople(PedestrianPolicy):
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`."""
-        return avoid(world, toward_goal(world.position, goals_on_way(world), world.preferred_speed), parameters)
+        return avoid_people(world, toward_goal(world.position, goals_on_way(world), world.preferred_speed), parameters)
 
 
-def avoid(world: World, preferred: Float[np.ndarray, "world agent 2"], parameters: Parameters) -> Velocities:
-    """Return the velocities that pedestrians take by ORCA with personal space.
+def avoid_people(world: World, preferred: Float[np.ndarray, "world agent 2"], parameters: Parameters) -> Velocities:
+    """Return the velocities that pedestrians take by ORCA with personal space, which the vehicle does not count in.
 
     Args:
         world: The worlds as they are now.
@@ -53,25 +53,18 @@ def avoid(world: World, preferred: Float[np.ndarray, "world agent 2"], parameter
     Returns:
         Velocities in m/s, not faster than the preferred speed or the preferred velocity.
     """
-    moves = world.present.copy()
-    moves[:, 0] = False
-    return orca_velocities(
+    crowd = Agents(
         world.position,
         world.velocity,
         preferred,
         world.radius + (MARGIN + parameters["safety_space"]),
         np.maximum(world.preferred_speed, norm(preferred)),
-        time_step=world.rules.dt,
-        neighbor_distance=parameters["neighbor_distance"],
-        max_neighbors=parameters["max_neighbors"],
-        time_horizon=parameters["time_horizon"],
-        obstacles=world.obstacles,
-        time_horizon_obst=parameters["time_horizon_obst"],
-        line_of_sight=parameters["line_of_sight"],
-        seen=world.present,
-        moves=moves,
-        space=2.0 * world.radius * (parameters["personal_space"] - 1.0),
-    )[:, 1:]
+        world.present,
+        world.present,
+        2.0 * world.radius * (parameters["personal_space"] - 1.0),
+    )
+    avoidance = Avoidance(*(parameters[name] for name in Avoidance._fields))
+    return avoid(1, crowd, world.rules.dt, world.obstacles, avoidance)
 
 
 def policy() -> ORCAPeople:

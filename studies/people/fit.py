@@ -16,6 +16,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench import InputError
 from crowdbench.cli import ThreadsOption, announce_compilation, help_from_docstring, main, progress, use_threads
+from crowdbench.plugins import plugin_name
 from crowdbench.utils import require_positive, write_whole
 
 if TYPE_CHECKING:
@@ -55,13 +56,16 @@ POPULATION: Mapping[str, Bounds] = {
 SPREAD = Bounds(0.05, 0.5, 0.8)
 """Spread of the policy's parameters, the same one for all of them."""
 
+_ORCA = {
+    "time_horizon": Bounds(1.0, 2.0, 4.0),
+    "neighbor_distance": Bounds(2.0, 3.5, 6.0),
+    "personal_space": Bounds(0.8, 1.2, 1.6),
+}
+
 POLICIES: Mapping[str, Mapping[str, Bounds]] = {
     "straight": {},
-    "orca_people": {
-        "time_horizon": Bounds(1.0, 2.0, 4.0),
-        "neighbor_distance": Bounds(2.0, 3.5, 6.0),
-        "personal_space": Bounds(0.8, 1.2, 1.6),
-    },
+    "orca_people": _ORCA,
+    "learned_people": _ORCA,
     "power_law_people": {"interaction_energy": Bounds(0.1, 1.0, 6.0), "interaction_horizon": Bounds(0.5, 2.5, 8.0)},
     "social_force": {"repulsion_strength": Bounds(0.02, 0.1, 3.0), "repulsion_range": Bounds(0.1, 0.3, 1.0)},
 }
@@ -80,7 +84,7 @@ def fit(
     """Write the options of the best trial of CMA-ES on all locations but one as JSON, for `folds.py`.
 
     Args:
-        policy: One of `POLICIES`.
+        policy: One of `POLICIES`, or a file with a policy of such a name.
         data: The folder with the tracks of ETH/UCY.
         out: The folder of the file, which has the name of the location that takes no part, or `all`.
         held_out: The location that takes no part; none if not given.
@@ -90,7 +94,7 @@ def fit(
     use_threads(threads)
     from studies.people.windows import FOLDS, read_windows
 
-    if policy not in POLICIES:
+    if plugin_name(policy) not in POLICIES:
         raise InputError(f"policy is {policy!r}, but must be one of {', '.join(POLICIES)}")
     if held_out and held_out not in FOLDS:
         raise InputError(f"--held-out is {held_out!r}, but must be one of {', '.join(FOLDS)}")
@@ -148,7 +152,7 @@ def options_of(policy: str, parameters: Mapping[str, float]) -> dict[str, Any]:
     """Return the options of `run.py` for parameters by the names of `POPULATION` and `POLICIES`."""
     from studies.people.simulate import load_policy
 
-    own, key = POLICIES[policy], "population"
+    own, key = POLICIES[plugin_name(policy)], "population"
     if not load_policy(policy, {}).crowd.variation:  # the policy brings no population of its own
         key = "pedestrians.population"
     population: dict[str, Any] = {name: parameters[name] for name in POPULATION if "." not in name}
@@ -159,7 +163,7 @@ def options_of(policy: str, parameters: Mapping[str, float]) -> dict[str, Any]:
 
 def parameter_bounds(policy: str) -> dict[str, Bounds]:
     """Return the bounds of the fitted parameters of a policy, which has one of the names in `POLICIES`."""
-    own = POLICIES[policy]
+    own = POLICIES[plugin_name(policy)]
     return {**POPULATION, **({"spread": SPREAD, **own} if own else {})}
 
 

@@ -1,7 +1,7 @@
 """Pedestrians with a network that was trained on recorded people, and ORCA as its filter, see studies/people.
 
 The network predicts a pedestrian's mean velocity over the next 1.2 s from its own motion, its goal and the nearest
-agents. ORCA (van den Berg et al. 2011) takes this velocity as the preferred one.
+agents. The preferred velocity of ORCA (van den Berg et al. 2011) approaches this prediction.
 """
 
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from typing import Any, ClassVar, no_type_check
 import numpy as np
 from safetensors.numpy import load_file
 
-from agents.pedestrians.orca_people import VARIED, ORCAPeople, avoid
+from agents.pedestrians.orca_people import VARIED, ORCAPeople, avoid_people
 from crowdbench import PedestrianPolicy, World
 from crowdbench.sim import Parameters, Velocities, goals_on_way
 from crowdbench.utils import njit
@@ -23,6 +23,9 @@ NEAREST, REACH = 6, 6.0
 
 FAR = 10.0
 """Distance in metres beyond which goals are equally far."""
+
+APPROACH = 0.6
+"""Time in seconds in which the prediction is reached: the middle of the time over which it is the mean."""
 
 FEATURES = 4 + 5 * NEAREST
 
@@ -46,7 +49,9 @@ class LearnedPeople(PedestrianPolicy):
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`."""
         here = world.position, world.velocity, goals_on_way(world), world.preferred_speed, world.present
-        return avoid(world, preferred_velocities(observe(*here), *here, *self.weights), parameters)
+        predicted = predict_velocities(observe(*here), *here, *self.weights)
+        share = min(world.rules.dt / APPROACH, 1.0)
+        return avoid_people(world, world.velocity + share * (predicted - world.velocity), parameters)
 
 
 @no_type_check
@@ -112,7 +117,7 @@ def _observe_nearest(position, velocity, present, i, x, y, row):
 
 @no_type_check
 @njit
-def preferred_velocities(observed, position, velocity, goal, speed, present, b0, b1, b2, w0, w1, w2):
+def predict_velocities(observed, position, velocity, goal, speed, present, b0, b1, b2, w0, w1, w2):
     """Return the network's velocity of each agent in m/s, `[world, agent, 2]`.
 
     The outputs are the changes, in the frame of `observe`, of the velocity towards the goal at the preferred speed.

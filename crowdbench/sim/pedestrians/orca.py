@@ -67,8 +67,8 @@ class Agents(NamedTuple):
         max_speed: In m/s.
         seen: True if the others avoid the agent, read by `at`.
         moves: True if its velocity is computed, read by `at`.
-        space: Distance in metres that the agent adds to the sum of two radii, read by `at`. It may be negative. The
-            vehicle, agent 0, and walls are avoided without it.
+        space: Distance in metres that the agent adds to the sum of its radius and that of another agent whose velocity
+            is computed, read by `at`. It may be negative.
     """
 
     position: AgentPoints
@@ -97,7 +97,6 @@ def orca_velocities(
     line_of_sight: float | Shaped[np.ndarray, "..."] = False,
     seen: AgentFlags | None = None,
     moves: AgentFlags | None = None,
-    space: float | AgentNumbers = 0.0,
 ) -> AgentPoints:
     """Compute the velocity that each agent takes next.
 
@@ -117,8 +116,6 @@ def orca_velocities(
             crosses none. RVO2 avoids others through walls. One value, or one per world or agent.
         seen: True if the agent is avoided by the others; all are if None.
         moves: True if the agent's velocity is computed; all are if None.
-        space: Distance in metres that an agent adds to the sum of its radius and that of another one, except agent 0.
-            It may be negative: then the agent lets others come nearer.
 
     Returns:
         Velocities in m/s; 0 for agents that do not move.
@@ -127,7 +124,7 @@ def orca_velocities(
     state = map(writable, (position, velocity, preferred_velocity, radius, max_speed))
     avoidance = neighbor_distance, max_neighbors, time_horizon, time_horizon_obst, line_of_sight
     walls = _NO_OBSTACLES if obstacles is None else writable(obstacles)
-    crowd = Agents(*[*state, visible, mobile, per_agent(space)])
+    crowd = Agents(*[*state, visible, mobile])
     return avoid(0, crowd, time_step, walls, Avoidance(*map(per_agent, avoidance)))
 
 
@@ -224,7 +221,7 @@ def avoid_block(begin, end, first, crowd, time_step, limits, walls, nearest, out
             for m in range(n):
                 j = neighbor[m]
                 touching = radius[w, i] + radius[w, j]
-                if j > 0:
+                if j >= first:
                     touching += between
                 _half_plane(position, velocity, touching, w, i, j, tau, time_step, lines, hard + m)
             n += hard
