@@ -59,7 +59,7 @@ def _check_arrivals(scenario: Scenario, world: World) -> CheckResult:
     case, everywhere, rule = world.case, np.ones(len(world), bool), scenario.post_step_rule
     walking = find_walking(world, everywhere) & ~scenario.crowd.stands[world.policy]
     arrived = np.zeros_like(walking)
-    for _ in range(world.rules.max_steps):
+    for _ in range(int(world.max_steps.max())):
         crowd, world = crowd_decisions(world, scenario.policies)
         world, _ = move(world, np.zeros((len(world), 2)), crowd)
         arrived |= find_arrived(world, everywhere)

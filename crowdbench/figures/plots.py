@@ -42,8 +42,10 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
     with axes(out, caption=table.cases) as ax:
         for number, (label, run) in enumerate(table.labelled.items()):
             dt = float(run.result["scenario"]["dt"])
-            limit = float(run.result["scenario"]["time_limit"])
             episodes, line = run.episodes, _line(number)
+            limit = float(run.result["scenario"]["time_limit"])
+            if "time_limit_factor" in run.result["scenario"]:  # the limit differs between cases
+                limit = dt * int(episodes.steps.max())
             solved = np.where(episodes.outcome == Outcome.SUCCESS, episodes.steps * dt, np.inf)
             moments = np.linspace(min(solved.min(), limit), limit, MOMENTS + 1)
             rates = [rate(solved <= moment, episodes.block) for moment in moments]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,6 +12,7 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.reward import discount, episode_rewards
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics.info import describe, total
+from crowdbench.sim.least_time import least_steps
 from crowdbench.sim.routes import goals_in_trace
 
 PROGRESS_DISTANCE = 0.5
@@ -27,6 +29,8 @@ COUNTED = {
     "timeout_rate": (Outcome.TIMEOUT,),
 }
 """The outcomes that each of these rates counts."""
+
+_LEAST: WeakKeyDictionary[Trace, Float[np.ndarray, "world"]] = WeakKeyDictionary()
 
 
 @describe("success", "more", share=True)
@@ -65,10 +69,35 @@ def navigation_time(trace: Trace) -> Float[np.ndarray, "world"]:
     return np.where(success_rate(trace), trace.steps * trace.rules.dt, np.nan)
 
 
+@describe("time in the empty world")
+def t_empty(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Lower bound of the time from start to goal without pedestrians, within the vehicle's limits [s].
+
+    It is the time of the shortest path of the vehicle's body around obstacles, in whole steps, up to the goal's
+    tolerance, see `crowdbench.sim.least_time`. On open ground, a straight drive takes as long.
+    """
+    if trace not in _LEAST:
+        _LEAST[trace] = trace.rules.dt * least_steps(
+            trace.rules,
+            trace.position[:, 0, 0],
+            trace.goal[:, 0, 0],
+            velocity=trace.velocity[:, 0, 0],
+            heading=trace.heading[:, 0],
+            radius=trace.radius[:, 0, 0],
+            max_speed=trace.preferred_speed[:, 0],
+            obstacles=trace.obstacles,
+        )
+    return _LEAST[trace]
+
+
 @describe("time with failures at the limit", "less", over_all=True)
 def navigation_time_or_limit(trace: Trace) -> Float[np.ndarray, "world"]:
     """Time from start to goal, a failure counting as the time limit [s]."""
-    return np.where(success_rate(trace), trace.steps * trace.rules.dt, trace.rules.time_limit)
+    rules = trace.rules
+    limit = np.full(len(trace), rules.time_limit)
+    if rules.time_limit_factor is not None:
+        limit = np.minimum(limit, rules.time_limit_factor * t_empty(trace))
+    return np.where(success_rate(trace), trace.steps * rules.dt, limit)
 
 
 @describe("failures to progress", "less", over_all=True, source="Francis et al. (2023)")

@@ -75,15 +75,18 @@ from crowdbench.metrics.outcomes import (
     navigation_time_or_limit,
     person_collision_rate,
     success_rate,
+    t_empty,
     timeout_rate,
     wall_collision_rate,
 )
+from crowdbench.metrics.score import score, t_close
 from crowdbench.metrics.social import deflection, imposed_delay, imposed_delay_positive, imposed_detour, social_work
 from crowdbench.utils.errors import did_you_mean
 
 SUBJECTS: dict[str, tuple[Metric, ...]] = {
     "end": (success_rate, collision_rate, person_collision_rate, wall_collision_rate, timeout_rate),
     "time": (navigation_time, navigation_time_or_limit),
+    "score": (score, t_empty, t_close),
     "path": (path_length, success_path_length, path_irregularity, spl, sct),
     "gap": (minimum_gap, clearing_distance, discomfort, discomfort_frequency, personal_space_compliance),
     "zone": (intimate_zone, personal_zone, social_zone),

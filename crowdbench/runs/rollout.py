@@ -175,7 +175,7 @@ class _Shares:
             running: True if each of them is still running.
         """
         seconds_left = norm(goals_on_way(after)[:, 0] - after.position[:, 0]) / after.preferred_speed[:, 0]
-        expected = np.minimum(after.step + seconds_left / after.rules.dt, after.rules.max_steps)
+        expected = np.minimum(after.step + seconds_left / after.rules.dt, after.max_steps)
         share = np.where(running, np.maximum(after.step / expected, self.share[rows]), 1.0)
         self.progress(float((share - self.share[rows]).sum()))
         self.share[rows] = share

@@ -22,6 +22,7 @@ from crowdbench.scenario.placement import LayoutCall
 from crowdbench.scenario.population import Population
 from crowdbench.scenario.schema import VehicleSpec
 from crowdbench.scenario.starts import Case, LayoutStarts
+from crowdbench.sim.least_time import least_steps
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.sight import look
 from crowdbench.sim.simulator import PostStepRule, init_memories
@@ -157,7 +158,8 @@ class Scenario:
             rules=self.rules,
         )
         world = world.replace(heading=_initial_heading(world))
-        return init_memories(look(self.starts.complete(world, drawn, starts)), self.policies)
+        world = _with_limits(self.starts.complete(world, drawn, starts))
+        return init_memories(look(world), self.policies)
 
     def blocks(self, cases: Cases) -> Int[np.ndarray, "world"] | None:
         """Return the block of recorded time of each case; None if no pedestrians are recorded: then
@@ -175,6 +177,24 @@ def _initial_heading(world: World) -> Float[np.ndarray, "world"]:
         waypoint = world.route[:, 0, 0]
         ahead = np.where(np.isnan(waypoint), ahead, waypoint - world.position[:, 0])
     return np.arctan2(ahead[:, 1], ahead[:, 0])
+
+
+def _with_limits(world: World) -> World:
+    """Return worlds with the time limit of each case, if it is a multiple of the least time."""
+    if world.rules.time_limit_factor is None:
+        return world
+    least = least_steps(
+        world.rules,
+        world.position[:, 0],
+        world.goal[:, 0],
+        velocity=world.velocity[:, 0],
+        heading=world.heading,
+        radius=world.radius[:, 0],
+        max_speed=world.preferred_speed[:, 0],
+        obstacles=world.obstacles,
+    )
+    limit = np.minimum(np.ceil(world.rules.time_limit_factor * least - 1e-9) + 1, world.rules.max_steps)
+    return world.replace(max_steps=limit.astype(np.int64))
 
 
 _NO_POINTS = np.empty((0, 0, 2))

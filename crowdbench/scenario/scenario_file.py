@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, Actuation, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
 from crowdbench.core.types import Rules, WalkingLimits
+from crowdbench.core.types.attention import Attention
 from crowdbench.scenario.layouts.crossings import crowdnav_plus
 from crowdbench.scenario.placement import Layout, LayoutCall
 from crowdbench.scenario.population import RECORDED, Distribution, Population, PopulationSpec
@@ -86,7 +87,7 @@ def parse_scenario(
             generator, layout, digest = load_layout(names.layout.generator)
             model = scenario_spec(names.vehicle.dynamics, parameters, populations, layout)
         _check_digest(names.layout.generator_file, digest, file.at("layout", "generator_file"))
-    spec = parse_table(model, table, file)
+    spec = parse_table(model, _with_attention(table, policies), file)
     # Names of plug-ins replace their files, whose digests are added.
     shares = {name: part.share for name, part in policies.items()}
     digests = {name: part.digest for name, part in policies.items() if part.digest is not None}
@@ -179,6 +180,24 @@ def _own_population(name: str, policy: PedestrianPolicy) -> PopulationSpec:
     population = policy.population
     require(f"population of pedestrian policy {name}", population, isinstance(population, Mapping), "a table")
     return parse_table(PopulationSpec, population, Location(f"pedestrian policy {name}", POPULATION))
+
+
+def _with_attention(table: Mapping[str, Any], policies: Mapping[str, _Policy]) -> Mapping[str, Any]:
+    """Return the table of a scenario with the attention that its policies bring; keys of the scenario replace it.
+
+    Raises InputError if an attention is invalid, or if policies bring different ones.
+    """
+    tables = {name: part.policy.attention for name, part in policies.items() if part.policy.attention}
+    pedestrians = table.get("pedestrians", {})
+    own = pedestrians.get("attention", {})
+    if not tables or not isinstance(own, Mapping):
+        return table
+    for name, brought in tables.items():
+        require(f"attention of pedestrian policy {name}", brought, isinstance(brought, Mapping), "a table")
+        parse_table(Attention, brought, Location(f"pedestrian policy {name}", "attention"))
+        if brought != next(iter(tables.values())):
+            raise InputError(f"pedestrian policies {', '.join(tables)} have different attention: use one of them")
+    return {**table, "pedestrians": {**pedestrians, "attention": {**brought, **own}}}
 
 
 def _variation(spec: PedestriansSpec, policies: Mapping[str, _Policy], location: Location) -> dict[str, PopulationSpec]:
@@ -278,6 +297,7 @@ def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
     return Rules(
         dt=spec.dt,
         time_limit=spec.time_limit,
+        time_limit_factor=spec.time_limit_factor,
         collision=spec.collision,
         visible=vehicle.visible,
         attention=attention if vehicle.visible else None,

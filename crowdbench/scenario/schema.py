@@ -203,11 +203,23 @@ class TracksSpec(TomlTable):
 
 
 class ScenarioSpec(TomlTable):
-    """The file of a scenario: the keys that all scenarios have. `dt` and `time_limit` are in seconds."""
+    """The file of a scenario: the keys that all scenarios have. `dt` and `time_limit` are in seconds.
+
+    With a `time_limit_factor`, the limit of a case is this multiple of its least time, see
+    `crowdbench.sim.least_time`, and `time_limit` is the largest limit of any case.
+    """
 
     description: Text = ""
     dt: float = number(0.25, above=0.0, below=1.0)
     time_limit: float = number(25.0, above=1.0, below=1e6)
+    # Absent from the dump without a factor, so that it does not change the identity of other scenarios.
+    time_limit_factor: float | None = Field(
+        default=None,
+        gt=0,
+        lt=1e3,
+        exclude_if=lambda value: value is None,
+        description="a number above 0 and below 1000",
+    )
     collision: str = choice(COLLISION_RULES, default="swept")
     seed: int = integer(0, least=0, most=2**63 - 1)
     vehicle: VehicleSpec = table("vehicle")

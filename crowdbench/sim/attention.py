@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core.geometry import norm
 from crowdbench.core.rng import purpose_bits, uniform
 from crowdbench.core.types import World
-from crowdbench.core.types.attention import ATTRACTED, AVOIDS, IGNORES, YIELDS_LATE
+from crowdbench.core.types.attention import ATTRACTED, AVOIDS, CLEARANCE, IGNORES, YIELDS_LATE
 from crowdbench.sim.lines_of_sight import share_to_walls
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit
@@ -35,16 +35,14 @@ MEMORY = 5.0
 
 CLOSE = 1.0
 """Pedestrians adapt if the predicted distance of closest approach between the centres is below this, in metres. For a
-vehicle that is larger than a person, it increases by the difference of the radii."""
+vehicle that is larger than a person, it increases by the difference of the radii, and for another clearance than
+`CLEARANCE` by the difference to it."""
 
 LATE = 1.5
 """Seconds before the closest approach at which pedestrians that yield late adapt."""
 
 LOOKS_AWAY, PERIOD = 4.0, 10.0
 """Seconds for which distracted pedestrians look away in each period, and length of a period in seconds."""
-
-CLEARANCE = 0.2
-"""Pedestrians who adapt keep this distance between rims, in metres: the discomfort distance of Chen et al. (2019)."""
 
 STANDS = 0.2
 """Speed in m/s below which the vehicle stands. All pedestrians that have noticed it then walk around it."""
@@ -101,7 +99,8 @@ def update_attention(
     after = AttentionState(*(array.copy() for array in state))
     adapts = np.zeros(world.person.shape, bool)
     shares = attention.ignores, attention.yields_late, attention.attracted
-    traits = (*np.cumsum(shares), attention.distracted, attention.delay, dt)
+    close = CLOSE + (attention.distance - CLEARANCE)
+    traits = (*np.cumsum(shares), attention.distracted, attention.delay, close, dt)
     scene = world.key, world.step, world.position, world.velocity, goals_on_way(world), world.radius, world.present
     _update(adapts, traits, intended, *scene, world.person, world.obstacles, *after)
     return adapts, after
@@ -110,10 +109,11 @@ def update_attention(
 def adapted_view(world: World, state: AttentionState) -> World:
     """Return worlds as pedestrians who adapt to the vehicle perceive them.
 
-    The vehicle is larger by `CLEARANCE`, and attracted pedestrians who have just noticed it have a goal beside it.
+    The vehicle is larger by the clearance, and attracted pedestrians who have just noticed it have a goal beside it.
     """
-    radius = world.radius.copy()
-    radius[:, 0] += CLEARANCE
+    attention, radius = world.rules.attention, world.radius.copy()
+    assert attention is not None
+    radius[:, 0] += attention.distance
     world = world.replace(radius=radius)
     comes = (state.reaction == ATTRACTED) & (state.remaining > 0.0) & (state.known < INTEREST)
     if not comes.any():
@@ -121,7 +121,7 @@ def adapted_view(world: World, state: AttentionState) -> World:
     goal, waypoint = world.goal.copy(), world.waypoint.copy()
     away = world.position[:, 1:] - world.position[:, :1]
     distance = np.maximum(norm(away), 1e-9)
-    beside = STAND_OFF - CLEARANCE + world.radius[:, :1] + world.radius[:, 1:]
+    beside = STAND_OFF - attention.distance + world.radius[:, :1] + world.radius[:, 1:]
     near = world.position[:, :1] + away * np.minimum(beside / distance, 1.0)[..., None]
     goal[:, 1:] = np.where(comes[..., None], near, goal[:, 1:])
     waypoint[:, 1:] = np.where(comes, np.isfinite(world.route[:, 1:, :, 0]).sum(axis=2), waypoint[:, 1:])
@@ -133,7 +133,7 @@ def adapted_view(world: World, state: AttentionState) -> World:
 def _update(adapts, traits, intended, key, step, position, velocity, ahead, radius, present, person, obstacles, *state):
     """Fill `adapts`, and update the fields of `AttentionState`; `ahead` contains local goals `[world, agent, 2]`."""
     known_person, reaction, phase, facing, in_view, remaining, known = state
-    ignores, yields_late, attracted, distracted, delay, dt = traits
+    ignores, yields_late, attracted, distracted, delay, close, dt = traits
     for w in range(len(key)):
         for p in range(person.shape[1]):
             a = p + 1
@@ -171,7 +171,7 @@ def _update(adapts, traits, intended, key, step, position, velocity, ahead, radi
             time = max(-(dx * ux + dy * uy), 0.0) / max(ux * ux + uy * uy, 1e-9)
             nearest = math.hypot(dx + time * ux, dy + time * uy) - max(radius[w, 0] - radius[w, a], 0.0)
             comes = reaction[w, p] == ATTRACTED and known[w, p] < INTEREST
-            adapts[w, p] = comes or (nearest < CLOSE and (time <= LATE or reaction[w, p] != YIELDS_LATE))
+            adapts[w, p] = comes or (nearest < close and (time <= LATE or reaction[w, p] != YIELDS_LATE))
 
 
 @no_type_check

@@ -44,7 +44,7 @@ class StepCheck(NamedTuple):
 def check_step(rules, before, after, check):
     """Compute the outcome of a step, and the smallest distances of the vehicle to pedestrians and obstacles in it.
 
-    - Time-out: it is the last step of `Rules.max_steps`, regardless of collisions or arrival in it.
+    - Time-out: it is the last step of `World.max_steps`, regardless of collisions or arrival in it.
     - Collision: a disc of the vehicle overlaps that of a pedestrian during the step. Under the rule `swept` both have
       their actual motion; under `crowdnav` the pedestrian moves with its velocity from before the step, as in CrowdNav.
     - Collision with a wall: a disc of the vehicle overlaps an obstacle during the step.
@@ -78,7 +78,7 @@ def check_step(rules, before, after, check):
             arc = before.heading[w], speed, turn_rate, rules.dt
             check.gap[w], check.wall_gap[w] = gaps_on_arc(rules.body, *arc, discs, obstacles[w])
     last = before.position if rules.collision == _CROWDNAV_PLUS else after.position
-    _fill_outcomes(rules, before.step, before.goal, before.radius, last, check)
+    _fill_outcomes(rules, before, last, check)
 
 
 @no_type_check
@@ -92,17 +92,18 @@ def check_disc(rules, before, after, check):
         check.gap[w], _ = nearest_in_step(0, Discs(position[w], motion, before.radius[w], before.present[w]))
         check.wall_gap[w] = math.inf
     last = before.position if rules.collision == _CROWDNAV_PLUS else after.position
-    _fill_outcomes(rules, before.step, before.goal, before.radius, last, check)
+    _fill_outcomes(rules, before, last, check)
 
 
 @no_type_check
 @njit(inline="always")
-def _fill_outcomes(rules, step, goal, radius, last, check):
+def _fill_outcomes(rules, before, last, check):
     """Fill the outcomes from the gaps, and from the positions at which arrival counts; see `check_step`."""
-    for w in range(len(step)):
+    goal = before.goal
+    for w in range(len(goal)):
         dx, dy = goal[w, 0, 0] - last[w, 0, 0], goal[w, 0, 1] - last[w, 0, 1]
-        near = rules.goal_tolerance if rules.goal_tolerance > 0.0 else radius[w, 0]
-        is_last = step[w] + 1 >= rules.max_steps
+        near = rules.goal_tolerance if rules.goal_tolerance > 0.0 else before.radius[w, 0]
+        is_last = before.step[w] + 1 >= before.max_steps[w]
         check.outcome[w] = step_outcome(check.gap[w], check.wall_gap[w], dx, dy, near, is_last)
 
 

@@ -156,7 +156,8 @@ def _with_memories(world: World, memories: Mapping[str, Memory]) -> World:
 
 Before = namedtuple(
     "Before",
-    "step position velocity heading angular_speed preferred_speed radius present policy goal history obstacles",
+    "step max_steps position velocity heading angular_speed preferred_speed radius present policy goal history "
+    "obstacles",
 )
 """The arrays of a `World` that a step reads."""
 

@@ -75,12 +75,14 @@ class Task(NamedTuple):
 
     Attributes:
         rules: The rules of the scenario.
+        max_steps: Steps after which the episode times out.
         start: Position, velocity, heading and turn rate at the start.
         vehicle: Its motion, and the obstacles.
         cost: The lengths of the paths to its goal, with the margin to walls.
     """
 
     rules: Rules
+    max_steps: int
     start: Float[np.ndarray, "6"]
     vehicle: Vehicle
     cost: CostToGo
@@ -94,7 +96,7 @@ class Task(NamedTuple):
         start = np.array([*position, *world.velocity[row, 0], world.heading[row], world.angular_speed[row]])
         room = radius + (margin + SAFE if margin else 0.0)
         cost = find_cost_to_go(position, world.goal[row, 0].copy(), room, world.obstacles[row])
-        return cls(rules, start, vehicle, cost)
+        return cls(rules, int(world.max_steps[row]), start, vehicle, cost)
 
 
 def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> SearchResult:
@@ -116,7 +118,7 @@ def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> SearchRes
     most = min(cells, 4 * effort.states) + 1
     space = Layer(np.empty((most, 6)), np.empty(most), np.empty(most, np.int64), np.empty((most, 2)))
     states, layers, is_exhaustive = task.start[None], list[Layer](), True
-    for left in reversed(range(rules.max_steps - 1)):  # the last step is a time-out in any case
+    for left in reversed(range(task.max_steps - 1)):  # the last step is a time-out in any case
         grid.table.fill(-1)
         farthest = vehicle.tolerance + (left + 1) * rules.dt * vehicle.max_speed
         actions = commands(task, states)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from crowdbench import World
+from crowdbench.plugins import plugin_name
 from crowdbench.scenario import ETH_UCY_DT
 from crowdbench.sim import Recorded, init_memories
 from studies.people.cars import DISCS, CarWindow, discs_of, pose, rim_distance, time_to_collision
@@ -40,7 +41,7 @@ def simulate_traffic(
 
     The first car of a window is the vehicle, which pedestrians see. Others are discs that pedestrians avoid.
     """
-    scenario = load_policy(policy, options or {}, SCENARIO)
+    scenario = load_policy(policy, _with_attention(policy, options or {}), SCENARIO)
     policies = {**scenario.policies, RECORDED: Recorded()}
     positions: Rollouts = []
     for batch in batches(windows, max(1, MOST_WORLDS // rollouts)):
@@ -53,6 +54,12 @@ def simulate_traffic(
         for each, place in zip(batch, places.reshape(shape), strict=True):
             positions.append(place[:, :, : len(each.window.group)])
     return positions
+
+
+def _with_attention(policy: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options with the attention that the policy brings, which replaces that of the scenario."""
+    own = load_policy(policy, options, SCENARIO).policies[plugin_name(policy)].attention
+    return {**{f"pedestrians.attention.{key}": value for key, value in own.items()}, **options}
 
 
 def with_discs(car_window: CarWindow) -> Window:

@@ -13,6 +13,10 @@ AVOIDS, IGNORES, YIELDS_LATE, ATTRACTED = 0, 1, 2, 3
 approach out of interest. Agrawal et al. (2025) name avoidance, neutrality and attraction."""
 
 
+CLEARANCE = 0.2
+"""Default distance in metres to the vehicle: the discomfort distance of Chen et al. (2019)."""
+
+
 def _share(default: float) -> Any:
     return Field(default=default, ge=0, le=1, description="a share from 0 to 1")
 
@@ -30,6 +34,7 @@ class Attention(TomlTable):
         distracted: Share of pedestrians that look away at times. Of 10,543 observed pedestrians 8 % were texting
             while they walked (PMC5762430).
         delay: Time in seconds from the first sight of the vehicle until it is noticed.
+        clearance: Distance in metres between rims that pedestrians who adapt keep to the vehicle; None for `CLEARANCE`.
     """
 
     ignores: float = _share(0.0)
@@ -37,3 +42,12 @@ class Attention(TomlTable):
     attracted: float = _share(0.0)
     distracted: float = _share(0.08)
     delay: float = number(0.4, least=0.0, below=1e3)
+    # Absent from the dump by default, so that it does not change the identity of other scenarios.
+    clearance: float | None = Field(
+        default=None, ge=0, le=100, exclude_if=lambda value: value is None, description="a number from 0 to 100"
+    )
+
+    @property
+    def distance(self) -> float:
+        """The clearance in metres."""
+        return CLEARANCE if self.clearance is None else self.clearance

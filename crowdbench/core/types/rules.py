@@ -245,7 +245,6 @@ class RuleNumbers(NamedTuple):
         goal_tolerance: In metres; 0 means the vehicle's radius.
         collision: Index of the collision rule in `COLLISION_RULES`.
         dt: Length of a step in seconds.
-        max_steps: Steps after which an episode times out.
         walking: The limits of pedestrians; infinite without any.
     """
 
@@ -255,7 +254,6 @@ class RuleNumbers(NamedTuple):
     goal_tolerance: float
     collision: int
     dt: float
-    max_steps: int
     walking: WalkingLimits
 
 
@@ -266,6 +264,8 @@ class Rules:
     Attributes:
         dt: Length of a step in seconds.
         time_limit: The first step that starts at or after `time_limit` - 1 s ends in a time-out (as in CrowdNav).
+        time_limit_factor: Limit of each case as a multiple of its `least_time`, if that is earlier: the first step
+            that starts at or after this limit ends in a time-out. None for the same limit in all cases.
         collision: `swept` (true relative motion over the step), `crowdnav` (every pedestrian is moved, only for
             the collision test, with its velocity before the step), or `crowdnav_plus` (positions before the step,
             for collision and arrival).
@@ -282,6 +282,7 @@ class Rules:
 
     dt: float = 0.25
     time_limit: float = 25.0
+    time_limit_factor: float | None = None
     collision: str = "swept"
     visible: bool = False
     attention: Attention | None = None
@@ -296,7 +297,7 @@ class Rules:
     # Computed once, because they are read in every step.
     @cached_property
     def max_steps(self) -> int:
-        """The number of steps of an episode that ends in a time-out."""
+        """The largest number of steps of an episode, see `World.max_steps`."""
         return math.ceil((self.time_limit - 1.0) / self.dt - 1e-9) + 1
 
     @cached_property
@@ -304,7 +305,7 @@ class Rules:
         """The rules as an argument of kernels."""
         vehicle = self.dynamics.code, self.dynamics.limits, np.array(self.body), self.goal_tolerance or 0.0
         walking = self.walking or WalkingLimits(math.inf, math.inf, math.inf)
-        return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, self.max_steps, walking)
+        return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, walking)
 
     @cached_property
     def with_perfect_sensor(self) -> Rules:
@@ -320,6 +321,7 @@ class Rules:
         """Return the rules as a table for JSON, without fields of vehicle and pedestrians that have their default."""
         entries = dataclasses.asdict(self)
         for field in (
+            "time_limit_factor",
             "attention",
             "dynamics",
             "actuation",

@@ -26,6 +26,7 @@ class World:
         key: Key of the random streams of the case. It determines the whole case, and is not observed by planners.
         noise_key: Key of the noise of planners.
         step: Steps done so far.
+        max_steps: Steps after which the episode times out.
         position: Centres in metres.
         velocity: Velocities of the last step in m/s.
         heading: Direction in which the vehicle faces, in radians. A holonomic vehicle faces in its last direction of
@@ -64,6 +65,7 @@ class World:
     key: UInt[np.ndarray, "world"]
     noise_key: UInt[np.ndarray, "world"]
     step: Int[np.ndarray, "world"]
+    max_steps: Int[np.ndarray, "world"]
     position: Float[np.ndarray, "world agent 2"]
     velocity: Float[np.ndarray, "world agent 2"]
     heading: Float[np.ndarray, "world"]
@@ -120,6 +122,7 @@ class World:
             "key": np.zeros(worlds, np.uint64),
             "noise_key": np.zeros(worlds, np.uint64),
             "step": np.zeros(worlds, np.int64),
+            "max_steps": np.full(worlds, rules.max_steps, np.int64),
             "velocity": np.zeros_like(position),
             "heading": np.zeros(worlds),
             "angular_speed": np.zeros(worlds),

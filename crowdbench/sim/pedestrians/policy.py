@@ -41,6 +41,10 @@ class PedestrianPolicy(abc.ABC):
     """The population of the policy, with the keys of `[pedestrians.population]`: `{"noise": 0.15, "inertia": 2.5}`. A
     scenario can change it in the table `population` of the policy."""
 
+    attention: ClassVar[Mapping[str, Any]] = {}
+    """The attention of a crowd with the policy, with keys of `[pedestrians.attention]`: `{"clearance": 0.9}`. Keys in a
+    scenario replace it."""
+
     stands: ClassVar[bool] = False
     """True if its pedestrians always stand. A scenario places them at some point between start and goal."""
 

@@ -43,7 +43,7 @@ def test_every_metric_has_a_unit_a_direction_and_digits(name, episodes):
     in_docstring = re.search(r"\[(.+?)\]\.$", METRICS[name].__doc__.partition("\n")[0])[1]
     assert (info.unit or "1") == in_docstring
     # A path is short for who collides, and long for who detours.
-    assert (info.sign != 0) == (name not in ("path_length", "paths_apart"))
+    assert (info.sign != 0) == (name not in ("path_length", "paths_apart", "t_empty"))
     assert info.places >= 0
     if METRICS[name](episodes).dtype == bool:
         assert info.share

@@ -69,6 +69,14 @@ def gaps(p):
     return norm((1 - share) * offset[:-1] + share * offset[1:]).min(axis=0) - 2 * RADIUS
 
 
+def seconds_close(p):
+    """Seconds close to pedestrians: at gaps up to 0.3 m fully, at 0.6 m not at all."""
+    offset = p[:, 1:] - p[:, :1]
+    share = (np.arange(2000)[:, None, None, None] + 0.5) / 2000
+    gap = norm((1 - share) * offset[:-1] + share * offset[1:]) - 2 * RADIUS
+    return DT * np.clip((0.6 - gap) / 0.3, 0.0, 1.0).mean(axis=0).sum()
+
+
 def times(p):
     """The time to collision `[step, pedestrian]` at the velocity of the step, on a grid of 1 ms up to 1.5 s."""
     offset, velocity = (p[:, 1:] - p[:, :1])[:-1], np.diff(p[:, 1:] - p[:, :1], axis=0) / DT
@@ -103,6 +111,9 @@ def ends(p, reward):
         "timeout_rate": not hits and not success,
         "navigation_time": time if success else np.nan,
         "navigation_time_or_limit": time if success else LIMIT,
+        "t_empty": least,
+        "t_close": seconds_close(p) if success else np.nan,
+        "score": success * least / (max(time, least) + seconds_close(p)),
         "path_length": length,
         "success_path_length": length if success else np.nan,
         "spl": success * shortest / max(length, shortest),

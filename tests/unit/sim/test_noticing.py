@@ -1,6 +1,8 @@
 """The model of attention: who notices the vehicle, and who adapts to it."""
 
+import copy
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -222,3 +224,92 @@ def test_a_case_does_not_depend_on_its_batch():
 def test_impossible_attention_is_refused(changes, error):
     with pytest.raises(InputError, match=error):
         load_scenario("door_10", changes)
+
+
+# Clearance, and the attention that a policy brings.
+
+
+def test_people_who_adapt_keep_the_clearance_and_adapt_at_a_distance_that_grows_with_it():
+    near, far = (scene((3.0, 1.3), attention=Attention(distracted=0.0, clearance=each)) for each in (0.5, 0.6))
+    assert not any(watch(near, 5)[0])  # passes at 1.3 m: adapts below 1 + 0.5 - 0.2 m
+    assert watch(far, 5)[0] == [False, False, True, True, True]
+    for before, clearance in ((near, 0.5), (far, 0.6), (scene((3.0, 1.3)), 0.2)):
+        after = adapted_view(before, watch(before, 5)[1])
+        assert after.radius[0].tolist() == pytest.approx([0.3 + clearance, 0.3])
+
+
+CARS = {"vehicle.visible": True, "pedestrians.policy": "./own.py"}
+
+
+def write_policy(name, attention):
+    Path(f"{name}.py").write_text(
+        f"from crowdbench import ORCA\n\n\nclass Own(ORCA):\n    attention = {attention}\n\n\n"
+        "def policy():\n    return Own()\n"
+    )
+
+
+@pytest.fixture
+def own_attention(tmp_path, monkeypatch):
+    """Two policies that bring an attention, in files."""
+    monkeypatch.chdir(tmp_path)
+    for name, attention in (("own", {"clearance": 0.9, "ignores": 0.3}), ("other", {"clearance": 0.4})):
+        write_policy(name, attention)
+
+
+def attention_of(**changes):
+    return load_scenario("circle_crossing_5", CARS | {f"pedestrians.{key}": changes[key] for key in changes}).table[
+        "pedestrians"
+    ]["attention"]
+
+
+def test_a_policy_brings_its_attention_and_keys_of_the_scenario_replace_it(own_attention):
+    assert attention_of() == Attention(clearance=0.9, ignores=0.3).complete()
+    table = {"clearance": 0.2, "delay": 0.0}
+    assert attention_of(attention=table) == Attention(clearance=0.2, ignores=0.3, delay=0.0).complete()
+    assert attention_of(policy={"orca": 0.5, "./own.py": 0.5})["clearance"] == 0.9
+    assert attention_of(policy="orca") is None
+
+
+def test_the_complete_table_of_a_scenario_makes_the_same_scenario(own_attention):
+    scenario = load_scenario("circle_crossing_5", CARS | {"pedestrians.attention": {"clearance": 0.2}})
+    again = load_scenario("circle_crossing_5", {**copy.deepcopy(scenario.table), "pedestrians.policy": "./own.py"})
+    assert again.table == scenario.table
+    assert again.rules.attention.distance == 0.2
+    assert "clearance" not in load_scenario("door_10").table["pedestrians"]["attention"]
+
+
+def test_policies_that_bring_different_attention_are_refused(own_attention):
+    with pytest.raises(InputError, match="pedestrian policies other, own have different attention"):
+        attention_of(policy={"./own.py": 0.5, "./other.py": 0.5})
+
+
+@pytest.mark.parametrize(
+    ("attention", "message"),
+    [
+        ({"clearance": -1}, "pedestrian policy wrong: attention.clearance is -1, but"),
+        (0.9, "is 0.9, but must be a table"),
+    ],
+)
+def test_a_wrong_attention_of_a_policy_gets_one_sentence(attention, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_policy("wrong", attention)
+    with pytest.raises(InputError, match=message):
+        attention_of(policy="./wrong.py")
+
+
+def test_orca_people_cars_avoids_three_discs_of_a_car_and_is_orca_beside_a_disc():
+    name, cases = "pedestrians.policy", Cases.parse("val:2")
+    crowd = load_scenario("circle_crossing_5_visible", {name: "orca_people_cars"})
+    policy = crowd.policies["orca_people_cars"]
+    now = crowd.worlds(cases)
+    parameters = now.parameters["orca_people_cars"]
+    assert np.array_equal(policy.velocities(now, parameters), ORCA().velocities(now, parameters))
+    # A car of 4.2 m x 1.6 m drives along x at y = 0. Its smallest disc reaches to y = 2.1 m, its body to 0.8 m.
+    body = (-1.3, 0.0, 1.3)
+    passing = world([[0.0, 0.0], [3.5, 1.6]], [[1.0, 0.0], [-1.0, 0.0]], [[9.0, 0.0], [-9.0, 1.6]])
+    passing = passing.replace(radius=np.array([[2.1, 0.2]]), heading=np.zeros(1), rules=Rules(visible=True, body=body))
+    values = {key: np.full((1, 2), value) for key, value in policy.parameters.items()}
+    assert policy.velocities(passing, values)[0, 0] == pytest.approx([-1.0, 0.0])
+    assert ORCA().velocities(passing, values)[0, 0, 1] > 0.05
+    onto = passing.replace(position=np.array([[[0.0, 0.0], [3.5, 0.1]]]), goal=np.array([[[9.0, 0.0], [-9.0, 0.1]]]))
+    assert policy.velocities(onto, values)[0, 0, 1] > 0.05

@@ -32,7 +32,7 @@ position[0, 1, 0] = 50.0
 step, still, history = np.zeros(1, np.int64), (position * 0.0, np.zeros(1), np.zeros(1)), np.empty((1, 0, 1, 2))
 ones, present, walls = np.ones((1, 2)), np.ones((1, 2), bool), np.empty((1, 0, 0, 2))
 policy = np.zeros((1, 1), np.int64)
-before = Before(step, position, *still, ones, ones, present, policy, position + 9.0, history, walls)
+before = Before(step, step + 9, position, *still, ones, ones, present, policy, position + 9.0, history, walls)
 check = StepCheck(np.zeros(1, np.int64), np.zeros(1), np.zeros(1))
 check_step(Rules().numbers, before, After(step, position, *still, history), check)
 print(Outcome(check.outcome[0]).name, check.gap[0], sum(check_step.stats.cache_hits.values()))
