@@ -11,7 +11,6 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
-from crowdbench.planners.filtered import FilteredPlanner
 from crowdbench.planners.planner import Planner
 from crowdbench.plugins.kind import ROOT, Kind, file_and_function
 from crowdbench.plugins.plugin_files import read_files
@@ -85,20 +84,15 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> Planner
 
     Args:
         spec: The name of a built-in or installed planner, `file.py`, `file.py:function` or `policy.onnx`.
-        options: Arguments of the planner's function, as they are written in TOML. Every planner has one more,
-            `filter`: see `crowdbench.planners.filtered`.
+        options: Arguments of the planner's function, as they are written in TOML.
 
     Raises:
         InputError: There is no such planner, it does not take the options, or its file is broken.
     """
     require("planner", spec, isinstance(spec, str), "a name, or a file such as './mine.py'")
     require_options(options)
-    arguments = dict(options or {})
-    filter_name = arguments.pop("filter", False)
-    is_known = filter_name is False or filter_name == "kalman"  # 0 equals False
-    require("option filter", filter_name, is_known, "kalman, or left out")
-    planner: Planner = PLANNERS.load(spec, arguments)[1]
-    return FilteredPlanner(planner) if filter_name else planner
+    planner: Planner = PLANNERS.load(spec, dict(options or {}))[1]
+    return planner
 
 
 def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, str]]:

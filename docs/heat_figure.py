@@ -44,9 +44,9 @@ def successes() -> dict[str, dict[str, float]]:
         for name, *cells in rows:
             for planner, cell in zip(head[1:], cells, strict=True):
                 if match := re.match(r"[\d.]+", cell):
-                    found.setdefault(re.sub(r",? \(?(filter=kalman|\d+ networks).*", "", planner), {})[name] = float(
-                        match[0]
-                    )
+                    behind = re.match(r"filtered \(name=(\w+)\)", planner)
+                    label = behind[1] if behind else re.sub(r",? \(?\d+ networks.*", "", planner)
+                    found.setdefault(label, {})[name] = float(match[0])
     whole = {planner: values for planner, values in found.items() if set(COLUMNS) <= set(values)}
     mean = {planner: sum(values[name] for name in COLUMNS) / len(COLUMNS) for planner, values in whole.items()}
     return {planner: {"mean": mean[planner], **whole[planner]} for planner in sorted(mean, key=mean.get, reverse=True)}

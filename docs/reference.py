@@ -16,7 +16,7 @@ import crowdbench
 from crowdbench.catalog import scenario_path, scenarios
 from crowdbench.check.kinds import KINDS
 from crowdbench.cli.app import COMMANDS, app
-from crowdbench.cli.listing import FILTER, OptionRow, option_rows, parameter_rows
+from crowdbench.cli.listing import OptionRow, option_rows, parameter_rows
 from crowdbench.core.types import observation
 from crowdbench.metrics.registry import SUBJECTS, info_of
 from crowdbench.networks.card import headline
@@ -67,7 +67,7 @@ def _meaning(item: Any) -> str:
 
 def planners() -> str:
     """Return every planner with its options."""
-    return _plugins("planners", lambda factory: [*option_rows(factory), FILTER])
+    return _plugins("planners", option_rows)
 
 
 def predictors() -> str:

@@ -68,10 +68,7 @@ def tune(
     drawn = [_draw(RANGES[planner], generator) if trial else {} for trial in range(trials)]
     validation = Cases("val", 0, cases)
     runs = [
-        [
-            load_run(RunSpec(planner, scenario, validation, options={"filter": "kalman"} | options, record="none"))
-            for scenario in SCENARIOS
-        ]
+        [load_run(RunSpec(planner, scenario, validation, options=options, record="none")) for scenario in SCENARIOS]
         for options in drawn
     ]
     make_runs(list(itertools.chain(*runs)), out, Sharing(None, workers, engine, threads))

@@ -2,8 +2,8 @@
 
 Liu, Chang, Huang, Chakraborty, Liang, Geng, McPherson and Driggs-Campbell, "Intention Aware Robot Crowd Navigation with
 Attention-Based Interaction Graph", ICRA 2023, arXiv:2203.01821. The policy is shown the present and the next five steps
-of the nearest eight people, walls, its way and its own motion, attends from the vehicle to people, and remembers. Drive
-it with `filter=kalman`, as in its training.
+of the nearest eight people, walls, its way and its own motion, attends from the vehicle to people, and remembers. It
+was trained with estimates of people, and drives with the tracks of a detector.
 """
 
 from crowdbench.planners import NetworkPlanner, load_policy

@@ -92,10 +92,6 @@ class OptionRow(NamedTuple):
     meaning: str
 
 
-FILTER = OptionRow("filter", "false", "text or false", "", "kalman: estimates in place of what a sensor measures.")
-"""The option of every planner, which `catalog.load_planner` reads."""
-
-
 def _names_grid(kind: str) -> Grid:
     """Return the table of all things of a kind, metrics with their titles in tables."""
     names = _names(kind)
@@ -159,10 +155,7 @@ def _plugin_page(kind: str, name: str) -> tuple[str, str, list[OptionRow]]:
     if kind == "layouts":
         return text, "Options: --set name=value", option_rows(factory, "layout.", keyword_only=True)
     title = "Options: --option name=value, and a table --option 'name={parameter=value}'"
-    rows = option_rows(factory)
-    if kind == "planners":
-        rows.append(FILTER)
-    return text, title, rows
+    return text, title, option_rows(factory)
 
 
 def option_rows(factory: Callable[..., object], prefix: str = "", keyword_only: bool = False) -> list[OptionRow]:

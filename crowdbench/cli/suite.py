@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from crowdbench.utils.executors import Executor
     from crowdbench.utils.tables import Grid
 
-SCORE = "sct"
+SCORE = "score"
 """The metric of the table."""
 
 MEAN = "mean"

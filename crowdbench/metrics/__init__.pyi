@@ -14,6 +14,8 @@ from .registry import UNDISTURBED as UNDISTURBED
 from .registry import info_of as info_of
 from .scenario_means import mean_over_scenarios as mean_over_scenarios
 from .scenario_means import scenario_weights as scenario_weights
+from .score import SAMPLE as SAMPLE
+from .score import closeness as closeness
 from .summary import CONFIDENCE as CONFIDENCE
 from .summary import UNDEFINED as UNDEFINED
 from .summary import Estimate as Estimate

@@ -56,7 +56,7 @@ class Measurement:
 
     @property
     def name(self) -> str:
-        """Name of its file, such as `mppi-density-30-filter=kalman`."""
+        """Name of its file, such as `mppi-density-30-horizon=24`."""
         run = self.first[0]
         return directory_name(run.driver.name, self.dial.name, dataclasses.replace(run.spec, overrides={}))
 

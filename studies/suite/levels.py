@@ -23,7 +23,7 @@ from studies.suite.driven import DrivenPlanner
 
 FILE = Path(__file__).with_suffix(".toml")
 KNOB = "pedestrians.number"
-SCORE = info_of("sct")
+SCORE = info_of("score")
 
 
 class LevelsSpec(StudyHead):
@@ -67,7 +67,7 @@ def levels(
     header = ["scenario", "people", *(planner.planner for planner in spec.planners), "spread"]
     rows, records = [], []
     for (name, number), each in runs.items():
-        scores = [float(np.mean(read_episodes(run, out).columns["sct"])) for run in each]
+        scores = [float(np.mean(read_episodes(run, out).columns["score"])) for run in each]
         rows.append([name, str(number), *map(SCORE.number, scores), SCORE.number(float(np.std(scores)))])
         records.append({"scenario": name, "people": number, "scores": scores})
     grid = Grid("Levels", header, rows, records, "ll" + "r" * (len(header) - 2))

@@ -27,8 +27,8 @@ from studies.schema import StudyHead
 from studies.suite.driven import DrivenPlanner
 
 FILE = Path(__file__).with_suffix(".toml")
-SCORE = info_of("sct")
-PARTS = ("success_rate", "at_fault_rate", "sct")
+SCORE = info_of("score")
+PARTS = ("success_rate", "at_fault_rate", "score")
 """The metrics of the page."""
 
 
@@ -109,7 +109,7 @@ def read_standing(runs: list[Run], ranked: int, out: Path) -> Standing:
         out: Folder with the runs.
     """
     estimates = [read_episodes(run, out).summary(PARTS) for run in runs]
-    scores = {run.scenario.name: each["sct"] for run, each in zip(runs, estimates, strict=True)}
+    scores = {run.scenario.name: each["score"] for run, each in zip(runs, estimates, strict=True)}
     means = [
         mean_over_scenarios(np.full(ranked, 1.0 / ranked), [each[part] for each in estimates[:ranked]])
         for part in PARTS

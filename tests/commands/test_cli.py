@@ -82,7 +82,7 @@ def test_json_is_all_that_json_prints(call):
     ("arguments", "expected"),
     [
         (["run", "--planner", "orka"], "no planner is called 'orka' (did you mean orca"),
-        (["run", "--planner", "orca", "--scenario", "corner_3"], "no scenario is called 'corner_3' (did you mean "),
+        (["run", "--planner", "orca", "--scenario", "cornr"], "no scenario is called 'cornr' (did you mean "),
         (["run", "--planner", "orca", "--cases", "many"], "write 500"),
         (["run", "--planner", "orca", "--set", "vehicle.visable=true"], "vehicle.visable (did you mean visible?); the"),
         (["run", "--planner", "orca", "--record", "some"], "failures, all, commands, none"),

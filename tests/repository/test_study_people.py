@@ -1,6 +1,7 @@
 """The score of pedestrian models: windows, rollouts, likelihoods, references, and what leads."""
 
 import csv
+import dataclasses
 import io
 import json
 import math
@@ -27,6 +28,7 @@ from studies.people.cars import (
     rim_distance,
     time_to_collision,
 )
+from studies.people.closeness import measure, seconds_close
 from studies.people.encounters import NEAR, closest_approach
 from studies.people.features import BINS, CONTACT, RANGES, bins_of, per_frame
 from studies.people.groups import APART, DRIFT, TOGETHER, find_groups
@@ -522,3 +524,25 @@ def test_the_figures_are_for_programs_too(form):
     rows = json.loads(printed) if form == "json" else list(csv.DictReader(io.StringIO(printed)))
     assert [row["goal"] for row in rows] == ["shown", "hidden"]
     assert 0.1 < float(rows[0]["v3"]["value"] if form == "json" else rows[0]["v3.value"]) < 0.4
+
+
+def test_seconds_close_are_those_of_strangers_and_counted_for_both():
+    # For 8 s at 0.65 m: with radii of 0.1 m the gap is 0.45 m. Far away, two members of a group are as near.
+    side_by_side = walk([0, 0], [1, 0]), walk([0, 0.65], [1, 0])
+    window = dataclasses.replace(cut(recording(*side_by_side))[0], group=np.array([0, 1]))
+    assert seconds_close(window, 0.1) == (pytest.approx(8.0), pytest.approx(16.0))
+    assert measure([window, window], 0.1).mean == pytest.approx(0.5)
+    together = dataclasses.replace(window, group=np.array([0, 0]))
+    assert seconds_close(together, 0.1) == (0.0, pytest.approx(16.0))
+
+
+def test_a_stranger_that_passes_between_two_annotations_is_close():
+    # Towards each other at 6 m/s together: gaps of 1.16 m at the annotations, and of 0.45 m between them.
+    meeting = walk([-18.6, 0.0], [3, 0]), walk([18.6, 0.65], [-3, 0])
+    window = cut(recording(*meeting))[0]
+    close, seconds = seconds_close(window, 0.1)
+    share = (np.arange(100_000) + 0.5) / 100_000 * 8.0
+    gap = np.hypot(window.future[0, 1, 0] - window.future[0, 0, 0] - 6.0 * share, 0.65) - 0.2
+    assert close > 0.1
+    assert close == pytest.approx(2 * 8.0 * np.clip((0.6 - gap) / 0.3, 0.0, 1.0).mean(), abs=2e-3)
+    assert seconds == pytest.approx(16.0)

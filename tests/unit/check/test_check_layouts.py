@@ -240,9 +240,3 @@ def test_a_scenario_is_checked_as_its_file_says(tmp_path):
     assert "leave out --option and --scenario" in str(failed.exception)
     missing = CliRunner().invoke(app, ["check", str(tmp_path / "mine.toml")])
     assert "mine.toml" in str(missing.exception)
-
-
-def test_a_planner_is_checked_with_its_filter():
-    found = CliRunner().invoke(app, ["check", "orca", "--option", "filter=kalman", "--cases", "val:2"])
-    assert found.exit_code == 0
-    assert "failed" not in found.output

@@ -260,11 +260,8 @@ def test_a_run_says_where_there_are_more_pedestrians_than_in_training(number, sa
         ("orca", 0.1, ""),
     ],
 )
-@pytest.mark.parametrize("options", [{}, {"filter": "kalman"}])
-def test_a_run_says_where_steps_are_longer_or_shorter_than_in_training(planner, dt, said, options, capsys):
-    warn_if_trained_otherwise(
-        load_run(RunSpec(planner, "circle_crossing_5", Cases.parse("1"), options=options, overrides={"dt": dt}))
-    )
+def test_a_run_says_where_steps_are_longer_or_shorter_than_in_training(planner, dt, said, capsys):
+    warn_if_trained_otherwise(load_run(RunSpec(planner, "circle_crossing_5", Cases.parse("1"), overrides={"dt": dt})))
     told = capsys.readouterr().err
     assert told.startswith(said)
     assert bool(told) == bool(said)

@@ -1,6 +1,7 @@
 """The filter before a planner: the same as a textbook's Kalman filter, on time, with a memory."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from crowdbench.core.kalman import ACCELERATION
 from crowdbench.core.types import HISTORY, Noise, Sensor
 from crowdbench.planners.filtered import EXACT, MEMORY, FilteredPlanner, KalmanFilter
 from crowdbench.planners.planner import Planner
-from crowdbench.utils.errors import InputError
+from crowdbench.planners.reactive import ORCAPlanner
 
 NOISE = Noise(position=0.2, velocity=0.4)
 
@@ -119,8 +120,6 @@ def test_a_vehicle_stands_until_the_first_measurements_can_arrive():
     assert planner.planner.obs.pedestrians.deviation is not None
 
 
-def test_every_planner_has_the_option():
-    planner = load_planner("orca", {"filter": "kalman", "safety_space": 0.1})
-    assert planner.planner.safety_space == 0.1
-    with pytest.raises(InputError, match="option filter is 'kalmann', but must be kalman, or left out"):
-        load_planner("orca", {"filter": "kalmann"})
+def test_the_filtered_planner_of_studies_is_the_named_one_behind_the_filter():
+    file = str(Path(__file__).parents[3] / "studies" / "filtered.py")
+    assert isinstance(load_planner(file, {"name": "orca"}).planner, ORCAPlanner)

@@ -92,8 +92,7 @@ def test_without_anybody_it_drives_to_the_goal(dynamics):
 
 def test_a_case_is_the_same_alone_and_in_company():
     scenario = load_scenario("unicycle", {"time_limit": 3.0})
-    options = {"filter": "kalman", "search": {"samples": 20}}
-    driver = Driver(load_planner("mppi", options), "mppi")
+    driver = Driver(load_planner("mppi", {"search": {"samples": 20}}), "mppi")
     together = rollout(driver, scenario, Cases("val", 0, 4))
     for case in (3, 1):
         apart = rollout(driver, scenario, Cases("val", case, case + 1))

@@ -319,12 +319,6 @@ def test_a_margin_below_0_is_refused(planner, margin):
         catalog.load_planner(planner, {"safety_space": margin})
 
 
-@pytest.mark.parametrize("name", [0, 0.0, True, "x", ["kalman"]])
-def test_a_filter_that_does_not_exist_is_refused(name):
-    with pytest.raises(InputError, match=r"option filter is .*, but must be kalman, or left out"):
-        catalog.load_planner("orca_margin", {"filter": name})
-
-
 @pytest.mark.parametrize("arguments", [(None,), (3,), ("linear", 3), ("linear", {3: 4})])
 def test_a_predictor_that_is_no_text_or_options_that_are_no_table_are_refused(arguments):
     with pytest.raises(InputError, match=r"predictor is .*, but must be a name|options is .*, but must be a table"):
