@@ -19,8 +19,8 @@ from crowdbench.utils import Format, markdown, printed_by
 from studies.command import print_study
 
 if TYPE_CHECKING:
-    from studies.people.likelihood import WindowScore
     from studies.people.fitted import Models
+    from studies.people.likelihood import WindowScore
     from studies.people.table import Row, Scores
 
 

@@ -12,7 +12,9 @@ import typer
 
 sys.path.append(str(Path(__file__).parents[2]))
 
+from crowdbench import InputError
 from crowdbench.cli import help_from_docstring, main
+from crowdbench.utils import write_whole
 
 if TYPE_CHECKING:
     from studies.people.windows import Window
@@ -30,20 +32,29 @@ def train(
     held_out: str = "",
     seed: int = 0,
 ) -> None:
-    """Train the network on all locations but one, and write its weights.
+    """Train the network on all locations but one, and write the policy and its weights.
 
     Args:
         data: The folder with the tracks of ETH/UCY.
-        out: The file of the weights.
+        out: The folder of the policy, `learned_people.py`, and its weights.
         held_out: The location that takes no part; none if not given.
+        seed: Seed of the initial weights and of the order of the examples.
     """
-    from safetensors.numpy import save_file
+    from safetensors.numpy import save
 
+    from agents.pedestrians.learned_people import learned_people
     from studies.people.windows import FOLDS, read_windows
 
+    if held_out and held_out not in FOLDS:
+        raise InputError(f"--held-out is {held_out!r}, but must be one of {', '.join(FOLDS)}")
     locations = [name for name in FOLDS if name != held_out]
     windows = [window for each in read_windows(data, locations).values() for window in each]
-    save_file(learn(windows, seed), out)
+    weights = learn(windows, seed)
+    out.mkdir(parents=True, exist_ok=True)
+    source = Path(learned_people.__file__)
+    for path, content in ((out / source.name, source.read_bytes()), (out / learned_people.WEIGHTS.name, save(weights))):
+        with write_whole(path) as file:
+            file.write_bytes(content)
 
 
 def learn(windows: Sequence[Window], seed: int) -> dict[str, np.ndarray]:

@@ -8,8 +8,8 @@ from repository.test_study_people import crossings, recorded_by
 from agents.pedestrians.orca_people import ORCAPeople
 from crowdbench.utils.errors import InputError
 from studies.people.fit import POLICIES, judge, options_of, parameter_bounds, search
-from studies.people.likelihood import score
 from studies.people.fitted import Model, fitted_models, with_populations
+from studies.people.likelihood import score
 from studies.people.run import Recordings
 from studies.people.simulate import simulate
 
