@@ -25,16 +25,16 @@ class ORCAPeople(PedestrianPolicy):
 
     parameters: ClassVar[Mapping[str, float]] = {
         **ORCA.parameters,
-        "time_horizon": 2.1,
-        "neighbor_distance": 3.5,
-        "personal_space": 1.2,
+        "time_horizon": 2.2,
+        "neighbor_distance": 4.4,
+        "personal_space": 1.1,
     }
     population: ClassVar[Mapping[str, Any]] = {
-        "noise": 0.41,
-        "noise_time": 0.62,
+        "noise": 0.147,
+        "noise_time": 0.98,
         "inertia": 2.5,
-        "shrinkage": 0.19,
-        "spread": {"preferred_speed": 0.03, **dict.fromkeys(VARIED, 0.52)},
+        "shrinkage": 0.014,
+        "spread": {"preferred_speed": 0.134, "inertia": 0.98, **dict.fromkeys(VARIED, 0.373)},
     }
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
