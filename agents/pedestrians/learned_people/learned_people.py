@@ -4,6 +4,7 @@ The network predicts a pedestrian's mean velocity over the next 1.2 s from its o
 agents. The preferred velocity of ORCA (van den Berg et al. 2011) approaches this prediction.
 """
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, no_type_check
@@ -27,19 +28,30 @@ FAR = 10.0
 APPROACH = 0.6
 """Time in seconds in which the prediction is reached: the middle of the time over which it is the mean."""
 
+STANDS, WALKS = 0.6, 0.9
+"""Shares of the preferred speed: the network counts above the first one, and fully above the second one."""
+
+TINY = 1e-9
+"""Replacement of 0 in numbers by which a formula divides."""
+
 FEATURES = 4 + 5 * NEAREST
 
 
 class LearnedPeople(PedestrianPolicy):
     """ORCA whose preferred velocities come from a network that was trained on recorded people."""
 
-    parameters: ClassVar[Mapping[str, float]] = ORCAPeople.parameters
+    parameters: ClassVar[Mapping[str, float]] = {
+        **ORCAPeople.parameters,
+        "time_horizon": 1.7,
+        "neighbor_distance": 4.0,
+        "personal_space": 1.1,
+    }
     population: ClassVar[Mapping[str, Any]] = {
-        "noise": 0.15,
-        "noise_time": 0.6,
-        "inertia": 1.0,
-        "shrinkage": 0.05,
-        "spread": {"preferred_speed": 0.1, "inertia": 0.5, **dict.fromkeys(VARIED, 0.5)},
+        "noise": 0.474,
+        "noise_time": 0.69,
+        "inertia": 3.6,
+        "shrinkage": 0.026,
+        "spread": {"preferred_speed": 0.33, "inertia": 0.57, **dict.fromkeys(VARIED, 0.635)},
     }
 
     def __init__(self) -> None:
@@ -121,6 +133,7 @@ def predict_velocities(observed, position, velocity, goal, speed, present, b0, b
     """Return the network's velocity of each agent in m/s, `[world, agent, 2]`.
 
     The outputs are the changes, in the frame of `observe`, of the velocity towards the goal at the preferred speed.
+    They count in full for people who walk. Recorded people who stand want to stand, but others have to start.
     Rows are computed separately, because matrix products depend on the batch.
     """
     wanted = np.zeros(position.shape)
@@ -131,8 +144,10 @@ def predict_velocities(observed, position, velocity, goal, speed, present, b0, b
             if distance < 1e-9 or not present[w, i]:
                 continue
             change = _network(observed[w, i], b0, b1, b2, w0, w1, w2)
+            pace = math.sqrt(velocity[w, i, 0] ** 2 + velocity[w, i, 1] ** 2) / max(speed[w, i], TINY)
+            share = min(max((pace - STANDS) / (WALKS - STANDS), 0.0), 1.0)
             x, y = to_goal[0] / distance, to_goal[1] / distance
-            ahead, left = min(speed[w, i], distance) + change[0], change[1]
+            ahead, left = min(speed[w, i], distance) + share * change[0], share * change[1]
             wanted[w, i, 0] = x * ahead - y * left
             wanted[w, i, 1] = y * ahead + x * left
     return wanted
