@@ -82,7 +82,7 @@ def people(
     options = assignments(option or [], "--option")
     if cars and (location or references):
         raise InputError("--location and --references go with the tracks of ETH/UCY: leave them out with --cars")
-    recordings = _read_cars(data) if cars else _read_people(data, location)
+    recordings = _read_cars(data) if cars else read_people(data, location)
     model = recordings.score_policy(policy, options)
     rows = rows_of(policy, model, recordings.blocks)
     if policy != BASELINE or options:
@@ -107,7 +107,8 @@ def _repeat(flag: str, values: Sequence[str] | None) -> list[str]:
     return [text for value in values or [] for text in (flag, value)]
 
 
-def _read_people(data: Path, location: Sequence[str] | None) -> Recordings:
+def read_people(data: Path, location: Sequence[str] | None = None) -> Recordings:
+    """Return the windows of ETH/UCY at some locations, by default those of the folds."""
     from studies.people.likelihood import score
     from studies.people.simulate import simulate
     from studies.people.windows import FOLDS, read_windows
