@@ -14,6 +14,7 @@ import episode_pictures
 import numpy as np
 from noticing_page import draw_noticing, suite_names
 from PIL import Image, ImageSequence
+from score_picture import draw_score
 from viewer_picture import NoViewer
 
 from crowdbench.runs.spec import EVERY_STEP, Replanning
@@ -31,6 +32,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "groups.png": episode_pictures.draw_groups,
     "faults.png": episode_pictures.draw_faults,
     "decision.png": episode_pictures.draw_decision,
+    "score.png": draw_score,
     "success.png": curve_pictures.draw_success,
     "ladders.png": curve_pictures.draw_ladders,
     "../studies/dials/dial_density.png": curve_pictures.draw_dial,

@@ -19,8 +19,8 @@ from studies.command import EngineOption, Sharing, make_runs
 if TYPE_CHECKING:
     from crowdbench.metrics import Estimate
 
-SCENARIOS = "noisy_10", "doorway_10", "blind_corner_5", "corridor_8", "blocks_12", "intersection_16"
-"""Noise, walls, and pedestrians that do not see the vehicle."""
+SCENARIOS = "circle_20", "door_10", "corner_5", "street_8", "blocks_12", "streets_16"
+"""Density, walls and crossing flows."""
 
 COSTS = {"near": (3.0, 12.0), "fading": (0.7, 0.9), "growth": (0.15, 0.6), "sigma_factor": (0.2, 1.2)}
 GOALS = {"concentration": (4.0, 16.0), "memory": (1.5, 6.0)}
@@ -35,7 +35,7 @@ RANGES: dict[str, dict[str, Any]] = {
 }
 """Lowest and highest value of the options of each planner; the first trial has its defaults."""
 
-METRICS = {"success_rate": 100.0, "at_fault_rate": 100.0, "navigation_time": 1.0}
+METRICS = {"score": 1.0, "success_rate": 100.0, "at_fault_rate": 100.0, "navigation_time": 1.0}
 """The printed metrics with the factors of their units."""
 
 
@@ -49,7 +49,7 @@ def tune(
     engine: EngineOption = None,
     threads: ThreadsOption = None,
 ) -> None:
-    """Print the mean success, share at fault and time of each trial. Existing runs are not repeated.
+    """Print the mean score, success, share at fault and time of each trial. Existing runs are not repeated.
 
     Args:
         planner: One of `RANGES`.
@@ -87,7 +87,7 @@ def _draw(ranges: dict[str, Any], generator: np.random.Generator) -> dict[str, A
 def _means(estimates: Sequence[Mapping[str, Estimate]]) -> str:
     """Return the mean of each metric over scenarios."""
     means = {name: np.mean([each[name].mean for each in estimates]) * scale for name, scale in METRICS.items()}
-    return "  ".join(f"{name} {mean:5.1f}" for name, mean in means.items())
+    return "  ".join(f"{name} {mean:6.3g}" for name, mean in means.items())
 
 
 if __name__ == "__main__":

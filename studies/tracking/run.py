@@ -13,10 +13,10 @@ from crowdbench.cli import ThreadsOption, help_from_docstring, main, use_threads
 from crowdbench.utils import Format, Grid, markdown, printed_by
 from studies.command import print_study
 
-RADIUS = {"circle_crossing_20_seen": 0.3, "doorway_10": 0.2, "corridor_8": 0.3}
+RADIUS = {"circle_20": 0.3, "door_10": 0.2, "street_8": 0.3}
 """The scenarios, and the radius of their pedestrians in metres."""
 
-SENSOR = {"sensor.range": 8.0, "sensor.occlusion": True}
+SENSOR = {"sensor.track": "realistic"}
 
 DETECTORS: Mapping[str, Mapping[str, Any]] = {
     "default": {},

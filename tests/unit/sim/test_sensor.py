@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 from helpers import drive, fixture, same, world, worlds_of
 
+from crowdbench.api import run
 from crowdbench.catalog import load_scenario
 from crowdbench.check.checks import with_padding
 from crowdbench.core import rng
-from crowdbench.core.types import HISTORY, PERFECT_SENSOR, Rules, Sensor
+from crowdbench.core.types import HISTORY, PERFECT_SENSOR, Detector, Rules, Sensor
 from crowdbench.planners.planner import Planner
 from crowdbench.predict.linear import ConstantVelocity, Linear
+from crowdbench.results.run_result import RunResult
+from crowdbench.runs.loading import load_stored_scenario
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.sight import look
+from crowdbench.utils.errors import InputError
 
 DT = 0.25
 FIELDS = ("position", "velocity", "radius", "seen", "history", "observed", "age")
@@ -314,3 +318,37 @@ def test_the_true_next_step_stays_the_truth():
     last = trace.steps[0]
     assert planner.unseen.any()
     assert np.array_equal(planner.next[0], trace.velocity[0, last, 1:])
+
+
+def test_a_track_of_sensing_sets_the_keys_that_a_scenario_leaves_out():
+    perfect, realistic = (load_scenario("circle_20", {"sensor.track": track}) for track in ("perfect", "realistic"))
+    assert perfect.digest == load_scenario("circle_20").digest != realistic.digest
+    sensor = realistic.rules.sensor
+    assert (sensor.range, sensor.occlusion, sensor.detector, sensor.track) == (8.0, True, Detector(), None)
+    written_out = {"sensor.range": 8.0, "sensor.occlusion": True, "sensor.detector": {}}
+    assert realistic.digest == load_scenario("circle_20", written_out).digest
+    assert load_scenario("blocks_12", {"sensor.track": "realistic"}).rules.sensor.range == 5.0
+    changed = {"sensor.track": "realistic", "sensor.detector.raw": True, "sensor.range": 6.0}
+    sensor = load_scenario("circle_20", changed).rules.sensor
+    assert (sensor.range, sensor.detector) == (6.0, Detector(raw=True))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "track", "sentence"),
+    [
+        ("circle_20", "real", r"^circle_20\.toml: sensor\.track is 'real', but must be \"perfect\" or \"realistic\"$"),
+        ("circle_20", 3, r"^circle_20\.toml: sensor\.track is 3, but must be"),
+        ("noise", "realistic", r"^noise\.toml: sensor\.noise, missed and remember do not go with a detector"),
+    ],
+)
+def test_a_track_that_is_unknown_or_beside_noise_gets_one_sentence(scenario, track, sentence):
+    with pytest.raises(InputError, match=sentence):
+        load_scenario(scenario, {"sensor.track": track})
+
+
+def test_a_run_in_a_track_of_sensing_is_computed_again_from_its_table(tmp_path):
+    overrides = {"sensor.track": "realistic"}
+    run("straight", "circle_20", "val:1", overrides=overrides, out=tmp_path / "made", record="none")
+    again = load_stored_scenario(RunResult.read(tmp_path / "made"))
+    assert again.digest == load_scenario("circle_20", overrides).digest
+    assert again.rules.sensor.detector == Detector()
