@@ -19,7 +19,8 @@ from crowdbench.plugins import plugin_name
 from crowdbench.sim import crowd_decisions, init_memories, step_pedestrians
 from crowdbench.utils import Format, Grid, markdown, printed_by
 from studies.command import print_study
-from studies.people.run import BASELINE, BLIND, read_people
+from studies.people.fitted import BASELINE, BLIND, Model, Models, fitted_models, with_populations
+from studies.people.run import read_people
 from studies.people.summary import Figure, compare, summarize
 from studies.validity.motion import measure
 from studies.validity.motion import simulate as walk
@@ -113,21 +114,24 @@ def gates(
     """Print the row of each pedestrian policy for the table of models.
 
     Args:
-        policies: Names, ./mine.py or ./mine.py:function.
+        policies: Names, ./mine.py or ./mine.py:function, or folders with files of fit.py, which have the name of a
+            policy: each location is scored with the parameters that were fitted without it.
         data: The folder with the tracks of ETH/UCY.
     """
     use_threads(threads)
     announce_compilation()
-    from studies.people.simulate import population_options
-
     recordings = read_people(data)
-    shipped = {name: recordings.score_policy(name, {}) for name in (BASELINE, BLIND)}
+    shipped = {name: recordings.score_policy(name) for name in (BASELINE, BLIND)}
     rows = []
     for policy in policies:
-        model, population = recordings.score_policy(policy, {}), population_options(policy, {})
-        blind = recordings.score_policy(BLIND, population) if population else shipped[BLIND]
+        fits = Path(policy)
+        models: Models = dict.fromkeys(recordings.windows, Model(policy))
+        if fits.is_dir():
+            models, policy = fitted_models(fits, recordings.windows), fits.name
+        model, blind_models = recordings.score_models(models), with_populations(BLIND, models)
+        blind = recordings.score_models(blind_models) if blind_models else shipped[BLIND]
         row = Row(
-            plugin_name(policy),
+            plugin_name(policy) + ", held out" * fits.is_dir(),
             summarize(model["shown"])["v3"],
             compare(model["shown"], shipped[BASELINE]["shown"])["v3"],
             compare(model["shown"], blind["shown"])["v3"],
