@@ -170,6 +170,7 @@ def test_a_wall_beside_the_goal_counts_although_the_tolerance_reaches_through_it
     wall = np.array([[[3.5, -9.0], [3.5, 2.0]]])
     around = least_time._shortest_path(np.zeros(2), np.array([4.0, 0.0]), 0.3, 0.3, wall)
     assert 6.2 < around < 6.4  # around (3.5, 2) and down to the tolerance
+    assert least([3.2, 0], [4.0, 0.0], Rules(goal_tolerance=1.0), obstacles=wall) == 1  # it is there already
     through = least_time._shortest_path(np.zeros(2), np.array([4.0, 0.0]), 1.0, 0.3, wall)
     assert 2.9 < through <= 3.0  # a position on this side of the wall is near enough
 
