@@ -20,7 +20,7 @@ from crowdbench.cli import ThreadsOption, announce_compilation, help_from_docstr
 from crowdbench.plugins import plugin_name
 from crowdbench.utils import Format, Grid, markdown, printed_by
 from studies.command import print_study
-from studies.people.run import BASELINE
+from studies.people.fitted import BASELINE
 from studies.people.summary import compare, figures
 
 if TYPE_CHECKING:
