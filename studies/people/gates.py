@@ -22,7 +22,7 @@ from studies.command import print_study
 from studies.people.fitted import BASELINE, BLIND, Model, Models, fitted_models, with_populations
 from studies.people.run import read_people
 from studies.people.summary import Figure, compare, summarize
-from studies.validity.motion import measure
+from studies.validity.motion import RECORDED_RADIUS, measure
 from studies.validity.motion import simulate as walk
 
 SCENARIO, CASES = "circle_20", 100
@@ -147,8 +147,12 @@ def gates(
 
 
 def motion_of(policy: str, cases: int = CASES) -> tuple[float, float, float]:
-    """Return figures of the motion of a policy without a vehicle: see `MOST`."""
-    walks, _ = walk(load_scenario(SCENARIO, pedestrians=policy), Cases("val", 0, cases))
+    """Return acceleration, reversals and overlap of a policy without a vehicle, see `Row`.
+
+    People have the radius that is assumed for recorded ones, so that overlaps can be compared.
+    """
+    scenario = load_scenario(SCENARIO, {"pedestrians.radius": RECORDED_RADIUS}, pedestrians=policy)
+    walks, _ = walk(scenario, Cases("val", 0, cases))
     figures = measure(walks)
     return figures[2], figures[4], figures[6]
 
