@@ -91,7 +91,7 @@ def people(
         raise InputError("--location, --references and --fits go with ETH/UCY: leave them out with --cars")
     if fits and options:
         raise InputError("--fits has its own options: leave --option out")
-    recordings = _read_cars(data) if cars else _read_people(data, location)
+    recordings = _read_cars(data) if cars else read_people(data, location)
     models: Models = dict.fromkeys(recordings.windows, Model(policy, options))
     if fits:
         models = fitted_models(fits, recordings.windows)
@@ -119,7 +119,8 @@ def _repeat(flag: str, values: Sequence[str] | None) -> list[str]:
     return [text for value in values or [] for text in (flag, value)]
 
 
-def _read_people(data: Path, location: Sequence[str] | None) -> Recordings:
+def read_people(data: Path, location: Sequence[str] | None = None) -> Recordings:
+    """Return the windows of ETH/UCY at some locations, by default those of the folds."""
     from studies.people.likelihood import score
     from studies.people.simulate import simulate
     from studies.people.windows import FOLDS, read_windows
