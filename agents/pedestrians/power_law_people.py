@@ -12,13 +12,13 @@ from agents.pedestrians.power_law import PARAMETERS, PowerLaw
 class PowerLawPeople(PowerLaw):
     """The power law for people: they differ in the strength and the horizon of avoidance, and their intentions vary."""
 
-    parameters: ClassVar[Mapping[str, float]] = {**PARAMETERS, "interaction_energy": 1.0, "interaction_horizon": 2.5}
+    parameters: ClassVar[Mapping[str, float]] = {**PARAMETERS, "interaction_energy": 0.106, "interaction_horizon": 0.96}
     population: ClassVar[Mapping[str, Any]] = {
-        "noise": 0.15,
-        "noise_time": 0.6,
-        "inertia": 3.0,
-        "shrinkage": 0.05,
-        "spread": {"preferred_speed": 0.2, "inertia": 0.6, "interaction_energy": 0.5, "interaction_horizon": 0.5},
+        "noise": 0.203,
+        "noise_time": 0.77,
+        "inertia": 0.72,
+        "shrinkage": 0.025,
+        "spread": {"preferred_speed": 0.124, "inertia": 0.3, "interaction_energy": 0.656, "interaction_horizon": 0.656},
     }
 
 
