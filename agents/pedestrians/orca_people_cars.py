@@ -1,7 +1,7 @@
 """ORCA for people among cars, with parameters that were fitted to recorded people. For worlds with cars only.
 
-ORCA: van den Berg et al. 2011. Parameters: fitted to people among themselves in ETH/UCY. Clearance to cars: chosen on
-DUT (Yang et al. 2019) by `studies/people/fit_cars.py`. Neighbour distance: the range of attention to vehicles.
+ORCA: van den Berg et al. 2011. Among people: `orca_people`. Clearance to cars: chosen on DUT (Yang et al. 2019) by
+`studies/people/fit_cars.py`. Neighbour distance: the range of attention to vehicles.
 """
 
 from collections.abc import Mapping
@@ -10,37 +10,23 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench import ORCA, World
+from agents.pedestrians.orca_people import MARGIN, ORCAPeople
+from crowdbench import World
 from crowdbench.core import toward_goal
 from crowdbench.sim import Agents, Avoidance, Parameters, Velocities, avoid, goals_on_way
 
 DISCS = np.array([-1.0, 0.0, 1.0])
 """Places of the discs that represent a car, from its last to its first one."""
 
-OWN = ("time_horizon", "neighbor_distance", "safety_space")
-"""The fitted parameters, which differ between people."""
 
+class ORCAPeopleCars(ORCAPeople):
+    """`orca_people` among cars, each of which is three discs along its axis."""
 
-class ORCAPeopleCars(ORCA):
-    """ORCA for people among cars, each of which is three discs along its axis."""
-
-    parameters: ClassVar[Mapping[str, float]] = {
-        **ORCA.parameters,
-        "time_horizon": 2.0,
-        "neighbor_distance": 10.0,
-        "safety_space": 0.03,
-    }
-    population: ClassVar[Mapping[str, Any]] = {
-        "noise": 0.4,
-        "noise_time": 0.6,
-        "inertia": 2.5,
-        "shrinkage": 0.2,
-        "spread": {"preferred_speed": 0.03, **dict.fromkeys(OWN, 0.5)},
-    }
+    parameters: ClassVar[Mapping[str, float]] = {**ORCAPeople.parameters, "neighbor_distance": 10.0}
     attention: ClassVar[Mapping[str, Any]] = {"clearance": 1.1, "ignores": 0.0}
 
     def velocities(self, world: World, parameters: Parameters) -> Velocities:
-        """See `PedestrianPolicy`. A vehicle that is a disc is one agent, as for `orca`."""
+        """See `PedestrianPolicy`. A vehicle that is a disc is one agent."""
         body = world.rules.body
         if len(body) == 1:
             return super().velocities(world, parameters)
@@ -50,23 +36,24 @@ class ORCAPeopleCars(ORCA):
         position, radius = _with_discs(world.position), _with_discs(world.radius)
         position[:, : len(DISCS)] += reach * DISCS[:, None] * ahead[:, None]
         radius[:, : len(DISCS)] -= reach
-        preferred = toward_goal(world.position, goals_on_way(world), world.preferred_speed)
-        margins = {name: _with_discs(parameters[name]) for name in self.parameters}
+        own = {name: _with_discs(parameters[name]) for name in self.parameters}
         seen = _with_discs(world.present)
         crowd = Agents(
             position,
             _with_discs(world.velocity),
-            _with_discs(preferred),
-            radius + margins.pop("safety_space"),
+            _with_discs(toward_goal(world.position, goals_on_way(world), world.preferred_speed)),
+            radius + (MARGIN + own["safety_space"]),
             _with_discs(world.preferred_speed),
             seen,
             seen,
+            2.0 * radius * (own["personal_space"] - 1.0),
         )
-        return avoid(len(DISCS), crowd, world.rules.dt, world.obstacles, Avoidance(**margins))
+        avoidance = Avoidance(*(own[name] for name in Avoidance._fields))
+        return avoid(len(DISCS), crowd, world.rules.dt, world.obstacles, avoidance)
 
 
 def _with_discs(values: Float[np.ndarray, "world agent *more"]) -> Float[np.ndarray, "world other *more"]:
-    """Return values of agents in which those of the vehicle are repeated for each of its discs."""
+    """Return values of agents in which the vehicle's are repeated for each of its discs."""
     return np.repeat(values, [len(DISCS)] + [1] * (values.shape[1] - 1), axis=1)
 
 
@@ -82,6 +69,8 @@ def policy() -> ORCAPeopleCars:
         safety_space: Margin that is added to every radius [m].
         time_horizon_obst: Time horizon for collisions with obstacles [s].
         line_of_sight: 1 if a pedestrian ignores agents behind obstacles; 0 if it avoids them, as in RVO2 [1].
+        personal_space: Distance between the centres of two pedestrians that a pedestrian keeps, in diameters of its
+            body [1].
 
     Returns:
         The policy.

@@ -20,6 +20,8 @@ from crowdbench.utils.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from crowdbench.results.run_result import RunResult
+
 CURVE, CARD = "curve.csv", "weights.json"
 """The files of a training with the data for figures."""
 
@@ -39,13 +41,11 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
         InputError: One of them is not a run, they are too many, or the file cannot be written.
     """
     table, ends = RunTable.read(directories), {}
+    limit = max(map(_last_time, table.labelled.values()))
     with axes(out, caption=table.cases) as ax:
         for number, (label, run) in enumerate(table.labelled.items()):
             dt = float(run.result["scenario"]["dt"])
             episodes, line = run.episodes, _line(number)
-            limit = float(run.result["scenario"]["time_limit"])
-            if "time_limit_factor" in run.result["scenario"]:  # the limit differs between cases
-                limit = dt * int(episodes.steps.max())
             solved = np.where(episodes.outcome == Outcome.SUCCESS, episodes.steps * dt, np.inf)
             moments = np.linspace(min(solved.min(), limit), limit, MOMENTS + 1)
             rates = [rate(solved <= moment, episodes.block) for moment in moments]
@@ -58,6 +58,13 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
             ends[label] = share[-1], line["color"]
         ax.set(xlabel="time, s", ylabel="cases solved, %", ylim=(0, 102), xlim=(0, limit))
         _label_ends(ax, ends)
+
+
+def _last_time(run: RunResult) -> float:
+    """Return the time limit of a run in seconds, or the duration of its longest episode if each case has a limit."""
+    scenario = run.result["scenario"]
+    is_common = "time_limit_factor" not in scenario
+    return float(scenario["time_limit"] if is_common else scenario["dt"] * run.episodes.steps.max())
 
 
 def _label_ends(ax: Axes, ends: Mapping[str, tuple[float, str]]) -> None:

@@ -153,8 +153,8 @@ class PopulationSpec(TomlTable):
         inertia: See `Intention`.
         shrinkage: Share of the difference to the typical speed by which preferred speeds are drawn towards it.
         typical_speed: In m/s.
-        spread: Standard deviations of the logarithms of random factors, by quantity: `radius`, `preferred_speed`, or a
-            parameter of a policy.
+        spread: Standard deviations of the logarithms of random factors, by quantity: `radius`, `preferred_speed`,
+            `inertia`, or a parameter of a policy.
     """
 
     noise: float = number(0.0, least=0.0, below=10.0)
@@ -169,7 +169,7 @@ class PopulationSpec(TomlTable):
     @property
     def intention(self) -> Intention:
         """The intention of its pedestrians."""
-        return Intention(self.noise, self.noise_time, self.inertia)
+        return Intention(self.noise, self.noise_time, self.inertia, self.spread.get("inertia", 0.0))
 
     @property
     def changes_traits(self) -> bool:

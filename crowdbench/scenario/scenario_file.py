@@ -47,6 +47,9 @@ MAX_DELAY = 1000
 LoadLayout = Callable[[str], tuple[str, Layout, str | None]]
 """Function from `layout.generator` to the layout's name, the layout, and the digest of its file, if any."""
 
+OF_EVERYBODY = ("radius", "preferred_speed", "inertia")
+"""Quantities with a spread that do not depend on the policy."""
+
 LoadPolicy = Callable[[str], tuple[str, PedestrianPolicy, str | None]]
 """Function from `pedestrians.policy` to a policy's name, the policy, and the digest of its file, if any."""
 
@@ -205,7 +208,7 @@ def _variation(spec: PedestriansSpec, policies: Mapping[str, _Policy], location:
 
     Raises InputError if a quantity with a spread belongs to no policy that has this population.
     """
-    variation, common, known = {}, spec.population, {"radius", "preferred_speed"}
+    variation, common, known = {}, spec.population, set(OF_EVERYBODY)
     for name, table in additional_keys(spec).items():
         part, parameters = policies[name].policy, additional_keys(table)
         own = parameters.pop(POPULATION, None)
@@ -213,7 +216,7 @@ def _variation(spec: PedestriansSpec, policies: Mapping[str, _Policy], location:
             continue
         varied = {key for key in parameters if not isinstance(part.parameters[key], int)}
         if own is not None:
-            _check_spread(own, {"radius", "preferred_speed", *varied}, location.at(name, POPULATION))
+            _check_spread(own, {*OF_EVERYBODY, *varied}, location.at(name, POPULATION))
         known |= varied if own is None else set()
         if (population := own or common) is not None:
             variation[name] = population

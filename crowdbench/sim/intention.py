@@ -32,6 +32,9 @@ one second."""
 BLOCK_PEOPLE = 500
 """Smallest number of people for a thread: the transfer to it takes about 50 microseconds."""
 
+MOST = 2.0
+"""Most standard deviations by which the logarithm of an inertia deviates from the mean."""
+
 TINY = 1e-9
 """Replacement of 0 in numbers by which a formula divides."""
 
@@ -44,12 +47,14 @@ class IntentionState(NamedTuple):
     Attributes:
         person: The person with this state; -1 for absent pedestrians.
         noise: The noise of the desired velocity, with a standard deviation of 1.
+        inertia: The person's relaxation time in seconds.
         velocity: The intended velocity in m/s.
         max_speed: The largest speed in m/s in the next step; 0 for the preferred one.
     """
 
     person: Int[np.ndarray, "world pedestrian"]
     noise: Float[np.ndarray, "world pedestrian 2"]
+    inertia: Float[np.ndarray, "world pedestrian"]
     velocity: Float[np.ndarray, "world pedestrian 2"]
     max_speed: Float[np.ndarray, "world pedestrian"]
 
@@ -57,7 +62,9 @@ class IntentionState(NamedTuple):
 def init_intentions(world: World) -> IntentionState:
     """Return the state before the first step."""
     people = world.person.shape
-    return IntentionState(np.full(people, -1), np.zeros((*people, 2)), np.zeros((*people, 2)), np.zeros(people))
+    vectors, numbers = (*people, 2), people
+    shapes = vectors, numbers, vectors, numbers
+    return IntentionState(np.full(people, -1), *map(np.zeros, shapes))
 
 
 def update_intentions(world: World, state: IntentionState) -> tuple[World, IntentionState]:
@@ -91,13 +98,9 @@ def update_intentions(world: World, state: IntentionState) -> tuple[World, Inten
 
 
 def _habits(intentions: tuple[Intention, ...], dt: float) -> Float[np.ndarray, "policy 4"]:
-    """Return, by policy, noise, share of the noise that stays in a step, inertia in seconds, and share of the change of
-    the intended velocity in a step."""
+    """Return, by policy, noise, share of the noise that stays in a step, inertia in seconds, and its spread."""
     return np.array(
-        [
-            (one.noise, math.exp(-dt / one.noise_time), one.inertia, 1.0 - math.exp(-dt / max(one.inertia, TINY)))
-            for one in intentions
-        ]
+        [(one.noise, math.exp(-dt / one.noise_time), one.inertia, one.inertia_spread) for one in intentions]
     )
 
 
@@ -117,11 +120,11 @@ def _update(begin, end, habits, dt, scene, people, shown, state):
         state (tuple): The fields of `IntentionState`.
     """
     (key, step, position, velocity, ahead, present), (person, group, policy) = scene, people
-    (goal, pace), (known, noise, intended, max_speed) = shown, state
+    (goal, pace), (known, noise, inertias, intended, max_speed) = shown, state
     for w in range(begin, end):
         for p in range(person.shape[1]):
             a = p + 1
-            share, stays, inertia, gain = habits[policy[w, p]]
+            share, stays, inertia, spread = habits[policy[w, p]]
             if not present[w, a] or (share == 0.0 and inertia == 0.0):
                 known[w, p], max_speed[w, p] = -1, 0.0
                 continue
@@ -131,19 +134,22 @@ def _update(begin, end, habits, dt, scene, people, shown, state):
             scale = speed / max(distance, speed, TINY)  # as in `toward_goal`
             dx, dy = scale * dx, scale * dy
             row, purpose = (person[w, p], _ALONE) if group[w, p] < 0 else (group[w, p], _GROUP)
-            zx, zy, _, _ = four_normal(0, row, step[w], np.uint64(0), key[w], purpose)
+            zx, zy, deviation, _ = four_normal(0, row, step[w], np.uint64(0), key[w], purpose)
             ux, uy = intended[w, p, 0], intended[w, p, 1]
             if known[w, p] == person[w, p]:
                 fresh = math.sqrt(1.0 - stays * stays)
                 zx, zy = stays * noise[w, p, 0] + fresh * zx, stays * noise[w, p, 1] + fresh * zy
             else:
+                inertias[w, p] = inertia * math.exp(spread * min(max(deviation, -MOST), MOST))
                 ux, uy = velocity[w, a, 0], velocity[w, a, 1]
                 if ux == 0.0 and uy == 0.0:
                     ux, uy = dx, dy
-            if distance < inertia * speed:
-                gain = 1.0 - math.exp(-dt * speed / max(distance, TINY))
-            spread = share * scale * distance
-            ux, uy = ux + gain * (dx + spread * zx - ux), uy + gain * (dy + spread * zy - uy)
+            # The time to the goal bounds the relaxation time; the product is 0 for people without a preferred speed.
+            rate = 1.0 / max(inertias[w, p], TINY)
+            if distance * rate < speed:
+                rate = speed / max(distance, TINY)
+            gain, deviation = 1.0 - math.exp(-dt * rate), share * scale * distance
+            ux, uy = ux + gain * (dx + deviation * zx - ux), uy + gain * (dy + deviation * zy - uy)
             length, fastest = math.sqrt(ux * ux + uy * uy), FASTEST * speed
             if length > fastest:
                 ux, uy, length = ux * (fastest / length), uy * (fastest / length), fastest

@@ -74,7 +74,8 @@ def least_steps(
     # Under CrowdNav++'s rule, the vehicle is checked at single positions: a step may lead through a wall.
     jumps = rules.collision == "crowdnav_plus"
     length = straight.copy()
-    for w in range(len(length) if obstacles.shape[1] and not jumps else 0):
+    has_walls = obstacles.shape[1] > 0 and not jumps
+    for w in np.flatnonzero(has_walls & (straight > 0.0)).tolist():
         path = _shortest_path(start[w], goal[w], float(near[w]), _covered(rules, float(radius[w])), obstacles[w])
         length[w] = max(length[w], path)
     angle = np.abs(wrap_angle(np.arctan2(offset[:, 1], offset[:, 0]) - heading))
@@ -90,14 +91,13 @@ def least_steps(
 
 def _covered(rules: Rules, radius: float) -> float:
     """Return the radius in metres of a disc around the vehicle's position that its body of such discs covers."""
+    if not isinstance(rules.dynamics, Holonomic):
+        radius = max(radius - CHORD_ERROR, 0.0)  # it drives arcs, which the collision check replaces by chords
     behind = [-ahead for ahead in rules.body if ahead <= 0.0]
     before = [ahead for ahead in rules.body if ahead >= 0.0]
     if behind and before:
-        covered = math.sqrt(max(radius**2 - min(behind) * min(before), 0.0))
-    else:
-        covered = radius - min(behind or before)
-    # A vehicle on wheels drives arcs, which the collision check replaces by chords.
-    return max(covered - (0.0 if isinstance(rules.dynamics, Holonomic) else CHORD_ERROR), 0.0)
+        return math.sqrt(max(radius**2 - min(behind) * min(before), 0.0))
+    return max(radius - min(behind or before), 0.0)
 
 
 def _shortest_path(

@@ -16,6 +16,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench import InputError
 from crowdbench.cli import ThreadsOption, announce_compilation, help_from_docstring, main, progress, use_threads
+from crowdbench.plugins import plugin_name
 from crowdbench.utils import require_positive, write_whole
 
 if TYPE_CHECKING:
@@ -44,35 +45,31 @@ class Bounds(NamedTuple):
 
 POPULATION: Mapping[str, Bounds] = {
     "noise": Bounds(0.02, 0.2, 0.6),
-    "noise_time": Bounds(0.3, 1.4, 5.0),
-    "inertia": Bounds(0.05, 1.0, 4.0),
-    "shrinkage": Bounds(0.02, 0.2, 0.9),
-    "spread.preferred_speed": Bounds(0.01, 0.05, 0.4),
+    "noise_time": Bounds(0.3, 1.0, 5.0),
+    "inertia": Bounds(0.3, 3.0, 8.0),
+    "shrinkage": Bounds(0.005, 0.05, 0.9),
+    "spread.preferred_speed": Bounds(0.01, 0.15, 0.4),
+    "spread.inertia": Bounds(0.05, 0.5, 1.0),
 }
 """Parameters of the population, for all policies."""
 
-SPREAD = Bounds(0.05, 0.35, 0.6)
-"""Spread of the varied parameters, the same one for all of them."""
+SPREAD = Bounds(0.05, 0.5, 0.8)
+"""Spread of the policy's parameters, the same one for all of them."""
+
+_ORCA = {
+    "time_horizon": Bounds(1.0, 2.0, 4.0),
+    "neighbor_distance": Bounds(2.0, 3.5, 6.0),
+    "personal_space": Bounds(0.8, 1.2, 1.6),
+}
 
 POLICIES: Mapping[str, Mapping[str, Bounds]] = {
     "straight": {},
-    "orca": {
-        "time_horizon": Bounds(0.4, 1.5, 6.0),
-        "neighbor_distance": Bounds(1.5, 3.0, 10.0),
-        "safety_space": Bounds(0.005, 0.04, 0.1),
-    },
-    "power_law": {"interaction_energy": Bounds(0.1, 1.5, 6.0), "interaction_horizon": Bounds(0.5, 3.0, 8.0)},
+    "orca_people": _ORCA,
+    "learned_people": _ORCA,
+    "power_law_people": {"interaction_energy": Bounds(0.1, 1.0, 6.0), "interaction_horizon": Bounds(0.5, 2.5, 8.0)},
     "social_force": {"repulsion_strength": Bounds(0.02, 0.1, 3.0), "repulsion_range": Bounds(0.1, 0.3, 1.0)},
 }
-"""The fitted parameters of each policy."""
-
-VARIED: Mapping[str, tuple[str, ...]] = {
-    "straight": (),
-    "orca": ("time_horizon", "neighbor_distance"),
-    "power_law": ("interaction_energy", "interaction_horizon"),
-    "social_force": ("repulsion_strength", "repulsion_range"),
-}
-"""The fitted parameters that differ between people."""
+"""The fitted parameters of each policy, which differ between people."""
 
 
 @help_from_docstring
@@ -87,7 +84,7 @@ def fit(
     """Write the options of the best trial of CMA-ES on all locations but one as JSON, for `folds.py`.
 
     Args:
-        policy: One of `POLICIES`.
+        policy: One of `POLICIES`, or a file with a policy of such a name.
         data: The folder with the tracks of ETH/UCY.
         out: The folder of the file, which has the name of the location that takes no part, or `all`.
         held_out: The location that takes no part; none if not given.
@@ -97,7 +94,7 @@ def fit(
     use_threads(threads)
     from studies.people.windows import FOLDS, read_windows
 
-    if policy not in POLICIES:
+    if plugin_name(policy) not in POLICIES:
         raise InputError(f"policy is {policy!r}, but must be one of {', '.join(POLICIES)}")
     if held_out and held_out not in FOLDS:
         raise InputError(f"--held-out is {held_out!r}, but must be one of {', '.join(FOLDS)}")
@@ -153,18 +150,20 @@ def judge(policy: str, windows: Sequence[Window], parameters: Mapping[str, float
 
 def options_of(policy: str, parameters: Mapping[str, float]) -> dict[str, Any]:
     """Return the options of `run.py` for parameters by the names of `POPULATION` and `POLICIES`."""
-    own = POLICIES[policy]
+    from studies.people.simulate import load_policy
+
+    own, key = POLICIES[plugin_name(policy)], "population"
+    if not load_policy(policy, {}).crowd.variation:  # the policy brings no population of its own
+        key = "pedestrians.population"
     population: dict[str, Any] = {name: parameters[name] for name in POPULATION if "." not in name}
-    spread = {"preferred_speed": parameters["spread.preferred_speed"]}
-    if own:
-        spread |= dict.fromkeys(VARIED[policy], parameters["spread"])
-    options = {name: parameters[name] for name in own}
-    return {**options, "pedestrians.population": {**population, "spread": spread}}
+    spread = {name: parameters[f"spread.{name}"] for name in ("preferred_speed", "inertia")}
+    spread |= {name: parameters["spread"] for name in own}
+    return {**{name: parameters[name] for name in own}, key: {**population, "spread": spread}}
 
 
 def parameter_bounds(policy: str) -> dict[str, Bounds]:
     """Return the bounds of the fitted parameters of a policy, which has one of the names in `POLICIES`."""
-    own = POLICIES[policy]
+    own = POLICIES[plugin_name(policy)]
     return {**POPULATION, **({"spread": SPREAD, **own} if own else {})}
 
 

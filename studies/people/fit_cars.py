@@ -20,7 +20,7 @@ from crowdbench.cli import ThreadsOption, announce_compilation, help_from_docstr
 from crowdbench.plugins import plugin_name
 from crowdbench.utils import Format, Grid, markdown, printed_by
 from studies.command import print_study
-from studies.people.run import BASELINE
+from studies.people.fitted import BASELINE
 from studies.people.summary import compare, figures
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def judge(scores: Sequence[WindowScore]) -> float:
 
 def choose(scores: Scores, used: Bool[np.ndarray, "window"] | None = None) -> float:
     """Return the clearance that is best in the windows that are used; all are if None."""
-    rows = range(len(scores[CLEARANCES[0]])) if used is None else np.flatnonzero(used)
+    rows = range(len(scores[CLEARANCES[0]])) if used is None else np.flatnonzero(used).tolist()
     return max(scores, key=lambda clearance: judge([scores[clearance][row] for row in rows]))
 
 

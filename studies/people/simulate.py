@@ -23,6 +23,9 @@ ROLLOUTS = 32
 
 Speeds = Float[np.ndarray, "world agent"]
 
+OF_EVERYBODY = ("radius", "preferred_speed", "inertia")
+"""Quantities with a spread that do not depend on the policy."""
+
 MIN_SPEED = 1e-3
 """Smallest preferred speed in m/s, for persons that stood still."""
 
@@ -86,7 +89,7 @@ def population_options(policy: str, options: Mapping[str, Any]) -> dict[str, Any
     """
     scenario = load_policy(policy, options)
     for population in scenario.crowd.variation.values():
-        spread = {name: sigma for name, sigma in population.spread.items() if name in ("radius", "preferred_speed")}
+        spread = {name: sigma for name, sigma in population.spread.items() if name in OF_EVERYBODY}
         table = {**population.model_dump(), "spread": spread}
         return {"pedestrians.radius": scenario.table["pedestrians"]["radius"], "pedestrians.population": table}
     return {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import shlex
 import sys
 from collections.abc import Iterator
@@ -139,19 +140,24 @@ def row(name: str, numbers: list[float]) -> list[str]:
 
 
 @help_from_docstring
-def motion(scenarios: Names = None, data: Path | None = None, cases: int = 100) -> None:
+def motion(
+    scenarios: Names = None, data: Path | None = None, cases: int = 100, pedestrians: list[str] | None = None
+) -> None:
     """Measure accelerations, reversals, overlaps and speeds of pedestrians without a vehicle, and print a page.
 
     Args:
         scenarios: Scenarios, by name or file.
         data: The folder with the tracks of ETH/UCY, to measure these too.
         cases: Number of validation cases of each scenario.
+        pedestrians: A pedestrian policy that replaces the policies of the scenarios. Repeat it for several.
     """
     rows = [row(path.stem, measure(recorded(read_tracks(path)))) for path in sorted(data.glob("*.txt"))] if data else []
-    for name in scenarios or [path.stem for folder in FOLDERS for path in sorted((SCENARIOS / folder).glob("*.toml"))]:
-        walks, besides = simulate(load_scenario(name), Cases("val", 0, cases))
-        rows.append(row(name, [*measure(walks), *besides]))
+    named = scenarios or [path.stem for folder in FOLDERS for path in sorted((SCENARIOS / folder).glob("*.toml"))]
+    for name, policy in itertools.product(named, pedestrians or [None]):
+        walks, besides = simulate(load_scenario(name, pedestrians=policy), Cases("val", 0, cases))
+        rows.append(row(f"{name}, {policy}" if policy else name, [*measure(walks), *besides]))
     asked = [*map(shlex.quote, scenarios or []), *["--data DIR"] * bool(data), *[f"--cases {cases}"] * (cases != 100)]
+    asked += [f"--pedestrians {shlex.quote(policy)}" for policy in pedestrians or []]
     command = " ".join(["python studies/validity/motion.py", *asked])
     numbers = {"near": NEAR, "middle": MIDDLE, "brushing": BRUSHING, "radius": RECORDED_RADIUS, "shortest": SHORTEST}
     text = TEXT.read_text(encoding="utf-8").strip().format(cases=cases, dt=ETH_UCY_DT, moving=MOVING, **numbers)

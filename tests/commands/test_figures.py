@@ -41,6 +41,15 @@ def test_success_over_time_ends_at_the_success_rate(made, tmp_path):
     assert {"orca", "straight", "time, s", "cases solved, %", "cases test:0:30, n = 30"} <= said
 
 
+def test_success_over_time_ends_with_the_longest_episode_where_each_case_has_a_limit(made, tmp_path):
+    for planner in ("orca", "straight"):
+        given = ["--planner", planner, "--set", "time_limit_factor=2.0", "--set", "time_limit=200.0", "--cases", "6"]
+        CliRunner().invoke(app, ["run", *given, "--record", "none", "--out", str(tmp_path / planner)])
+    plots.success_over_time([tmp_path / "orca", tmp_path / "straight"], tmp_path / "a.svg")
+    seconds = [int(word) for word in words(tmp_path / "a.svg") if word.isdigit() and int(word) % 20]
+    assert 5 <= max(seconds) <= 16  # of the axis of time, twice 7.75 s at most
+
+
 def test_a_metric_has_its_unit_and_a_row_for_each_run(made, tmp_path):
     plots.distribution([made / "orca-5", made / "straight-5"], "jerk", tmp_path / "a.svg")
     assert {"orca", "straight", "jerk, m/s³"} <= set(words(tmp_path / "a.svg"))

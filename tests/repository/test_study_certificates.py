@@ -262,3 +262,15 @@ def test_at_least_95_percent_of_the_cases_of_a_scenario_that_ships_are_certified
         certified = Certified.read(file)
         for examined in filter(None, (certified.val, certified.test)):
             assert len(examined.uncertified) <= 0.05 * examined.examined, file
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["door_10", "street_8", "blocks_12", "office_8"])
+def test_in_the_empty_world_a_search_is_as_fast_as_the_least_time_but_never_faster(name):
+    changes = {"pedestrians.number": 0, "vehicle.visible": False, "time_limit": 120.0}
+    scenario = load_scenario(name, {**changes, "time_limit_factor": 1.0})
+    world = load_scenario(name, {**changes, "time_limit_factor": 2.0}).worlds(Cases("val", 0, 1))
+    least = int(scenario.worlds(Cases("val", 0, 1)).max_steps[0]) - 1
+    crowd = Known([step.row(0) for step in known_steps(scenario, world)])
+    found = search(Task.of(world, 0), crowd, 0.0, Effort(0.1, 4000))
+    assert 0 <= len(found.commands) - least <= 1

@@ -389,7 +389,7 @@ needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the tracks of ETH/UCY
         (["orca", "--data", "nowhere", "--cars"], "there is no folder nowhere with the recorded tracks of DUT"),
         (
             ["orca", "--data", ".", "--cars", "--location", "zara"],
-            "--location and --references go with the tracks",
+            "--location, --references and --fits go with ETH/UCY",
         ),
         (["orca", "--data", ".", "--option", "radius"], "--option 'radius' sets nothing: write --option key=value"),
     ],

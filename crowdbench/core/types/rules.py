@@ -200,11 +200,13 @@ class Intention(NamedTuple):
         noise: Standard deviation of each component of the noise of the desired velocity, as a share of its length.
         noise_time: Correlation time of this noise in seconds.
         inertia: Relaxation time of the intended velocity in seconds; 0 if it is the desired velocity at once.
+        inertia_spread: Standard deviation of the logarithm of a person's factor on `inertia`.
     """
 
     noise: float = 0.0
     noise_time: float = 1.0
     inertia: float = 0.0
+    inertia_spread: float = 0.0
 
 
 HISTORY = 8

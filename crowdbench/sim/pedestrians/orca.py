@@ -32,6 +32,7 @@ BLOCK_AGENTS = 200, 1024
 _EVERYBODY = np.ones((1, 1), np.bool_)
 _NO_OBSTACLES = np.empty((1, 0, 0, 2))
 _NO_LINES, _NOBODY = np.empty((0, 4)), np.empty(0, np.int64)
+_NO_SPACE = np.zeros((1, 1))
 
 _TINY = 1e-9
 """Smallest time horizon in seconds, in place of 0, with which only overlapping agents avoid each other."""
@@ -66,6 +67,8 @@ class Agents(NamedTuple):
         max_speed: In m/s.
         seen: True if the others avoid the agent, read by `at`.
         moves: True if its velocity is computed, read by `at`.
+        space: Distance in metres that the agent adds to the sum of its radius and that of another agent whose velocity
+            is computed, read by `at`. It may be negative.
     """
 
     position: AgentPoints
@@ -75,6 +78,7 @@ class Agents(NamedTuple):
     max_speed: AgentNumbers
     seen: Bool[np.ndarray, "_ _"]
     moves: Bool[np.ndarray, "_ _"]
+    space: Float[np.ndarray, "_ _"] = _NO_SPACE
 
 
 def orca_velocities(
@@ -185,7 +189,7 @@ def avoid_block(begin, end, first, crowd, time_step, limits, walls, nearest, out
         out (array): `[world, agent from first on, 2]`, filled: velocities in m/s.
     """
     # Unpacked, because reading fields by name in the loop would make ORCA a sixth slower.
-    position, velocity, preferred, radius, max_speed, seen, moves = crowd
+    position, velocity, preferred, radius, max_speed, seen, moves, space = crowd
     reach, limit, horizon = limits
     (hard_lines, hard_number), (from_cells, cells_number) = walls, nearest
     agents = radius.shape[1]
@@ -213,9 +217,13 @@ def avoid_block(begin, end, first, crowd, time_step, limits, walls, nearest, out
             else:
                 far, at_most = at(reach, w, i), np.int64(at(limit, w, i))
                 n = nearest_of_all(w, i, position, seen, far, at_most, neighbor, distance)
+            tau, between = at(horizon, w, i), at(space, w, i)
             for m in range(n):
-                tau = at(horizon, w, i)
-                _half_plane(position, velocity, radius, w, i, neighbor[m], tau, time_step, lines, hard + m)
+                j = neighbor[m]
+                touching = radius[w, i] + radius[w, j]
+                if j >= first:
+                    touching += between
+                _half_plane(position, velocity, touching, w, i, j, tau, time_step, lines, hard + m)
             n += hard
             speed, x, y = max_speed[w, i], preferred[w, i, 0], preferred[w, i, 1]
             failed, x, y = nearest_permitted(lines, n, speed, x, y, AS_VELOCITY)
@@ -226,7 +234,7 @@ def avoid_block(begin, end, first, crowd, time_step, limits, walls, nearest, out
 
 @no_type_check
 @njit(error_model="numpy", forceinline=True)
-def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, lines, k):
+def _half_plane(position, velocity, reach, w, i, j, time_horizon, time_step, lines, k):
     """Write line k: the velocities that agent i of world w may take because of its neighbour j (equation 6, figure 2).
 
     The velocity obstacle, in relative velocities, is a cone with a round tip (equation 2). The line goes through
@@ -235,7 +243,7 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
     Args:
         position: `[world, agent, 2]`, in metres.
         velocity: `[world, agent, 2]`, in m/s.
-        radius: `[world, agent]`, in metres.
+        reach: Distance in metres between the centres at which the agents touch.
         w, i, j: Indices of the world, of the agent and of the neighbour.
         time_horizon: Avoid collisions within this time, in seconds.
         time_step: Length of a step in seconds.
@@ -246,7 +254,6 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
     vx, vy, ux, uy = velocity[w, i, 0], velocity[w, i, 1], velocity[w, j, 0], velocity[w, j, 1]
     dx, dy = qx - px, qy - py
     rx, ry = vx - ux, vy - uy
-    reach = radius[w, i] + radius[w, j]
     squared = dx * dx + dy * dy
     overlapping = squared <= reach * reach
     # Overlapping agents must separate within the step.

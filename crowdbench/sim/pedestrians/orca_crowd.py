@@ -114,6 +114,7 @@ def orca_in_one(goal, pace, safety_space, position, velocity, radius, speed, pre
     """
     preferred, size = np.empty(position.shape), np.empty(radius.shape)
     _prepare(goal, pace, safety_space, position, radius, preferred, size)
-    crowd, limits = (position, velocity, preferred, size, speed, present, present), (reach, limit, horizon)
+    crowd = position, velocity, preferred, size, speed, present, present, np.zeros((1, 1))
+    limits = reach, limit, horizon
     nobody, zero, first = np.empty(0, np.int64), np.int64(0), np.int64(1)  # for literals it would be compiled twice
     avoid_block(zero, radius.size, first, crowd, dt, limits, (np.empty((0, 4)), nobody), (nobody, nobody), out)

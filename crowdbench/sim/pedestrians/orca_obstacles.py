@@ -48,7 +48,7 @@ def wall_lines(begin, end, crowd, horizon, obstacles, lines, line_number):
         lines (array): `[agent * most, 4]`, filled: the lines of each agent.
         line_number (array): `[agent]`, filled: how many there are.
     """
-    position, velocity, _, radius, max_speed, _, moves = crowd
+    position, velocity, _, radius, max_speed, _, moves, _ = crowd
     agents, most = radius.shape[1], obstacles.shape[1] * obstacles.shape[2]
     edges, order, distance = np.empty((most, EDGE)), np.empty(most, np.int64), np.empty(most)
     for w in range(begin // agents, (end + agents - 1) // agents):

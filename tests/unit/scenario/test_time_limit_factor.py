@@ -5,6 +5,8 @@ from helpers import Still, drive, make, stored_trace
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types import Outcome, Rules
+from crowdbench.envs.parallel import parallel_env
+from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.metrics.registry import METRICS
 from crowdbench.results.run_result import RunResult
@@ -85,3 +87,14 @@ def test_environments_end_at_the_limit_of_each_case():
             *_, terminated, truncated, _ = env.step(np.zeros(2))
             ends, limit = terminated or truncated, limit - 1
         assert limit == 0 if truncated else limit > 0
+
+
+def test_all_kinds_of_environments_have_the_limit():
+    scenario = load_scenario("circle_crossing_5", {"time_limit_factor": 0.6})
+    together, batch = parallel_env(scenario), VehicleVectorEnv(3, scenario=scenario)
+    together.reset(options={"case": "val/2"})
+    batch.reset(seed=1)
+    for number in range(1, 21):  # 0.6 times 31 steps are 19 steps at most
+        *_, truncated, _ = together.step({agent: np.zeros(2) for agent in together.agents})
+        *_, ended, _ = batch.step(np.zeros((3, 2)))
+        assert truncated["vehicle"] == ended.all() == ended.any() == (number == 20)

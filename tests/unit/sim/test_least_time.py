@@ -2,6 +2,7 @@
 
 import math
 import os
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from crowdbench.catalog import load_planner, load_scenario, scenario_path, scenarios
+from crowdbench.catalog import PLANNERS, load_planner, load_scenario, scenario_path, scenarios
 from crowdbench.core.dynamics import Actuation, Bicycle, Holonomic, State, Unicycle, chain
 from crowdbench.core.types import Outcome, Rules
 from crowdbench.metrics.registry import METRICS
@@ -170,6 +171,7 @@ def test_a_wall_beside_the_goal_counts_although_the_tolerance_reaches_through_it
     wall = np.array([[[3.5, -9.0], [3.5, 2.0]]])
     around = least_time._shortest_path(np.zeros(2), np.array([4.0, 0.0]), 0.3, 0.3, wall)
     assert 6.2 < around < 6.4  # around (3.5, 2) and down to the tolerance
+    assert least([3.2, 0], [4.0, 0.0], Rules(goal_tolerance=1.0), obstacles=wall) == 1  # it is there already
     through = least_time._shortest_path(np.zeros(2), np.array([4.0, 0.0]), 1.0, 0.3, wall)
     assert 2.9 < through <= 3.0  # a position on this side of the wall is near enough
 
@@ -222,3 +224,9 @@ def test_no_planner_is_faster(name):
 @pytest.mark.parametrize("name", [name for name, _ in scenarios() if name != "thousand"])
 def test_no_planner_is_faster_in_any_scenario(name):
     check_bound(name, [Dash(), load_planner("orca_margin"), load_planner("mppi")], "test:4")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("planner", [name for name in PLANNERS.built_in() if name != "mpc" or find_spec("casadi")])
+def test_no_shipped_planner_is_faster(planner):
+    check_bound("circle_crossing_5", [load_planner(planner)], "test:2")

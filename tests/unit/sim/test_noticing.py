@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import world
 
+from agents.pedestrians.orca_people import ORCAPeople
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Rules
 from crowdbench.core.types.attention import ATTRACTED, AVOIDS, IGNORES, YIELDS_LATE, Attention
@@ -297,19 +298,19 @@ def test_a_wrong_attention_of_a_policy_gets_one_sentence(attention, message, tmp
         attention_of(policy="./wrong.py")
 
 
-def test_orca_people_cars_avoids_three_discs_of_a_car_and_is_orca_beside_a_disc():
+def test_orca_people_cars_avoids_three_discs_of_a_car_and_is_orca_people_beside_a_disc():
     name, cases = "pedestrians.policy", Cases.parse("val:2")
     crowd = load_scenario("circle_crossing_5_visible", {name: "orca_people_cars"})
     policy = crowd.policies["orca_people_cars"]
     now = crowd.worlds(cases)
     parameters = now.parameters["orca_people_cars"]
-    assert np.array_equal(policy.velocities(now, parameters), ORCA().velocities(now, parameters))
+    assert np.array_equal(policy.velocities(now, parameters), ORCAPeople().velocities(now, parameters))
     # A car of 4.2 m x 1.6 m drives along x at y = 0. Its smallest disc reaches to y = 2.1 m, its body to 0.8 m.
     body = (-1.3, 0.0, 1.3)
     passing = world([[0.0, 0.0], [3.5, 1.6]], [[1.0, 0.0], [-1.0, 0.0]], [[9.0, 0.0], [-9.0, 1.6]])
     passing = passing.replace(radius=np.array([[2.1, 0.2]]), heading=np.zeros(1), rules=Rules(visible=True, body=body))
     values = {key: np.full((1, 2), value) for key, value in policy.parameters.items()}
     assert policy.velocities(passing, values)[0, 0] == pytest.approx([-1.0, 0.0])
-    assert ORCA().velocities(passing, values)[0, 0, 1] > 0.05
+    assert ORCAPeople().velocities(passing, values)[0, 0, 1] > 0.05
     onto = passing.replace(position=np.array([[[0.0, 0.0], [3.5, 0.1]]]), goal=np.array([[[9.0, 0.0], [-9.0, 0.1]]]))
     assert policy.velocities(onto, values)[0, 0, 1] > 0.05
