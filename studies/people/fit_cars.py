@@ -105,7 +105,7 @@ def judge(scores: Sequence[WindowScore]) -> float:
 
 def choose(scores: Scores, used: Bool[np.ndarray, "window"] | None = None) -> float:
     """Return the clearance that is best in the windows that are used; all are if None."""
-    rows = range(len(scores[CLEARANCES[0]])) if used is None else np.flatnonzero(used)
+    rows = range(len(scores[CLEARANCES[0]])) if used is None else np.flatnonzero(used).tolist()
     return max(scores, key=lambda clearance: judge([scores[clearance][row] for row in rows]))
 
 

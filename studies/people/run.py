@@ -120,7 +120,7 @@ def _repeat(flag: str, values: Sequence[str] | None) -> list[str]:
 
 
 def read_people(data: Path, location: Sequence[str] | None = None) -> Recordings:
-    """Return the windows of ETH/UCY at some locations, by default those of the folds."""
+    """Return the windows of ETH/UCY at some locations, by default the folds."""
     from studies.people.likelihood import score
     from studies.people.simulate import simulate
     from studies.people.windows import FOLDS, read_windows
