@@ -15,7 +15,7 @@ FIGURE = DOCS / "heat.svg"
 COLUMNS = {  # scenario: heading of its column
     "circle_crossing_20_seen": "circle, seen",
     "groups_12": "groups",
-    "car_12": "car",
+    "car_28": "car",
     "intersection_16_seen": "streams, seen",
     "corridor_8": "corridor",
     "doorway_10": "door",

@@ -99,7 +99,7 @@ def conforms(value, kind):
 
 @pytest.fixture(
     scope="module",
-    params=["door_10", *(pytest.param(name, marks=pytest.mark.slow) for name in ("car_12", "mixed_20"))],
+    params=["door_10", *(pytest.param(name, marks=pytest.mark.slow) for name in ("car_28", "mixed_20"))],
 )
 def socnav(request, tmp_path_factory):
     """A scenario, a trace, and the content of the file of each of its cases."""
@@ -129,7 +129,7 @@ def test_the_robot_of_a_socnav_file_is_the_vehicle(socnav):
         np.testing.assert_allclose(robot["x"] - middle * np.cos(robot["angle"]), trace.position[row, times, 0, 0])
         np.testing.assert_allclose(robot["y"] - middle * np.sin(robot["angle"]), trace.position[row, times, 0, 1])
         np.testing.assert_allclose(speed[1:], np.diff(robot["x"]) / 0.25)
-        last, is_car = content["sequence"][-1], scenario == "car_12"
+        last, is_car = content["sequence"][-1], scenario == "car_28"
         assert last["robot"]["shape"]["type"] == ("rectangle" if is_car else "circle")
         away = np.hypot(last["goal"]["x"] - robot["x"][-1], last["goal"]["y"] - robot["y"][-1])
         assert is_car or (away < last["goal"]["pos_threshold"]) == (trace.outcome[row] == Outcome.SUCCESS)

@@ -92,7 +92,7 @@ def test_recordings_and_commands(runs, edited, name, edits):
     answer("render", runs / "edited", "--case", "1", "--out", runs / "x.svg")
 
 
-SCENARIOS = ("circle_crossing_5", "groups_12", "office_8", "car_12", "crowdnav_plus_20", "mixed_20")
+SCENARIOS = ("circle_crossing_5", "groups_12", "office_8", "car_28", "crowdnav_plus_20", "mixed_20")
 
 
 @fuzz

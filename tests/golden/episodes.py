@@ -44,7 +44,7 @@ AMONG_WALLS = {"mppi_interactive"}
 ROUNDED = {"brne", "dra_mppi", "mpc"}
 """Planners without weights whose last bits depend on the processor, since they use libraries for linear algebra."""
 
-MEASURED = ("circle_crossing_5", "circle_crossing_5_visible", "door_10", "car_12", "crowdnav_plus_20")
+MEASURED = ("circle_crossing_5", "circle_crossing_5_visible", "door_10", "car_28", "crowdnav_plus_20")
 """Scenarios with recorded metrics of `straight`, which collides, and of `orca_margin`."""
 
 POPULATED = str(Path(__file__).parent.parent / "scenarios" / "populated.toml")

@@ -144,7 +144,7 @@ def test_whose_goal_is_walled_in_has_no_certificate_and_others_of_the_scenario_h
         ("circle_crossing_5_visible", {}),
         ("circle_crossing_10", {"collision": "crowdnav"}),
         ("circle_crossing_5", {"vehicle.dynamics": "unicycle"}),
-        ("car_12", {"pedestrians.number": 5}),
+        ("car_28", {"pedestrians.number": 5}),
     ],
 )
 def test_what_a_search_finds_replays_with_the_margin(name, overrides):

@@ -16,7 +16,7 @@ WORLDS = {
     "hidden vehicle": ("circle_crossing_5", {"vehicle.visible": False}),
     "nobody among walls": ("door_10", {"pedestrians.number": 0}),
     "walls": ("door_10", {}),
-    "a car": ("car_12", {}),
+    "a car": ("car_28", {}),
     "groups": ("groups_12", {}),
     "limited sight": ("corner_5", {}),
     "recorded": ("eth_recorded", {}),

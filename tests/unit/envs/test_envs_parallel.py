@@ -33,7 +33,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 
-QUICK = {"circle_crossing_5", "circle_crossing_mixed", "car_12", "door_10", "groups_12", "mixed_20"}
+QUICK = {"circle_crossing_5", "circle_crossing_mixed", "car_28", "door_10", "groups_12", "mixed_20"}
 SCENARIOS = [
     name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in sorted(simulated_scenarios())
 ]
@@ -281,7 +281,7 @@ def test_a_vehicle_may_be_alone():
     assert infos["vehicle"]["gap"] == np.inf
 
 
-@pytest.mark.parametrize("scenario", ["door_10", "car_12", "corner_5"])
+@pytest.mark.parametrize("scenario", ["door_10", "car_28", "corner_5"])
 @pytest.mark.parametrize("observation", ["goal_frame", "dict"])
 def test_the_vehicle_observes_the_same_as_in_gymnasium(scenario, observation):
     chosen = {"scenario": scenario, "observation": observation, "rays": 24}

@@ -23,7 +23,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     from pettingzoo.test import api_test, parallel_api_test, state_test
 
-SCENARIOS = ["circle_crossing_5", "door_10", "mixed_20", "car_12", "mixed_20"]
+SCENARIOS = ["circle_crossing_5", "door_10", "mixed_20", "car_28", "mixed_20"]
 
 
 @pytest.fixture(params=[*SCENARIOS, "eth_recorded"], scope="module")
@@ -157,7 +157,7 @@ def test_a_normalized_action_is_a_share_of_the_agents_own_speed(scale):
 
 
 def test_a_normalized_native_action_covers_the_commands_of_the_dynamics():
-    many = {"scenario": "car_12", "action": "normalized_native"}, {"scenario": "car_12", "action": "native"}
+    many = {"scenario": "car_28", "action": "normalized_native"}, {"scenario": "car_28", "action": "native"}
     one, other = (parallel_env(**options) for options in many)
     low, high = other.action_space("vehicle").low, other.action_space("vehicle").high
     for env in (one, other):

@@ -67,7 +67,7 @@ def test_own_numbers_are_relative_to_the_heading():
 
 @pytest.mark.parametrize("observation", ["lidar", "dict"])
 def test_every_agent_observes_its_scan_with_the_lidar_of_the_scenario(observation):
-    scenario = load_scenario("car_12", {"vehicle.visible": True, "sensor.lidar": NOISY})
+    scenario = load_scenario("car_28", {"vehicle.visible": True, "sensor.lidar": NOISY})
     env = parallel_env(scenario, observation=observation, dtype="float64")
     seen, _ = env.reset(options=CASE)
     seen, *_ = env.step({"vehicle": np.array([0.5, 0.1])})

@@ -110,7 +110,7 @@ SCENARIOS = {
     "zara2_reactive": "8ef55688c63e",
     "zara2_recorded": "d877a162b237",
     "blocks_12": "70d12a72044e",
-    "car_12": "c61dde55700c",
+    "car_28": "a721b09b69f8",
     "groups_12": "c783f44a58a4",
     "thousand": "923d5bab2100",
     "car": "81471ba2f9e6",

@@ -84,7 +84,7 @@ def test_on_open_ground_it_is_the_time_of_a_straight_drive_at_full_speed(vehicle
 
 def test_its_values_are_those_of_an_independent_search():
     expected = {"circle_20": 9.75, "streets_16": 7.75, "street_8": 13.75, "corner_5": 8.25}
-    expected |= {"door_10": 8.25, "car_12": 10.0}
+    expected |= {"door_10": 8.25, "car_28": 10.0}
     for name, seconds in expected.items():
         now = load_scenario(name, {"time_limit_factor": 1.0}).worlds(Cases("val", 0, 3))
         assert (now.max_steps == round(seconds / 0.25) + 1).all(), name
@@ -215,7 +215,7 @@ def load(name):
     return load_scenario(name, data=Path(os.environ["CROWDBENCH_SHARED"]) / "data" / folder)
 
 
-@pytest.mark.parametrize("name", ["door_10", "car_12", "crowdnav_plus_20"])
+@pytest.mark.parametrize("name", ["door_10", "car_28", "crowdnav_plus_20"])
 def test_no_planner_is_faster(name):
     check_bound(name, [Dash()], "test:6")
 

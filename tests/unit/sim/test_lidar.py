@@ -82,7 +82,7 @@ def test_a_scan_from_a_wall_is_that_of_beams_cast_at_it(place):
 
 def car_world():
     """A world after some steps with a car of several discs that people see."""
-    scenario = load_scenario("car_12", {"vehicle.visible": True})
+    scenario = load_scenario("car_28", {"vehicle.visible": True})
     worlds = scenario.worlds(Cases("val", 0, 2))
     for _ in range(3):
         worlds, _ = step(worlds, np.tile([1.0, 0.2], (2, 1)), crowd_velocities(worlds, scenario.policies))
