@@ -35,7 +35,7 @@ def scores() -> dict[str, dict[str, float]]:
     tables = {}
     for track in MEANS:
         section = text.split(f"## Scores with {track} sensing\n")[1]
-        head, _, *rows = [split_row(line) for line in section.split("\n\n")[1].splitlines()]
+        head, _, *rows = [split_row(line) for line in section.strip().split("\n\n")[0].splitlines()]
         tables[track] = {name: dict(zip(head[1:], map(float, cells), strict=True)) for name, *cells in rows}
     perfect, realistic = tables.values()
     return {
