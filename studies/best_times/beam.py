@@ -118,7 +118,7 @@ def search_case(scenario: Scenario, case: int, seconds: float, seed: int = 0) ->
     for attempt in itertools.count():
         if time.process_time() >= deadline or found.cost <= least:
             return found
-        shape = Shape.draw(rng, WIDTH * 2 ** min(1 + attempt // 4, 3))
+        shape = Shape.draw(rng, WIDTH * 2 ** min(attempt // 4, 3))
         # A lower bound discards more states: some of the searches hope for more.
         bound = found.cost - GAIN - 0.5 * rng.random() ** 2 * (found.cost - least)
         better = search(scenario, world, task, bound, shape, deadline)
