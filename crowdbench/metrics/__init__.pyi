@@ -16,6 +16,7 @@ from .scenario_means import mean_over_scenarios as mean_over_scenarios
 from .scenario_means import scenario_weights as scenario_weights
 from .score import SAMPLE as SAMPLE
 from .score import closeness as closeness
+from .score import fill_close_seconds as fill_close_seconds
 from .summary import CONFIDENCE as CONFIDENCE
 from .summary import UNDEFINED as UNDEFINED
 from .summary import Estimate as Estimate

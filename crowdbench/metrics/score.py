@@ -55,7 +55,7 @@ def _seconds_close(trace: Trace) -> Float[np.ndarray, "world"]:
     states = trace.position, trace.velocity, trace.heading, np.ascontiguousarray(trace.radius)
     people = np.ascontiguousarray(trace.person), trace.steps
     rules = trace.rules.numbers
-    _fill_seconds(*states, *people, rules.body, rules.code != HOLONOMIC, rules.dt, seconds)
+    fill_close_seconds(*states, *people, rules.body, rules.code != HOLONOMIC, rules.dt, seconds)
     return seconds
 
 
@@ -72,7 +72,7 @@ def closeness(gap):
 
 @no_type_check
 @njit(nogil=True)
-def _fill_seconds(position, velocity, heading, radius, person, steps, body, on_wheels, dt, seconds):
+def fill_close_seconds(position, velocity, heading, radius, person, steps, body, on_wheels, dt, seconds):
     """Fill in the seconds close to pedestrians of each world.
 
     Args:

@@ -38,7 +38,7 @@ MOST_ACCELERATION, MOST_REVERSALS, MOST_OVERLAP = 1.86, 0.23, 0.0123
 """The largest figures of motion of the folds' recordings in ../validity/motion.md: 99 % quantile of accelerations in
 m/s², reversals per person and minute, and share of overlaps."""
 
-HEADER = "model|v3|minus `orca`|minus blind|v3, goal hidden|ratio|speed|acceleration|reversals|overlap|gates"
+HEADER = "model|gates|v3|minus `orca`|minus blind|v3, goal hidden|ratio|speed|acceleration|reversals|overlap"
 
 
 class Row(NamedTuple):
@@ -85,6 +85,7 @@ class Row(NamedTuple):
         """The cells for readers."""
         return [
             f"`{self.model}`",
+            f"fails {', '.join(self.failed)}" if self.failed else "passes",
             *(
                 f"{value:{form}} ({low:{form}} to {high:{form}})"
                 for (value, low, high), form in zip(self[1:6], (".3f", "+.3f", "+.3f", ".3f", ".2f"), strict=True)
@@ -93,7 +94,6 @@ class Row(NamedTuple):
             f"{self.acceleration:.2f}",
             f"{self.reversals:.2f}",
             f"{self.overlap:.2%}".replace("%", " %"),
-            f"fails {', '.join(self.failed)}" if self.failed else "passes",
         ]
 
     @property

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -165,13 +164,13 @@ def test_a_ladder_is_kept_and_drawn(tmp_path):
         (["own.toml", "--cases", "many"], "'many' are not a range of cases"),
     ],
 )
-def test_what_is_no_ladder_is_refused(arguments, sentence, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for place in ("own.toml", "other/own.toml"):
-        Path(place).parent.mkdir(exist_ok=True)
-        Path(place).write_text('[layout]\ngenerator = "circle_crossing"\n[pedestrians]\nnumber = 2\n')
+def test_what_is_no_ladder_is_refused(arguments, sentence, tmp_path):
+    for place in (tmp_path / "own.toml", tmp_path / "other/own.toml"):
+        place.parent.mkdir(exist_ok=True)
+        place.write_text('[layout]\ngenerator = "circle_crossing"\n[pedestrians]\nnumber = 2\n')
+    given = [str(tmp_path / each) if each.endswith(".toml") else each for each in arguments]
     with pytest.raises(InputError, match=sentence):
-        build_script(ladder)(arguments, standalone_mode=False)
+        build_script(ladder)(given, standalone_mode=False)
 
 
 def test_certificates_are_of_the_cases_that_were_examined():

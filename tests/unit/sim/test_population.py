@@ -422,8 +422,8 @@ def test_it_is_a_part_of_the_scenario_and_of_no_other():
         ({"spread": {"radius": 2.0}}, "pedestrians.population.spread is {'radius': 2.0}, but must be a table such as"),
         (
             {"spread": {"horizon": 0.3}},
-            "pedestrians.population.spread is a table with horizon, but must be of neighbor_distance, preferred_speed, "
-            "radius, safety_space, time_horizon, time_horizon_obst",
+            "pedestrians.population.spread is a table with horizon, but must be of inertia, neighbor_distance, "
+            "preferred_speed, radius, safety_space, time_horizon, time_horizon_obst",
         ),
         ({"spread": {"max_neighbors": 0.3}}, "spread is a table with max_neighbors, but must be of"),
         (

@@ -1,0 +1,1 @@
+"""Best known times: commands found with knowledge of the pedestrians' future, for validation cases of the suite."""
