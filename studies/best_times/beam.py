@@ -23,6 +23,7 @@ from crowdbench.core import (
     REACHABLE_TURNS,
     Holonomic,
     State,
+    norm,
     toward_goal,
 )
 from studies.best_times.successors import Successors, fill_successors, steps_left
@@ -48,6 +49,7 @@ GAIN = 0.01
 """Smallest improvement in seconds for which a search continues."""
 
 Commands = Float[np.ndarray, "step 2"]
+Cells = Int[np.ndarray, "state 4"]
 
 
 class Shape(NamedTuple):
@@ -116,8 +118,10 @@ def search_case(scenario: Scenario, case: int, seconds: float, seed: int = 0) ->
     for attempt in itertools.count():
         if time.process_time() >= deadline or found.cost <= least:
             return found
-        shape = Shape.draw(rng, WIDTH * 2 ** (attempt // 4))
-        better = search(scenario, world, task, found.cost - GAIN, shape, deadline)
+        shape = Shape.draw(rng, WIDTH * 2 ** min(attempt // 4, 3))
+        # A lower bound discards more states: some of the searches hope for more.
+        bound = found.cost - GAIN - 0.5 * rng.random() ** 2 * (found.cost - least)
+        better = search(scenario, world, task, bound, shape, deadline)
         found = better if len(better.commands) else found
     return found
 
@@ -158,7 +162,7 @@ def search(
             last = _trace_back(parents, chosen, int(s))
             found = Found(bound, np.concatenate([last, commands[s, a][None]]))
             bound -= GAIN
-        parent, action = select(new, shape)
+        parent, action = select(new, shape, float(task.rules.dynamics.limits[0]) * dt)
         if not len(parent) or time.process_time() > deadline:
             return found
         parents.append(parent)
@@ -199,7 +203,7 @@ def as_stored(commands: Float[np.ndarray, "*batch 2"]) -> Int[np.ndarray, "*batc
     return np.trunc(commands / QUANTUM + 1e-6 * np.sign(commands)).astype(np.int16)
 
 
-def select(new: Successors, shape: Shape) -> tuple[Int[np.ndarray, "kept"], Int[np.ndarray, "kept"]]:
+def select(new: Successors, shape: Shape, change: float) -> tuple[Int[np.ndarray, "kept"], Int[np.ndarray, "kept"]]:
     """Return the states and actions of the successors to keep.
 
     One successor per fine cell counts. Half of the width are those with the least expected cost. The others are taken
@@ -208,15 +212,18 @@ def select(new: Successors, shape: Shape) -> tuple[Int[np.ndarray, "kept"], Int[
     Args:
         new: The successors.
         shape: Parameters of the search.
+        change: Largest change of speed in a step in m/s, infinite without a limit.
     """
     rank = new.close + new.left
     parent, action = np.nonzero(np.isfinite(new.left) & ~new.arrived)
     rank, state = rank[parent, action], new.state[parent, action]
     order = np.argsort(rank, kind="stable")
-    order = order[_first_of_each(_cells(state[order], _FINE * shape.cells, 32))]
+    order = order[_first_of_each(_cells(state[order], _FINE * shape.cells, 32, change))]
     half = shape.width // 2
     best, rest = order[:half], order[half:]
-    cell = np.unique(_cells(state[rest], _COARSE * shape.cells, 8), axis=0, return_inverse=True)[1].reshape(-1)
+    cell = np.unique(_cells(state[rest], _COARSE * shape.cells, 8, math.inf), axis=0, return_inverse=True)[1].reshape(
+        -1
+    )
     by_cell = np.argsort(cell, kind="stable")
     begin = np.searchsorted(cell[by_cell], cell[by_cell])
     turn = np.empty(len(rest), np.int64)
@@ -226,12 +233,20 @@ def select(new: Successors, shape: Shape) -> tuple[Int[np.ndarray, "kept"], Int[
     return parent[kept], action[kept]
 
 
-def _cells(state: Float[np.ndarray, "state 6"], side: float, headings: int) -> Int[np.ndarray, "state 3"]:
-    """Return the cells of states: position, by the side in metres, and heading."""
+def _cells(state: Float[np.ndarray, "state 6"], side: float, headings: int, speed: float) -> Cells:
+    """Return the cells of states: position, heading and speed.
+
+    Args:
+        state: The states, as in `Successors`.
+        side: Side in metres.
+        headings: Number of headings.
+        speed: Side in m/s.
+    """
     heading = np.rint(state[:, 4] * headings / (2.0 * np.pi)) % headings
-    return np.column_stack([np.floor(state[:, :2] / side), heading]).astype(np.int64)
+    speeds = np.rint(norm(state[:, 2:4]) / speed)
+    return np.column_stack([np.floor(state[:, :2] / side), heading, speeds]).astype(np.int64)
 
 
-def _first_of_each(cells: Int[np.ndarray, "state 3"]) -> Int[np.ndarray, "kept"]:
+def _first_of_each(cells: Cells) -> Int[np.ndarray, "kept"]:
     """Return the index of the first state in each cell, in order."""
     return np.sort(np.unique(cells, axis=0, return_index=True)[1])

@@ -174,7 +174,7 @@ def test_states_are_spread_over_cells_beside_the_best_ones():
     new = Successors.empty(1, 6)
     new.state[0] = [[0.5 + 0.15 * k, 0.5, 0, 0, 0, 0] for k in range(5)] + [[9, 9, 0, 0, 0, 0]]
     new.left[0] = [1, 2, 3, 4, 5, 99]
-    parent, action = select(new, Shape(width=4))
+    parent, action = select(new, Shape(width=4), np.inf)
     assert parent.tolist() == [0] * 4
     assert action[:2].tolist() == [0, 1]
     assert 5 in action.tolist()
