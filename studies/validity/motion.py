@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -153,7 +153,8 @@ def motion(
     """
     rows = [row(path.stem, measure(recorded(read_tracks(path)))) for path in sorted(data.glob("*.txt"))] if data else []
     named = scenarios or [path.stem for folder in FOLDERS for path in sorted((SCENARIOS / folder).glob("*.toml"))]
-    for name, policy in itertools.product(named, pedestrians or [None]):
+    policies: Sequence[str | None] = pedestrians or [None]
+    for name, policy in itertools.product(named, policies):
         walks, besides = simulate(load_scenario(name, pedestrians=policy), Cases("val", 0, cases))
         rows.append(row(f"{name}, {policy}" if policy else name, [*measure(walks), *besides]))
     asked = [*map(shlex.quote, scenarios or []), *["--data DIR"] * bool(data), *[f"--cases {cases}"] * (cases != 100)]

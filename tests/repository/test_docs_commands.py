@@ -120,6 +120,7 @@ def test_the_commands_of_a_page_run_one_after_the_other(page, tmp_path, monkeypa
     monkeypatch.setattr(sys, "path", [*sys.path])  # planners add their folders, which other tests must not find
     shown = []
     monkeypatch.setattr(viewer, "show", lambda file, *, web: shown.append(file))
+    Path("studies").symlink_to(ROOT / "studies")  # commands name scenarios of studies
     if page.name == "planner.md":  # whose first block is the planner
         Path("mine.py").write_text(re.search(r"^```python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)[1])
     for arguments in RUN_HERE[page]:
