@@ -71,7 +71,7 @@ QUICK = "door_10", "mixed_20"
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in SUITE]
+    "name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.nightly) for name in SUITE]
 )
 def test_people_of_the_suite_move_like_people(name):
     walked, _ = simulate(load_scenario(name), Cases("val", 0, 10))

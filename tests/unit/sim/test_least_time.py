@@ -220,7 +220,7 @@ def test_no_planner_is_faster(name):
     check_bound(name, [Dash()], "test:6")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", [name for name, _ in scenarios() if name != "thousand"])
 def test_no_planner_is_faster_in_any_scenario(name):
     check_bound(name, [Dash(), load_planner("orca_margin"), load_planner("mppi")], "test:4")
