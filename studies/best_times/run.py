@@ -68,7 +68,8 @@ def best_times(
         if each.name in best:
             _replace(each, best[each.name], runs[each.name].values(), out, place)
     grid = _table(best, runs, planners, out)
-    page = [printed_by("python studies/best_times/run.py"), markdown(grid.header, grid.rows), NOTE]
+    given = "".join(f" --planner {name}" for name in planner or [])
+    page = [printed_by(f"python studies/best_times/run.py{given}"), markdown(grid.header, grid.rows), NOTE]
     print_study(grid.records, [grid], "\n\n".join(page), format)
 
 
