@@ -1,10 +1,9 @@
-"""Draws docs/heat.svg, success of planners in the suite: python docs/heat_figure.py.
+"""Draws docs/heat.svg, scores of planners on the suite: python docs/heat_figure.py.
 
 The numbers come from the tables in studies/suite/README.md. Text is drawn on filled cells, so that the figure can be
 read on a light and on a dark page.
 """
 
-import re
 from html import escape
 from pathlib import Path
 
@@ -13,48 +12,41 @@ from tables import split_row
 DOCS = Path(__file__).parent
 FIGURE = DOCS / "heat.svg"
 COLUMNS = {  # scenario: heading of its column
-    "circle_crossing_20_seen": "circle, seen",
+    "circle_20": "density",
+    "streets_16": "crossing flows",
+    "door_10": "door",
+    "street_8": "oncoming flow",
+    "corner_5": "occlusion",
     "groups_12": "groups",
     "car_28": "car",
-    "intersection_16_seen": "streams, seen",
-    "corridor_8": "corridor",
-    "doorway_10": "door",
-    "blind_corner_5": "corner",
-    "circle_crossing_20": "circle",
-    "intersection_16": "streams",
-    "half_half_20": "mixed",
-    "unicycle_10": "unicycle",
-    "restless_20": "restless",
-    "noisy_10": "noise",
-    "blocks_12": "blocks",
-    "blocks_12_perfect_sight": "blocks, seen",
+    "mixed_20": "mixed",
+    "blocks_12": "obstacles",
 }
+MEANS = {"perfect": "mean, perfect", "realistic": "mean, realistic"}
 LEFT, TOP, WIDE, HIGH = 166, 84, 49, 26
 INK = "#10151a"
 LOW, MIDDLE, FULL = (194, 84, 45), (246, 236, 214), (31, 98, 150)
-"""Colours of 0, 50 and 100 %, which differ in lightness and can be distinguished by colour-blind readers."""
+"""Colours of scores of 0, 0.5 and 1, which differ in lightness and can be distinguished by colour-blind readers."""
 
 
-def successes() -> dict[str, dict[str, float]]:
-    """Return the success in % by planner and scenario."""
+def scores() -> dict[str, dict[str, float]]:
+    """Return the mean score in both tracks and the scores with perfect sensing, by planner, best planner first."""
     text = (DOCS.parent / "studies" / "suite" / "README.md").read_text()
-    found: dict[str, dict[str, float]] = {}
-    for table in reversed(re.findall(r"^\| success, %[^\n]+\n(?:\|.+\n)+", text, re.MULTILINE)):
-        head, _, *rows = map(split_row, table.splitlines())
-        for name, *cells in rows:
-            for planner, cell in zip(head[1:], cells, strict=True):
-                if match := re.match(r"[\d.]+", cell):
-                    behind = re.match(r"filtered \(name=(\w+)\)", planner)
-                    label = behind[1] if behind else re.sub(r",? \(?\d+ networks.*", "", planner)
-                    found.setdefault(label, {})[name] = float(match[0])
-    whole = {planner: values for planner, values in found.items() if set(COLUMNS) <= set(values)}
-    mean = {planner: sum(values[name] for name in COLUMNS) / len(COLUMNS) for planner, values in whole.items()}
-    return {planner: {"mean": mean[planner], **whole[planner]} for planner in sorted(mean, key=mean.get, reverse=True)}
+    tables = {}
+    for track in MEANS:
+        section = text.split(f"## Scores with {track} sensing\n")[1]
+        head, _, *rows = [split_row(line) for line in section.strip().split("\n\n")[0].splitlines()]
+        tables[track] = {name: dict(zip(head[1:], map(float, cells), strict=True)) for name, *cells in rows}
+    perfect, realistic = tables.values()
+    return {
+        name: {"perfect": values["mean"], "realistic": realistic[name]["mean"], **values}
+        for name, values in perfect.items()
+    }
 
 
 def colour(value: float) -> tuple[int, int, int]:
-    """Return the colour of a success in %."""
-    low, high, part = (LOW, MIDDLE, value / 50.0) if value < 50.0 else (MIDDLE, FULL, value / 50.0 - 1.0)
+    """Return the colour of a score."""
+    low, high, part = (LOW, MIDDLE, 2.0 * value) if value < 0.5 else (MIDDLE, FULL, 2.0 * value - 1.0)
     return tuple(round(a + (b - a) * part) for a, b in zip(low, high, strict=True))
 
 
@@ -66,13 +58,13 @@ def luminance(*colour: int) -> float:
 
 def figure() -> str:
     """Return the figure in SVG."""
-    found = successes()
-    columns = {"mean": "mean", **COLUMNS}
+    found = scores()
+    columns = {**MEANS, **COLUMNS}
     width, height = LEFT + WIDE * len(columns) + 36, TOP + HIGH * len(found) + 6
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
         'font-family="system-ui, sans-serif" font-size="13">',
-        "<title>Success of planners in the scenarios of the suite, in %</title>",
+        "<title>Scores of planners on the suite</title>",
         f'<rect width="{width}" height="{height}" rx="6" fill="#ffffff"/>',
     ]
     for i, title in enumerate(columns.values()):
@@ -81,7 +73,7 @@ def figure() -> str:
     for row, (planner, values) in enumerate(found.items()):
         y = TOP + HIGH * row
         parts.append(f'<text x="{LEFT - 8}" y="{y + 18}" text-anchor="end" fill="{INK}">{escape(planner)}</text>')
-        parts += [_cell(LEFT + WIDE * i, y, values[name], name == "mean") for i, name in enumerate(columns)]
+        parts += [_cell(LEFT + WIDE * i, y, values[name], name in MEANS) for i, name in enumerate(columns)]
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
@@ -90,7 +82,7 @@ def _cell(x: int, y: int, value: float, is_bold: bool) -> str:
     ink = "#ffffff" if luminance(red, green, blue) < 0.18 else INK
     box = f'<rect x="{x}" y="{y}" width="{WIDE - 2}" height="{HIGH - 2}" fill="rgb({red},{green},{blue})"/>'
     style = f'text-anchor="middle" fill="{ink}" font-weight="{700 if is_bold else 400}"'
-    return f'{box}<text x="{x + WIDE / 2 - 1}" y="{y + 17}" {style}>{value:.0f}</text>'
+    return f'{box}<text x="{x + WIDE / 2 - 1}" y="{y + 17}" {style}>{value:.2f}</text>'
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ def make_each(scenarios: Collection[Place], make: Callable[[Place], None]) -> di
     """Make the run of each scenario.
 
     Args:
-        scenarios: Their names, or their names with those of a track of sensing.
+        scenarios: Their names, or pairs of a name and a track of sensing.
         make: Makes the run of a scenario.
 
     Returns:

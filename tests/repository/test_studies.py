@@ -52,7 +52,7 @@ def test_the_scripts_start_in_any_folder(tmp_path):
     assert done.stdout.count("Usage") == len(SCRIPTS)
 
 
-@pytest.mark.parametrize("name", ["suite", "learned", "policies", "crowds", "kce", "recorded", "crowdnav_plus"])
+@pytest.mark.parametrize("name", ["success", "learned", "policies", "crowds", "kce", "recorded", "crowdnav_plus"])
 def test_the_tables_of_a_study_are_in_order(name):
     file = ROOT / "studies" / name / "study.toml"
     assert parse_table(StudySpec, tomllib.loads(file.read_text()), Location(name)).description
