@@ -1,4 +1,4 @@
-"""Replay the best known commands of validation cases, and print their scores beside those of planners."""
+"""Replay the best known commands of validation cases, and print their scores beside the scores of planners."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def best_times(
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Print the best known scores of validation cases beside those of planners, which replace them where better.
+    """Print the best known scores of validation cases beside planners, which replace entries where better.
 
     Args:
         scenario: Names of scenarios.
