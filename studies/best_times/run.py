@@ -1,4 +1,4 @@
-"""Replay the best known commands of validation cases, and print their scores beside those of planners."""
+"""Replay the best known commands of validation cases, and print their scores beside the scores of planners."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def best_times(
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Print the best known scores of validation cases beside those of planners, which replace them where better.
+    """Print the best known scores of validation cases beside planners, which replace entries where better.
 
     Args:
         scenario: Names of scenarios.
@@ -68,7 +68,8 @@ def best_times(
         if each.name in best:
             _replace(each, best[each.name], runs[each.name].values(), out, place)
     grid = _table(best, runs, planners, out)
-    page = [printed_by("python studies/best_times/run.py"), markdown(grid.header, grid.rows), NOTE]
+    given = "".join(f" --planner {name}" for name in planner or [])
+    page = [printed_by(f"python studies/best_times/run.py{given}"), markdown(grid.header, grid.rows), NOTE]
     print_study(grid.records, [grid], "\n\n".join(page), format)
 
 
