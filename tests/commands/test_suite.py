@@ -34,6 +34,7 @@ def _three_scenarios(tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.catalog.read_suite", lambda: SUITE)
 
 
+@pytest.mark.slow
 def test_there_is_a_row_for_each_scenario_and_a_column_for_each_track(call):
     done = call("suite", "orca", "--cases", "6")
     assert done.returncode == 0, done.stderr

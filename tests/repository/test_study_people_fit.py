@@ -18,6 +18,7 @@ def starts(policy):
     return {name: bounds.start for name, bounds in parameter_bounds(policy).items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", POLICIES)
 def test_every_fitted_parameter_is_an_option_of_the_policy(policy):
     windows = crossings(windows=1)

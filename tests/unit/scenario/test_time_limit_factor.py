@@ -89,6 +89,7 @@ def test_environments_end_at_the_limit_of_each_case():
         assert limit == 0 if truncated else limit > 0
 
 
+@pytest.mark.slow
 def test_all_kinds_of_environments_have_the_limit():
     scenario = load_scenario("circle_crossing_5", {"time_limit_factor": 0.6})
     together, batch = parallel_env(scenario), VehicleVectorEnv(3, scenario=scenario)

@@ -153,7 +153,7 @@ def search_grid(obstacles, radius, near, goal):
 
 
 @pytest.mark.parametrize("near", [0.3, 0.8])
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 8))])
 def test_among_walls_it_is_as_long_as_the_shortest_path_of_a_brute_force_search(seed, near):
     obstacles, radius, goal = blocks(np.random.default_rng(seed)), 0.3, np.array([4.0, 0.0])
     path = least_time._shortest_path(np.zeros(2), goal, near, radius, obstacles)
