@@ -1,6 +1,7 @@
 """Time limits that are a multiple of each case's least time."""
 
 import numpy as np
+import pytest
 from helpers import Still, drive, make, stored_trace
 
 from crowdbench.catalog import load_scenario
