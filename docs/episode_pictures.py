@@ -87,7 +87,7 @@ def draw_race(out: Path) -> None:
     """Make a film of four planners in the same case of a crossing, at twice the speed."""
     episodes = []
     for planner in ("orca", "ppo", "dwa", "mppi"):
-        trace = drive(planner, str(EARLIER / "intersection_16_seen.toml"), "val/7")
+        trace = drive(planner, "streets_16", "val/8")
         paths = read_paths(list(draw_decisions(trace, 0)), trace.rules.dt)
         episodes.append(Still(trace, 0, None, paths, planner, side=320 / 144))
     film(episodes, out, speed=2.0)
