@@ -32,7 +32,7 @@ def build_site(root, place):
     for name in ("style.css", "tables.js"):
         shutil.copy(ROOT / "docs" / name, docs)
     for name in ("index", "boards", "trust", "suite"):
-        (docs / f"{name}.md").write_text(f"# {name}\n\n## Ranking\n\n## Transfer of the ranking\n")
+        (docs / f"{name}.md").write_text(f"# {name}\n\n## Ranking\n\n## Other studies\n")
     (docs / "results.md").write_text((ROOT / "docs/results.md").read_text().split("Each study has a page")[0])
     for name, script in tables.scripts(ROOT / "studies").items():
         (docs / "tables" / name).write_text(script)
