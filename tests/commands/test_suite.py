@@ -61,6 +61,7 @@ def test_there_is_a_row_for_each_scenario_and_a_column_for_each_track(call):
     assert float(lines[1].split()[-1]) == pytest.approx(loss, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_an_interrupted_command_goes_on_with_finished_scenarios(call, monkeypatch):
     made = []
 

@@ -17,6 +17,8 @@ from studies.best_times.beam import QUANTUM, Shape, as_stored, search_case, sele
 from studies.best_times.entries import BestTimes, Entry, check_replays, replace_by_planner, replay
 from studies.best_times.successors import Successors
 
+pytestmark = pytest.mark.slow  # the kernel of the search takes seconds to compile
+
 LAYOUTS = '''"""Places by hand."""
 
 import numpy as np

@@ -491,6 +491,7 @@ def test_cars_drive_as_recorded_and_people_see_them():
     assert rim_distance(orca[:, :, :1], window.discs).min() > rim_distance(blind[:, :, :1], window.discs).max()
 
 
+@pytest.mark.slow
 def test_people_that_avoid_cars_are_scored_best_by_the_model_that_avoids_them():
     options = {"pedestrians.attention.ignores": 0.0}
     window = traffic(car((0, -20), (0, 3)))

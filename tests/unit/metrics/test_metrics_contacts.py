@@ -162,6 +162,7 @@ def test_many_episodes_have_the_shares_that_each_has_alone():
             np.testing.assert_array_equal(getattr(whole, name)[[row]], values)
 
 
+@pytest.mark.slow
 def test_the_trace_and_its_recording_say_who_had_noticed_the_vehicle(tmp_path):
     some = drive("straight", "test:40", "groups_12")
     assert some.noticed is not None

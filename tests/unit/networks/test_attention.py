@@ -38,6 +38,7 @@ def turned(vectors, axis):
     return np.stack([vectors @ axis, vectors @ np.array([-axis[1], axis[0]])], axis=-1)
 
 
+@pytest.mark.slow
 def test_what_is_shown_begins_with_what_is_shown_without_a_memory():
     obs = crowded()
     ahead, now = shown_of(obs), features(obs, 4)
@@ -170,6 +171,7 @@ def test_it_is_trained_and_drives(tmp_path, monkeypatch):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["door_10", "corner_5"])
 def test_a_policy_that_heads_for_walls_drives_into_none(scenario):
     torch.manual_seed(1)
