@@ -112,12 +112,14 @@ def socnav(request, tmp_path_factory):
     return request.param, trace, [json.loads(file.read_text()) for file in files]
 
 
+@pytest.mark.slow
 def test_socnav_files_have_the_keys_and_types_of_the_format(socnav):
     for content in socnav[2]:
         assert conforms(content, SOCNAV)
         assert "not rated by people" in content["metadata"]
 
 
+@pytest.mark.slow
 def test_the_robot_of_a_socnav_file_is_the_vehicle(socnav):
     scenario, trace, contents = socnav
     middle = np.mean([min(trace.rules.body), max(trace.rules.body)])
@@ -135,6 +137,7 @@ def test_the_robot_of_a_socnav_file_is_the_vehicle(socnav):
         assert is_car or (away < last["goal"]["pos_threshold"]) == (trace.outcome[row] == Outcome.SUCCESS)
 
 
+@pytest.mark.slow
 def test_people_in_a_socnav_file_face_where_they_walk(socnav):
     _, trace, contents = socnav
     for row, content in enumerate(contents):
@@ -150,6 +153,7 @@ def test_people_in_a_socnav_file_face_where_they_walk(socnav):
         assert compared > 20
 
 
+@pytest.mark.slow
 def test_the_walls_of_a_socnav_file_are_in_its_grid(socnav):
     scenario, _, contents = socnav
     for content in contents:

@@ -106,6 +106,7 @@ def test_scenarios(folder, name, edits):
     answer("render", folder / "mine.toml", "--out", folder / "x.svg")
 
 
+@pytest.mark.slow
 @fuzz
 @given(EDITS, BYTES)
 def test_maps(folder, edits, other):

@@ -84,6 +84,7 @@ def test_an_interrupted_command_goes_on_with_finished_scenarios(call, monkeypatc
     assert len(list(Path("runs/suite").glob("*/result.json"))) == 6
 
 
+@pytest.mark.slow
 def test_a_scenario_that_cannot_be_driven_counts_0(call, monkeypatch):
     monkeypatch.setattr("crowdbench.utils.progress_bars.SLOW", 0.0)
     Path("stops.py").write_text(STOPS_AT_DOORS)

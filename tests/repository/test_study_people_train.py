@@ -12,6 +12,8 @@ from studies.people.fit import POLICIES
 from studies.people.simulate import simulate
 from studies.people.train import MIRRORED, examples, train
 
+pytestmark = pytest.mark.slow  # the kernels take seconds to compile
+
 
 def scene(angle=0.0, shift=(0.0, 0.0), people=8):
     """Positions, velocities, goals, speeds and presence of people at random, turned and shifted."""
@@ -53,7 +55,6 @@ def test_a_pedestrian_alone_goes_to_its_goal():
     assert policy.velocities(now, table)[0, 0] == pytest.approx([1.2, 0.0], abs=0.15)
 
 
-@pytest.mark.slow
 def test_training_writes_a_policy_that_differs_from_the_shipped_one(shared, tmp_path, monkeypatch):
     monkeypatch.setattr("studies.people.train.EPOCHS", 1)
     windows = crossings(windows=1)
