@@ -222,7 +222,7 @@ def avoid_block(begin, end, first, crowd, time_step, limits, walls, nearest, out
                 j = neighbor[m]
                 touching = radius[w, i] + radius[w, j]
                 if j >= first:
-                    touching += between
+                    touching = max(touching + between, 0.0)
                 _half_plane(position, velocity, touching, w, i, j, tau, time_step, lines, hard + m)
             n += hard
             speed, x, y = max_speed[w, i], preferred[w, i, 0], preferred[w, i, 1]

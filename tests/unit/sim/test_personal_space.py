@@ -75,3 +75,8 @@ def test_inertias_differ_by_their_spread():
         assert abs(factors).max() <= 1.0 + 1e-9
         assert factors.std() == pytest.approx(0.5 * 0.96, rel=0.05)  # limited to two standard deviations
         assert factors.mean() == pytest.approx(0.0, abs=0.04)
+
+
+def test_nobody_is_avoided_by_less_than_its_centre():
+    position, velocity = [[0.0, 50.0], [0.0, 0.0], [3.0, 0.1]], PASSING[1]
+    assert np.array_equal(decide(position, velocity, space=-0.7), decide(position, velocity, space=-0.6))
