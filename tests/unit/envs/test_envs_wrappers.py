@@ -23,7 +23,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     from pettingzoo.test import api_test, parallel_api_test, state_test
 
-SCENARIOS = ["circle_crossing_5", "door_10", "mixed_20", "car_28", "mixed_20"]
+SCENARIOS = ["circle_crossing_5", "door_10", "mixed_20", "car_28"]
 
 
 @pytest.fixture(params=[*SCENARIOS, "eth_recorded"], scope="module")
@@ -112,6 +112,7 @@ def test_pettingzoos_test_of_the_state_passes():
 
 
 @pytest.mark.filterwarnings("ignore:We recommend agents to be named")
+@pytest.mark.filterwarnings("ignore:Observation numpy array is all zeros")  # of a pedestrian that has left
 def test_agents_act_in_turns_as_they_act_together(scenario):
     api_test(pettingzoo.make("aec", CROWD, scenario=scenario), num_cycles=60)
     ours, theirs = parallel_env(scenario), aec_to_parallel(parallel_to_aec(parallel_env(scenario)))
