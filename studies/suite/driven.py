@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from crowdbench.runs import Run, RunSpec, load_run
 from crowdbench.utils import Name, TomlTable
 from studies.schema import CasesText
+
+MOVING = f"{Path(__file__).with_name('moving.py')}:t_close_moving"
+"""The metric that the runs of the study have beside the built-in ones."""
 
 
 class DrivenPlanner(TomlTable):
@@ -18,4 +22,5 @@ class DrivenPlanner(TomlTable):
 
     def load(self, scenario: str, overrides: Mapping[str, Any]) -> Run:
         """Load the run in a scenario with other values for some keys."""
-        return load_run(RunSpec(self.planner, scenario, self.cases, overrides=overrides, record="none"))
+        spec = RunSpec(self.planner, scenario, self.cases, overrides=overrides, metrics=(MOVING,), record="none")
+        return load_run(spec)
