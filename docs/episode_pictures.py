@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import tempfile
 from dataclasses import dataclass
+from itertools import filterfalse
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ import crowdbench
 from crowdbench.api import rollout
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Observation, Trace
-from crowdbench.drawing import LIGHT, Moment, Polygon, draw_bands, draw_moment
+from crowdbench.drawing import LIGHT, Moment, Polygon, Shape, draw_bands, draw_moment
 from crowdbench.figures.episode_figure import WHOLE, Episode, Picture, draw_pictures, draw_start, draw_strip, film
 from crowdbench.metrics.fault import WINDOW, Fault, find_contacts
 from crowdbench.planners.planner import Planner
@@ -32,7 +33,7 @@ FAULTS = {
     "hit alone": (Fault.ALONE, "orca", 59),
     "hit both": (Fault.BOTH, "orca", 5),
 }
-"""Kinds of collisions with an example of each in `streets_16_blind`: the planner, and the number of a validation case."""
+"""Kinds of collisions with an example in `streets_16_blind`: the planner, and the number of a validation case."""
 
 REACH = 1.6
 """Distance in metres that a picture of a collision shows on each side of the contact."""
@@ -137,8 +138,12 @@ def draw_fault(title: str, kind: Fault, planner: str, case: int) -> Picture:
     note = f"φ = {contacts.share[0]:.2f}", LIGHT.text
     bands, bounds, inch = draw_bands(np.stack([middle - REACH, middle + REACH]), WHOLE / len(FAULTS), note, title)
     # Without the star of a contact, which every picture would have.
-    shapes = [shape for shape in draw_moment(moment) if not (isinstance(shape, Polygon) and shape.edge == LIGHT.contact)]
-    return [*shapes, *bands], bounds, inch
+    return [*filterfalse(is_star, draw_moment(moment)), *bands], bounds, inch
+
+
+def is_star(shape: Shape) -> bool:
+    """Return whether a shape is the star of a contact."""
+    return isinstance(shape, Polygon) and shape.edge == LIGHT.contact
 
 
 def draw_decision(out: Path) -> None:
