@@ -27,10 +27,17 @@ FILE = Path(__file__).with_suffix(".toml")
 
 
 class ConditionsSpec(StudyHead):
-    """The TOML file of the conditions."""
+    """The TOML file of the conditions.
 
-    attacks: list[AttackSpec] = Field(description="tables [[attacks]]")
+    Attributes:
+        planners: The planners.
+        aside: Planners that are driven for attacks alone, with perfect sensing.
+        attacks: The attacks.
+    """
+
     planners: list[DrivenPlanner] = Field(min_length=2, description="tables [[planners]]")
+    aside: list[DrivenPlanner] = Field(description="tables [[aside]]")
+    attacks: list[AttackSpec] = Field(description="tables [[attacks]]")
 
 
 @help_from_docstring
@@ -50,24 +57,24 @@ def conditions(
     """
     use_threads(threads)
     spec, names = read_file(FILE, ConditionsSpec), read_suite().ranked
-    planners = {each.name: each for each in spec.planners}
-    if cases:
-        changed = {"cases": Cases.parse(cases)}
-        planners = {name: each.model_copy(update=changed) for name, each in planners.items()}
+    changed = {"cases": Cases.parse(cases)} if cases else {}
+    planners, aside = (
+        {each.name: each.model_copy(update=changed) for each in group} for group in (spec.planners, spec.aside)
+    )
     runs = {track: load_track(planners, names, track) for track in SENSING_TRACKS}
-    make_runs(flat(list(runs.values())), out, Sharing(None, workers, engine, threads))
-    attacks = {attack.planner for attack in spec.attacks}
+    runs_aside = load_track(aside, names, PERFECT)
+    make_runs(flat([*runs.values(), runs_aside]), out, Sharing(None, workers, engine, threads))
     grids, texts = [], []
     for track in SENSING_TRACKS:
-        everybody = read_standings(runs[track], out)
-        honest = {name: each for name, each in everybody.items() if name not in attacks}
-        results = check_track(honest, names)
+        standings = read_standings(runs[track], out)
+        everybody = standings | (read_standings(runs_aside, out) if track == PERFECT else {})
+        results = check_track(standings, names)
         if track == PERFECT:
-            results += [check_attack(attack, honest, everybody) for attack in spec.attacks]
+            results += [check_attack(attack, standings, everybody) for attack in spec.attacks]
         rows = [[each.condition, each.figure, "holds" if each.holds else "**missed**"] for each in results]
         ranked = rank_grid(f"Ranks with {track} sensing", everybody, {}, "")
         grids += [Grid(f"Conditions with {track} sensing", ["condition", "figure", ""], rows), ranked]
-        grids += [best_grid(track, honest, names), correlation_grid(track, honest, names)]
+        grids += [best_grid(track, standings, names), correlation_grid(track, standings, names)]
         texts += [[], order_texts(everybody), [], []]
     command = f"python studies/suite/conditions.py{f' --cases {cases}' if cases else ''}"
     parts = [printed_by(command), spec.description]
