@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import tempfile
 from dataclasses import dataclass
+from itertools import filterfalse
 from pathlib import Path
 
 import numpy as np
@@ -15,29 +16,26 @@ import crowdbench
 from crowdbench.api import rollout
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Observation, Trace
-from crowdbench.drawing import LIGHT, Moment, draw_bands, draw_moment
+from crowdbench.drawing import LIGHT, Moment, Polygon, Shape, draw_bands, draw_moment
 from crowdbench.figures.episode_figure import WHOLE, Episode, Picture, draw_pictures, draw_start, draw_strip, film
 from crowdbench.metrics.fault import WINDOW, Fault, find_contacts
 from crowdbench.planners.planner import Planner
 from crowdbench.record.decisions import draw_decisions, read_paths
 from crowdbench.runs.spec import EVERY_STEP, Replanning
 
-EARLIER = Path(__file__).parents[1] / "studies" / "scenarios"
-"""Scenarios of the suite before its first version."""
-
 COLUMNS = 4
 """Number of panels side by side in a picture of the width of a page."""
 
 FAULTS = {
-    "struck standing": (Fault.STRUCK_STANDING, "waiting", 9),
-    "struck from behind": (Fault.STRUCK_BEHIND, "orca", 40),
-    "struck otherwise": (Fault.STRUCK, "orca", 18),
-    "hit alone": (Fault.ALONE, "orca", 29),
-    "hit both": (Fault.BOTH, "orca", 3),
+    "struck standing": (Fault.STRUCK_STANDING, "waiting", 4),
+    "struck from behind": (Fault.STRUCK_BEHIND, "orca", 16),
+    "struck otherwise": (Fault.STRUCK, "orca", 45),
+    "hit alone": (Fault.ALONE, "orca", 59),
+    "hit both": (Fault.BOTH, "orca", 5),
 }
-"""Kinds of collisions with an example of each: the planner, and the number of a validation case."""
+"""Kinds of collisions with an example in `streets_16_blind`: the planner, and the number of a validation case."""
 
-REACH = 1.8
+REACH = 1.6
 """Distance in metres that a picture of a collision shows on each side of the contact."""
 
 
@@ -122,7 +120,7 @@ def draw_faults(out: Path) -> None:
 
 def draw_fault(title: str, kind: Fault, planner: str, case: int) -> Picture:
     """Return a picture of the two agents in contact at the end of a case, with their motion of the last second."""
-    trace = drive(planner, str(EARLIER / "intersection_16_seen.toml"), f"val/{case}")
+    trace = drive(planner, "streets_16_blind", f"val/{case}")
     contacts, end = find_contacts(trace), int(trace.steps[0])
     if contacts.fault[0] != kind:
         raise ValueError(f"case val/{case} of {planner} is no example of {title}")
@@ -139,17 +137,29 @@ def draw_fault(title: str, kind: Fault, planner: str, case: int) -> Picture:
     middle = moment.position[-1].mean(axis=0)
     note = f"φ = {contacts.share[0]:.2f}", LIGHT.text
     bands, bounds, inch = draw_bands(np.stack([middle - REACH, middle + REACH]), WHOLE / len(FAULTS), note, title)
-    return [*draw_moment(moment), *bands], bounds, inch
+    # Without the star of a contact, which every picture would have.
+    return [*filterfalse(is_star, draw_moment(moment)), *bands], bounds, inch
+
+
+def is_star(shape: Shape) -> bool:
+    """Return whether a shape is the star of a contact."""
+    return isinstance(shape, Polygon) and shape.edge == LIGHT.contact
 
 
 def draw_decision(out: Path) -> None:
-    """Draw a decision with noisy measurements in the Rerun viewer, without its empty menu."""
+    """Draw a decision with tracks of pedestrians in the Rerun viewer, without its empty menu."""
     with tempfile.TemporaryDirectory() as folder:
         run, shot = Path(folder) / "run", Path(folder) / "shot.png"
         crowdbench.run(
-            "sarl_cvm", str(EARLIER / "noisy_10.toml"), "val:1:2", out=run, record="all", progress=lambda _: None
+            "sarl_cvm",
+            "groups_12",
+            "val:10:11",
+            overrides={"sensor.track": "realistic"},
+            out=run,
+            record="all",
+            progress=lambda _: None,
         )
-        take_picture(run / "run.rrd", 2.5, shot)
+        take_picture(run / "run.rrd", 8.0, shot)
         with Image.open(shot) as picture:
             width, height = picture.size
             picture.convert("RGB").crop((0, 72, width, height)).reduce(2).save(out)

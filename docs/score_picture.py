@@ -7,7 +7,7 @@ import numpy as np
 from crowdbench.api import rollout
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Trace
-from crowdbench.drawing import LIGHT, Line
+from crowdbench.drawing import LIGHT, Disc
 from crowdbench.figures.episode_figure import Episode
 from crowdbench.figures.style import COLOURS, canvas, draw_panel
 from crowdbench.metrics.registry import METRICS
@@ -15,6 +15,9 @@ from crowdbench.metrics.score import closeness
 
 PARTS = 25
 """Parts of a step in which the closeness is drawn."""
+
+WIDTH = 0.15
+"""Half the width of the path in metres where one pedestrian is close."""
 
 
 def closeness_over_time(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
@@ -38,9 +41,9 @@ def draw_score(out: Path) -> None:
     times, weights = closeness_over_time(trace)
     colour = {"empty": f"#{bytes(LIGHT.success).hex()}", "time": COLOURS[0], "close": f"#{bytes(LIGHT.contact).hex()}"}
     shapes, bounds, _ = Episode(trace, 0).picture()
-    path = trace.position[0, : int(trace.steps[0]) + 1, 0]
-    near = weights.reshape(-1, PARTS).mean(axis=1)
-    shapes += [Line(path[t : t + 2], LIGHT.contact, 5.0 * near[t]) for t in np.flatnonzero(near > 0.0)]
+    states = np.arange(int(trace.steps[0]) + 1) * trace.rules.dt
+    path = np.stack([np.interp(times, states, axis[: len(states)]) for axis in trace.position[0, :, 0].T], axis=1)
+    shapes += [Disc(path[i], WIDTH * weights[i], LIGHT.contact) for i in np.flatnonzero(weights > 0.05)]
     with canvas(out, 7.0, 3.3) as figure:
         draw_panel(figure, (1, 2, 1), bounds, shapes)
         curve, bars = figure.add_subplot(2, 2, 2), figure.add_subplot(2, 2, 4)

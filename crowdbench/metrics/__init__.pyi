@@ -9,6 +9,14 @@ from .networks import mean_of_means as mean_of_means
 from .networks import mean_over_networks as mean_over_networks
 from .networks import network_estimate as network_estimate
 from .networks import range_over_networks as range_over_networks
+from .ranking import FAULT as FAULT
+from .ranking import FAULT_IN_SCENARIO as FAULT_IN_SCENARIO
+from .ranking import Pair as Pair
+from .ranking import Rank as Rank
+from .ranking import compare_all as compare_all
+from .ranking import fault_bound as fault_bound
+from .ranking import is_competent as is_competent
+from .ranking import ranks as ranks
 from .registry import MAIN as MAIN
 from .registry import UNDISTURBED as UNDISTURBED
 from .registry import info_of as info_of

@@ -80,14 +80,14 @@ def _half_width(groups: Sequence[Float[np.ndarray, "_ _"]]) -> float:
         contributed += parts.sum(axis=0)
         counted |= defined.any(axis=0)
         if networks > 1:
-            squares += _t(networks) ** 2 * means.var(ddof=1) / networks
+            squares += student_quantile(networks) ** 2 * means.var(ddof=1) / networks
     cases = int(counted.sum())
     if cases < 2:
         return math.nan
-    return math.sqrt(squares + _t(cases) ** 2 * (contributed**2).sum() * cases / (cases - 1))
+    return math.sqrt(squares + student_quantile(cases) ** 2 * (contributed**2).sum() * cases / (cases - 1))
 
 
-def _t(n: int) -> float:
+def student_quantile(n: int) -> float:
     """Return the quantile of Student's t for an interval that comes from `n` values."""
     return float(student.ppf(0.5 + CONFIDENCE / 2, n - 1))
 

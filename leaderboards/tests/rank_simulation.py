@@ -10,7 +10,8 @@ import sys
 
 import numpy as np
 
-from crowdbench_leaderboards.pages.ranking import compare_all, ranks, tiers
+from crowdbench.metrics import compare_all, ranks
+from crowdbench_leaderboards.pages.ranking import is_equivalent, tiers
 
 CASES = 500
 BETTER = 0.02
@@ -29,15 +30,15 @@ def simulate(entries, rate, correlation, repetitions, better=0.0, cases=CASES, s
         success = np.where(shared, draws.random(cases) < rate, own)
         success[0] |= draws.random(cases) < better / (1.0 - rate)
         names = [str(number) for number in range(entries)]
-        pairs = compare_all(dict(zip(names, success[:, None].astype(float), strict=True)), np.ones(1))
+        pairs = compare_all(dict(zip(names, success[:, None, None].astype(float), strict=True)), np.ones(1))
         rank = ranks(names, pairs)
         other = [pair for pair in pairs if better > 0.0 and "0" in (pair.higher, pair.lower)]
         equal = [pair for pair in pairs if pair not in other]
         wrong[repetition] = any(pair.is_sure for pair in equal)
         tier[repetition] = sum(tiers(sorted(rank.values(), key=lambda each: (each.first, each.last)))) > 1
         found[repetition] = rank["0"].last == 1
-        equivalent[repetition] = np.mean([pair.is_equivalent for pair in equal])
-        unequal[repetition] = any(pair.is_equivalent for pair in other)
+        equivalent[repetition] = np.mean([is_equivalent(pair) for pair in equal])
+        unequal[repetition] = any(is_equivalent(pair) for pair in other)
         better_than[repetition] = np.mean([pair.is_sure and pair.higher == "0" for pair in other or pairs])
         width[repetition] = np.mean([each.last - each.first for each in rank.values()])
     return {

@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rank_simulation import BETTER, simulate
 
-from crowdbench_leaderboards.pages.ranking import MARGIN, Rank, compare_all, pareto, ranks, sort_entries, tiers
+from crowdbench.metrics import Rank, compare_all, ranks
+from crowdbench_leaderboards.pages.ranking import MARGIN, is_equivalent, pareto, sort_entries, tiers
 
 CASES = 500
 ALONE = np.ones(1)
@@ -12,8 +13,8 @@ ALONE = np.ones(1)
 
 def entry(failures, cases=CASES):
     """The successes of an entry that fails in some cases."""
-    success = np.ones((1, cases))
-    success[0, list(failures)] = 0.0
+    success = np.ones((1, 1, cases))
+    success[0, 0, list(failures)] = 0.0
     return success
 
 
@@ -38,7 +39,7 @@ def boards(draw, most=6, cases=40):
     own = {}
     for number in range(draw(st.integers(2, most))):
         rate = draw(st.sampled_from([0.0, 0.3, 0.6, 0.9, 1.0]))
-        own[f"entry{number}"] = (generator.random((1, cases)) < rate).astype(float)
+        own[f"entry{number}"] = (generator.random((1, 1, cases)) < rate).astype(float)
     if draw(st.booleans()):
         own["twin"] = own["entry0"]
     return own
@@ -101,17 +102,17 @@ def test_tiers_need_all_pairs():
 
 
 def test_entries_are_equivalent_where_the_whole_interval_is_within_the_margin():
-    def is_equivalent(failures, cases):
+    def compare(failures, cases):
         (pair,) = compare_all(numbered([entry([], cases), entry(range(failures), cases)]), ALONE)
-        return pair.is_equivalent
+        return pair
 
-    assert is_equivalent(1, 1000)
-    assert not is_equivalent(1, 50)  # too few cases to say so
-    assert not is_equivalent(int(MARGIN * 4000), 4000)
+    assert is_equivalent(compare(1, 1000))
+    assert not is_equivalent(compare(1, 50))  # too few cases to say so
+    assert not is_equivalent(compare(int(MARGIN * 4000), 4000))
 
 
 def test_scenarios_count_by_their_weights():
-    two = [each.reshape(2, -1) for each in (entry([]), entry(range(25)))]
+    two = [each.reshape(1, 2, -1) for each in (entry([]), entry(range(25)))]
     (pair,) = compare_all(numbered(two), np.array([0.75, 0.25]))
     assert pair.difference == pytest.approx(0.75 * 25 / 250)
 
@@ -127,7 +128,7 @@ def test_cases_of_a_block_count_as_one_observation():
 
 def test_an_interval_is_that_of_students_t_where_many_cases_differ():
     success = np.random.default_rng(3).random((2, CASES)) < [[0.7], [0.5]]
-    (pair,) = compare_all(numbered(success[:, None].astype(float)), ALONE)
+    (pair,) = compare_all(numbered(success[:, None, None].astype(float)), ALONE)
     values = success[0].astype(float) - success[1]
     assert pair.error == pytest.approx(1.965 * values.std(ddof=1) / np.sqrt(CASES), rel=0.05)
 

@@ -16,17 +16,14 @@ from jaxtyping import Float, Int
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench import SCENARIOS, Cases, Scenario, load_scenario
+from crowdbench import SCENARIOS, Cases, Scenario, load_scenario, read_suite
 from crowdbench.cli import help_from_docstring, main
 from crowdbench.core import norm
 from crowdbench.scenario import ETH_UCY_DT, FRAME_STEP, RecordedTracks, read_tracks
 from crowdbench.sim import crowd_decisions, init_memories, step_pedestrians
 from crowdbench.utils import markdown, printed_by
 
-FOLDERS = ("suite", "stress", "held_out", "maps")
-"""The folders whose scenarios are measured unless others are named."""
-
-Names = Annotated[list[str] | None, typer.Argument(show_default=" ".join(FOLDERS))]
+Names = Annotated[list[str] | None, typer.Argument(show_default="the suite, and the maps")]
 
 MOVING, SHORTEST = 0.3, 1.0
 """Speed in m/s of both steps of a reversal; shortest path in metres of a pedestrian that counts as walking."""
@@ -139,6 +136,13 @@ def row(name: str, numbers: list[float]) -> list[str]:
     return [name, *cells, *["-"] * (HEADER.count("|") - len(cells))]
 
 
+def default_scenarios() -> list[str]:
+    """Return the names of the scenarios of the suite, and of the maps."""
+    suite = read_suite()
+    maps = sorted(path.stem for path in (SCENARIOS / "maps").glob("*.toml"))
+    return [*suite.ranked, *suite.stress, *suite.held_out, *maps]
+
+
 @help_from_docstring
 def motion(
     scenarios: Names = None, data: Path | None = None, cases: int = 100, pedestrians: list[str] | None = None
@@ -152,7 +156,7 @@ def motion(
         pedestrians: A pedestrian policy that replaces the policies of the scenarios. Repeat it for several.
     """
     rows = [row(path.stem, measure(recorded(read_tracks(path)))) for path in sorted(data.glob("*.txt"))] if data else []
-    named = scenarios or [path.stem for folder in FOLDERS for path in sorted((SCENARIOS / folder).glob("*.toml"))]
+    named = scenarios or default_scenarios()
     policies: Sequence[str | None] = pedestrians or [None]
     for name, policy in itertools.product(named, policies):
         walks, besides = simulate(load_scenario(name, pedestrians=policy), Cases("val", 0, cases))

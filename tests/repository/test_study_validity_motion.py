@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from crowdbench.catalog import SCENARIOS, load_scenario
+from crowdbench.catalog import load_scenario
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.recorded_tracks import RecordedTracks
-from studies.validity.motion import ETH_UCY_DT, HEADER, Walks, measure, motion, recorded, simulate
+from studies.validity.motion import ETH_UCY_DT, HEADER, Walks, default_scenarios, measure, motion, recorded, simulate
 
-FILES = [path for folder in ("suite", "stress", "held_out") for path in (SCENARIOS / folder).glob("*.toml")]
-SUITE = sorted(path.stem for path in FILES if path.stem != "suite")  # which lists the others
+MAPS = {"office_8", "shop_10"}
+SUITE = [name for name in default_scenarios() if name not in MAPS]
 
 
 def walks(*paths, radius=0.2, dt=ETH_UCY_DT):
@@ -80,6 +80,12 @@ def test_people_of_the_suite_move_like_people(name):
     assert largest <= 3.0
     assert reversals <= 1.0
     assert overlapping <= 0.004, "0.2 % in many cases"
+
+
+def test_the_page_has_the_suite_and_the_maps():
+    assert set(default_scenarios()) == {*SUITE, *MAPS}
+    assert {"circle_20", "circle_20_blind", "power_law_16"} <= set(SUITE)
+    assert all(load_scenario(name) for name in default_scenarios())
 
 
 def test_the_command_prints_the_page(capsys):

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from crowdbench import Outcome
-from crowdbench.metrics import Estimate
-from crowdbench_leaderboards.pages.ranking import Pair
+from crowdbench.metrics import Estimate, Pair
+from crowdbench_leaderboards.pages.ranking import is_equivalent
 from crowdbench_leaderboards.pages.standings import Standing, Standings
 from crowdbench_leaderboards.pages.texts import NOTHING, number
 
@@ -71,8 +71,8 @@ def near(table: Standings, one: Standing) -> tuple[list[str], list[str]]:
     """Return the names of the ranked entries equivalent to an entry, and of those without a decided difference."""
     pairs = [pair for pair in table.pairs if one.name in (pair.higher, pair.lower)]
     other = {pair: pair.higher if pair.lower == one.name else pair.lower for pair in pairs}
-    unclear = [other[pair] for pair in pairs if not pair.is_sure and not pair.is_equivalent]
-    return [other[pair] for pair in pairs if pair.is_equivalent], unclear
+    unclear = [other[pair] for pair in pairs if not pair.is_sure and not is_equivalent(pair)]
+    return [other[pair] for pair in pairs if is_equivalent(pair)], unclear
 
 
 def pair_table(table: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
@@ -91,7 +91,7 @@ def _pair_cell(pair: Pair, verdict: str, sign: float) -> dict[str, str]:
     signed = text if text.startswith("\N{MINUS SIGN}") else f"+{text}"
     return {
         "style": verdict if pair.is_sure else "",
-        "verdict": verdict if pair.is_sure else "as good" if pair.is_equivalent else "not decided",
+        "verdict": verdict if pair.is_sure else "as good" if is_equivalent(pair) else "not decided",
         "difference": f"{signed} \N{PLUS-MINUS SIGN} {number(100.0 * pair.error, 1)}",
     }
 

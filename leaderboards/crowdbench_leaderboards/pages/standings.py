@@ -11,12 +11,12 @@ import numpy as np
 from jaxtyping import Int
 
 from crowdbench import Episodes, InputError, Outcome
-from crowdbench.metrics import UNDEFINED, Estimate, mean_over_scenarios
+from crowdbench.metrics import UNDEFINED, Estimate, Pair, Rank, compare_all, mean_over_scenarios, ranks
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.board_runs import read_episodes
 from crowdbench_leaderboards.entry import MAINTAINERS, Entry, fold, is_pending
 from crowdbench_leaderboards.means import Estimates, board_figures
-from crowdbench_leaderboards.pages.ranking import Pair, Rank, compare_all, pareto, ranks, sort_entries, tiers
+from crowdbench_leaderboards.pages.ranking import pareto, sort_entries, tiers
 from crowdbench_leaderboards.season import Season
 from crowdbench_leaderboards.verdict import (
     DecisionTime,
@@ -217,7 +217,7 @@ def _compare(board: Board, candidates: Mapping[str, Standing]) -> tuple[list[Pai
 
 def _compare_entries(board: Board, entries: Sequence[Standing]) -> tuple[list[Pair], dict[str, Rank]]:
     """Compare entries with each other, and return their pairs and their ranks by name."""
-    successes = {entry.name: (entry.outcomes == Outcome.SUCCESS).astype(float) for entry in entries}
+    successes = {entry.name: (entry.outcomes == Outcome.SUCCESS).astype(float)[None] for entry in entries}
     pairs = compare_all(successes, board.weights, _blocks(entries))
     return pairs, ranks([*successes], pairs)
 

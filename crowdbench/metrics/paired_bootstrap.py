@@ -1,4 +1,4 @@
-"""A studentised bootstrap of differences between entries over cases, paired by case (Efron 1979)."""
+"""A studentised bootstrap of differences between planners over cases, paired by case (Efron 1979)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, Shaped
 RESAMPLES = 2000
 
 _SEED = 0
-"""Fixed, so that the same entries have the same ranks."""
+"""Fixed, so that the same runs have the same ranks."""
 
 
 class Studentised(NamedTuple):
@@ -34,11 +34,11 @@ def studentise(
 ) -> Studentised:
     """Resample the cases of each scenario, the same ones for all pairs.
 
-    A variance is at least that of the discordant cases and one more: if few cases differ, or none, as many others may
-    differ by chance.
+    A variance is at least the mean square of the differences and of one more, which is 1: if few cases differ, or none,
+    as many others may differ by chance.
 
     Args:
-        scenarios: The differences in success in each case of each scenario: 1, 0 or -1.
+        scenarios: The differences in each case of each scenario, from -1 to 1.
         weights: The weight of each scenario; the sum is 1.
         blocks: The block of each case of each scenario, if cases of the same block are not independent: then they are
             resampled together.
@@ -59,7 +59,7 @@ def studentise(
         squares += off**2 * (times @ size**2)[:, None]
         deviation += weight * off
         variance += weight**2 * squares / cases**2 * len(size) / max(len(size) - 1, 1)
-        one_more = times @ _over_blocks(scenario != 0.0, index) + 1.0 / len(scenarios)
+        one_more = times @ _over_blocks(scenario**2, index) + 1.0 / len(scenarios)
         least += weight**2 * one_more / cases**2
     error = np.sqrt(np.maximum(variance, least))
     return Studentised(error[0], deviation[1:] / error[1:])
