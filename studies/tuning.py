@@ -35,8 +35,8 @@ RANGES: dict[str, dict[str, Any]] = {
     "brne": {"straightness": (0.02, 0.2), "width": (0.3, 2.0), "zone": (2.0, 12.0), "penalty": (100.0, 1000.0)},
     "dra_mppi": RISK | {"speed": (0.2, 1.5), "change": (0.2, 1.5), "spread": (0.2, 0.6)},
 }
-"""Lowest and highest value of the options of each planner; the first trial has its defaults. `mppi_plain` is MPPI without
-a margin, which is tuned for plain time (the metric `sct`)."""
+"""Lowest and highest value of the options of each planner; the first trial has its defaults. `mppi_plain` is MPPI
+without a margin, which is tuned for plain time (the metric `sct`)."""
 
 METRICS = {"score": 1.0, "sct": 1.0, "success_rate": 100.0, "at_fault_rate": 100.0, "navigation_time": 1.0}
 """The printed metrics with the factors of their units."""
