@@ -20,7 +20,7 @@ from crowdbench.runs import Run
 from crowdbench.utils import Format, Grid, markdown, printed_by
 from studies.command import EngineOption, Sharing, make_runs, print_study
 from studies.pages import read_file
-from studies.schema import StudyHead
+from studies.schema import CasesText, StudyHead
 from studies.suite.driven import DrivenPlanner
 from studies.suite.rank import order, order_texts, rank_grid
 from studies.suite.standing import Standing
@@ -36,11 +36,13 @@ class SuiteSpec(StudyHead):
 
     Attributes:
         crowd: The other crowd: a pedestrian policy by scenario; `others` for all other scenarios.
+        crowd_cases: The cases of each scenario in that crowd, with perfect sensing.
         earlier: The mean success in % on the earlier suite, by planner.
         planners: The planners.
     """
 
     crowd: dict[str, str] = Field(description="a table [crowd] of pedestrian policies")
+    crowd_cases: CasesText
     earlier: dict[str, float] = Field(description="a table [earlier] of numbers")
     planners: list[DrivenPlanner] = Field(min_length=2, description="tables [[planners]]")
 
@@ -70,10 +72,11 @@ def suite(
     spec, scenarios = read_file(FILE, SuiteSpec), read_suite()
     chosen = {each.name: each for each in spec.planners if not planner or each.name in planner}
     if cases:
-        chosen = {name: each.model_copy(update={"cases": Cases.parse(cases)}) for name, each in chosen.items()}
+        chosen = change_cases(chosen, Cases.parse(cases))
     names = [*scenarios.ranked, *scenarios.stress, *scenarios.held_out]
     tracks = {track: load_track(chosen, names, track) for track in SENSING_TRACKS}
-    crowd = load_crowd(chosen, scenarios.ranked, spec.crowd)
+    crowd_cases = Cases.parse(cases) if cases else spec.crowd_cases
+    crowd = load_crowd(change_cases(chosen, crowd_cases), scenarios.ranked, spec.crowd)
     make_runs(flat([*tracks.values(), crowd]), out, Sharing(None, workers, engine, threads))
     standings = {track: read_standings(runs, out) for track, runs in tracks.items()}
     ranked = {track: read_standings(runs, out, len(scenarios.ranked)) for track, runs in tracks.items()}
@@ -91,6 +94,11 @@ def suite(
     for grid in grids[2:]:
         parts += [f"## {grid.title}", markdown(grid.header, grid.rows)]
     print_study(grids, grids, "\n\n".join([*parts, *spec.sources]), format)
+
+
+def change_cases(planners: Mapping[str, DrivenPlanner], cases: Cases) -> dict[str, DrivenPlanner]:
+    """Return the planners with other cases."""
+    return {name: each.model_copy(update={"cases": cases}) for name, each in planners.items()}
 
 
 def load_track(planners: Mapping[str, DrivenPlanner], scenarios: Sequence[str], track: str) -> dict[str, Runs]:
@@ -129,6 +137,7 @@ def order_grid(ranked: Mapping[str, Mapping[str, Standing]], earlier: Mapping[st
 
     Args:
         ranked: The standings in the ranked scenarios by track and planner.
+        crowd_cases: The cases of each scenario in that crowd, with perfect sensing.
         earlier: The mean success in % on the earlier suite, by planner.
     """
     perfect, realistic = (ranked[track] for track in SENSING_TRACKS)
