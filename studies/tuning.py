@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +48,7 @@ def tune(
     planner: str,
     trials: int = 30,
     cases: int = 20,
+    track: str = "perfect",
     out: Path = Path("runs/tuning"),
     workers: WorkersOption = None,
     engine: EngineOption = None,
@@ -58,6 +60,7 @@ def tune(
         planner: One of `RANGES`.
         trials: Number of configurations.
         cases: Validation cases of each scenario.
+        track: The track of sensing, perfect or realistic.
         out: Folder for the runs.
     """
     use_threads(threads)
@@ -69,13 +72,11 @@ def tune(
         raise InputError(f"planner is {planner}, but must be one of {', '.join(RANGES)}")
     generator = np.random.default_rng(1)
     drawn = [_draw(RANGES[planner], generator) if trial else {} for trial in range(trials)]
-    validation = Cases("val", 0, cases)
+    base = RunSpec(
+        planner.removesuffix("_plain"), "", Cases("val", 0, cases), overrides={"sensor.track": track}, record="none"
+    )
     runs = [
-        [
-            load_run(RunSpec(planner.removesuffix("_plain"), scenario, validation, options=options, record="none"))
-            for scenario in SCENARIOS
-        ]
-        for options in drawn
+        [load_run(replace(base, scenario=scenario, options=options)) for scenario in SCENARIOS] for options in drawn
     ]
     make_runs(list(itertools.chain(*runs)), out, Sharing(None, workers, engine, threads))
     for trial, (options, of_trial) in enumerate(zip(drawn, runs, strict=True)):

@@ -21,7 +21,7 @@ from studies.schema import StudyHead
 from studies.suite.checks import AttackSpec, best_grid, check_attack, check_track, correlation_grid
 from studies.suite.driven import DrivenPlanner
 from studies.suite.rank import order_texts, rank_grid
-from studies.suite.run import PERFECT, flat, load_track, read_standings
+from studies.suite.run import PERFECT, change_cases, flat, load_track, read_standings
 
 FILE = Path(__file__).with_suffix(".toml")
 
@@ -57,10 +57,9 @@ def conditions(
     """
     use_threads(threads)
     spec, names = read_file(FILE, ConditionsSpec), read_suite().ranked
-    changed = {"cases": Cases.parse(cases)} if cases else {}
-    planners, aside = (
-        {each.name: each.model_copy(update=changed) for each in group} for group in (spec.planners, spec.aside)
-    )
+    planners, aside = ({each.name: each for each in group} for group in (spec.planners, spec.aside))
+    if cases:
+        planners, aside = (change_cases(group, Cases.parse(cases)) for group in (planners, aside))
     runs = {track: load_track(planners, names, track) for track in SENSING_TRACKS}
     runs_aside = load_track(aside, names, PERFECT)
     make_runs(flat([*runs.values(), runs_aside]), out, Sharing(None, workers, engine, threads))

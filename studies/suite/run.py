@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from pydantic import Field
 
@@ -17,10 +18,10 @@ from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, ma
 from crowdbench.core import SENSING_TRACKS
 from crowdbench.metrics import info_of
 from crowdbench.runs import Run
-from crowdbench.utils import Format, Grid, markdown, printed_by
+from crowdbench.utils import Format, Grid, Text, markdown, printed_by
 from studies.command import EngineOption, Sharing, make_runs, print_study
 from studies.pages import read_file
-from studies.schema import StudyHead
+from studies.schema import CasesText, StudyHead
 from studies.suite.driven import DrivenPlanner
 from studies.suite.rank import order, order_texts, rank_grid
 from studies.suite.standing import Standing
@@ -36,12 +37,16 @@ class SuiteSpec(StudyHead):
 
     Attributes:
         crowd: The other crowd: a pedestrian policy by scenario; `others` for all other scenarios.
+        crowd_cases: The cases of each scenario in that crowd, with perfect sensing.
         earlier: The mean success in % on the earlier suite, by planner.
+        reasons: Why planners have another place than there.
         planners: The planners.
     """
 
     crowd: dict[str, str] = Field(description="a table [crowd] of pedestrian policies")
+    crowd_cases: CasesText
     earlier: dict[str, float] = Field(description="a table [earlier] of numbers")
+    reasons: list[Text] = Field(description="a list of texts")
     planners: list[DrivenPlanner] = Field(min_length=2, description="tables [[planners]]")
 
 
@@ -70,10 +75,11 @@ def suite(
     spec, scenarios = read_file(FILE, SuiteSpec), read_suite()
     chosen = {each.name: each for each in spec.planners if not planner or each.name in planner}
     if cases:
-        chosen = {name: each.model_copy(update={"cases": Cases.parse(cases)}) for name, each in chosen.items()}
+        chosen = change_cases(chosen, Cases.parse(cases))
     names = [*scenarios.ranked, *scenarios.stress, *scenarios.held_out]
     tracks = {track: load_track(chosen, names, track) for track in SENSING_TRACKS}
-    crowd = load_crowd(chosen, scenarios.ranked, spec.crowd)
+    crowd_cases = Cases.parse(cases) if cases else spec.crowd_cases
+    crowd = load_crowd(change_cases(chosen, crowd_cases), scenarios.ranked, spec.crowd)
     make_runs(flat([*tracks.values(), crowd]), out, Sharing(None, workers, engine, threads))
     standings = {track: read_standings(runs, out) for track, runs in tracks.items()}
     ranked = {track: read_standings(runs, out, len(scenarios.ranked)) for track, runs in tracks.items()}
@@ -87,10 +93,17 @@ def suite(
         grids.append(rank_grid(f"Ranks with {track} sensing", ranked[track], others[track], policy))
         parts += [f"## {grids[-1].title}", markdown(grids[-1].header, grids[-1].rows), *order_texts(ranked[track])]
     grids.append(order_grid(ranked, spec.earlier))
-    grids += [score_grid(track, standings[track], ranked[track], names) for track in SENSING_TRACKS]
-    for grid in grids[2:]:
-        parts += [f"## {grid.title}", markdown(grid.header, grid.rows)]
+    parts += [f"## {grids[-1].title}", markdown(grids[-1].header, grids[-1].rows), *spec.reasons]
+    for track in SENSING_TRACKS:
+        added = [parts_grid(track, ranked[track]), score_grid(track, standings[track], ranked[track], names)]
+        parts += [text for grid in added for text in (f"## {grid.title}", markdown(grid.header, grid.rows))]
+        grids += added
     print_study(grids, grids, "\n\n".join([*parts, *spec.sources]), format)
+
+
+def change_cases(planners: Mapping[str, DrivenPlanner], cases: Cases) -> dict[str, DrivenPlanner]:
+    """Return the planners with other cases."""
+    return {name: each.model_copy(update={"cases": cases}) for name, each in planners.items()}
 
 
 def load_track(planners: Mapping[str, DrivenPlanner], scenarios: Sequence[str], track: str) -> dict[str, Runs]:
@@ -129,6 +142,7 @@ def order_grid(ranked: Mapping[str, Mapping[str, Standing]], earlier: Mapping[st
 
     Args:
         ranked: The standings in the ranked scenarios by track and planner.
+        crowd_cases: The cases of each scenario in that crowd, with perfect sensing.
         earlier: The mean success in % on the earlier suite, by planner.
     """
     perfect, realistic = (ranked[track] for track in SENSING_TRACKS)
@@ -145,6 +159,18 @@ def order_grid(ranked: Mapping[str, Mapping[str, Standing]], earlier: Mapping[st
         rows.append([name, *placed, SCORE.number(means[0] - means[1])])
     header = ["planner", "earlier: success, %", *(f"{track}: score" for track in SENSING_TRACKS), "loss"]
     return Grid("Order beside the earlier suite", header, rows)
+
+
+def parts_grid(track: str, ranked: Mapping[str, Standing]) -> Grid:
+    """Return the parts of the score of each planner in a track: means over the ranked scenarios."""
+    rows = []
+    for name in order(ranked):
+        each = ranked[name]
+        shares = [100.0 * part.mean() for part in (each.success, each.at_fault, each.timeout)]
+        times = [np.nanmean(part / each.t_empty, axis=(0, 2)).mean() for part in (each.time, each.close)]
+        rows.append([name, f"{shares[0]:.0f}", *(f"{share:.1f}" for share in shares[1:]), *(f"{t:.2f}" for t in times)])
+    header = ["planner", "success, %", "at fault, %", "time-outs, %", "T / T_empty", "t_close / T_empty"]
+    return Grid(f"Parts of the score with {track} sensing", header, rows)
 
 
 def score_grid(
