@@ -22,7 +22,7 @@ with np.load(ROOT / "tests" / "golden" / "pss_social.npz") as file:
 DENSITIES = (11, 19, 23)
 STEPS = 50
 
-adapter, scene = load_module(FOLDER / "pss_social.py"), load_module(FOLDER / "pedestrians.py")
+adapter, scene = load_module(FOLDER / "pss_social.py"), load_module(FOLDER / "mpe_pedestrians.py")
 physics = load_module(FOLDER / "mpe_physics.py")
 
 

@@ -1,7 +1,7 @@
 """The pedestrians of PSS-Social: a social force of goal, other agents and borders, executed by the physics of MPE.
 
 [pedestrians]
-policy = "./pedestrians.py"
+policy = "./mpe_pedestrians.py"
 """
 
 import numpy as np
