@@ -6,8 +6,7 @@ scene, contacts do not end an episode.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -135,27 +134,8 @@ class SceneTable:
         """
         rows = []
         for i, row in enumerate(spec.rows):
-            files = [{"weights": str(networks / f"{name}.safetensors")} for name in row.weights]
             with location.at("rows", i).named():
-                for number, pedestrians in enumerate(spec.pedestrians or [None]):
-                    changes: Mapping[str, Any] = {} if pedestrians is None else {"pedestrians.number": pedestrians}
-                    overrides = {**spec.overrides, **changes}
-                    runs = [
-                        load_run(
-                            RunSpec(
-                                row.planner,
-                                spec.scenario,
-                                spec.cases,
-                                options={**row.options, **file},
-                                overrides=overrides,
-                                record="none",
-                            )
-                        )
-                        for file in (files or [{}])
-                        if row.planner
-                    ]
-                    reported = tuple(dict(enumerate(rates)).get(number) for rates in (row.success, row.without_contact))
-                    rows.append(SceneRow(row.label, pedestrians, reported, runs))
+                rows += [_plan_row(row, spec, number, networks) for number in range(max(1, len(spec.pedestrians)))]
         return cls(spec, rows)
 
     @property
@@ -166,6 +146,19 @@ class SceneTable:
     def fill(self, out: Path) -> FilledSceneTable:
         """Return the table with the figures of the runs in the folder `out`; raises InputError if one is missing."""
         return FilledSceneTable(self.spec, [row.fill(out) for row in self.rows])
+
+
+def _plan_row(row: RowSpec, spec: SceneSpec, number: int, networks: Path) -> SceneRow:
+    """Plan the runs of a row in the scene with one number of pedestrians, given by its index."""
+    pedestrians = spec.pedestrians[number] if spec.pedestrians else None
+    changes: dict[str, Any] = {} if pedestrians is None else {"pedestrians.number": pedestrians}
+    base = RunSpec(row.planner, spec.scenario, spec.cases, overrides={**spec.overrides, **changes}, record="none")
+    choices: list[dict[str, Any]] = [{"weights": str(networks / f"{name}.safetensors")} for name in row.weights]
+    specs = [replace(base, options={**row.options, **choice}) for choice in choices or [{}]] if row.planner else []
+    success, without_contact = (
+        rates[number] if number < len(rates) else None for rates in (row.success, row.without_contact)
+    )
+    return SceneRow(row.label, pedestrians, (success, without_contact), [load_run(each) for each in specs])
 
 
 @dataclass(frozen=True)
@@ -194,8 +187,8 @@ class FilledSceneTable:
         for measure in MEASURES:
             header += [f"reported {measure}, %", f"{measure}, %"]
         columns = zip(header, *(row.cells() for row in self.rows), strict=True)
-        header, *rows = zip(*(column for column in columns if any(column[1:])), strict=True)
-        return [Grid(self.spec.title, header, rows, self.rows)]
+        titles, *rows = zip(*(column for column in columns if any(column[1:])), strict=True)
+        return [Grid(self.spec.title, titles, rows, self.rows)]
 
     def notes(self) -> list[str]:
         """Return the notes below the tables of a page."""
