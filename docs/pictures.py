@@ -14,6 +14,7 @@ import episode_pictures
 import numpy as np
 from noticing_page import draw_noticing, suite_names
 from PIL import Image, ImageSequence
+from rank_picture import draw_ranks
 from score_picture import draw_score
 from viewer_picture import NoViewer
 
@@ -33,6 +34,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "faults.png": episode_pictures.draw_faults,
     "decision.png": episode_pictures.draw_decision,
     "score.png": draw_score,
+    "ranks.png": draw_ranks,
     "success.png": curve_pictures.draw_success,
     "ladders.png": curve_pictures.draw_ladders,
     "../studies/dials/dial_density.png": curve_pictures.draw_dial,

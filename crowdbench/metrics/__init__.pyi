@@ -14,6 +14,7 @@ from .ranking import FAULT_IN_SCENARIO as FAULT_IN_SCENARIO
 from .ranking import Pair as Pair
 from .ranking import Rank as Rank
 from .ranking import compare_all as compare_all
+from .ranking import fault_bound as fault_bound
 from .ranking import is_competent as is_competent
 from .ranking import ranks as ranks
 from .registry import MAIN as MAIN

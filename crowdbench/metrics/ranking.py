@@ -123,14 +123,18 @@ def ranks(names: Sequence[str], pairs: Iterable[Pair]) -> dict[str, Rank]:
     return {name: Rank(1 + better[name], len(names) - worse[name]) for name in names}
 
 
-def is_competent(at_fault: Values) -> bool:
-    """Return whether a planner causes few collisions, in all scenarios and in each.
-
-    The upper 95 % bound of the rate of collisions at fault over all scenarios is at most 5 %, and the rate in each
-    scenario is at most 10 %. The bound is Wilson's, and the largest one of several networks counts.
+def fault_bound(at_fault: Values) -> float:
+    """Return Wilson's upper 95 % bound of a rate of collisions over all scenarios, the largest one of the networks.
 
     Args:
         at_fault: 1 for each case that ends in a collision at fault, 0 elsewhere.
     """
-    pooled = max(wilson(of_network.astype(bool).reshape(-1)).high for of_network in at_fault)
-    return pooled <= FAULT and float(at_fault.mean(axis=2).max()) <= FAULT_IN_SCENARIO
+    return max(wilson(of_network.astype(bool).reshape(-1)).high for of_network in at_fault)
+
+
+def is_competent(at_fault: Values) -> bool:
+    """Return whether a planner causes few collisions over all scenarios, and in each of them.
+
+    `fault_bound` is at most 5 %, and no network has a rate above 10 % in a scenario. Argument as for `fault_bound`.
+    """
+    return fault_bound(at_fault) <= FAULT and float(at_fault.mean(axis=2).max()) <= FAULT_IN_SCENARIO

@@ -1,4 +1,4 @@
-"""A planner with the number of cases that it drives, in the TOML files of this folder."""
+"""A planner with the cases that it drives, in the TOML files of this folder."""
 
 from __future__ import annotations
 
@@ -7,20 +7,33 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench.runs import Run, RunSpec, load_run
-from crowdbench.utils import Name, TomlTable
-from studies.schema import CasesText
+from crowdbench.utils import Text
+from studies.schema import CasesText, PlannerSpec
 
 MOVING = f"{Path(__file__).with_name('moving.py')}:t_close_moving"
 """The metric that the runs of the study have beside the built-in ones."""
 
 
-class DrivenPlanner(TomlTable):
-    """`[[planners]]`: a planner, and the cases of each scenario that it drives."""
+class DrivenPlanner(PlannerSpec):
+    """`[[planners]]`: a planner with its options, and the cases of each scenario that it drives."""
 
-    planner: Name
+    label: Text = ""
     cases: CasesText
 
-    def load(self, scenario: str, overrides: Mapping[str, Any]) -> Run:
-        """Load the run in a scenario with other values for some keys."""
-        spec = RunSpec(self.planner, scenario, self.cases, overrides=overrides, metrics=(MOVING,), record="none")
-        return load_run(spec)
+    @property
+    def name(self) -> str:
+        """Its name in tables."""
+        return self.label or self.planner
+
+    def load(self, scenario: str, overrides: Mapping[str, Any], pedestrians: str | None = None) -> list[Run]:
+        """Load a run with each of its networks.
+
+        Args:
+            scenario: The name of the scenario.
+            overrides: Other values for keys of the scenario.
+            pedestrians: A pedestrian policy that replaces that of the scenario.
+        """
+        base = {"overrides": overrides, "pedestrians": pedestrians, "metrics": (MOVING,), "record": "none"}
+        return [
+            load_run(RunSpec(self.planner, scenario, self.cases, options=options, **base)) for options in self.choices
+        ]

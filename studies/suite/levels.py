@@ -59,7 +59,7 @@ def levels(
     spec = read_file(file, LevelsSpec)
     chosen = {name: numbers for name, numbers in spec.levels.items() if not scenario or name in scenario}
     runs = {
-        (name, number): [planner.load(name, {KNOB: number}) for planner in spec.planners]
+        (name, number): [run for planner in spec.planners for run in planner.load(name, {KNOB: number})]
         for name, numbers in chosen.items()
         for number in numbers
     }

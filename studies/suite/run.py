@@ -1,14 +1,12 @@
-"""Print the order of planners on the suite in both tracks of sensing, beside their order on the earlier suite."""
+"""Print the ranks of planners on the suite in both tracks of sensing, beside their order on the earlier suite."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 from pydantic import Field
 
@@ -17,48 +15,40 @@ sys.path.append(str(Path(__file__).parents[2]))
 from crowdbench import Cases, read_suite
 from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, main, use_threads
 from crowdbench.core import SENSING_TRACKS
-from crowdbench.metrics import Estimate, info_of, mean_over_scenarios
+from crowdbench.metrics import info_of
 from crowdbench.runs import Run
 from crowdbench.utils import Format, Grid, markdown, printed_by
 from studies.command import EngineOption, Sharing, make_runs, print_study
-from studies.folder import read_episodes
 from studies.pages import read_file
-from studies.schema import StudyHead
+from studies.schema import CasesText, StudyHead
 from studies.suite.driven import DrivenPlanner
+from studies.suite.rank import order, order_texts, rank_grid
+from studies.suite.standing import Standing
 
 FILE = Path(__file__).with_suffix(".toml")
 SCORE = info_of("score")
-PARTS = ("success_rate", "at_fault_rate", "score")
-"""The metrics of the page."""
+
+PERFECT, REALISTIC = SENSING_TRACKS
 
 
 class SuiteSpec(StudyHead):
     """The TOML file of the study.
 
     Attributes:
+        crowd: The other crowd: a pedestrian policy by scenario; `others` for all other scenarios.
+        crowd_cases: The cases of each scenario in that crowd, with perfect sensing.
         earlier: The mean success in % on the earlier suite, by planner.
         planners: The planners.
     """
 
+    crowd: dict[str, str] = Field(description="a table [crowd] of pedestrian policies")
+    crowd_cases: CasesText
     earlier: dict[str, float] = Field(description="a table [earlier] of numbers")
     planners: list[DrivenPlanner] = Field(min_length=2, description="tables [[planners]]")
 
 
-@dataclass(frozen=True)
-class Standing:
-    """The figures of a planner in a track of sensing.
-
-    Attributes:
-        scores: The score in each ranked scenario, and in each other scenario of the suite.
-        mean: The mean score over the ranked scenarios.
-        success: Share of successes in the ranked scenarios.
-        at_fault: Share of their episodes that end in a collision at fault.
-    """
-
-    scores: Mapping[str, Estimate]
-    mean: Estimate
-    success: float
-    at_fault: float
+Runs = list[list[Run]]
+"""Runs by scenario and network."""
 
 
 @help_from_docstring
@@ -71,7 +61,7 @@ def suite(
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Print the order of planners on the suite in both tracks of sensing, beside that on the earlier suite.
+    """Print the ranks of planners on the suite in both tracks of sensing, and among other pedestrians.
 
     Args:
         planner: Planners of the file.
@@ -80,76 +70,107 @@ def suite(
     """
     use_threads(threads)
     spec, scenarios = read_file(FILE, SuiteSpec), read_suite()
-    chosen = [each for each in spec.planners if not planner or each.planner in planner]
+    chosen = {each.name: each for each in spec.planners if not planner or each.name in planner}
     if cases:
-        chosen = [each.model_copy(update={"cases": Cases.parse(cases)}) for each in chosen]
+        chosen = change_cases(chosen, Cases.parse(cases))
     names = [*scenarios.ranked, *scenarios.stress, *scenarios.held_out]
-    runs = {
-        (each.planner, track): [each.load(name, {"sensor.track": track}) for name in names]
-        for each in chosen
-        for track in SENSING_TRACKS
-    }
-    make_runs([run for each in runs.values() for run in each], out, Sharing(None, workers, engine, threads))
-    standings = {place: read_standing(each, len(scenarios.ranked), out) for place, each in runs.items()}
-    grids = [order_grid(chosen, spec.earlier, standings)]
-    grids += [score_grid(track, chosen, names, standings) for track in SENSING_TRACKS]
-    command = f"python studies/suite/run.py{f' --cases {cases}' if cases else ''}"
-    parts = [f"{printed_by(command)} Do not edit this page: the command overwrites it.", spec.description]
-    for grid in grids:
+    tracks = {track: load_track(chosen, names, track) for track in SENSING_TRACKS}
+    crowd_cases = Cases.parse(cases) if cases else spec.crowd_cases
+    crowd = load_crowd(change_cases(chosen, crowd_cases), scenarios.ranked, spec.crowd)
+    make_runs(flat([*tracks.values(), crowd]), out, Sharing(None, workers, engine, threads))
+    standings = {track: read_standings(runs, out) for track, runs in tracks.items()}
+    ranked = {track: read_standings(runs, out, len(scenarios.ranked)) for track, runs in tracks.items()}
+    others = {PERFECT: read_standings(crowd, out), REALISTIC: {}}
+    policy = spec.crowd["others"]
+    grids, parts = (
+        [],
+        [printed_by(f"python studies/suite/run.py{f' --cases {cases}' if cases else ''}"), spec.description],
+    )
+    for track in SENSING_TRACKS:
+        grids.append(rank_grid(f"Ranks with {track} sensing", ranked[track], others[track], policy))
+        parts += [f"## {grids[-1].title}", markdown(grids[-1].header, grids[-1].rows), *order_texts(ranked[track])]
+    grids.append(order_grid(ranked, spec.earlier))
+    grids += [score_grid(track, standings[track], ranked[track], names) for track in SENSING_TRACKS]
+    for grid in grids[2:]:
         parts += [f"## {grid.title}", markdown(grid.header, grid.rows)]
     print_study(grids, grids, "\n\n".join([*parts, *spec.sources]), format)
 
 
-def read_standing(runs: list[Run], ranked: int, out: Path) -> Standing:
-    """Read the figures of a planner in a track.
+def change_cases(planners: Mapping[str, DrivenPlanner], cases: Cases) -> dict[str, DrivenPlanner]:
+    """Return the planners with other cases."""
+    return {name: each.model_copy(update={"cases": cases}) for name, each in planners.items()}
+
+
+def load_track(planners: Mapping[str, DrivenPlanner], scenarios: Sequence[str], track: str) -> dict[str, Runs]:
+    """Load the runs of planners in scenarios with a track of sensing."""
+    return {
+        name: [each.load(scenario, {"sensor.track": track}) for scenario in scenarios]
+        for name, each in planners.items()
+    }
+
+
+def load_crowd(
+    planners: Mapping[str, DrivenPlanner], scenarios: Sequence[str], crowd: Mapping[str, str]
+) -> dict[str, Runs]:
+    """Load the runs of planners with perfect sensing among other pedestrians, see `SuiteSpec`."""
+    return {
+        name: [
+            each.load(scenario, {"sensor.track": PERFECT}, crowd.get(scenario, crowd["others"]))
+            for scenario in scenarios
+        ]
+        for name, each in planners.items()
+    }
+
+
+def flat(runs: Sequence[Mapping[str, Runs]]) -> list[Run]:
+    """Return all runs in one list."""
+    return [run for group in runs for of_planner in group.values() for networks in of_planner for run in networks]
+
+
+def read_standings(runs: Mapping[str, Runs], out: Path, scenarios: int | None = None) -> dict[str, Standing]:
+    """Read the standings of planners, in the first scenarios or in all."""
+    return {name: Standing.read(of_planner[:scenarios], out) for name, of_planner in runs.items()}
+
+
+def order_grid(ranked: Mapping[str, Mapping[str, Standing]], earlier: Mapping[str, float]) -> Grid:
+    """Return the table of the order: places on the earlier suite and in both tracks.
 
     Args:
-        runs: Its runs in all scenarios of the suite, the ranked ones first.
-        ranked: Number of ranked scenarios.
-        out: Folder with the runs.
+        ranked: The standings in the ranked scenarios by track and planner.
+        crowd_cases: The cases of each scenario in that crowd, with perfect sensing.
+        earlier: The mean success in % on the earlier suite, by planner.
     """
-    estimates = [read_episodes(run, out).summary(PARTS) for run in runs]
-    scores = {run.scenario.name: each["score"] for run, each in zip(runs, estimates, strict=True)}
-    means = [
-        mean_over_scenarios(np.full(ranked, 1.0 / ranked), [each[part] for each in estimates[:ranked]])
-        for part in PARTS
+    perfect, realistic = (ranked[track] for track in SENSING_TRACKS)
+    named = [name for name in order(perfect) if name in earlier]
+    places = [
+        sorted(named, key=lambda name: -earlier[name]),
+        *([name for name in order(track) if name in earlier] for track in (perfect, realistic)),
     ]
-    success, at_fault, score = means
-    return Standing(scores, score, success.mean, at_fault.mean)
-
-
-def order_grid(
-    planners: list[DrivenPlanner], earlier: Mapping[str, float], standings: Mapping[tuple[str, str], Standing]
-) -> Grid:
-    """Return the table of the order: places on the earlier suite and in both tracks."""
-    columns = [{each.planner: earlier[each.planner] for each in planners}]
-    columns += [
-        {each.planner: standings[each.planner, track].mean.mean for each in planners} for track in SENSING_TRACKS
-    ]
-    places = [sorted(column, key=column.__getitem__, reverse=True) for column in columns]
-    cases = {each.planner: str(each.cases) for each in planners}
     rows = []
-    for name in places[1]:
-        perfect, realistic = (standings[name, track] for track in SENSING_TRACKS)
-        cells = [f"{earlier[name]:.1f}", SCORE.estimate(perfect.mean), SCORE.estimate(realistic.mean)]
+    for name in named:
+        means = [track[name].score.mean() for track in (perfect, realistic)]
+        cells = [f"{earlier[name]:.1f}", *map(SCORE.number, means)]
         placed = [f"{1 + place.index(name)}: {cell}" for place, cell in zip(places, cells, strict=True)]
-        loss = SCORE.number(perfect.mean.mean - realistic.mean.mean)
-        fault = [f"{100 * each.success:.0f} ({100 * each.at_fault:.1f})" for each in (perfect, realistic)]
-        rows.append([name, cases[name], *placed, loss, *fault])
-    header = ["planner", "cases", "earlier: success, %", *(f"{track}: score" for track in SENSING_TRACKS), "loss"]
-    header += [f"{track}: success (at fault), %" for track in SENSING_TRACKS]
-    return Grid("Order", header, rows)
+        rows.append([name, *placed, SCORE.number(means[0] - means[1])])
+    header = ["planner", "earlier: success, %", *(f"{track}: score" for track in SENSING_TRACKS), "loss"]
+    return Grid("Order beside the earlier suite", header, rows)
 
 
 def score_grid(
-    track: str, planners: list[DrivenPlanner], names: list[str], standings: Mapping[tuple[str, str], Standing]
+    track: str, standings: Mapping[str, Standing], ranked: Mapping[str, Standing], names: Sequence[str]
 ) -> Grid:
-    """Return the scores of planners in each scenario in a track, best planner first."""
-    found = {each.planner: standings[each.planner, track] for each in planners}
+    """Return the scores of planners in each scenario in a track, best planner first.
+
+    Args:
+        track: The track of sensing.
+        standings: The standings in all scenarios.
+        ranked: The standings in the ranked scenarios.
+        names: All scenarios.
+    """
     rows = []
-    for name in sorted(found, key=lambda name: found[name].mean.mean, reverse=True):
-        scores = [SCORE.number(found[name].scores[scenario].mean) for scenario in names]
-        rows.append([name, SCORE.number(found[name].mean.mean), *scores])
+    for name in order(ranked):
+        scores = standings[name].score.mean(axis=(0, 2))
+        rows.append([name, SCORE.number(ranked[name].score.mean()), *map(SCORE.number, scores)])
     return Grid(f"Scores with {track} sensing", ["planner", "mean", *names], rows)
 
 

@@ -1,0 +1,1 @@
+"""Planners that try to have a good score without good navigation."""
