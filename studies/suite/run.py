@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from pydantic import Field
 
@@ -17,7 +18,7 @@ from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, ma
 from crowdbench.core import SENSING_TRACKS
 from crowdbench.metrics import info_of
 from crowdbench.runs import Run
-from crowdbench.utils import Format, Grid, markdown, printed_by
+from crowdbench.utils import Format, Grid, Text, markdown, printed_by
 from studies.command import EngineOption, Sharing, make_runs, print_study
 from studies.pages import read_file
 from studies.schema import CasesText, StudyHead
@@ -38,12 +39,14 @@ class SuiteSpec(StudyHead):
         crowd: The other crowd: a pedestrian policy by scenario; `others` for all other scenarios.
         crowd_cases: The cases of each scenario in that crowd, with perfect sensing.
         earlier: The mean success in % on the earlier suite, by planner.
+        reasons: Why planners have another place than there.
         planners: The planners.
     """
 
     crowd: dict[str, str] = Field(description="a table [crowd] of pedestrian policies")
     crowd_cases: CasesText
     earlier: dict[str, float] = Field(description="a table [earlier] of numbers")
+    reasons: list[Text] = Field(description="a list of texts")
     planners: list[DrivenPlanner] = Field(min_length=2, description="tables [[planners]]")
 
 
@@ -90,9 +93,11 @@ def suite(
         grids.append(rank_grid(f"Ranks with {track} sensing", ranked[track], others[track], policy))
         parts += [f"## {grids[-1].title}", markdown(grids[-1].header, grids[-1].rows), *order_texts(ranked[track])]
     grids.append(order_grid(ranked, spec.earlier))
-    grids += [score_grid(track, standings[track], ranked[track], names) for track in SENSING_TRACKS]
-    for grid in grids[2:]:
-        parts += [f"## {grid.title}", markdown(grid.header, grid.rows)]
+    parts += [f"## {grids[-1].title}", markdown(grids[-1].header, grids[-1].rows), *spec.reasons]
+    for track in SENSING_TRACKS:
+        added = [parts_grid(track, ranked[track]), score_grid(track, standings[track], ranked[track], names)]
+        parts += [text for grid in added for text in (f"## {grid.title}", markdown(grid.header, grid.rows))]
+        grids += added
     print_study(grids, grids, "\n\n".join([*parts, *spec.sources]), format)
 
 
@@ -154,6 +159,18 @@ def order_grid(ranked: Mapping[str, Mapping[str, Standing]], earlier: Mapping[st
         rows.append([name, *placed, SCORE.number(means[0] - means[1])])
     header = ["planner", "earlier: success, %", *(f"{track}: score" for track in SENSING_TRACKS), "loss"]
     return Grid("Order beside the earlier suite", header, rows)
+
+
+def parts_grid(track: str, ranked: Mapping[str, Standing]) -> Grid:
+    """Return the parts of the score of each planner in a track: means over the ranked scenarios."""
+    rows = []
+    for name in order(ranked):
+        each = ranked[name]
+        shares = [100.0 * part.mean() for part in (each.success, each.at_fault, each.timeout)]
+        times = [np.nanmean(part / each.t_empty, axis=(0, 2)).mean() for part in (each.time, each.close)]
+        rows.append([name, f"{shares[0]:.0f}", *(f"{share:.1f}" for share in shares[1:]), *(f"{t:.2f}" for t in times)])
+    header = ["planner", "success, %", "at fault, %", "time-outs, %", "T / T_empty", "t_close / T_empty"]
+    return Grid(f"Parts of the score with {track} sensing", header, rows)
 
 
 def score_grid(

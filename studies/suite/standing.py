@@ -25,6 +25,7 @@ class Standing:
         score: The score of each episode.
         success: 1 for each success, 0 elsewhere.
         at_fault: 1 for each collision at fault, 0 elsewhere.
+        timeout: 1 for each time-out, 0 elsewhere.
         t_empty: The least time in seconds.
         time: The time to the goal in seconds; NaN for failures.
         close: Seconds close to pedestrians; NaN for failures.
@@ -34,6 +35,7 @@ class Standing:
     score: Values
     success: Values
     at_fault: Values
+    timeout: Values
     t_empty: Values
     time: Values
     close: Values
@@ -47,8 +49,16 @@ class Standing:
             by_scenario = [[each.columns[name].astype(float) for each in networks] for networks in episodes]
             return np.array(by_scenario).swapaxes(0, 1)
 
-        names = "score", "success_rate", "at_fault_rate", "t_empty", "navigation_time", "t_close", "t_close_moving"
-        return cls(*map(values, names))
+        return cls(
+            score=values("score"),
+            success=values("success_rate"),
+            at_fault=values("at_fault_rate"),
+            timeout=values("timeout_rate"),
+            t_empty=values("t_empty"),
+            time=values("navigation_time"),
+            close=values("t_close"),
+            close_moving=values("t_close_moving"),
+        )
 
     @classmethod
     def read(cls, runs: Sequence[Sequence[Run]], out: Path) -> Standing:

@@ -1,6 +1,7 @@
 """The study of the suite: levels of its scenarios, ranks in both tracks of sensing, and the conditions on it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from studies.suite.levels import FILE, LevelsSpec, levels
 from studies.suite.moving import t_close_moving
 from studies.suite.rank import Block, order_texts, rank_grid
 from studies.suite.run import FILE as ORDER
-from studies.suite.run import SuiteSpec, order_grid, score_grid
+from studies.suite.run import SuiteSpec, order_grid, parts_grid, score_grid
 from studies.suite.standing import Standing
 
 FEW = """
@@ -47,7 +48,16 @@ def standing(mean, *, faults=0, networks=1, cases=60, seed=0, spread=0.05):
     close = np.where(failed, np.nan, 10.0 / score - 8.0)
     zero = np.where(failed, 0.0, score)
     ones = np.ones(score.shape)
-    return Standing(zero, 1.0 - failed, failed.astype(float), 10.0 * ones, time + 2.0, close - 2.0, 0.5 * (close - 2.0))
+    return Standing(
+        score=zero,
+        success=1.0 - failed,
+        at_fault=failed.astype(float),
+        timeout=0.0 * ones,
+        t_empty=10.0 * ones,
+        time=time + 2.0,
+        close=close - 2.0,
+        close_moving=0.5 * (close - 2.0),
+    )
 
 
 def test_levels_have_the_scores_of_planners_and_their_spread(tmp_path, monkeypatch):
@@ -85,6 +95,11 @@ def test_the_order_shows_places_and_the_loss_between_tracks():
     assert [row[0] for row in scores.rows] == ["a", "b"]
 
 
+def test_parts_of_the_score_are_shares_of_the_least_time():
+    grid = parts_grid("perfect", {"a": standing(0.5, faults=15, spread=0.0)})
+    assert grid.rows == [["a", "75", "25.0", "0.0", "1.00", "1.00"]]
+
+
 def test_planners_at_fault_are_ranked_below_all_others():
     standings = {"fair": standing(0.5), "rude": standing(0.8, faults=9), "slow": standing(0.3)}
     grid = rank_grid("Ranks", standings, {}, "")
@@ -109,9 +124,7 @@ def test_other_prices_of_closeness_change_scores_as_they_say():
     assert one.priced(moving=True).mean() > one.score.mean()
     assert (one.priced(0.0)[one.success > 0.0] == 1.0).all()
     close, slow = standing(0.5), standing(0.5)
-    slow = Standing(
-        slow.score, slow.success, slow.at_fault, slow.t_empty, slow.time + slow.close, 0 * slow.close, 0 * slow.close
-    )
+    slow = replace(slow, time=slow.time + slow.close, close=0.0 * slow.close)
     assert "2 of 2" in order_texts({"slow": slow, "close": close})[0]
 
 
