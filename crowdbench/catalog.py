@@ -15,7 +15,6 @@ from crowdbench.planners.planner import Planner
 from crowdbench.plugins.kind import ROOT, Kind, file_and_function
 from crowdbench.plugins.plugin_files import read_files
 from crowdbench.scenario import layouts, scenario_file
-from crowdbench.scenario.certified import CERTIFICATES, CertificateStatus, Certified
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import NamesSpec, SimulatedPedestriansSpec
 from crowdbench.sim.pedestrians import PedestrianPolicy
@@ -160,7 +159,7 @@ def load_scenario(
     for key, value in changes.items():
         set_key(table, key, _resolve_files(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
     _read_map(table.get("layout"), path.parent)
-    scenario = scenario_file.parse_scenario(
+    return scenario_file.parse_scenario(
         table,
         path.stem,
         str(path) if spec.endswith(".toml") else path.name,
@@ -168,14 +167,6 @@ def load_scenario(
         functools.partial(PEDESTRIANS.load_with_digest, folder=path.parent),
         None if data is None else Path(data),
     )
-    file = path.parent / CERTIFICATES / path.name
-    certified = Certified.read(file)
-    if certified is None:
-        return scenario
-    if (changes or pedestrians is not None) and certified.scenario != scenario.digest:
-        return scenario  # other cases than the certified ones
-    status = CertificateStatus(spec, scenario.name, scenario.digest, file, certified)
-    return dataclasses.replace(scenario, certificates=status)
 
 
 def _read_map(layout: Any, folder: Path) -> None:
@@ -278,8 +269,8 @@ def scenarios() -> list[tuple[str, str]]:
 
 
 def _scenario_files() -> list[Path]:
-    """Return the files of all built-in scenarios, sorted by path, without dials, certificates and the suite's list."""
-    files = sorted(path for path in SCENARIOS.rglob("*.toml") if path.parent.name not in ("dials", CERTIFICATES))
+    """Return the files of all built-in scenarios, sorted by path, without dials and the suite's list."""
+    files = sorted(path for path in SCENARIOS.rglob("*.toml") if path.parent.name != "dials")
     return [path for path in files if path != SUITE]
 
 

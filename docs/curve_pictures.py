@@ -1,4 +1,4 @@
-"""Pictures of the docs that show numbers: success over time, on a dial, and with increasing knowledge."""
+"""Pictures of the docs that show numbers: success over time, scores on a dial, and with increasing knowledge."""
 
 import itertools
 import json
@@ -14,8 +14,8 @@ from tables import split_row
 
 import crowdbench
 from crowdbench.api import rollout
-from crowdbench.core.types import Outcome
 from crowdbench.figures.plots import success_over_time
+from crowdbench.metrics.registry import METRICS
 from crowdbench.scenario.cases import Cases
 from studies.dials import plot as dial_figure
 from studies.dials.dial import load_dial
@@ -37,14 +37,14 @@ def draw_success(out: Path) -> None:
 
 
 def draw_dial(out: Path) -> None:
-    """Draw the success of four fast planners on the dial of density, in validation cases."""
+    """Draw the scores of four fast planners on the dial of density, in validation cases."""
     dial, cases = load_dial("density"), Cases("val", 0, 20)
     with tempfile.TemporaryDirectory() as folder:
         files = [Path(folder) / planner for planner in ("dwa", "orca_margin", "social_force", "orca")]
         for file in files:
             runs = dial.runs(file.name, {}, cases, range(len(dial.levels)))
             traces = [rollout(run.driver.planner, run.scenario, cases, undisturbed=False) for run in runs]
-            found = fit(np.stack([trace.outcome == Outcome.SUCCESS for trace in traces]), {})
+            found = fit(np.stack([METRICS["score"](trace) for trace in traces]), {})
             keep(FilledDial(dial, [DialRow.of(Measurement(dial, runs), found, found)]), file)
         dial_figure.plot(files, out)
 
@@ -61,11 +61,12 @@ def draw_ladders(out: Path) -> None:
 
 def read_ladder(head: list[str], row: list[str]) -> dict[str, object]:
     """Return a row of the study's page in the format of `studies/ladder/run.py`: rungs, with knowledge between them."""
-    success = {name: {"mean": mean(cell)} for name, cell in zip(head[1:-1:2], row[1:-1:2], strict=True) if cell}
-    steps = [{"knowledge": name} for name in itertools.islice(head[2:-1:2], len(success) - 1)]
-    return {"scenario": row[0], "success": success, "steps": steps, "best_success": {"mean": mean(row[-1])}}
+    rungs = dict(zip(head[1:-1:2], row[1:-1:2], strict=True))
+    score = {name: {"mean": mean(cell), "n": cell.count("cases")} for name, cell in rungs.items() if cell != "-"}
+    steps = [{"knowledge": name} for name in itertools.islice(head[2:-1:2], len(score) - 1)]
+    return {"scenario": row[0], "score": score, "steps": steps, "best_score": {"mean": mean(row[-1])}}
 
 
 def mean(cell: str) -> float:
-    """Return the share at the beginning of a cell such as `82.0 %`."""
-    return float(cell.split()[0]) / 100.0
+    """Return the score at the beginning of a cell such as `0.820 (mppi)`."""
+    return float(cell.split()[0])

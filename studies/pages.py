@@ -20,7 +20,7 @@ from studies.folder import read_episodes
 from studies.schema import StudyHead
 
 SUCCESS_RATE = "success_rate"
-SUCCESS = info_of(SUCCESS_RATE)
+SUCCESS, SCORE = info_of(SUCCESS_RATE), info_of("score")
 
 NOTES = {
     name: " ".join(text.split()) for name, text in read_toml(Path(__file__).with_name("notes.toml"), "file").items()
@@ -179,15 +179,20 @@ def read_successes(run: Run, out: Path) -> Bool[np.ndarray, "case"]:
     return np.asarray(read_episodes(run, out).columns[SUCCESS_RATE], bool)
 
 
+def read_scores(run: Run, out: Path) -> Float[np.ndarray, "case"]:
+    """Return the scores of a run in the folder `out`, by case; raises InputError if the run is missing."""
+    return read_episodes(run, out).columns["score"].astype(float)
+
+
 def values_of(metric: str, runs: Iterable[Episodes]) -> Float[np.ndarray, "network case"]:
     """Return the values of a metric in several runs of the same cases."""
     return np.stack([episodes.columns[metric].astype(float) for episodes in runs])
 
 
 BAR = 20
-"""Characters of the bar of a success rate of 1."""
+"""Characters of the bar of a success rate or a score of 1."""
 
 
 def draw_bar(rate: float) -> str:
-    """Draw a bar with a length proportional to a rate."""
+    """Draw a bar with a length proportional to a rate or a score."""
     return "█" * round(BAR * rate)

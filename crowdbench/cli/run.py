@@ -131,8 +131,6 @@ def make_one_run(
     with exit_on_interrupt(), progress(len(share)) as report, open_run(spec) as run:
         run.scenario.check_data(spec.data)
         warn_if_trained_otherwise(run)
-        if run.scenario.certificates and (note := run.scenario.certificates.sentence(spec.cases)):
-            say(f"crowdbench: {note}")
         directory = out or Path("runs") / directory_name(run.driver.name, run.scenario.name, spec)
         if is_made(run, directory, overwrite):
             say(f"crowdbench: {directory} is complete, and nothing is driven again")

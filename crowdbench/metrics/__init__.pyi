@@ -28,6 +28,7 @@ from .score import fill_close_seconds as fill_close_seconds
 from .summary import CONFIDENCE as CONFIDENCE
 from .summary import UNDEFINED as UNDEFINED
 from .summary import Estimate as Estimate
+from .summary import bootstrap as bootstrap
 from .summary import bootstrap_distribution as bootstrap_distribution
 from .summary import include_mean as include_mean
 from .summary import interval as interval

@@ -1,7 +1,3 @@
-from .certified import CERTIFICATES as CERTIFICATES
-from .certified import MAX_MARGIN as MAX_MARGIN
-from .certified import Certified as Certified
-from .certified import Examined as Examined
 from .layouts.crossings import circle_crossing as circle_crossing
 from .layouts.placer import MAX_DRAWS as MAX_DRAWS
 from .layouts.placer import Placer as Placer

@@ -17,7 +17,6 @@ from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import pad_arrays
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.certified import CertificateStatus
 from crowdbench.scenario.digest import scenario_digest
 from crowdbench.scenario.placement import LayoutCall
 from crowdbench.scenario.population import Population
@@ -48,7 +47,6 @@ class Scenario:
         crowd: The pedestrians.
         starts: Generator of the starts of cases: from a layout, as in CrowdNav++, or from recorded tracks.
         policies: The pedestrian policies by name.
-        certificates: Certificates of its cases; None if there are none.
     """
 
     name: str
@@ -59,7 +57,6 @@ class Scenario:
     crowd: Population
     starts: LayoutStarts | TrackedCrowd
     policies: Mapping[str, PedestrianPolicy]
-    certificates: CertificateStatus | None = None
 
     @functools.cached_property
     def digest(self) -> str:

@@ -26,9 +26,9 @@ from crowdbench.core import (
     norm,
     toward_goal,
 )
+from studies.best_times.crowds import Crowds
 from studies.best_times.successors import Successors, fill_successors, steps_left
-from studies.certificates.crowds import Reacting
-from studies.certificates.search import Task
+from studies.best_times.task import Task
 
 QUANTUM = 1e-4
 """Unit in which the numbers of commands are stored, in m/s, rad/s or rad."""
@@ -98,7 +98,7 @@ def search_case(scenario: Scenario, case: int, seconds: float, seed: int = 0) ->
     # The vehicle's sensor does not affect pedestrians.
     scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT_SENSOR))
     world = scenario.worlds(Cases("val", case, case + 1))
-    task = Task.of(world, 0)
+    task = Task.of(world)
     dt, deadline = task.rules.dt, time.process_time() + seconds
     least = low = _least_time(task)
     longest = least + task.max_steps * dt
@@ -148,7 +148,7 @@ def search(
         shape: Parameters of the search.
         deadline: Processor time at which the search ends.
     """
-    dt, crowd = task.rules.dt, Reacting(scenario, world)
+    dt, crowd = task.rules.dt, Crowds(scenario, world)
     states, close = task.start[None], np.zeros(1)
     parents, chosen, found = list[Int[np.ndarray, "state"]](), list[Commands](), Found()
     for t in range(task.max_steps - 1):  # the last step is a time-out in any case

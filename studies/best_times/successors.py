@@ -12,8 +12,10 @@ from crowdbench.core import COLLISION_RULES, HOLONOMIC, Discs, Motion, drive, ne
 from crowdbench.metrics import fill_close_seconds
 from crowdbench.sim import fill_motion, gaps_on_arc, wall_gap_in_step
 from crowdbench.utils import njit
-from studies.certificates.cost_to_go import cost_left
-from studies.certificates.expand import SAFE
+from studies.best_times.cost_to_go import cost_left
+
+SAFE = 1e-9
+"""Excess of a gap over 0, in metres, so that rounding does not cause a collision."""
 
 CLOSE_REACH = 0.6
 """Gap in metres from which pedestrians do not count as close, see `crowdbench.metrics.closeness`."""

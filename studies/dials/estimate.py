@@ -1,8 +1,8 @@
-"""The level of a dial up to which a planner succeeds, with an interval, from outcomes at some levels.
+"""The level of a dial up to which a planner has a mean score, with an interval, from the scores at some levels.
 
-Success does not rise with the level. So the rates are fitted by isotonic regression, weighted by cases (Ayer et al.
-1955), and the level is where the fit crosses the wanted rate, interpolated on the scale of log odds. Levels are counted
-from 0 here.
+The mean score does not rise with the level. So the means are fitted by isotonic regression, weighted by cases (Ayer et
+al. 1955), and the level is where the fit crosses the wanted score, interpolated on the scale of log odds. Levels are
+counted from 0 here.
 
 Cases are driven in two stages: few at all levels, then many at the three levels around the crossing. The bootstrap
 repeats both. It resamples cases, and all levels of a case together. If a resample crosses at other levels, its second
@@ -21,34 +21,34 @@ from scipy.optimize import isotonic_regression
 
 from crowdbench.metrics import CONFIDENCE
 
-WANTED, HALF = 0.9, 0.5
-"""The success rate that defines the figure of a dial, and the rate that is reported beside it."""
+WANTED = 0.5
+"""The mean score that defines the figure of a dial."""
 
 AROUND = 3
 """Levels of the second stage."""
 
 RESAMPLES = 2000
 SIGNIFICANT = 0.01
-"""Significance level of a rise of success with the level: after a significant rise, a dial has no figure."""
+"""Significance level of a rise of the score with the level: after a significant rise, a dial has no figure."""
 
 _SEED = 0
 """Seed of the bootstrap: the same cases are resampled for every planner, so that differences are paired."""
 
-First = Bool[np.ndarray, "level case"]
-Second = Mapping[int, Bool[np.ndarray, "other_case"]]
-"""Successes of a planner: at all levels in the cases of the first stage, and by level in the second stage."""
+First = Float[np.ndarray, "level case"]
+Second = Mapping[int, Float[np.ndarray, "other_case"]]
+"""Scores of a planner: at all levels in the cases of the first stage, and by level in the second stage."""
 
-Rates = Float[np.ndarray, "*resample level"]
+Means = Float[np.ndarray, "*resample level"]
 Counts = Int[np.ndarray, "*#resample level"]
-"""Success rates, and their numbers of cases."""
+"""Mean scores, and their numbers of cases."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Crossing:
-    """The level at which success crosses a rate.
+    """The level at which the mean score crosses a score.
 
     Attributes:
-        level: The level; -inf if success is below the rate at all levels, inf if at none.
+        level: The level; -inf if the score is lower at all levels, inf if at none.
         low: The lower bound of its 95 % interval.
         high: The upper bound.
         resampled: The level in each resample; resamples of two planners are paired.
@@ -62,27 +62,27 @@ class Crossing:
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """Fit of the outcomes of a planner.
+    """Fit of the scores of a planner.
 
     Attributes:
         cases: The number of cases driven at each level.
-        success: The success rate at each level.
+        score: The mean score at each level.
+        bounds: The lower and the upper bound of its 95 % interval.
         fitted: The isotonic fit, which does not rise.
-        p_rising: The p-value of the rise of success, if the fit is the truth.
+        p_rising: The p-value of the rise of the score, if the fit is the truth.
         wanted: The crossing of `WANTED`.
-        half: The crossing of `HALF`.
     """
 
     cases: Int[np.ndarray, "level"]
-    success: Float[np.ndarray, "level"]
+    score: Float[np.ndarray, "level"]
+    bounds: Float[np.ndarray, "2 level"]
     fitted: Float[np.ndarray, "level"]
     p_rising: float
     wanted: Crossing
-    half: Crossing
 
     @property
     def is_monotone(self) -> bool:
-        """True if success does not rise significantly with the level, so that the dial has a figure."""
+        """True if the score does not rise significantly with the level, so that the dial has a figure."""
         return self.p_rising >= SIGNIFICANT
 
 
@@ -92,7 +92,7 @@ def levels_around(first: First) -> list[int]:
 
 
 def fit(first: First, second: Second) -> Fit:
-    """Fit the outcomes of both stages.
+    """Fit the scores of both stages.
 
     Args:
         first: See `First`.
@@ -101,23 +101,22 @@ def fit(first: First, second: Second) -> Fit:
     draws, levels = np.random.default_rng(_SEED), len(first)
     pools = [second.get(level, first[level]) for level in range(levels)]
     is_second, most = np.isin(np.arange(levels), list(second)), max(map(len, second.values()), default=0)
-    cases, successes = first.shape[1] + most * is_second, first.sum(axis=1) + [*map(np.sum, pools)] * is_second
-    success = successes / cases
-    fitted = _not_rising(success, cases)
+    cases, total = first.shape[1] + most * is_second, first.sum(axis=1) + [*map(np.sum, pools)] * is_second
+    score = total / cases
+    fitted = _not_rising(score, cases)
 
     one = first[:, draws.integers(first.shape[1], size=(RESAMPLES, first.shape[1]))].sum(axis=2).T
     again, coins = draws.random((RESAMPLES, most)), draws.random((RESAMPLES, levels)) < 0.5
     two = np.stack([_draw(pool, again, coin) for pool, coin in zip(pools, coins.T, strict=True)], axis=1)
     around = _around(one / first.shape[1], np.full(levels, first.shape[1]))
     count = first.shape[1] + most * around
-    again_fitted = _not_rising((one + two * around) / count, count)
-    wanted, half = (
-        Crossing(float(_cross(fitted, cases, rate)), *_interval(each), each)
-        for rate, each in ((rate, _cross(again_fitted, count, rate)) for rate in (WANTED, HALF))
-    )
-    # The probability of such a rise of success if the fit were the truth.
-    rising = _rise((one + two * is_second) / cases + fitted - success, cases) >= _rise(success, cases)
-    return Fit(cases, success, fitted, float(rising.mean()), wanted, half)
+    resampled = _cross(_not_rising((one + two * around) / count, count), count)
+    wanted = Crossing(float(_cross(fitted, cases)), *_interval(resampled), resampled)
+    means = (one + two * is_second) / cases
+    # The probability of such a rise of the score if the fit were the truth.
+    rising = _rise(means + fitted - score, cases) >= _rise(score, cases)
+    bounds = np.array([_interval(each) for each in means.T]).T
+    return Fit(cases, score, bounds, fitted, float(rising.mean()), wanted)
 
 
 def difference(one: Crossing, other: Crossing) -> tuple[float, float, float]:
@@ -131,42 +130,42 @@ def difference(one: Crossing, other: Crossing) -> tuple[float, float, float]:
 
 
 def _draw(
-    outcomes: Bool[np.ndarray, "case"], where: Float[np.ndarray, "resample draw"], coin: Bool[np.ndarray, "resample"]
-) -> Int[np.ndarray, "resample"]:
-    """Return the number of successes among outcomes, drawn with replacement.
+    scores: Float[np.ndarray, "case"], where: Float[np.ndarray, "resample draw"], coin: Bool[np.ndarray, "resample"]
+) -> Float[np.ndarray, "resample"]:
+    """Return the sum of scores, drawn with replacement.
 
-    The draws include one more, random outcome: otherwise outcomes without a failure would have none in any resample.
+    The draws include one more score, 0 or 1 at random: otherwise cases of equal scores would have no variance.
     """
-    case = (where * (len(outcomes) + 1)).astype(np.int64)
-    return np.asarray((np.append(outcomes, False)[case] | ((case == len(outcomes)) & coin[:, None])).sum(axis=1))
+    case = (where * (len(scores) + 1)).astype(np.int64)
+    return np.where(case == len(scores), coin[:, None], np.append(scores, 0.0)[case]).sum(axis=1)
 
 
-def _around(success: Rates, cases: Counts) -> Bool[np.ndarray, "*resample level"]:
+def _around(score: Means, cases: Counts) -> Bool[np.ndarray, "*resample level"]:
     """Return which levels are nearest to the crossing of `WANTED`."""
-    number = np.arange(success.shape[-1])
-    level = np.clip(_cross(_not_rising(success, cases), cases, WANTED), 0.0, number[-1])
+    number = np.arange(score.shape[-1])
+    level = np.clip(_cross(_not_rising(score, cases), cases), 0.0, number[-1])
     away = np.abs(number - level[..., None])
     return away.argsort(axis=-1, kind="stable").argsort(axis=-1, kind="stable") < AROUND
 
 
-def _not_rising(success: Rates, cases: Counts) -> Rates:
-    """Return the isotonic regression of rates, weighted by cases."""
-    rates, numbers = np.atleast_2d(success), np.broadcast_to(cases, success.shape).reshape(-1, success.shape[-1])
-    rows = zip(rates, numbers, strict=True)
-    fits = [isotonic_regression(rate, weights=number, increasing=False).x for rate, number in rows]
-    return np.reshape(fits, success.shape)
+def _not_rising(score: Means, cases: Counts) -> Means:
+    """Return the isotonic regression of mean scores, weighted by cases."""
+    means, numbers = np.atleast_2d(score), np.broadcast_to(cases, score.shape).reshape(-1, score.shape[-1])
+    rows = zip(means, numbers, strict=True)
+    fits = [isotonic_regression(mean, weights=number, increasing=False).x for mean, number in rows]
+    return np.reshape(fits, score.shape)
 
 
-def _rise(success: Rates, cases: Counts) -> Float[np.ndarray, "*resample"]:
-    """Return the rise of rates: their squared distance from their isotonic regression, weighted by cases."""
-    return np.asarray((cases * (success - _not_rising(success, cases)) ** 2).sum(axis=-1))
+def _rise(score: Means, cases: Counts) -> Float[np.ndarray, "*resample"]:
+    """Return the rise of mean scores: their squared distance from their isotonic regression, weighted by cases."""
+    return np.asarray((cases * (score - _not_rising(score, cases)) ** 2).sum(axis=-1))
 
 
-def _cross(fitted: Rates, cases: Counts, wanted: float) -> Float[np.ndarray, "*resample"]:
-    """Return the level at which non-rising rates cross a rate; infinite if they do not."""
-    solved = (fitted >= wanted).sum(axis=-1)
-    # With half a success and half a failure more, since the log odds of 0 and of 1 are infinite (Haldane 1956).
-    odds = np.log((fitted * cases + 0.5) / ((1.0 - fitted) * cases + 0.5)) - math.log(wanted / (1.0 - wanted))
+def _cross(fitted: Means, cases: Counts) -> Float[np.ndarray, "*resample"]:
+    """Return the level at which non-rising mean scores cross `WANTED`; infinite if they do not."""
+    solved = (fitted >= WANTED).sum(axis=-1)
+    # With half a case of score 1 and half a case of score 0 more, since log odds can be infinite (Haldane 1956).
+    odds = np.log((fitted * cases + 0.5) / ((1.0 - fitted) * cases + 0.5)) - math.log(WANTED / (1.0 - WANTED))
     last = np.clip(solved - 1, 0, fitted.shape[-1] - 2)
     before, after = (np.take_along_axis(odds, each[..., None], axis=-1)[..., 0] for each in (last, last + 1))
     part = np.clip(before / np.where(before > after, before - after, 1.0), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Increase the level of a dial until planners fail. Prints README.md beside this file."""
+"""Increase the level of a dial until the score of planners is below 0.5. Prints README.md beside this file."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ def dial(
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Find the level of a dial up to which a planner succeeds in 90 % of the cases. Without a dial print the page.
+    """Find the level of a dial up to which a planner has a mean score of 0.5. Without a dial print the page.
 
     Drives 30 cases at each level, then 240 others at each of the three around the figure.
 
     Args:
         name: A dial of scenarios/dials, or a file: ./mine.toml.
-        planner: A planner, or a rung of the ladder on 30 cases per level: P2 and C show the limit of the scenario.
+        planner: A planner, or a rung of the ladder on 30 cases per level: P2 and P3 show the limit of the search.
         file: The dials and planners of the page.
         out: Folder for the runs, and a file for plot.py.
     """

@@ -14,9 +14,9 @@ from pydantic import Field
 from crowdbench.runs import Run, directory_name
 from crowdbench.utils import Grid, Location, Name, Names, TomlTable, markdown
 from studies.dials.dial import FIRST, SECOND, Dial, load_dial
-from studies.dials.estimate import Crossing, First, Fit, difference, fit, levels_around
+from studies.dials.estimate import WANTED, Crossing, First, Fit, difference, fit, levels_around
 from studies.ladder.rungs import RUNGS
-from studies.pages import SUCCESS, draw_bar, read_successes
+from studies.pages import SCORE, draw_bar, read_scores
 from studies.schema import Planners, StudyHead
 
 NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
@@ -51,7 +51,7 @@ class Measurement:
 
     @property
     def is_rung(self) -> bool:
-        """True if it is a rung of the ladder; False for a planner, also for one in a file C.py."""
+        """True if it is a rung of the ladder; False for a planner, also for one in a file P3.py."""
         return self.first[0].spec.planner in RUNGS
 
     @property
@@ -60,26 +60,26 @@ class Measurement:
         run = self.first[0]
         return directory_name(run.driver.name, self.dial.name, dataclasses.replace(run.spec, overrides={}))
 
-    def outcomes(self, out: Path) -> First:
-        """Return the successes in the first stage; raises InputError if a run is missing in the folder `out`."""
-        return np.stack([read_successes(run, out) for run in self.first])
+    def scores(self, out: Path) -> First:
+        """Return the scores of the first stage; raises InputError if a run is missing in the folder `out`."""
+        return np.stack([read_scores(run, out) for run in self.first])
 
     def second(self, out: Path) -> dict[int, Run]:
         """Return the runs of the second stage by the numbers of their levels, which follow from the first stage in
         `out`.
 
-        A rung of the ladder has none: 30 cases at each level show the limit of the scenario.
+        A rung of the ladder has none: 30 cases at each level show the limit of the search.
         """
         if self.is_rung:
             return {}
-        levels = levels_around(self.outcomes(out))
+        levels = levels_around(self.scores(out))
         specs = {level: dataclasses.replace(self.first[level].spec, cases=SECOND) for level in levels}
         return {level: dataclasses.replace(self.first[level], spec=spec) for level, spec in specs.items()}
 
     def fit(self, out: Path) -> Fit:
         """Return the fit of the runs in the folder `out`."""
-        second = {level: read_successes(run, out) for level, run in self.second(out).items()}
-        return fit(self.outcomes(out), second)
+        second = {level: read_scores(run, out) for level, run in self.second(out).items()}
+        return fit(self.scores(out), second)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,46 +149,45 @@ class DialRow:
     Attributes:
         planner: The planner with its options.
         is_rung: True if it is a rung of the ladder, and no planner.
-        wanted: The level up to which it succeeds in 90 % of the cases; None if success rises with the level.
-        half: The level up to which it succeeds in 50 %; None if success rises with the level.
+        wanted: The level up to which its mean score is `WANTED`; None if the score rises with the level.
         behind: Number of levels by which the best planner is ahead, with the 95 % interval; NaN if it is unknown, for
             the best planner and for rungs.
-        text: Its result as text, such as `41 (12 to 50)` or `below 2`; empty if success rises with the level.
-        p_rising: The p-value of the rise of success with the level.
+        text: Its result as text, such as `41 (12 to 50)` or `below 2`; empty if the score rises with the level.
+        p_rising: The p-value of the rise of the score with the level.
         cases: The number of cases at each level.
-        success: The success rate at each level.
+        score: The mean score at each level.
+        bounds: The lower and the upper bounds of its 95 % intervals.
     """
 
     planner: str
     is_rung: bool
     wanted: Level | None
-    half: Level | None
     behind: Level
     text: str
     p_rising: float
     cases: list[int]
-    success: list[float]
+    score: list[float]
+    bounds: list[list[float]]
 
     @classmethod
     def of(cls, measurement: Measurement, found: Fit, best: Fit) -> DialRow:
         """Return the row of a planner, compared with the best one."""
         dial, is_rung, label = measurement.dial, measurement.is_rung, measurement.first[0].label
-        wanted, half = (Level.of(dial, each) if found.is_monotone else None for each in (found.wanted, found.half))
+        wanted = Level.of(dial, found.wanted) if found.is_monotone else None
         is_behind = found is not best and not is_rung
         behind = Level(*difference(best.wanted, found.wanted)) if is_behind else Level(math.nan, math.nan, math.nan)
         text = _with_interval(wanted, dial.say) if wanted else ""
-        counts = found.cases.tolist(), found.success.tolist()
-        return cls(label, is_rung, wanted, half, behind, text, found.p_rising, *counts)
+        figures = found.cases.tolist(), found.score.tolist(), found.bounds.tolist()
+        return cls(label, is_rung, wanted, behind, text, found.p_rising, *figures)
 
-    def cells(self, dial: Dial) -> list[str]:
+    def cells(self) -> list[str]:
         """Return the row in a table."""
         if self.wanted is None:
-            return [self.planner, f"no result: success rises with the level (p = {self.p_rising:.2g})", "", ""]
+            return [self.planner, f"no result: the score rises with the level (p = {self.p_rising:.2g})", ""]
         behind = "" if math.isnan(self.behind.level) else _with_interval(self.behind, "{:.1f}".format)
         return [
             f"{self.planner}: {RUNGS[self.planner]}" if self.is_rung else self.planner,
             self.text,
-            dial.say(self.half.level) if self.half else "",
             behind,
         ]
 
@@ -202,7 +201,7 @@ class FilledDial:
 
     @classmethod
     def of(cls, measurements: Sequence[Measurement], out: Path) -> FilledDial:
-        """Fit the outcomes of planners on the same dial, from the runs in the folder `out`."""
+        """Fit the scores of planners on the same dial, from the runs in the folder `out`."""
         found = [(each, each.fit(out)) for each in measurements]
         found.sort(key=lambda each: (each[0].is_rung, each[1].is_monotone, each[1].wanted.level), reverse=True)
         best = next((each for measurement, each in found if not measurement.is_rung), found[0][1])
@@ -210,27 +209,26 @@ class FilledDial:
 
     def grid(self) -> Grid:
         """Return a row for each planner."""
-        wanted = f"90 % success at {self.dial.label.format('...')}"
-        header = ["planner", wanted, "50 % success at", "levels behind the best"]
-        rows = [row.cells(self.dial) for row in self.rows]
+        wanted = f"score of {WANTED:g} at {self.dial.label.format('...')}"
+        header = ["planner", wanted, "levels behind the best"]
+        rows = [row.cells() for row in self.rows]
         return Grid(self.dial.name, header, rows, self.rows)
 
     def curve(self, row: DialRow) -> Grid:
-        """Return the success of a planner at each level, with bars."""
-        each = zip(self.dial.levels, row.success, row.cases, strict=True)
-        rows = [[f"{level:g}", SUCCESS.amount(rate), draw_bar(rate), str(n)] for level, rate, n in each]
-        return Grid(row.planner, [self.dial.key, "success", "", "cases"], rows, align="rrlr")
+        """Return the mean score of a planner at each level, with bars."""
+        each = zip(self.dial.levels, row.score, row.cases, strict=True)
+        rows = [[f"{level:g}", SCORE.number(score), draw_bar(score), str(n)] for level, score, n in each]
+        return Grid(row.planner, [self.dial.key, "score", "", "cases"], rows, align="rrlr")
 
     def sentence(self, row: DialRow) -> str:
         """Return the result of a planner in words."""
-        if row.wanted is None or row.half is None:
-            why = f"success significantly rises with the level (p = {row.p_rising:.2g})"
+        if row.wanted is None:
+            why = f"its score significantly rises with the level (p = {row.p_rising:.2g})"
             return f"{row.planner} has no result on the dial {self.dial.name}: {why}"
         if row.wanted.level == -math.inf:
             first = self.dial.label.format(f"{self.dial.levels[0]:g}")
-            return f"{row.planner} succeeds in less than 90 % of the cases at the easiest level, {first}"
-        level, half = self.dial.label.format(row.text), self.dial.say(row.half.level)
-        return f"{row.planner}: 90 % success at {level}, 50 % at {half}"
+            return f"{row.planner} has a mean score below {WANTED:g} at the easiest level, {first}"
+        return f"{row.planner}: mean score of {WANTED:g} at {self.dial.label.format(row.text)}"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""A ladder: the success of one search with increasing knowledge of the crowd."""
+"""A ladder: the score of one search with increasing knowledge of the crowd."""

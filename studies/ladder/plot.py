@@ -1,4 +1,4 @@
-"""The figure of ladders: for each scenario, success with increasing knowledge as points on a line."""
+"""The figure of ladders: for each scenario, the mean score with increasing knowledge as points on a line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from crowdbench.figures import COLOURS, MARKERS, axes
 from studies.pages import read_kept
 
 FIRST = "#888888"
-"""The colour of lines, and of the success of the lowest rung."""
+"""The colour of lines, and of the score of the lowest rung."""
 
 KNOWLEDGE = dict(
     zip(
@@ -32,35 +32,33 @@ COMMAND = "python studies/ladder/run.py"
 
 @help_from_docstring
 def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
-    """Draw a line for each scenario: from the success of the lowest rung to that of the others, each with a mark.
+    """Draw a line for each scenario: from the score of the lowest rung to that of the others, each with a mark.
 
-    A rung that changes nothing has no mark.
+    A rung that changes nothing has no mark, and neither have best known scores of a part of the cases.
 
     Args:
         files: Files written by `python studies/ladder/run.py`.
         out: The figure: a .pdf, .svg or .png file.
     """
     found = [
-        read_kept(path, COMMAND, ("success", "P0", "mean"), ("best_success", "mean"), ("steps", 0, "knowledge"))
+        read_kept(path, COMMAND, ("score", "P0", "mean"), ("best_score", "mean"), ("steps", 0, "knowledge"))
         for path in files
     ]
-    lowest, shown = 100.0, set[str]()
+    lowest, shown = 1.0, set[str]()
     with axes(out, height=1.2 + 0.22 * len(found)) as ax:
         for place, each in enumerate(reversed(found)):
-            rates, best = (
-                [100.0 * rung["mean"] for rung in each["success"].values()],
-                100.0 * each["best_success"]["mean"],
-            )
-            ax.plot([min(rates), max(rates)], [place, place], color=FIRST, lw=1.6, zorder=2)
-            _mark(ax, rates[0], place, "o", FIRST, fillstyle="none")
-            for step, before, after in zip(each["steps"], rates, rates[1:], strict=False):
+            rungs, best = each["score"], each["best_score"]["mean"]
+            means = [rung["mean"] for rung in rungs.values() if rung["n"] == rungs["P0"]["n"]]
+            ax.plot([min(means), max(means)], [place, place], color=FIRST, lw=1.6, zorder=2)
+            _mark(ax, means[0], place, "o", FIRST, fillstyle="none")
+            for step, before, after in zip(each["steps"], means, means[1:], strict=False):
                 if after != before:
                     shown.add(step["knowledge"])
                     _mark(ax, after, place, *KNOWLEDGE[step["knowledge"]])
             _mark(ax, best, place + 0.28, 7, "#000000")
-            lowest = min(lowest, *rates, best)
+            lowest = min(lowest, *means, best)
         ax.set_yticks(range(len(found)), [each["scenario"] for each in reversed(found)])
-        ax.set(xlabel="success, %", xlim=(max(0.0, lowest - lowest % 10.0), 101.5), ylim=(-0.6, len(found) - 0.2))
+        ax.set(xlabel="score", xlim=(max(0.0, lowest - lowest % 0.1), 1.015), ylim=(-0.6, len(found) - 0.2))
         _mark(ax, [], [], "o", FIRST, fillstyle="none", label="as sensed")
         for name in filter(shown.__contains__, KNOWLEDGE):
             _mark(ax, [], [], *KNOWLEDGE[name], label=f"+ {name}")
@@ -69,9 +67,9 @@ def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
     say(f"wrote {out}")
 
 
-def _mark(ax: Axes, rate: Any, place: Any, marker: str | int, colour: str, **options: Any) -> None:
-    """Draw the mark of a rung, or of the best planner, at a success rate in per cent."""
-    ax.plot(rate, place, ls="", marker=marker, color=colour, ms=5.5, zorder=4, clip_on="label" in options, **options)
+def _mark(ax: Axes, score: Any, place: Any, marker: str | int, colour: str, **options: Any) -> None:
+    """Draw the mark of a rung, or of the best planner, at a mean score."""
+    ax.plot(score, place, ls="", marker=marker, color=colour, ms=5.5, zorder=4, clip_on="label" in options, **options)
 
 
 if __name__ == "__main__":

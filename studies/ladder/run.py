@@ -24,7 +24,7 @@ FILE = Path(__file__).with_name("study.toml")
 def ladder(
     scenarios: Annotated[list[str] | None, typer.Argument(show_default="as on the page")] = None,
     planner: Annotated[list[str] | None, typer.Option(show_default="as on the page")] = None,
-    cases: str = "100",
+    cases: str = "val:50",
     out: Annotated[Path | None, typer.Option(show_default="runs/ladders, or runs/study-ladders for the page")] = None,
     shard: ShardOption = None,
     workers: WorkersOption = None,
@@ -34,31 +34,30 @@ def ladder(
 ) -> None:
     """Measure the gain of a search with increasing knowledge in scenarios. Without a scenario print the page.
 
-    The same search drives with perception, goals, policies, attention and chance known. Finished runs are kept, and the
-    same command continues after them.
+    The same search drives with perception, goals, policies, attention and chance known, beside the best known scores of
+    validation cases. Finished runs are kept, and the same command continues after them.
 
     Args:
         scenarios: Scenarios.
-        planner: A planner; the best of the named planners is measured for comparison. Repeatable.
-        cases: 100 (the first 100 test cases), 2000:2100, val:100 (validation cases).
+        planner: A planner; the best of the named planners is shown for comparison. Repeatable.
+        cases: val:50 (validation cases), 100 (the first 100 test cases, without best known scores).
         out: Folder for the runs, and a file for plot.py for each scenario.
     """
     use_threads(threads)
     from studies.ladder.table import LaddersSpec, LaddersTable, LadderStudy
-    from studies.pages import keep, print_two_steps, read_file
+    from studies.pages import keep, print_page, read_file
 
     folder = out or Path("runs/ladders" if scenarios else "runs/study-ladders")
     make = functools.partial(make_runs, out=folder, sharing=Sharing(shard, workers, engine, threads))
     spec, location = read_file(FILE, LadderStudy), Location(FILE.name)
     if not scenarios:
         tables = [LaddersTable.of(each, location.at("ladders", i)) for i, each in enumerate(spec.ladders)]
-        print_two_steps(spec, tables, COMMAND, folder, make, format)
+        print_page(spec, tables, COMMAND, folder, make, format)
         return
     planners = [{"planner": name} for name in planner] if planner else spec.ladders[0].planners
     asked = {"title": "Ladders", "planners": planners, "scenarios": scenarios, "cases": cases}
     table = LaddersTable.of(parse_table(LaddersSpec, asked, Location("ladder")), Location("ladder"))
     make(table.runs)
-    make(table.second(folder))
     found = table.fill(folder).ladders
     for each in found:
         keep(each, folder / f"{each.scenario}.json")

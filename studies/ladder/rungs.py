@@ -1,4 +1,4 @@
-"""The rungs of a ladder: the same search with increasing knowledge, and certificates."""
+"""The rungs of a ladder: the same search with increasing knowledge."""
 
 from __future__ import annotations
 
@@ -7,28 +7,11 @@ import inspect
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-from jaxtyping import Float
-
-from crowdbench import (
-    METRICS,
-    Cases,
-    Driver,
-    MPPIPlanner,
-    Observation,
-    Planner,
-    Predictor,
-    Scenario,
-    World,
-    load_planner,
-    load_scenario,
-)
+from crowdbench import METRICS, Driver, MPPIPlanner, Planner, Predictor, Scenario, World, load_planner, load_scenario
 from crowdbench.core import PERFECT_SENSOR
-from crowdbench.planners import FilteredPlanner
 from crowdbench.predict import ConstantVelocity
 from crowdbench.runs import PlannerId, Run, RunSpec
 from crowdbench.utils import sha256
-from studies.certificates.certificate import CODE, certificates, play_back
 from studies.ladder import futures
 from studies.ladder.futures import FUTURES, Knowledge, Simulated
 
@@ -49,7 +32,6 @@ RUNGS = {
     "GP": "true goals and policies, not who notices the vehicle",
     "P2": "everything but chance",
     "P3": "the true future",
-    "C": "a certificate",
 }
 """The knowledge of each rung."""
 
@@ -57,40 +39,12 @@ KNOWLEDGE = dict(zip(("G", "GP", "P2", "P3"), Knowledge, strict=True))
 """The knowledge of the rungs that simulate the crowd."""
 
 
-class CertifiedPlanner(Planner):
-    """Planner that replays certificates. They are searched with the true future when a batch of episodes starts.
-
-    Args:
-        scenario: The scenario, with a perfect sensor of the vehicle.
-        split: The split of its cases.
-    """
-
-    native = True
-    privileged = True
-
-    def __init__(self, scenario: Scenario, split: str) -> None:
-        self._scenario, self._split = scenario, split
-        self._commands: Planner
-
-    def foresee(self, world: World) -> None:
-        """Search for the commands when episodes of successive cases start."""
-        if world.step[0] == 0:
-            cases = Cases(self._split, int(world.case[0]), int(world.case[-1]) + 1)
-            # Any gap above 0 is a success, so that no wider margin is required.
-            found = certificates(self._scenario, cases, [0.0], lambda share: None)
-            self._commands = play_back([each.commands for each in found], self._scenario)
-
-    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """Return the command of this step; none if no certificate was found."""
-        return self._commands.plan(obs)
-
-
 def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run:
     """Plan the run of a rung.
 
     Args:
         rung: One of `RUNGS`.
-        spec: The run, whose planner is ignored.
+        spec: The run, whose planner is ignored. P0 has the sensor of its scenario, the other rungs a perfect one.
         scenario: The scenario of the spec, if it has been loaded before.
 
     Raises:
@@ -100,12 +54,9 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
     if rung != "P0":
         scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT_SENSOR))
     planner: Planner
-    horizon, paths = max(1, round(SECONDS / scenario.rules.dt)), [Path(__file__), Path(futures.__file__), *CODE]
+    horizon, paths = max(1, round(SECONDS / scenario.rules.dt)), [Path(__file__), Path(futures.__file__)]
     foresee: Callable[[World], None] | None = None
-    if rung == "C":
-        planner = certified = CertifiedPlanner(scenario, spec.cases.split)
-        foresee = certified.foresee
-    elif rung == "I":
+    if rung == "I":
         options = {
             "futures": FUTURES,
             "ignoring": 1.0,
@@ -121,8 +72,6 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
             predictor = simulated = Simulated(scenario, KNOWLEDGE[rung])
             foresee = simulated.foresee
         planner = MPPIPlanner(predictor, horizon=horizon, worst=WORST)
-        if scenario.rules.sensor != PERFECT_SENSOR:
-            planner = FilteredPlanner(planner)
     named = dataclasses.replace(spec, planner=rung)
     sources = {f"{path.parent.name}/{path.name}": sha256(path) for path in paths}
     identity = PlannerId(rung, files={"study": sources})

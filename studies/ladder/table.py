@@ -1,27 +1,31 @@
-"""`[[ladders]]`: one search with increasing knowledge in scenarios, beside the certificates and the best planner."""
+"""`[[ladders]]`: one search with increasing knowledge in scenarios, beside the best planner and best known scores."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Float
 from pydantic import Field
 
-from crowdbench import Cases, Scenario, load_scenario
-from crowdbench.core import PERFECT_SENSOR
-from crowdbench.metrics import Estimate, include_mean, wilson
+from crowdbench import Cases, Scenario, load_scenario, read_suite
+from crowdbench.metrics import Estimate, bootstrap
 from crowdbench.runs import Run, RunSpec, load_run
 from crowdbench.utils import Grid, Location, Name, Names, TomlTable, markdown
+from studies.best_times.entries import BestTimes
 from studies.ladder.futures import adds_nothing
 from studies.ladder.rungs import KNOWLEDGE, RUNGS, load_rung
-from studies.pages import SUCCESS, draw_bar, read_successes
+from studies.pages import SCORE, draw_bar, read_scores
 from studies.schema import CasesText, Planners, StudyHead
 
-CHOICE = Cases("val", 0, 50)
-"""The cases on which the best planner is selected."""
+SENSED = {"sensor.track": "realistic"}
+"""The sensor of P0 and of the planners."""
+
+KNOWN = "best known"
+"""The rung above all others."""
 
 STEPS = {
     "P1": "perception",
@@ -30,12 +34,14 @@ STEPS = {
     "GP": "policies",
     "P2": "attention",
     "P3": "chance",
-    "C": "search",
+    KNOWN: "search",
 }
 """The additional knowledge of a rung over the rung below."""
 
 NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
 """The notes below the table."""
+
+Scores = Float[np.ndarray, "case"]
 
 
 class LaddersSpec(TomlTable):
@@ -43,8 +49,8 @@ class LaddersSpec(TomlTable):
 
     title: Name
     planners: Planners
-    scenarios: Names
-    cases: CasesText = Cases.parse("test:100")
+    scenarios: Names = Field(default_factory=lambda: read_suite().ranked)
+    cases: CasesText = Cases.parse("val:50")
 
 
 class LadderStudy(StudyHead):
@@ -55,52 +61,46 @@ class LadderStudy(StudyHead):
 
 @dataclasses.dataclass(frozen=True)
 class Ladder:
-    """A scenario with the runs of its rungs, and the runs that select the best planner.
+    """A scenario with the runs of its rungs and of planners.
 
     Attributes:
         scenario: The scenario.
         rungs: The runs by the names of their rungs. Rungs that are equal by construction have the same run.
-        choices: Runs of the planners on `CHOICE`.
-        certified: True for cases with a certificate; None if some cases were not examined.
+        planners: The runs of the planners, with the sensor of P0.
+        known: The best known scores of validation cases, by the number of the case.
     """
 
     scenario: Scenario
     rungs: dict[str, Run]
-    choices: list[Run]
-    certified: Bool[np.ndarray, "case"] | None
+    planners: list[Run]
+    known: Mapping[int, float]
 
     @classmethod
     def of(cls, name: str, spec: LaddersSpec) -> Ladder:
         """Plan the runs in a scenario; raises InputError if it or a planner cannot be loaded."""
-        sensed = load_scenario(name)
+        scenario, sensed = load_scenario(name), load_scenario(name, SENSED)
         base = RunSpec("", name, spec.cases, record="none")
-        first = load_rung("P1", base, sensed)
-        rungs = {"P0": first if sensed.rules.sensor == PERFECT_SENSOR else load_rung("P0", base, sensed), "P1": first}
-        rungs["I"] = load_rung("I", base, sensed)
+        as_sensed = dataclasses.replace(base, overrides=SENSED)
+        rungs = {"P0": load_rung("P0", as_sensed, sensed)}
+        rungs |= {rung: load_rung(rung, base, scenario) for rung in ("P1", "I")}
         for below, (rung, knows) in zip(("I", *KNOWLEDGE), KNOWLEDGE.items(), strict=False):
-            rungs[rung] = rungs[below] if adds_nothing(sensed, knows) else load_rung(rung, base, sensed)
-        choices = [
-            dataclasses.replace(base, planner=each.planner, options=each.options, cases=CHOICE)
+            rungs[rung] = rungs[below] if adds_nothing(scenario, knows) else load_rung(rung, base, scenario)
+        planners = [
+            load_run(dataclasses.replace(as_sensed, planner=each.planner, options=each.options), scenario=sensed)
             for each in spec.planners
         ]
-        certified = find_certified(sensed, spec.cases)
-        return cls(sensed, rungs, list(map(load_run, choices)), certified)
+        known = {entry.case: entry.score for entry in BestTimes.read(scenario).entries}
+        return cls(scenario, rungs, planners, known if spec.cases.split == "val" else {})
 
     @property
     def runs(self) -> list[Run]:
         """Its runs, possibly with duplicates."""
-        return [*self.rungs.values(), *self.choices]
-
-    def best(self, out: Path) -> Run:
-        """Return the run of the best planner on `CHOICE`; raises InputError if a run is missing in the folder `out`."""
-        successes = [read_successes(run, out).mean() for run in self.choices]
-        spec = self.choices[int(np.argmax(successes))].spec
-        return load_run(dataclasses.replace(spec, cases=self.rungs["P0"].spec.cases))
+        return [*self.rungs.values(), *self.planners]
 
 
 @dataclasses.dataclass(frozen=True)
 class Step:
-    """The share of the cases that a rung gains over the one below, with its 95 % interval; None if they are equal."""
+    """The gain in score of a rung over the one below, with its 95 % interval; None if they are equal."""
 
     knowledge: str
     gain: Estimate | None
@@ -113,54 +113,69 @@ class FilledLadder:
     Attributes:
         scenario: The scenario.
         cases: The cases.
-        success: The success rate at each rung.
+        score: The mean score at each rung; `KNOWN` is among them if cases have best known scores, and over these cases.
         steps: The gains between them.
-        best: The planner that was best on `CHOICE`.
-        best_success: Its success rate.
+        best: The planner with the best mean score.
+        best_score: Its mean score.
     """
 
     scenario: str
     cases: str
-    success: dict[str, Estimate]
+    score: dict[str, Estimate]
     steps: list[Step]
     best: str
-    best_success: Estimate
+    best_score: Estimate
 
     @classmethod
     def of(cls, ladder: Ladder, out: Path) -> FilledLadder:
         """Fill a ladder from the runs in the folder `out`."""
-        outcomes = {rung: read_successes(run, out) for rung, run in ladder.rungs.items()}
-        if ladder.certified is not None:
-            outcomes["C"] = ladder.certified
-        names, steps = list(outcomes), []
-        for below, above in itertools.pairwise(names):
-            is_equal = above != "C" and ladder.rungs[above] is ladder.rungs[below]
-            steps.append(Step(STEPS[above], None if is_equal else paired_gain(outcomes[above], outcomes[below])))
-        best, cases = ladder.best(out), ladder.rungs["P0"].spec.cases
-        success = {rung: wilson(each) for rung, each in outcomes.items()}
-        return cls(ladder.scenario.name, str(cases), success, steps, best.label, wilson(read_successes(best, out)))
+        scores = {rung: read_scores(run, out) for rung, run in ladder.rungs.items()}
+        steps = [
+            Step(
+                STEPS[above], None if ladder.rungs[above] is ladder.rungs[below] else gain(scores[above], scores[below])
+            )
+            for below, above in itertools.pairwise(scores)
+        ]
+        cases = ladder.rungs["P0"].spec.cases
+        compared = np.isin(cases.indices, list(ladder.known))
+        if compared.any():
+            known = np.array([ladder.known[case] for case in cases.indices[compared].tolist()])
+            steps.append(Step(STEPS[KNOWN], gain(known, scores["P3"][compared])))
+            scores[KNOWN] = known
+        of_planners = {run.label: read_scores(run, out) for run in ladder.planners}
+        best = max(of_planners, key=lambda label: of_planners[label].mean())
+        means = {rung: estimate(each) for rung, each in scores.items()}
+        return cls(ladder.scenario.name, str(cases), means, steps, best, estimate(of_planners[best]))
 
     def bars(self) -> Grid:
         """Return a row for each rung, with a bar, and one for the best planner."""
-        gains = ["", *(f"{_say_points(step.gain)}, {step.knowledge}" for step in self.steps)]
+        gains = ["", *(f"{_say_gain(step.gain)}, {step.knowledge}" for step in self.steps)]
         rows = [
-            [rung, SUCCESS.estimate(each, with_unit=True), draw_bar(each.mean), RUNGS[rung], gain]
-            for (rung, each), gain in zip(self.success.items(), gains, strict=True)
+            [rung, SCORE.estimate(each), draw_bar(each.mean), RUNGS.get(rung, self._say_cases()), gained]
+            for (rung, each), gained in zip(self.score.items(), gains, strict=True)
         ]
-        best = SUCCESS.estimate(self.best_success, with_unit=True), draw_bar(self.best_success.mean)
-        rows.append(["best", *best, self.best, ""])
+        rows.append(["best", SCORE.estimate(self.best_score), draw_bar(self.best_score.mean), self.best, ""])
         title = f"{self.scenario}, cases {self.cases}"
-        return Grid(title, ["rung", "success", "", "knows", "points gained by this search, with"], rows, align="lrlll")
+        return Grid(title, ["rung", "score", "", "knows", "gained by this search, with"], rows, align="lrlll")
 
     def cells(self) -> list[str]:
         """Return its row in a table."""
         cells = [self.scenario]
-        for rung, step in itertools.zip_longest(RUNGS, self.steps):
-            cells.append(SUCCESS.amount(self.success[rung].mean) if rung in self.success else "")
-            if rung != "C":
-                cells.append(_say_points(step.gain) if step else "")
-        weak = ", above P2: the search is too weak here" if self.best_success.mean > self.success["P2"].mean else ""
-        return [*cells, f"{SUCCESS.amount(self.best_success.mean)} ({self.best}{weak})"]
+        for rung, step in itertools.zip_longest(self.score, self.steps):
+            cells.append(SCORE.number(self.score[rung].mean))
+            if step:
+                cells.append(_say_gain(step.gain))
+        if KNOWN not in self.score:
+            cells += ["-", "-"]
+        elif few := self._say_cases():
+            cells[-1] += f" ({few})"
+        weak = ", above P2: the search is too weak here" if self.best_score.mean > self.score["P2"].mean else ""
+        return [*cells, f"{SCORE.number(self.best_score.mean)} ({self.best}{weak})"]
+
+    def _say_cases(self) -> str:
+        """Return the number of cases with best known scores if other cases have none."""
+        known = self.score[KNOWN].n
+        return "" if known == self.score["P0"].n else f"{known} cases"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -190,12 +205,8 @@ class LaddersTable:
 
     @property
     def runs(self) -> list[Run]:
-        """The runs of all rungs, and the runs that select the best planners."""
+        """The runs of all rungs and planners."""
         return [run for ladder in self.ladders for run in ladder.runs]
-
-    def second(self, out: Path) -> list[Run]:
-        """Return the runs of the best planners; raises InputError if a run that selects them is missing in `out`."""
-        return [ladder.best(out) for ladder in self.ladders]
 
     def fill(self, out: Path) -> FilledLaddersTable:
         """Return the table with the figures of the runs in the folder `out`."""
@@ -216,8 +227,7 @@ class FilledLaddersTable:
 
     def grids(self) -> list[Grid]:
         """Return a row for each scenario."""
-        between = [STEPS.get(rung, "") for rung in list(RUNGS)[1:]]
-        header = [cell for pair in zip(RUNGS, [*between, ""], strict=True) for cell in pair if cell]
+        header = ["P0", *(cell for rung, knowledge in STEPS.items() for cell in (knowledge, rung))]
         rows = [each.cells() for each in self.ladders]
         return [Grid(self.title, ["scenario", *header, "best planner"], rows, self.ladders)]
 
@@ -226,27 +236,19 @@ class FilledLaddersTable:
         return [NOTES]
 
 
-def paired_gain(above: Bool[np.ndarray, "case"], below: Bool[np.ndarray, "case"]) -> Estimate:
-    """Return the gain in success of one run over another in the same cases, with its 95 % interval.
-
-    One discordant case is added to each side, so that the interval has a width if no case differs: the adjusted Wald
-    interval of Bonett and Price (2012), Journal of Educational and Behavioral Statistics 37(4), 479-488.
-    """
-    n = len(above) + 2
-    gained, lost = (int(np.sum(x & ~y)) + 1 for x, y in ((above, below), (below, above)))
-    centre, width = (gained - lost) / n, 1.96 * np.sqrt(gained + lost - (gained - lost) ** 2 / n) / n
-    mean = float(above.mean() - below.mean())
-    return Estimate(mean, *include_mean(mean, max(centre - width, -1.0), min(centre + width, 1.0)), len(above), 1.0)
+def estimate(scores: Scores) -> Estimate:
+    """Return a mean score with the 95 % interval of a bootstrap over cases."""
+    return bootstrap(scores, np.ones(len(scores)))
 
 
-def _say_points(gain: Estimate | None) -> str:
-    return f"{100 * gain.mean:+.0f} ({100 * gain.low:+.0f} to {100 * gain.high:+.0f})" if gain else "-"
+def gain(above: Scores, below: Scores) -> Estimate:
+    """Return the gain in mean score of one run over another in the same cases, with its 95 % interval."""
+    return estimate(above - below)
 
 
-def find_certified(scenario: Scenario, cases: Cases) -> Bool[np.ndarray, "case"] | None:
-    """Return which of some cases have a certificate; None if some were not examined."""
-    status = scenario.certificates
-    examined = getattr(status.certified, cases.split) if status else None
-    if status is None or status.certified.scenario != scenario.digest or not examined or examined.examined < cases.stop:
-        return None
-    return ~np.isin(cases.indices, examined.uncertified)
+def _say_gain(gain: Estimate | None) -> str:
+    if gain is None:
+        return "-"
+    shown = gain.for_display()
+    interval = "" if np.isnan(shown.low) else f" ({shown.low:+z.2f} to {shown.high:+z.2f})"
+    return f"{shown.mean:+z.2f}{interval}"

@@ -16,11 +16,12 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from crowdbench import Cases
 from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, main, use_threads
+from crowdbench.metrics import info_of
 from crowdbench.runs import Run, RunSpec
 from crowdbench.utils import Format, Grid, Names, markdown, printed_by
 from studies.command import EngineOption, ShardOption, Sharing, make_runs, print_study
 from studies.folder import load_runs, read_episodes
-from studies.pages import SUCCESS, read_file
+from studies.pages import SCORE, read_file
 from studies.schema import CasesText, Planners, StudyHead
 from studies.transfer.kendall import agreement, draw_families, kendall, mean_rates
 from studies.transfer.table import estimate_tau, read_cases, say_tau
@@ -29,6 +30,9 @@ FILE = Path(__file__).with_name("study.toml")
 
 TYPES = {"avoid": "", "ignore": "ignores", "yield late": "yields_late", "are attracted": "attracted"}
 """The types of reaction, with the share of `[pedestrians.attention]` that is 1; pedestrians in no share avoid it."""
+
+AT_FAULT = "at_fault_rate"
+FAULT = info_of(AT_FAULT)
 
 NOTES = " ".join(Path(__file__).with_name("notes.txt").read_text("utf-8").split())
 """The notes below the tables."""
@@ -83,19 +87,21 @@ def reactions(
         out,
         Sharing(shard, workers, engine, threads),
     )
-    rates = {name: mean_rates([read_cases(each, out) for each in scenarios]) for name, scenarios in runs.items()}
+    scores = {
+        name: mean_rates([read_cases(each, out, "score") for each in scenarios]) for name, scenarios in runs.items()
+    }
     fault = {name: np.mean([_at_fault(each, out) for each in scenarios], axis=0) for name, scenarios in runs.items()}
     labels = [run.label for run in runs["avoid"][0]]
     rows = [
-        [labels[k], *(f"{SUCCESS.amount(rates[name][0, k])} ({SUCCESS.amount(fault[name][k])})" for name in TYPES)]
-        for k in np.argsort(-rates["avoid"][0], kind="stable").tolist()
+        [labels[k], *(f"{SCORE.number(scores[name][0, k])} ({FAULT.amount(fault[name][k])})" for name in TYPES)]
+        for k in np.argsort(-scores["avoid"][0], kind="stable").tolist()
     ]
     times, pairs = draw_families(np.arange(len(labels))), []
     for one, other in itertools.combinations(TYPES, 2):
-        tau, (same, decided) = kendall(rates[one], rates[other], times), agreement(rates[one], rates[other])
+        tau, (same, decided) = kendall(scores[one], scores[other], times), agreement(scores[one], scores[other])
         pairs.append([one, other, say_tau(estimate_tau(tau)), f"{same} of {decided}"])
     grids = [
-        Grid("Success", ["planner", *TYPES], rows),
+        Grid("Scores", ["planner", *TYPES], rows),
         Grid("Agreement", ["people", "other people", "tau", "decided pairs that agree"], pairs),
     ]
     command = f"python studies/reactions/run.py{f' --cases {cases}' if cases else ''}"
@@ -106,7 +112,7 @@ def reactions(
 
 def _at_fault(runs: Sequence[Run], out: Path) -> list[float]:
     """Return the share of the cases in which each of several planners is at fault."""
-    return [float(np.mean(read_episodes(run, out).columns["at_fault_rate"])) for run in runs]
+    return [float(np.mean(read_episodes(run, out).columns[AT_FAULT])) for run in runs]
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ CERTAIN = 1.96
 """A pair is decided if its rates differ by more than this number of standard errors."""
 
 Rates = Float[np.ndarray, "*resample planner"]
-"""The success rates of planners; in resamples, of cases that were drawn with replacement."""
+"""The success rates or mean scores of planners; in resamples, of cases that were drawn with replacement."""
 
 
 @dataclass(frozen=True)
@@ -27,24 +27,24 @@ class Cases:
     Attributes:
         source: Source of its pedestrians: scenarios of the same recording have it in common. Their blocks are drawn
             together.
-        success: 1 if a planner succeeds in a case, 0 otherwise.
+        value: The score of a planner in a case, or 1 if it succeeds and 0 otherwise.
         block: The block of each case. Cases of the same block are drawn together.
     """
 
     source: str
-    success: Float[np.ndarray, "planner case"]
+    value: Float[np.ndarray, "planner case"]
     block: Int[np.ndarray, "case"]
 
     def resample(self) -> Rates:
-        """Return the success rate of each planner in the cases, which comes first, and in `RESAMPLES` resamples."""
+        """Return the mean value of each planner in the cases, which comes first, and in `RESAMPLES` resamples."""
         _, number = np.unique(self.block, return_inverse=True)
         blocks = int(number.max()) + 1
         # Seeded by the source: the same hours are drawn for two scenarios of one recording.
         draws = np.random.default_rng([*self.source.encode()])
         times = np.ones((1 + RESAMPLES, blocks))
         times[1:] = draws.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=RESAMPLES)
-        sums = np.zeros((blocks, len(self.success)))
-        np.add.at(sums, number, self.success.T)
+        sums = np.zeros((blocks, len(self.value)))
+        np.add.at(sums, number, self.value.T)
         return times @ sums / (times @ np.bincount(number))[:, None]
 
 

@@ -113,13 +113,13 @@ class RankingsTable:
         return FilledRankings.of(self.spec, planners, self.family, cases, self.power())
 
 
-def read_cases(runs: Sequence[Run], out: Path) -> Cases:
-    """Return the successes of planners in the cases of a scenario. Raises InputError if a run is missing."""
+def read_cases(runs: Sequence[Run], out: Path, metric: str = SUCCESS_RATE) -> Cases:
+    """Return the values of a metric of planners in the cases of a scenario. Raises InputError if a run is missing."""
     found = [read_episodes(run, out) for run in runs]
-    success = np.stack([each.columns[SUCCESS_RATE].astype(float) for each in found])
+    value = np.stack([each.columns[metric].astype(float) for each in found])
     block, tracks = found[0].block, runs[0].scenario.tracks
     source = tracks.scene if tracks else runs[0].scenario.name
-    return Cases(source, success, np.arange(success.shape[1]) if block is None else block)
+    return Cases(source, value, np.arange(value.shape[1]) if block is None else block)
 
 
 @dataclasses.dataclass(frozen=True)

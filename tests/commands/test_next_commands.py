@@ -134,11 +134,6 @@ def test_the_command_that_goes_on_with_a_training_quotes_its_directory(tmp_path)
     assert shlex.split(str(error.value))[-4:] == ["train", "sarl", "--resume", str(folder)]
 
 
-def test_no_command_for_certificates_is_printed_for_a_changed_scenario(tmp_path, call):
-    words = ["run", "--planner", "straight", "--scenario", "corner_5", "--cases", "1", "--out", str(tmp_path / "run")]
-    assert "studies/certificates" not in call(*words, "--set", "pedestrians.number=4").stderr
-
-
 @pytest.mark.parametrize("format", ["txt", "socnav", "rosbag2", "replay"])
 def test_an_export_says_where_its_files_are(format, tmp_path, call):
     if format == "rosbag2":

@@ -35,6 +35,14 @@ def between(rng, radius, preferred_speed):
     return Placement(np.array([[0.0, -3.0], [0.0, 0.0]]), np.array([[0.0, 3.0], [0.0, 0.0]]))
 
 
+def wait(rng, radius, preferred_speed):
+    """Somebody comes along a corridor of 0.9 m; the vehicle stands in a niche."""
+    walls = [[-9, -0.45, 9, -0.45], [-9, 0.45, -0.5, 0.45], [0.5, 0.45, 9, 0.45], [-0.5, 0.45, -0.5, 2],
+             [0.5, 0.45, 0.5, 2], [-0.5, 2, 0.5, 2], [9, -0.45, 9, 0.45], [-9, -0.45, -9, 0.45]]
+    walls = np.array(walls, float).reshape(-1, 2, 2)
+    return Placement(np.array([[0.0, 1.4], [4.0, 0.0]]), np.array([[4.0, 0.0], [-8.0, 0.0]]), obstacles=walls)
+
+
 def ring(rng, radius, preferred_speed):
     """People stand around the vehicle."""
     angle = np.arange(len(radius) - 1) * (2.0 * np.pi / (len(radius) - 1))
@@ -98,6 +106,20 @@ def test_a_standing_pedestrian_is_passed_at_a_distance(made):
     assert entry.time + entry.close < length + 2 * scenario.rules.dt
     assert entry.close < 0.1
     assert entry.score == pytest.approx(least_time(scenario) / (entry.time + entry.close))
+
+
+def test_a_vehicle_waits_for_somebody_who_comes_along_a_corridor(made):
+    entry = found_in(made("wait"))
+    # Somebody comes for 3.6 s to the niche, and the path from there to the goal takes 4 s.
+    assert 7.0 < entry.time < 10.0
+
+
+@pytest.mark.parametrize("name", ["door_10", "street_8", "blocks_12", "office_8"])
+def test_in_the_empty_world_a_search_is_as_fast_as_the_least_time_but_never_faster(name):
+    changes = {"pedestrians.number": 0, "vehicle.visible": False, "time_limit": 120.0}
+    least = load_scenario(name, {**changes, "time_limit_factor": 1.0}).worlds(Cases("val", 0, 1)).max_steps[0] - 1
+    found = search_case(load_scenario(name, {**changes, "time_limit_factor": 2.0}), 0, 0.0)
+    assert 0 <= len(found.commands) - least <= 1
 
 
 def test_no_commands_are_found_for_a_vehicle_in_a_closed_ring(made):

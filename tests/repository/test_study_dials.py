@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import beta, norm
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
@@ -36,46 +36,50 @@ label = "{} people on a circle"
 """
 
 
-def drive_known(draws, middle, width, shared, levels=9):
-    """The outcomes of both stages where success falls as a logistic curve, with cases that are easy or hard for all."""
+def drive_known(draws, middle, width, shared, spread=1.0, levels=9):
+    """The scores of both stages where their mean falls as a logistic curve; cases are easy or hard at all levels."""
 
-    def outcomes(cases):
+    def scores(cases):
         own = math.sqrt(1.0 - shared) * draws.standard_normal((levels, cases))
         luck = norm.cdf(math.sqrt(shared) * draws.standard_normal(cases) + own)
-        return luck < 1.0 / (1.0 + np.exp((np.arange(levels) - middle) / width))[:, None]
+        mean = 1.0 / (1.0 + np.exp((np.arange(levels) - middle) / width))[:, None]
+        return beta.ppf(luck, spread * mean, spread * (1.0 - mean))
 
-    first, second = outcomes(30), outcomes(240)
+    first, second = scores(30), scores(240)
     return first, {level: second[level] for level in estimate.levels_around(first)}
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(("middle", "width", "shared"), [(4.3, 0.4, 0.2), (5.5, 1.2, 0.0)])
-def test_a_known_curve_is_found_without_bias_and_as_often_as_the_interval_says(middle, width, shared, monkeypatch):
+@pytest.mark.parametrize(
+    ("middle", "width", "shared", "spread"), [(4.3, 0.4, 0.2, 0.1), (5.5, 1.2, 0.0, 1.0), (3.6, 1.5, 0.3, 10.0)]
+)
+def test_a_known_curve_is_found_without_bias_and_as_often_as_the_interval_says(
+    middle, width, shared, spread, monkeypatch
+):
     monkeypatch.setattr(estimate, "RESAMPLES", 1000)
-    draws, truth, trials = np.random.default_rng(1), middle - width * math.log(9.0), 250
-    found = [estimate.fit(*drive_known(draws, middle, width, shared)) for _ in range(trials)]
-    assert abs(np.mean([each.wanted.level for each in found]) - truth) < 0.2
-    assert 0.92 <= np.mean([each.wanted.low <= truth <= each.wanted.high for each in found]) <= 0.98
-    assert abs(np.mean([each.half.level for each in found]) - middle) < 0.2
+    draws, trials = np.random.default_rng(1), 250
+    found = [estimate.fit(*drive_known(draws, middle, width, shared, spread)) for _ in range(trials)]
+    assert abs(np.mean([each.wanted.level for each in found]) - middle) < 0.1
+    assert 0.92 <= np.mean([each.wanted.low <= middle <= each.wanted.high for each in found]) <= 0.99
     assert np.mean([each.is_monotone for each in found]) > 0.98
 
 
-@pytest.mark.parametrize(("success", "level", "around"), [(0.0, -math.inf, [0, 1, 2]), (1.0, math.inf, [6, 7, 8])])
-def test_beyond_the_levels_there_is_no_number(success, level, around):
-    first = np.full((9, 30), bool(success))
+@pytest.mark.parametrize(("score", "level", "around"), [(0.0, -math.inf, [0, 1, 2]), (1.0, math.inf, [6, 7, 8])])
+def test_beyond_the_levels_there_is_no_number(score, level, around):
+    first = np.full((9, 30), score)
     assert estimate.levels_around(first) == around
-    found = estimate.fit(first, {each: np.full(240, bool(success)) for each in around})
-    assert found.wanted.level == found.wanted.low == found.wanted.high == found.half.level == level
+    found = estimate.fit(first, {each: np.full(240, score) for each in around})
+    assert found.wanted.level == found.wanted.low == found.wanted.high == level
     assert found.cases.tolist() == [30 + 240 * (number in around) for number in range(9)]
     assert all(map(math.isnan, estimate.difference(found.wanted, found.wanted)))
 
 
-def test_success_that_rises_has_no_level():
-    first = np.arange(30) < np.array([28, 27, 10, 9, 29, 28, 5, 3, 0])[:, None]
-    second = {level: np.arange(240) < 8 * first[level].sum() for level in estimate.levels_around(first)}
+def test_a_score_that_rises_has_no_level():
+    first = (np.arange(30) < np.array([28, 27, 10, 9, 29, 28, 5, 3, 0])[:, None]).astype(float)
+    second = {level: np.tile(first[level], 8) for level in estimate.levels_around(first)}
     assert not estimate.fit(first, second).is_monotone
     first[4:6] = np.arange(30) < 9
-    second = {level: np.arange(240) < 8 * first[level].sum() for level in estimate.levels_around(first)}
+    second = {level: np.tile(first[level], 8) for level in estimate.levels_around(first)}
     assert estimate.fit(first, second).is_monotone
 
 
@@ -83,7 +87,8 @@ def test_a_difference_is_paired():
     first, second = drive_known(np.random.default_rng(3), 5.0, 0.8, 0.5)
     found = estimate.fit(first, second).wanted
     assert estimate.difference(found, found) == (0.0, 0.0, 0.0)
-    worse = estimate.fit(np.roll(first, -1, axis=0), {level - 1: each for level, each in second.items()}).wanted
+    harder = np.vstack([first[1:], np.zeros_like(first[:1])])
+    worse = estimate.fit(harder, {level - 1: each for level, each in second.items()}).wanted
     level, low, high = estimate.difference(found, worse)
     assert level == pytest.approx(1.0)
     assert high - low < 0.5 * (found.high - found.low)
@@ -131,7 +136,7 @@ def few(monkeypatch):
 def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
     (tmp_path / "own.toml").write_text(OWN)
     files = []
-    for planner in ("straight", "C"):
+    for planner in ("straight", "P3"):
         command = [str(tmp_path / "own.toml"), "--planner", planner, "--out", str(tmp_path / "runs")]
         result = CliRunner().invoke(DIAL, command)
         assert result.exit_code == 0, result.output
@@ -139,7 +144,7 @@ def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
         assert "run 1" not in again.output  # all are kept
         found = json.loads(again.stdout)
         (row,) = found["rows"]
-        assert row["cases"] == ([6, 6, 6] if planner == "C" else [20, 20, 20])
+        assert row["cases"] == ([6, 6, 6] if planner == "P3" else [20, 20, 20])
         first = load_scenario(str(tmp_path / "own.toml"), {"pedestrians.number": 9})
         assert first.max_agents == 10
         files += [tmp_path / "runs" / f"{planner}-own-6.json"]
@@ -148,7 +153,7 @@ def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
     figure = tmp_path / "dial.svg"
     assert CliRunner().invoke(build_script(plot), [*map(str, files), "--out", str(figure)]).exit_code == 0
     assert "… people on a circle" in figure.read_text()
-    assert "C of the ladder" in figure.read_text()
+    assert "P3 of the ladder" in figure.read_text()
     options = ["--planner", "P2", "--option", "horizon=3"]
     assert "P2 is a rung of the ladder, which takes no options" in str(
         CliRunner().invoke(DIAL, [str(tmp_path / "own.toml"), *options]).exception
@@ -162,16 +167,16 @@ def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
 def test_a_study_has_a_table_for_each_dial_the_best_planner_first(few, tmp_path):
     (tmp_path / "own.toml").write_text(OWN)
     (tmp_path / "study.toml").write_text(
-        f'[[dials]]\ntitle = "Dials"\nplanners = ["straight", "orca", "C"]\ndials = ["{tmp_path / "own.toml"}"]\n'
+        f'[[dials]]\ntitle = "Dials"\nplanners = ["straight", "orca", "P3"]\ndials = ["{tmp_path / "own.toml"}"]\n'
     )
     command = ["--file", str(tmp_path / "study.toml"), "--out", str(tmp_path / "runs")]
     result = CliRunner().invoke(DIAL, command)
     assert result.exit_code == 0, result.output
     rows = [line for line in result.stdout.splitlines() if line.startswith("| ")]
-    assert rows[0] == "| planner | 90 % success at ... people on a circle | 50 % success at | levels behind the best |"
-    assert [row.split(" | ")[0] for row in rows[2:]] == ["| C: a certificate", "| orca", "| straight"]
+    assert rows[0] == "| planner | score of 0.5 at ... people on a circle | levels behind the best |"
+    assert [row.split(" | ")[0] for row in rows[2:]] == ["| P3: the true future", "| orca", "| straight"]
     assert rows[2].endswith("|  |")  # nobody is behind what is no planner
     (filled,) = json.loads(CliRunner().invoke(DIAL, [*command, "--format", "json"]).stdout)["tables"][0]["dials"]
-    certified, orca, straight = (np.array(row["success"]) for row in filled["rows"])
-    assert (certified >= np.maximum(orca, straight)).all()
+    search, orca, straight = (np.array(row["score"]) for row in filled["rows"])
+    assert (search >= np.maximum(orca, straight)).all()
     assert orca[0] >= straight[0]

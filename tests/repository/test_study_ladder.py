@@ -7,19 +7,21 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from crowdbench.catalog import load_scenario
+from crowdbench.catalog import load_scenario, read_suite
 from crowdbench.cli.app import build_script
+from crowdbench.core.types import PERFECT_SENSOR
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.certified import Certified
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.toml import Location, parse_table
 from studies.ladder.futures import FUTURES, Knowledge, Simulated, adds_nothing, has_chance
 from studies.ladder.plot import plot
-from studies.ladder.run import ladder
-from studies.ladder.table import find_certified, paired_gain
+from studies.ladder.run import FILE, ladder
+from studies.ladder.table import SENSED, FilledLadder, Ladder, LaddersSpec, LadderStudy, gain
+from studies.pages import read_file
 
 STEPS = 12
 
@@ -113,16 +115,51 @@ def test_futures_without_knowledge_of_attention_differ_where_people_may_notice_t
     assert adds_nothing(load_scenario("circle_20_blind"), Knowledge.ATTENTION)
 
 
-@pytest.mark.parametrize(("gained", "lost"), [(0.01, 0.01), (0.2, 0.1)])
-def test_an_interval_of_a_gain_contains_the_true_gain_in_95_percent_of_studies(gained, lost):
-    draws, covered = np.random.default_rng(7), []
-    for _ in range(3000):
-        kind = draws.random(200)
-        only_above, only_below = kind < gained, kind > 1.0 - lost
-        estimate = paired_gain(~only_below, ~only_above)
-        covered.append(estimate.low <= gained - lost <= estimate.high)
-    print(f"coverage {np.mean(covered):.3f}")
-    assert np.mean(covered) > 0.94
+def test_a_gain_is_paired_by_case():
+    below = np.array([0.1, 0.9, 0.3, 0.7, 0.2, 0.6, 0.4, 0.5])
+    found = gain(below + 0.05, below)
+    assert [found.mean, found.low, found.high] == pytest.approx([0.05] * 3)
+    assert gain(below, below).mean == 0.0
+    other = gain(below[::-1], below)
+    assert other.low < -0.2
+    assert other.high > 0.2
+
+
+def ladder_of(cases, monkeypatch):
+    """Return the ladder of a scenario without its runs: rung P3 has a score of 0.5 in each case."""
+    monkeypatch.setattr("studies.ladder.table.read_scores", lambda run, out: np.full(len(run.spec.cases), 0.5))
+    spec = parse_table(LaddersSpec, {"title": "x", "planners": ["straight"], "cases": cases}, Location("x"))
+    return Ladder.of("circle_20", spec)
+
+
+@pytest.mark.parametrize(("number", "said"), [(8, "0.800"), (9, "0.800 (8 cases)")])
+def test_best_known_scores_are_compared_in_the_cases_that_have_one(number, said, monkeypatch, tmp_path):
+    of_suite = ladder_of(f"val:{number}", monkeypatch)
+    found = FilledLadder.of(dataclasses.replace(of_suite, known=dict.fromkeys(range(8), 0.8)), tmp_path)
+    assert (found.score["best known"].n, found.score["P3"].n) == (8, number)
+    assert found.steps[-1].knowledge == "search"
+    assert found.steps[-1].gain.mean == pytest.approx(0.3)
+    assert found.cells()[-3:] == ["+0.30 (+0.30 to +0.30)", said, "0.500 (straight)"]
+
+
+def test_scenarios_and_test_cases_without_best_known_scores_have_a_dash(monkeypatch, tmp_path):
+    for each in (dataclasses.replace(ladder_of("val:2", monkeypatch), known={}), ladder_of("test:2", monkeypatch)):
+        found = FilledLadder.of(each, tmp_path)
+        assert list(found.score) == ["P0", "P1", "I", "G", "GP", "P2", "P3"]
+        assert found.cells()[-3:] == ["-", "-", "0.500 (straight)"]
+
+
+def test_the_first_rung_and_planners_drive_with_realistic_sensing_and_the_others_see_all(monkeypatch):
+    found = ladder_of("val:2", monkeypatch)
+    sensors = {name: run.scenario.rules.sensor for name, run in found.rungs.items()}
+    assert sensors["P0"] == found.planners[0].scenario.rules.sensor == load_scenario("circle_20", SENSED).rules.sensor
+    assert sensors["P0"].detector is not None
+    assert all(sensors[name] == PERFECT_SENSOR for name in sensors if name != "P0")
+
+
+def test_the_ladders_of_the_page_are_those_of_the_ranked_scenarios():
+    (spec,) = read_file(FILE, LadderStudy).ladders
+    assert spec.scenarios == read_suite().ranked
 
 
 @pytest.mark.slow
@@ -134,11 +171,11 @@ def test_a_ladder_is_kept_and_drawn(tmp_path):
     command += ["--out", str(tmp_path / "runs")]
     result = CliRunner().invoke(build_script(ladder), command)
     assert result.exit_code == 0, result.output
-    assert "points gained by this search, with" in result.stdout
+    assert "gained by this search, with" in result.stdout
     again = CliRunner().invoke(build_script(ladder), [*command, "--format", "json"])
     assert "run 1" not in again.output  # all are kept
     (found,) = json.loads(again.stdout)
-    assert list(found["success"]) == ["P0", "P1", "I", "G", "GP", "P2", "P3"]  # nobody looked for certificates
+    assert list(found["score"]) == ["P0", "P1", "I", "G", "GP", "P2", "P3"]  # nobody searched the best scores
     assert [step["knowledge"] for step in found["steps"]] == [
         "perception",
         "inference",
@@ -171,16 +208,3 @@ def test_what_is_no_ladder_is_refused(arguments, sentence, tmp_path):
     given = [str(tmp_path / each) if each.endswith(".toml") else each for each in arguments]
     with pytest.raises(InputError, match=sentence):
         build_script(ladder)(given, standalone_mode=False)
-
-
-def test_certificates_are_of_the_cases_that_were_examined():
-    scenario = load_scenario("office_8")
-
-    def found(digest, number):
-        examined = {"scenario": digest, "margin": 0.1, "test": {"examined": 9, "uncertified": [2]}}
-        status = dataclasses.replace(scenario.certificates, certified=Certified.model_validate(examined))
-        return find_certified(dataclasses.replace(scenario, certificates=status), Cases("test", 0, number))
-
-    assert np.flatnonzero(~found(scenario.digest, 9)).tolist() == [2]
-    assert found(scenario.digest, 10) is None
-    assert found("another", 9) is None

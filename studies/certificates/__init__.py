@@ -1,1 +1,0 @@
-"""Certificates: commands by which the vehicle succeeds in a case, found with knowledge of the pedestrians' future."""
