@@ -302,6 +302,7 @@ def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
         time_limit=spec.time_limit,
         time_limit_factor=spec.time_limit_factor,
         collision=spec.collision,
+        collision_ends=spec.collision_ends,
         visible=vehicle.visible,
         attention=attention if vehicle.visible else None,
         dynamics=dynamics,

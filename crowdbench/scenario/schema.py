@@ -221,6 +221,8 @@ class ScenarioSpec(TomlTable):
         description="a number above 0 and below 1000",
     )
     collision: str = choice(COLLISION_RULES, default="swept")
+    # Absent from the dump where collisions end episodes, so that it does not change the identity of other scenarios.
+    collision_ends: Flag = Field(default=True, exclude_if=bool, description="true or false")
     seed: int = integer(0, least=0, most=2**63 - 1)
     vehicle: VehicleSpec = table("vehicle")
     sensor: Sensor = table("sensor")

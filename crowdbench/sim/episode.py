@@ -47,6 +47,7 @@ def check_step(rules, before, after, check):
     - Time-out: it is the last step of `World.max_steps`, regardless of collisions or arrival in it.
     - Collision: a disc of the vehicle overlaps that of a pedestrian during the step. Under the rule `swept` both have
       their actual motion; under `crowdnav` the pedestrian moves with its velocity from before the step, as in CrowdNav.
+      No outcome if `Rules.collision_ends` is False.
     - Collision with a wall: a disc of the vehicle overlaps an obstacle during the step.
     - Success: after the step, the vehicle's position is nearer to its goal than `Rules.goal_tolerance`.
 
@@ -104,7 +105,8 @@ def _fill_outcomes(rules, before, last, check):
         dx, dy = goal[w, 0, 0] - last[w, 0, 0], goal[w, 0, 1] - last[w, 0, 1]
         near = rules.goal_tolerance if rules.goal_tolerance > 0.0 else before.radius[w, 0]
         is_last = before.step[w] + 1 >= before.max_steps[w]
-        check.outcome[w] = step_outcome(check.gap[w], check.wall_gap[w], dx, dy, near, is_last)
+        gap = check.gap[w] if rules.collision_ends else math.inf
+        check.outcome[w] = step_outcome(gap, check.wall_gap[w], dx, dy, near, is_last)
 
 
 @no_type_check

@@ -246,6 +246,7 @@ class RuleNumbers(NamedTuple):
         body: Offsets of the centres of its discs ahead of its position, in metres.
         goal_tolerance: In metres; 0 means the vehicle's radius.
         collision: Index of the collision rule in `COLLISION_RULES`.
+        collision_ends: True if a collision with a pedestrian ends the episode.
         dt: Length of a step in seconds.
         walking: The limits of pedestrians; infinite without any.
     """
@@ -255,6 +256,7 @@ class RuleNumbers(NamedTuple):
     body: Float[np.ndarray, "disc"]
     goal_tolerance: float
     collision: int
+    collision_ends: bool
     dt: float
     walking: WalkingLimits
 
@@ -271,6 +273,7 @@ class Rules:
         collision: `swept` (true relative motion over the step), `crowdnav` (every pedestrian is moved, only for
             the collision test, with its velocity before the step), or `crowdnav_plus` (positions before the step,
             for collision and arrival).
+        collision_ends: True if a collision with a pedestrian ends the episode.
         visible: True if pedestrians see the vehicle.
         attention: Model of the attention to a visible vehicle; None if all pedestrians notice it at any time.
         dynamics: Dynamics of the vehicle.
@@ -286,6 +289,7 @@ class Rules:
     time_limit: float = 25.0
     time_limit_factor: float | None = None
     collision: str = "swept"
+    collision_ends: bool = True
     visible: bool = False
     attention: Attention | None = None
     dynamics: Dynamics = FREE
@@ -307,7 +311,8 @@ class Rules:
         """The rules as an argument of kernels."""
         vehicle = self.dynamics.code, self.dynamics.limits, np.array(self.body), self.goal_tolerance or 0.0
         walking = self.walking or WalkingLimits(math.inf, math.inf, math.inf)
-        return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, walking)
+        test = COLLISION_RULES.index(self.collision), self.collision_ends
+        return RuleNumbers(*vehicle, *test, self.dt, walking)
 
     @cached_property
     def with_perfect_sensor(self) -> Rules:
@@ -324,6 +329,7 @@ class Rules:
         entries = dataclasses.asdict(self)
         for field in (
             "time_limit_factor",
+            "collision_ends",
             "attention",
             "dynamics",
             "actuation",
