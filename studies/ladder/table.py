@@ -49,7 +49,7 @@ class LaddersSpec(TomlTable):
 
     title: Name
     planners: Planners
-    scenarios: Names = Field(default_factory=lambda: read_suite().ranked)
+    scenarios: Names = Field(default_factory=lambda: [*read_suite().ranked])
     cases: CasesText = Cases.parse("val:50")
 
 
