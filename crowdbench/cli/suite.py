@@ -83,7 +83,8 @@ def suite(
     scores = {place: _read_score(run, out) for place, run in runs.items() if place not in failures}
     for (name, track), reason in failures.items():
         say(f"{name} ({track}) counts 0, because it cannot be driven: {reason}")
-    table = _table(f"Score of {plugin_name(planner)} on {scenarios.version}, {cases} cases", scenarios, scores)
+    name = plugin_name(planner) + " (raw)" * any(run.driver.raw for run in runs.values())
+    table = _table(f"Score of {name} on {scenarios.version}, {cases} cases", scenarios, scores)
     if as_json:
         records = {record["scenario"]: {track: record[track] for track in SENSING_TRACKS} for record in table.records}
         print(json.dumps(plain({"version": scenarios.version, "cases": cases, "scores": records}), indent=2))

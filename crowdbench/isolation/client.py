@@ -97,10 +97,11 @@ class PlannerServer:
         properties = {
             "version": VERSION,
             "privileged": self.planner.privileged,
+            "raw": self.planner.raw,
             "native": self.planner.native,
             "facts": dict(self.planner.facts),
         }
-        with plugin_errors(f"planner {self.name} has privileged, native and facts that cannot be sent:"):
+        with plugin_errors(f"planner {self.name} has privileged, raw, native and facts that cannot be sent:"):
             return MessageKind.READY, to_json(properties)
 
     def _reset(self, content: bytearray) -> tuple[MessageKind, bytes]:

@@ -116,6 +116,7 @@ class IsolatedPlanner(AheadPlanner):
             raise
         self.privileged = properties.get("privileged")  # type: ignore[assignment]  # checked by the driver
         self.facts = properties.get("facts")  # type: ignore[assignment]
+        self.raw = properties.get("raw", False)
         self.native = properties.get("native", False)
         self.usage["construction_seconds"] = self.process.seconds
 

@@ -44,7 +44,7 @@ class MessageKind(enum.IntEnum):
     `body`, and `sensor`.
     """
     READY = 11
-    """After `START`, JSON: `version`, `privileged`, perhaps `native` (see `Planner`) and `facts` (texts by name)."""
+    """After `START`, JSON: `version`, `privileged`, `facts` (texts by name), perhaps `raw`, `native`: see `Planner`."""
     COMMANDS = 12
     """float64 `[world, time, 2]`: velocities in m/s for the requested steps, or native commands, see `native`."""
     FAILED = 13

@@ -44,13 +44,14 @@ class Driver:
         decision_limit: Seconds that it may take for a decision, for all worlds of a batch together. Time in which it
             waits for a processor does not count: see `FairLimit`.
         privileged: True if it observes the pedestrians' next velocities. Read once, so that it cannot change.
+        raw: True if it observes the detections of a detector without its tracker. Read once.
         native: True if it returns commands of the vehicle's dynamics; velocities are converted to commands. Read once.
         facts: Further facts for results. Read once.
         seconds: Total time of its decisions and of `reset` so far.
 
     Raises:
-        InputError: The decision limit is not positive, or `privileged`, `native` or `facts` of the planner are not
-            of their type.
+        InputError: The decision limit is not positive, or `privileged`, `raw`, `native` or `facts` of the planner are
+            not of their type.
     """
 
     def __init__(self, planner: Planner, name: str, decision_limit: float = DECISION_LIMIT) -> None:
@@ -60,6 +61,7 @@ class Driver:
         self.name = name
         self.decision_limit = decision_limit
         self.privileged = _read_flag(planner, name, "privileged")
+        self.raw = _read_flag(planner, name, "raw")
         self.native = _read_flag(planner, name, "native", tuple(DYNAMICS))
         self.facts = _read_facts(planner, name)
         self.seconds = 0.0

@@ -26,6 +26,12 @@ class Planner(abc.ABC):
     privileged: bool = False
     """True if it calls `Observation.true_next`, which no vehicle could see. Such planners are never ranked."""
 
+    raw: bool = False
+    """True if it has a tracker of its own: behind a detector it observes the detections instead of tracks.
+
+    Tables mark such planners, because all others have the same tracker.
+    """
+
     native: bool | str = False
     """True if it returns commands of the vehicle's dynamics (`core.dynamics`), or the name of the only valid dynamics.
 

@@ -175,9 +175,10 @@ def planner_label(planner: str, settings: Mapping[str, Any]) -> str:
 
 
 def result_label(result: Mapping[str, Any]) -> str:
-    """Return `planner_label` of a run, from the contents of its `result.json`."""
+    """Return `planner_label` of a run, from the contents of its `result.json`, with a mark of `Planner.raw`."""
     run = result["run"]
-    return planner_label(run["planner"]["name"], {**run["planner"]["options"], **run["replanning"]})
+    label = planner_label(run["planner"]["name"], {**run["planner"]["options"], **run["replanning"]})
+    return f"{label} (raw)" if result["stated"].get("raw") else label
 
 
 def _format_table(table: Mapping[str, Any]) -> str:

@@ -89,6 +89,7 @@ class StatedPart(BaseModel, extra="forbid"):
     """Facts that cannot be computed from the other files."""
 
     privileged: bool
+    raw: bool = False
     overrides: Table
     record: Literal[RECORD]  # type: ignore[valid-type]
     timing: TimingPart

@@ -33,13 +33,15 @@ class Playback(Planner):
     Args:
         command: The commands of the vehicle's dynamics, by world and step.
         privileged: True if they come from a planner that uses information that no vehicle could measure.
+        raw: True if they come from a planner that observes the detections of a detector without its tracker.
     """
 
     native = True
 
-    def __init__(self, command: Float[np.ndarray, "world step 2"], privileged: bool = False) -> None:
+    def __init__(self, command: Float[np.ndarray, "world step 2"], privileged: bool = False, raw: bool = False) -> None:
         self._command = command
         self.privileged = privileged
+        self.raw = raw
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """Return the commands of this step."""
@@ -74,7 +76,8 @@ def stored_traces(
         return
     scenario = load(run)
     for part in (cases or run.cases).batches(fit_batch(BATCH, scenario)):
-        driver = Driver(Playback(run.commands.pad(part, scenario.rules.max_steps)), "of the replay")
+        command = run.commands.pad(part, scenario.rules.max_steps)
+        driver = Driver(Playback(command, raw=run.result["stated"].get("raw", False)), "of the replay")
         yield rollout(driver, scenario, part, undisturbed=undisturbed, progress=progress, watch=watch)
 
 

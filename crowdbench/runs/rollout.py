@@ -86,6 +86,8 @@ def rollout(
         InputError: The planner or the scenario breaks its contract.
         LogsTooLarge: The logs would take more than `LOG_MEMORY`; only with `keep_logs`.
     """
+    if driver.raw:
+        scenario = scenario.without_tracker()
     world = scenario.worlds(cases)
     guard = ForkGuard(f"planner {driver.name}")
     with guard:

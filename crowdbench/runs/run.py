@@ -202,6 +202,7 @@ class Run:
         torch = {"torch": importlib.metadata.version("torch")} if "torch" in sys.modules else {}
         stated = {
             "privileged": self.driver.privileged,
+            "raw": self.driver.raw and self.scenario.rules.sensor.detector is not None,
             "overrides": self.spec.changes,
             "record": self.spec.record,
             "timing": {"decision_ms_per_step": decision_ms, "seconds": seconds},

@@ -78,7 +78,8 @@ class Replay:
         if self.differences:
             return "\n".join([*lines, f"The run differs from what {self.store} gives:", *map(str, self.differences)])
         lines.append(
-            "All agree. Stated by the run alone: the planner with its options, `privileged`, names, times and versions."
+            "All agree. Stated by the run alone: the planner with its options, `privileged`, `raw`, names, times and "
+            "versions."
         )
         return "\n".join(lines)
 

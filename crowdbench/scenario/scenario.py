@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -98,6 +99,17 @@ class Scenario:
         """
         if data is not None and self.tracks is None:
             raise InputError(f"--data does not go with {self.name}, which has no table [tracks]: leave out one of them")
+
+    def without_tracker(self) -> Scenario:
+        """Return the scenario with a detector, if it has one, that shows planners its detections instead of tracks.
+
+        It has the same table and digest: only the observation differs.
+        """
+        sensor = self.rules.sensor
+        if sensor.detector is None:
+            return self
+        sensor = sensor.model_copy(update={"detector": sensor.detector.model_copy(update={"raw": True})})
+        return dataclasses.replace(self, rules=dataclasses.replace(self.rules, sensor=sensor))
 
     def worlds(self, cases: Cases) -> World:
         """Return the starts of a range of cases."""

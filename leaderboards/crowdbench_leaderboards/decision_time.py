@@ -52,7 +52,8 @@ class _Timed(AheadPlanner):
     native = True  # the driver has converted velocities to commands
 
     def __init__(self, driver: Driver, recorded: Float[np.ndarray, "step 2"], processor: Callable[[], float]) -> None:
-        self.driver, self.recorded, self.processor, self.privileged = driver, recorded, processor, driver.privileged
+        self.driver, self.recorded, self.processor = driver, recorded, processor
+        self.privileged, self.raw = driver.privileged, driver.raw
         self.decisions: list[tuple[float, bool]] = []
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:

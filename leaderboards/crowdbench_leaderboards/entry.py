@@ -127,6 +127,7 @@ class EntrySpec(Record):
         options: The planner's options; files are relative to the entry.
         networks: The options in which other networks of the same method differ. They are trained with other seeds.
         privileged: True if the planner uses information that no sensor of a vehicle could measure.
+        raw: True if the planner has a tracker of its own behind the detector of the board.
         environment: Versions of packages, and the machine, of the run on the public cases.
         files: The sha256 of every other file of the entry, by its path in it.
         reported: Results on the public cases, as reported by the authors.
@@ -143,6 +144,7 @@ class EntrySpec(Record):
     options: dict[str, JsonValue]
     networks: list[dict[str, JsonValue]]
     privileged: bool
+    raw: bool = False
     environment: dict[str, str]
     files: dict[str, Sha256]
     reported: Means

@@ -174,6 +174,7 @@ def _make_spec(submission: Submission, planner: EntryPlanner, networks: list[dic
         options=dict(planner.options),
         networks=networks,
         privileged=any(result["stated"]["privileged"] for result in results.values()),
+        raw=any(result["stated"]["raw"] for result in results.values()),
         environment=read_versions(),
         files=file_digests(folder),
         reported={

@@ -288,7 +288,8 @@ def _run_again(entry: Entry, case_set: CaseSet, runs: Path, progress: Progress |
     results = {name: read_result(runs / name) for name in driven_scenarios(board, runs)}
     for name, result in results.items():
         is_same = result["run"]["planner"]["facts"] == spec.facts.get(name) or name not in spec.reported
-        if not is_same or result["stated"]["privileged"] != spec.privileged:
+        stated = result["stated"]
+        if not is_same or (stated["privileged"], stated["raw"]) != (spec.privileged, spec.raw):
             raise InputError(f"{name}: the planner's facts differ from the facts of the entry")
     measured: dict[str, Any] = {"figures": {name: result["metrics"] for name, result in results.items()}}
     if networks := other_networks(entry, board):

@@ -166,7 +166,8 @@ def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("key", "value"), [("privileged", True), ("facts", {"circle_crossing_5": {"weights": "other"}}), ("facts", {})]
+    ("key", "value"),
+    [("privileged", True), ("raw", True), ("facts", {"circle_crossing_5": {"weights": "other"}}), ("facts", {})],
 )
 def test_an_entry_that_says_what_its_planner_does_not_is_refused(root, tmp_path, key, value):
     folder = root / "small" / "entries" / "careful"

@@ -12,6 +12,7 @@ from crowdbench.metrics.summary import Estimate
 from crowdbench.plugins.new_planner import make_planner
 from crowdbench.results.episodes import Episodes
 from crowdbench.utils.errors import InputError
+from crowdbench_leaderboards.board import MEASURED
 from crowdbench_leaderboards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
 from crowdbench_leaderboards.entry import read_card
 from crowdbench_leaderboards.pages.standings import SHOWN, Standings, success_by_family
@@ -151,3 +152,8 @@ def test_a_board_shows_the_metrics_of_its_ranked_entries():
     old, new = entry("sct", "jerk"), entry("sct", "jerk", "at_fault_rate")
     assert Standings(None, "", [old], [new], []).shown == ["sct", "jerk"]
     assert Standings(None, "", [], [old, new], []).shown == ["at_fault_rate", "sct", "jerk"]
+
+
+def test_every_board_shows_the_score_beside_success():
+    assert SHOWN[0] == "score"
+    assert set(SHOWN) <= set(MEASURED)

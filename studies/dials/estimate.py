@@ -21,7 +21,7 @@ from scipy.optimize import isotonic_regression
 
 from crowdbench.metrics import CONFIDENCE
 
-WANTED = 0.5
+WANTED = 0.3
 """The mean score that defines the figure of a dial."""
 
 AROUND = 3

@@ -1,4 +1,4 @@
-"""The figure of a dial: the mean scores of planners at its levels, and where each crosses 0.5."""
+"""The figure of a dial: the mean scores of planners at its levels, and where each crosses 0.3."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Increase the level of a dial until the score of planners is below 0.5. Prints README.md beside this file."""
+"""Increase the level of a dial until the score of planners is below 0.3. Prints README.md beside this file."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def dial(
     threads: ThreadsOption = None,
     format: Format = Format.MARKDOWN,
 ) -> None:
-    """Find the level of a dial up to which a planner has a mean score of 0.5. Without a dial print the page.
+    """Find the level of a dial up to which a planner has a mean score of 0.3. Without a dial print the page.
 
     Drives 30 cases at each level, then 240 others at each of the three around the figure.
 

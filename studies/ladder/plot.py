@@ -61,7 +61,7 @@ def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
         ax.set(xlabel="score", xlim=(max(0.0, lowest - lowest % 0.1), 1.015), ylim=(-0.6, len(found) - 0.2))
         _mark(ax, [], [], "o", FIRST, fillstyle="none", label="as sensed")
         for name in filter(shown.__contains__, KNOWLEDGE):
-            _mark(ax, [], [], *KNOWLEDGE[name], label=f"+ {name}")
+            _mark(ax, [], [], *KNOWLEDGE[name], label="best known" if name == "search" else f"+ {name}")
         _mark(ax, [], [], 7, "#000000", label="best planner")
         ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.2, 1.0), columnspacing=1.0, handletextpad=0.2)
     say(f"wrote {out}")

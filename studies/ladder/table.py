@@ -49,7 +49,7 @@ class LaddersSpec(TomlTable):
 
     title: Name
     planners: Planners
-    scenarios: Names = Field(default_factory=lambda: read_suite().ranked)
+    scenarios: Names = Field(default_factory=lambda: [*read_suite().ranked])
     cases: CasesText = Cases.parse("val:50")
 
 
@@ -150,8 +150,9 @@ class FilledLadder:
     def bars(self) -> Grid:
         """Return a row for each rung, with a bar, and one for the best planner."""
         gains = ["", *(f"{_say_gain(step.gain)}, {step.knowledge}" for step in self.steps)]
+        knows = {**RUNGS, KNOWN: f"the true future, with another search{self._say_cases()}"}
         rows = [
-            [rung, SCORE.estimate(each), draw_bar(each.mean), RUNGS.get(rung, self._say_cases()), gained]
+            [rung, SCORE.estimate(each), draw_bar(each.mean), knows[rung], gained]
             for (rung, each), gained in zip(self.score.items(), gains, strict=True)
         ]
         rows.append(["best", SCORE.estimate(self.best_score), draw_bar(self.best_score.mean), self.best, ""])
@@ -167,15 +168,15 @@ class FilledLadder:
                 cells.append(_say_gain(step.gain))
         if KNOWN not in self.score:
             cells += ["-", "-"]
-        elif few := self._say_cases():
-            cells[-1] += f" ({few})"
+        else:
+            cells[-1] += self._say_cases()
         weak = ", above P2: the search is too weak here" if self.best_score.mean > self.score["P2"].mean else ""
         return [*cells, f"{SCORE.number(self.best_score.mean)} ({self.best}{weak})"]
 
     def _say_cases(self) -> str:
-        """Return the number of cases with best known scores if other cases have none."""
-        known = self.score[KNOWN].n
-        return "" if known == self.score["P0"].n else f"{known} cases"
+        """Return the number of cases with best known scores, if there are any and other cases have none."""
+        known = self.score[KNOWN].n if KNOWN in self.score else 0
+        return f" ({known} cases)" if 0 < known < self.score["P0"].n else ""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -49,7 +49,7 @@ class Result:
 
     Attributes:
         condition: The condition in a few words.
-        figure: What was measured.
+        figure: The measured figure.
         holds: True if the condition holds.
     """
 

@@ -52,7 +52,7 @@ def conditions(
     """Print which conditions the suite meets, in both tracks of sensing.
 
     Args:
-        cases: Other cases of each scenario than those of the test: val:4.
+        cases: Cases of each scenario, if other cases are driven than the file has: val:4.
         out: Folder for the runs.
     """
     use_threads(threads)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,13 @@ class DrivenPlanner(PlannerSpec):
             overrides: Other values for keys of the scenario.
             pedestrians: A pedestrian policy that replaces that of the scenario.
         """
-        base = {"overrides": overrides, "pedestrians": pedestrians, "metrics": (MOVING,), "record": "none"}
-        return [
-            load_run(RunSpec(self.planner, scenario, self.cases, options=options, **base)) for options in self.choices
-        ]
+        base = RunSpec(
+            self.planner,
+            scenario,
+            self.cases,
+            overrides=overrides,
+            pedestrians=pedestrians,
+            metrics=(MOVING,),
+            record="none",
+        )
+        return [load_run(replace(base, options=options)) for options in self.choices]

@@ -12,11 +12,11 @@ from studies.suite.standing import Standing
 SCORE = info_of("score")
 
 VARIANTS = {
-    "a second close counts 0.5 s": {"factor": 0.5},
-    "a second close counts 2 s": {"factor": 2.0},
-    "seconds count as close only while the vehicle moves": {"moving": True},
+    "a second close counts 0.5 s": (0.5, False),
+    "a second close counts 2 s": (2.0, False),
+    "seconds count as close only while the vehicle moves": (1.0, True),
 }
-"""Other prices of closeness, under which the order is printed."""
+"""Other prices of closeness, under which the order is printed: arguments of `Standing.priced`."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def order_texts(standings: Mapping[str, Standing]) -> list[str]:
     usual = order(standings)
     texts = []
     for description, price in VARIANTS.items():
-        means = {name: standing.priced(**price).mean() for name, standing in standings.items()}
+        means = {name: standing.priced(*price).mean() for name, standing in standings.items()}
         found = sorted(means, key=lambda name: -means[name])
         named = ", ".join(f"{name} {SCORE.number(means[name])}" for name in found)
         moved = sum(a != b for a, b in zip(usual, found, strict=True))

@@ -157,9 +157,11 @@ def test_the_first_rung_and_planners_drive_with_realistic_sensing_and_the_others
     assert all(sensors[name] == PERFECT_SENSOR for name in sensors if name != "P0")
 
 
-def test_the_ladders_of_the_page_are_those_of_the_ranked_scenarios():
-    (spec,) = read_file(FILE, LadderStudy).ladders
+def test_ladders_are_those_of_the_ranked_scenarios_unless_some_are_named():
+    (page,) = read_file(FILE, LadderStudy).ladders
+    spec = parse_table(LaddersSpec, {"title": "x", "planners": ["straight"]}, Location("x"))
     assert spec.scenarios == read_suite().ranked
+    assert set(page.scenarios) <= set(spec.scenarios)
 
 
 @pytest.mark.slow

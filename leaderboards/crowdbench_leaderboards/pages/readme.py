@@ -31,12 +31,13 @@ means.
 Success is the primary endpoint of each board. The rank is an interval: the intervals of all entries of a board jointly
 contain the true ranks with a confidence of 95 %. Entries of the same rank are listed by SCT, success weighted by
 completion time, which is an order and no rank. "As good as" lists entries whose difference is surely below {margin:g}
-points of success. Figures have 95 % intervals. "method" is the mean success over networks that were trained with other
-seeds, with an interval for other networks and other cases. "imposed delay" is the total extra
-travel time of all pedestrians of a case, where they see the vehicle. "decision" is the 99th percentile of the time
-for a decision in one world, on one core of the reference machine. An asterisk marks the Pareto set: no ranked
-entry succeeds more often and is quicker. Entries that are "reported only" have no rank: their figures are reported by
-their authors, on the public cases. A "pending" entry was made for other rules, scenarios or another simulator.
+points of success. Figures have 95 % intervals. "score" is [the score of the suite](../docs/methods.md#score). "method"
+is the mean success over networks that were trained with other seeds, with an interval for other networks and other
+cases. "imposed delay" is the total extra travel time of all pedestrians of a case, where they see the vehicle.
+"decision" is the 99th percentile of the time for a decision in one world, on one core of the reference machine. An
+asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker. Entries marked as "raw" have a
+tracker of their own. Entries that are "reported only" have no rank: their figures are reported by their authors, on
+the public cases. A "pending" entry was made for other rules, scenarios or another simulator.
 
 Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
 the digests of all entries and from round {season.round} of drand.
@@ -88,10 +89,10 @@ def section(table: Standings) -> str:
 def _cells(table: Standings, entry: Standing) -> dict[str, str]:
     """Return the cells of an entry, by the headings of the columns of its board."""
     figures, speed, method = entry.figures, entry.decision_time, entry.method
-    pareto = " \\*" if entry.is_pareto else ""
+    pareto, raw = " \\*" if entry.is_pareto else "", " (raw)" if entry.entry.spec.raw else ""
     cells = {
         "rank": str(entry.rank or ""),
-        "entry": f"{entry.name}{pareto}, {'baseline' if entry.is_baseline else entry.entry.spec.submitted_by}",
+        "entry": f"{entry.name}{raw}{pareto}, {'baseline' if entry.is_baseline else entry.entry.spec.submitted_by}",
         SUCCESS.heading: SUCCESS.estimate(figures["success_rate"]),
         "as good as": ", ".join(near(table, entry)[0]),
     }

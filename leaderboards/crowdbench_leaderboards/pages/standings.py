@@ -34,7 +34,7 @@ MAX_RANKED = 2
 SOCIAL = ("intimate_zone", "imposed_delay", "imposed_delay_positive")
 """The metrics of social compliance among `SHOWN`."""
 
-SHOWN = ("collision_rate", "at_fault_rate", "sct", "navigation_time", *SOCIAL, "jerk")
+SHOWN = ("score", "collision_rate", "at_fault_rate", "sct", "navigation_time", *SOCIAL, "jerk")
 """The metrics that the table of a board shows beside success."""
 
 PENDING = "Its board has changed since: it must be submitted again."

@@ -188,6 +188,13 @@ def test_a_privileged_planner_says_so_and_sees_the_future(mine):
         assert drive(driver).command[0, 0].any()
 
 
+def test_a_planner_with_its_own_tracker_says_so(mine):
+    with driven(mine("Mine.raw = True")) as driver:
+        assert driver.raw
+    with driven(mine("")) as driver:
+        assert not driver.raw
+
+
 def test_every_array_of_an_observation_arrives():
     world = load_scenario(SCENARIO, {"pedestrians.number": [1, 3]}).worlds(Cases("val", 0, 5))
     generator = np.random.default_rng(0)

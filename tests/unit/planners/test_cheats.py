@@ -174,6 +174,7 @@ def test_a_planner_cannot_become_privileged_on_the_way():
     ("attribute", "value", "match"),
     [
         ("privileged", "no", "has privileged = 'no', but it must be True or False"),
+        ("raw", 1, "has raw = 1, but it must be True or False"),
         ("facts", {"weights": object()}, "has facts that a result cannot hold"),
         ("facts", {"score": float("nan")}, "has facts that a result cannot hold"),
         ("facts", 3, "has facts that a result cannot hold"),

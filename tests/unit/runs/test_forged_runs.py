@@ -52,7 +52,7 @@ def run(honest, tmp_path):
 STATED_FIELDS = re.compile(
     r"run\.planner\.(code|facts|files|key|name|options).*|run\.(batch|decision_limit|code|simulator|metrics\..*)"
     r"|run\.replanning.*|scenario\.(name|description)"
-    r"|stated\.(privileged|timing|versions|isolation).*"
+    r"|stated\.(privileged|raw|timing|versions|isolation).*"
 )
 """What no other file of a run tells."""
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers import drive, same, world
 
+from crowdbench.api import run
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import HISTORY, Detector, Rules, Sensor
 from crowdbench.drawing import Moment, measured_rings
@@ -14,7 +15,11 @@ from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.planners.filtered import FilteredPlanner
 from crowdbench.planners.planner import Planner
 from crowdbench.record.entities import draw_episode
+from crowdbench.results.compare import compare
+from crowdbench.results.run_result import RunResult
 from crowdbench.results.stored_tracks import read_tracks, write_tracks
+from crowdbench.results.table import RunTable
+from crowdbench.runs.replay import stored_case
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.detections import detect
 from crowdbench.sim.sensor import observe
@@ -231,6 +236,55 @@ def test_a_privileged_planner_is_refused():
 
     with pytest.raises(InputError, match=r"Knowing is privileged, but .* leave out sensor.detector$"):
         drive(Knowing(), "val:1", "circle_crossing_5", sensor__detector={}, sensor__nearest=8)
+
+
+class OwnTracker(Planner):
+    """A planner that stands still, and keeps its observations."""
+
+    raw = True
+
+    def __init__(self):
+        self.seen = []
+
+    def plan(self, obs):
+        self.seen.append(obs)
+        return np.zeros((len(obs), 2))
+
+
+def test_a_planner_that_declares_raw_observes_detections_where_others_observe_tracks():
+    options = {"scenario": "circle_crossing_5", "sensor__detector": {}}
+    planner, tracked = OwnTracker(), OwnTracker()
+    tracked.raw = False
+    trace = drive(planner, "val:2", **options)
+    same_people = drive(tracked, "val:2", **options)
+    assert (trace.position == same_people.position).all(), "people and outcomes do not depend on the observation"
+    assert all(obs.pedestrians.deviation is None for obs in planner.seen)
+    assert all(obs.pedestrians.deviation is not None for obs in tracked.seen)
+    assert (planner.seen[-1].pedestrians.observed <= 1).all(), "detections have no past"
+    assert tracked.seen[-1].pedestrians.observed.max() > 1
+    explicit = drive(tracked, "val:2", "circle_crossing_5", sensor__detector={"raw": True})
+    assert np.array_equal(trace.perceived, explicit.perceived, equal_nan=True)
+
+
+def test_raw_changes_nothing_without_a_detector():
+    scenario = load_scenario("circle_crossing_5")
+    assert scenario.without_tracker() is scenario
+    realistic = load_scenario("circle_crossing_5", {"sensor.track": "realistic"})
+    assert realistic.without_tracker().digest == realistic.digest
+
+
+def test_runs_of_raw_planners_are_marked_and_compared_with_others(tmp_path):
+    overrides = {"sensor.track": "realistic"}
+    for name, planner in (("raw", OwnTracker()), ("straight", "straight")):
+        run(planner, "circle_crossing_5", "val:6", overrides=overrides, out=tmp_path / name, record="commands")
+    run(OwnTracker(), "circle_crossing_5", "val:6", out=tmp_path / "perfect", record="commands")
+    table = RunTable.read([tmp_path / "raw", tmp_path / "straight"])
+    assert [row[0] for row in table.grid(["success_rate"]).rows] == ["OwnTracker (raw)", "straight"]
+    assert compare(tmp_path / "straight", tmp_path / "raw").names == ("straight", "OwnTracker (raw)")
+    stored = RunResult.read(tmp_path / "raw")
+    trace, _ = stored_case(stored, lambda run: load_scenario("circle_crossing_5", overrides), 3)
+    assert trace.rules.sensor.detector.raw
+    assert RunResult.read(tmp_path / "perfect").label == "OwnTracker"
 
 
 def test_a_filter_does_not_change_tracks():
