@@ -2,7 +2,7 @@
 
 A step of MPE moves each agent with its velocity from before the step, and then updates the velocity with the forces at
 the positions before the step. A step of crowdbench moves each agent with its new velocity. Both are the same motion if
-crowdbench's positions are those of MPE one step later, while the velocities are equal. Hence the position of MPE is
+crowdbench's positions are MPE's positions of one step later, while the velocities are equal. Hence the position of MPE is
 `position - DT * velocity`.
 """
 
@@ -28,7 +28,7 @@ STIFFNESS, MARGIN = 100.0, 1e-3
 def positions_of_mpe(
     position: Float[np.ndarray, "*batch 2"], velocity: Float[np.ndarray, "*batch 2"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Return the positions of MPE in metres, one step before those of crowdbench."""
+    """Return the positions of MPE in metres, one step before crowdbench's positions."""
     return position - DT * velocity
 
 

@@ -105,7 +105,7 @@ def _summarize(
 def _split(observed: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Return the numbers about the vehicle, about each pedestrian, and about the crowd."""
     end = OWN + SLOTS * EACH
-    return observed[:, :OWN], observed[:, OWN:end].unflatten(1, (SLOTS, EACH)), observed[:, end:]
+    return observed[:, :OWN], observed[:, OWN:end].reshape(-1, SLOTS, EACH), observed[:, end:]
 
 
 class SARLEncoder(nn.Module):
