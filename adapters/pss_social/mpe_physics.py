@@ -2,8 +2,8 @@
 
 A step of MPE moves each agent with its velocity from before the step, and then updates the velocity with the forces at
 the positions before the step. A step of crowdbench moves each agent with its new velocity. Both are the same motion if
-crowdbench's positions are MPE's positions of one step later, while the velocities are equal. Hence the position of MPE is
-`position - DT * velocity`.
+crowdbench's positions are MPE's positions of one step later, while the velocities are equal. Hence the position in MPE
+is `position - DT * velocity`.
 """
 
 import numpy as np
