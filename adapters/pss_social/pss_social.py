@@ -104,8 +104,8 @@ def _summarize(
 
 def _split(observed: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Return the numbers about the vehicle, about each pedestrian, and about the crowd."""
-    own, places, summary = observed.split([OWN, SLOTS * EACH, SUMMARY], dim=1)
-    return own, places.reshape(-1, SLOTS, EACH), summary
+    end = OWN + SLOTS * EACH
+    return observed[:, :OWN], observed[:, OWN:end].unflatten(1, (SLOTS, EACH)), observed[:, end:]
 
 
 class SARLEncoder(nn.Module):

@@ -10,7 +10,7 @@ from helpers import drive, rollout
 from lookahead_scenes import crowded
 from safetensors.torch import save_file
 
-from crowdbench import Cases, Driver, InputError, Rules, World, load_scenario
+from crowdbench import Cases, Driver, InputError, Planner, Rules, World, load_scenario
 from crowdbench.plugins.kind import load_module
 from crowdbench.sim import observe, step
 
@@ -23,7 +23,7 @@ DENSITIES = (11, 19, 23)
 STEPS = 50
 
 adapter, scene = load_module(FOLDER / "pss_social.py"), load_module(FOLDER / "mpe_pedestrians.py")
-physics = load_module(FOLDER / "mpe_physics.py")
+physics, driven = load_module(FOLDER / "mpe_physics.py"), load_module(FOLDER / "in_mpe.py")
 
 
 def recorded(pedestrians):
@@ -142,6 +142,27 @@ def test_an_action_is_a_force_that_damped_velocities_follow():
     ahead = obs.vehicle.goal - obs.vehicle.position
     np.testing.assert_allclose(made.policy.shown[0][:, 6], np.linalg.norm(ahead, axis=1) / 2.0, rtol=1e-6)
     np.testing.assert_allclose(made.policy.shown[0][:, :2], obs.vehicle.velocity / 2.0, rtol=1e-6)
+
+
+def test_a_command_of_our_planners_becomes_the_nearest_forces():
+    obs = crowded(3, 2)
+    seen = np.zeros_like(obs.pedestrians.seen)
+    obs = dataclasses.replace(obs, pedestrians=dataclasses.replace(obs.pedestrians, seen=seen))
+    vehicle = dataclasses.replace(obs.vehicle, preferred_speed=np.full(3, 4.0))
+    obs, wish = dataclasses.replace(obs, vehicle=vehicle), np.array([[0.1, -0.1], [9.0, 0.0], [0.0, -9.0]])
+
+    class Wish(Planner):
+        def plan(self, obs):
+            self.shown = obs
+            return 2.0 * wish
+
+    inner = Wish()
+    command = driven.InMPE(inner, speed=0.5, scale=2.0).plan(obs)
+    slowed = 0.75 * vehicle.velocity
+    np.testing.assert_allclose(command, np.clip(wish, slowed - 0.5, slowed + 0.5), atol=1e-12)
+    assert inner.shown.vehicle.preferred_speed.tolist() == [1.0] * 3
+    np.testing.assert_allclose(inner.shown.vehicle.goal, 2.0 * vehicle.goal)
+    np.testing.assert_allclose(inner.shown.pedestrians.radius, 2.0 * obs.pedestrians.radius)
 
 
 def test_weights_are_read_and_other_files_get_one_sentence(tmp_path):

@@ -1,0 +1,1 @@
+"""Transfer of a ranking of planners to other worlds."""
