@@ -53,9 +53,8 @@ def _draw_track(axis: Axes, rows: list[Row]) -> None:
     place, ticks = 0, []
     for block, colour in COLOURS.items():
         members = [row for row in rows if row.block == block]
-        if not members:
-            continue
-        axis.text(0.01, place, TITLES[block], color=colour, va="center", transform=axis.get_yaxis_transform())
+        title = TITLES[block] if members else f"{TITLES[block]}: none"
+        axis.text(0.01, place, title, color=colour, va="center", transform=axis.get_yaxis_transform())
         for row in members:
             place += 1
             ticks.append((place, row.planner))
