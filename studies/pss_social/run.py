@@ -12,7 +12,7 @@ from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, ma
 from crowdbench.utils import Format, Location
 from studies.command import EngineOption, ShardOption, Sharing, make_runs
 
-FILE = Path(__file__).with_name("study.toml")
+FILE = Path(__file__).with_name("run.toml")
 
 
 @help_from_docstring

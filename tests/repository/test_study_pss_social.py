@@ -14,7 +14,7 @@ from studies.pss_social.table import HostedStudy, SceneSpec, SceneTable
 ROOT = Path(__file__).parents[2]
 SQUARE = str(ROOT / "adapters" / "pss_social" / "square.toml")
 DRIVEN = str(ROOT / "adapters" / "pss_social" / "in_mpe.py")
-HERE = Location("study.toml")
+HERE = Location("run.toml")
 
 
 def spec(*rows):
@@ -22,7 +22,7 @@ def spec(*rows):
 
 
 def test_the_file_of_the_study_reports_a_rate_for_each_number_of_pedestrians():
-    study = read_file(ROOT / "studies" / "pss_social" / "study.toml", HostedStudy)
+    study = read_file(ROOT / "studies" / "pss_social" / "run.toml", HostedStudy)
     first, ours, elsewhere = study.scenes
     for row in first.rows:
         assert len(row.success) == len(row.without_contact) == len(first.pedestrians)
