@@ -13,7 +13,7 @@ from pydantic import Field
 
 sys.path.append(str(Path(__file__).parents[2]))
 
-from crowdbench import Cases, read_suite
+from crowdbench import Cases, InputError, read_suite
 from crowdbench.cli import ThreadsOption, WorkersOption, help_from_docstring, main, use_threads
 from crowdbench.core import SENSING_TRACKS
 from crowdbench.metrics import info_of
@@ -73,7 +73,10 @@ def suite(
     """
     use_threads(threads)
     spec, scenarios = read_file(FILE, SuiteSpec), read_suite()
-    chosen = {each.name: each for each in spec.planners if not planner or each.name in planner}
+    known = {each.name: each for each in spec.planners}
+    if unknown := set(planner or []) - known.keys():
+        raise InputError(f"the study has no planner {min(unknown)}: it has {', '.join(known)}")
+    chosen = {name: known[name] for name in planner or known}
     if cases:
         chosen = change_cases(chosen, Cases.parse(cases))
     names = [*scenarios.ranked, *scenarios.stress, *scenarios.held_out]

@@ -21,7 +21,7 @@ from studies.suite.levels import FILE, LevelsSpec, levels
 from studies.suite.moving import t_close_moving
 from studies.suite.rank import Block, order_texts, rank_grid
 from studies.suite.run import FILE as ORDER
-from studies.suite.run import SuiteSpec, order_grid, parts_grid, score_grid
+from studies.suite.run import SuiteSpec, order_grid, parts_grid, score_grid, suite
 from studies.suite.standing import Standing
 
 FEW = """
@@ -167,3 +167,8 @@ def test_the_conditions_are_tested_on_cases_that_chose_nothing():
     assert len({each.name for each in spec.planners} - {each.planner for each in chosen.planners}) >= 5
     named = {each.name for each in (*spec.planners, *spec.aside)}
     assert {name for attack in spec.attacks for name in (attack.planner, attack.below)} - {"best"} <= named
+
+
+def test_an_unknown_planner_gets_a_sentence():
+    result = CliRunner().invoke(build_script(suite), ["nobody"])
+    assert str(result.exception).startswith("the study has no planner nobody: it has straight, orca,")
