@@ -127,6 +127,11 @@ class DrivingConfig(Config):
     validation: str | None = None
     card: Literal["val", "test"] = "val"
 
+    @property
+    def beside(self) -> str | None:
+        """Further scenarios to train in, as in a,b; None without any."""
+        return None
+
 
 @dataclass(frozen=True, kw_only=True)
 class ValueConfig(DrivingConfig):
@@ -192,6 +197,11 @@ class PPOConfig(DrivingConfig):
 
     length: ClassVar[str] = "steps"
     training: ClassVar[str] = "crowdbench.train.ppo:PPOTraining"
+
+    @property
+    def beside(self) -> str | None:
+        """Further scenarios to train in."""
+        return self.also_train_in
 
 
 METHODS: dict[str, type[Config]] = {

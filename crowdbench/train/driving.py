@@ -60,7 +60,8 @@ class DrivingTraining(Training):
         self.scenario = load_scenario(config.scenario, config.overrides, data=data)
         validation = [load_scenario(name, data=data) for name in split_names(config.validation)]
         self.validation = validation or [self.scenario]
-        if not any(scenario.tracks for scenario in (self.scenario, *validation)):
+        self.also_train_in = [load_scenario(name, data=data) for name in split_names(config.beside)]
+        if not any(scenario.tracks for scenario in (self.scenario, *validation, *self.also_train_in)):
             self.scenario.check_data(data)
         self.validated = nn.ModuleList()
         splits = ["validation", "test"] if config.card == "test" else ["validation"]

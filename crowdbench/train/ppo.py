@@ -20,7 +20,6 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from crowdbench.catalog import load_scenario
 from crowdbench.core.types import Outcome
 from crowdbench.envs.rewards import load_reward
 from crowdbench.envs.training_worlds import CASES
@@ -34,7 +33,7 @@ from crowdbench.plugins.kind import file_and_function
 from crowdbench.plugins.options import Option
 from crowdbench.plugins.plugin_files import read_files
 from crowdbench.runs.trial import try_reward
-from crowdbench.train.config import PPOConfig, split_names
+from crowdbench.train.config import PPOConfig
 from crowdbench.train.driving import DrivingTraining, describe_scenario
 from crowdbench.train.experience import Experience
 from crowdbench.train.policy_worlds import PolicyWorlds, make_interface
@@ -119,7 +118,6 @@ class PPOTraining(DrivingTraining):
     def __init__(self, config: PPOConfig, device: str) -> None:
         super().__init__(config, device)
         self.parameters: Parameters = Option("--ppo", Parameters(), (Parameters,)).argument(dict(config.ppo))
-        self.also_train_in = [load_scenario(name) for name in split_names(config.also_train_in)]
         scenarios = [self.scenario, *self.also_train_in]
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)

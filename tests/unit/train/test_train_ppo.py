@@ -137,6 +137,19 @@ def test_only_the_time_limit_leaves_the_value_of_what_would_have_followed(monkey
 
 
 @pytest.mark.slow
+def test_recorded_crowds_can_be_among_the_scenarios(shared):
+    data = str(shared / "data" / "eth_ucy")
+    training = trainings.start(dataclasses.replace(CONFIG, also_train_in="hotel_recorded", data=data))
+    list(training.learn())
+    assert [each["name"] for each in training.conditions()["beside"]] == ["hotel_recorded"]
+
+
+def test_data_without_recorded_crowds_is_refused():
+    with pytest.raises(InputError, match="--data does not go with circle_crossing_mixed"):
+        trainings.start(dataclasses.replace(CONFIG, also_train_in="square_crossing_5", data="somewhere"))
+
+
+@pytest.mark.slow
 def test_a_training_in_several_scenarios_shares_its_worlds(tmp_path):
     config = dataclasses.replace(
         CONFIG, also_train_in="door_10,square_crossing_5", validation="circle_crossing_5,door_10", steps=130
