@@ -104,6 +104,7 @@ def where_else(arguments):
         "--format rosbag2": "tests/repository/test_ros2.py",
         "weights=mine.": "tests/parity/test_crowdnav_convert.py",
         "weights=CrowdNav_DSRNN": "tests/parity/test_ds_rnn_planner.py",
+        "weights=pss_social": "tests/parity/test_pss_social_planner.py",
         "clone=": "tests/parity/test_crowdnav_planner.py and tests/parity/test_crowdnav_plus_planner.py",
         "$": "nowhere, because a shell has to fill in what it stands for",
     }
