@@ -56,6 +56,7 @@ def test_words_are_quoted():
     assert command("view", Path("a b"), "--case", 3) == "crowdbench view 'a b' --case 3"
 
 
+@pytest.mark.slow
 def test_the_command_that_shows_a_failure_has_the_data_of_the_run(tmp_path, call, shown):
     folder = tmp_path / "my tracks"
     folder.mkdir()

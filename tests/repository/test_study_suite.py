@@ -60,6 +60,7 @@ def standing(mean, *, faults=0, networks=1, cases=60, seed=0, spread=0.05):
     )
 
 
+@pytest.mark.slow
 def test_levels_have_the_scores_of_planners_and_their_spread(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("few.toml").write_text(FEW)

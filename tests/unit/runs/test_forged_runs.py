@@ -121,6 +121,7 @@ def fields(run):
     yield ("blocks",), 2
 
 
+@pytest.mark.slow
 def test_every_edited_field_is_refused_or_stated(forged):
     """Fields of a forged result, one after the other: those that are read need to be stated ones."""
     kept, accepted, tried = (forged / "result.json").read_text(), [], 0

@@ -42,6 +42,7 @@ def trained(directory):
     return trainings.train(CONFIG, directory)
 
 
+@pytest.mark.slow
 def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_path, monkeypatch):
     """Drawing the first cases alone takes longer than the time until the next validation."""
     config = dataclasses.replace(CONFIG, minutes=100.0)
