@@ -316,6 +316,7 @@ def test_costs_to_pedestrians_are_those_of_the_tracks_of_two_runs(seen, unseen):
         compare(columns, row, costs(episodes[row], alone[row]))
 
 
+@pytest.mark.slow
 def test_distances_from_walls_are_those_of_the_tracks_and_walls(tmp_path):
     scenario = load_scenario("door_10")
     make(tmp_path / "run", "straight", scenario, "val:12")

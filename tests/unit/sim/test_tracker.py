@@ -187,6 +187,7 @@ def test_a_case_has_the_same_tracks_alone_and_in_a_batch(changes):
     assert same(many.episode(4), alone.episode(0))
 
 
+@pytest.mark.slow
 def test_a_trace_has_true_people_and_observed_tracks():
     trace = drive("orca", "val:5", "circle_crossing_5", **{key.replace(".", "__"): DETECTOR[key] for key in DETECTOR})
     assert trace.perceived.shape[2] == trace.age.shape[2] == 10
