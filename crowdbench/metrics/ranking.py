@@ -1,9 +1,9 @@
 """Ranks of planners by the mean of a value over scenarios. A rank is an interval.
 
 The differences between all planners have simultaneous bounds, paired by case: over cases, all of them hold together
-with a confidence of 95 %. A planner is surely better than another if the bounds of their difference are above 0. Its rank goes from
-1 plus the number of planners that are surely better to the number of planners minus those that are surely worse
-(Mogstad, Romano, Shaikh and Wilhelm 2024).
+with a confidence of 95 %. A planner is surely better than another if the bounds of their difference are above 0. Its
+rank goes from 1 plus the number of planners that are surely better to the number of planners minus those that are
+surely worse (Mogstad, Romano, Shaikh and Wilhelm 2024).
 """
 
 from __future__ import annotations
