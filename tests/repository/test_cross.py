@@ -13,6 +13,7 @@ from crowdbench.catalog import load_scenario
 from crowdbench.core.types import Outcome
 from crowdbench.metrics.score import score
 from crowdbench.planners.driver import Driver
+from crowdbench.results.run_result import RunResult
 from crowdbench.runs.replay import Playback
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
@@ -142,12 +143,21 @@ def drive_up(page):
 
 
 @pytest.mark.slow
-def test_a_drive_by_keyboard_ends_with_an_outcome_and_a_link(game):
+def test_a_drive_by_keyboard_ends_with_an_outcome_a_link_and_a_file(game, call, tmp_path):
     page = game("#val/0")
     drive_up(page)
-    assert page.locator("[data-cross=verdict]").inner_text().startswith("You ")
+    verdict = page.locator("[data-cross=verdict]").inner_text()
+    assert verdict.startswith("You ")
     assert " of 23 planners" in page.locator("[data-cross=score]").inner_text()
     assert page.url.partition("#")[2].startswith("val/0/")
+    with page.expect_download() as download:
+        page.locator("[data-cross=download]").click()
+    file = tmp_path / "attempt.json"
+    download.value.save_as(file)
+    done = call("score", str(file), "--json")
+    assert done.returncode == 0, done.stderr
+    (episode,) = json.loads(done.stdout)["episodes"]
+    assert episode["outcome"] == {"You cr": "success", "You co": "collision", "You ra": "timeout"}[verdict[:6]]
     again = game(f"#{page.url.partition('#')[2]}")
     assert "Can you do better?" in again.locator("[data-cross=lead]").inner_text()
 
@@ -170,3 +180,42 @@ def test_a_frame_takes_at_most_four_milliseconds_and_the_page_does_not_slide_sid
     spent = page.evaluate("spent")
     assert len(spent) > 60
     assert np.median(spent) < 4.0
+
+
+ATTEMPT = {"planner": "human", "scenario": "circle_20_blind", "case": "val/3", "commands": [[0.0, 0.5], [0.2, 0.9]]}
+
+
+def test_score_writes_an_attempt_as_a_run_that_tables_read(call, tmp_path):
+    (tmp_path / "attempt.json").write_text(json.dumps(ATTEMPT))
+    done = call("score", str(tmp_path / "attempt.json"), "--out", str(tmp_path / "human"))
+    assert done.returncode == 0, done.stderr
+    assert "human on circle_20_blind" in done.stdout
+    run = RunResult.read(tmp_path / "human")
+    assert (run.label, str(run.cases)) == ("human", "val:3:4")
+    assert run.commands.of(3)[:2].tolist() == ATTEMPT["commands"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "reason"),
+    [
+        ({"commands": [[0.0, 5.0]]}, "asked for 5 m/s, but the vehicle's maximum is 1 m/s"),
+        ({"commands": [[0.0]]}, "each of the commands must have two numbers"),
+        ({"commands": []}, "commands is [], but must be a list of commands, two numbers each"),
+        ({"case": "3 of 30"}, "case '3 of 30' is not the name of a case"),
+        ({"scenario": "nowhere"}, "nowhere"),
+        ({"speed": 1}, "unknown key speed"),
+    ],
+)
+def test_score_refuses_a_file_that_is_no_attempt_in_a_sentence(call, tmp_path, wrong, reason):
+    (tmp_path / "attempt.json").write_text(json.dumps(ATTEMPT | wrong))
+    done = call("score", str(tmp_path / "attempt.json"))
+    assert done.returncode != 0
+    assert reason in done.stderr
+
+
+@pytest.mark.parametrize("text", ["[1]", "[", "null"])
+def test_score_refuses_a_file_that_is_no_table(call, tmp_path, text):
+    (tmp_path / "attempt.json").write_text(text)
+    done = call("score", str(tmp_path / "attempt.json"))
+    assert done.returncode != 0
+    assert "attempt.json is no" in done.stderr
