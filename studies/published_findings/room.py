@@ -40,7 +40,7 @@ class Occupied:
 def place(
     rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent, *, width: float = 10.0, length: float = 10.0
 ) -> Placement:
-    """Place the vehicle, which drives from bottom to top, and pedestrians, half of whom pass and half of whom cross.
+    """Place the vehicle, which drives from bottom to top, and pedestrians: half pass it, half cross its way.
 
     Args:
         width: Width of the room [m].

@@ -78,7 +78,9 @@ class Sweep:
             for each, row in zip(self.spec.planners, rates, strict=True)
         ]
         header = ["planner", *(f"{level:g}" for level in levels), "rank correlation"]
-        note = f"On {self.spec.scenario}, cases {self.spec.cases} of each level."
+        plain = np.corrcoef(np.broadcast_to(levels, rates.shape).ravel(), rates.ravel())[0, 1]
+        cases = f"On {self.spec.scenario}, cases {self.spec.cases} of each level."
+        note = f"{cases} Pearson's correlation over all pairs is {CORRELATION.number(plain)}."
         return Grid(f"Success in % by {self.spec.title}", header, rows, note=note)
 
 
