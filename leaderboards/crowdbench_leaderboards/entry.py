@@ -62,7 +62,7 @@ ACCOUNT = r"([a-z0-9](-?[a-z0-9]){0,38})?"
 """The pattern of a login of the forge in lower case; empty for a planner that ships."""
 
 MOST_LINES, MOST_BYTES, MOST_NETWORKS = 40, 20_000, 12
-"""Lines and bytes of `entry.json`, and other networks of a method, at most."""
+"""Lines of `entry.json`, bytes of it and of the card, and other networks of a method, at most."""
 
 SHIPPED = "crowdbench=="
 """The beginning of the distribution of a planner that ships."""
@@ -179,8 +179,8 @@ class Entry:
     def digest(self) -> str:
         """The sha256 of everything that is frozen when a season closes: planner, options, files and card."""
         spec = self.spec
-        planner = [spec.planner, spec.options, spec.networks, spec.facts, spec.package, spec.package_digest, spec.files]
-        text = json.dumps([spec.board, self.name, planner], sort_keys=True)
+        frozen = spec.model_dump(exclude={"format", "board_digest", "environment"})
+        text = json.dumps([self.name, frozen], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -193,20 +193,23 @@ def read_entry(directory: Path) -> Entry:
     if not NAMES.fullmatch(directory.resolve().name):
         raise InputError(f"{directory} cannot be an entry: {NAMING}")
     check_files(directory)  # no links from here on
-    path = directory / ENTRY
+    path, card = directory / ENTRY, directory / CARD
+    for file in (path, card):
+        if file.exists() and file.stat().st_size > MOST_BYTES:
+            raise InputError(f"{file} has more than {MOST_BYTES / 1e3:g} kB")
     try:
-        content = path.read_bytes()[: MOST_BYTES + 1]
-        table = read_json(path) if len(content) <= MOST_BYTES else None
+        table = read_json(path)
+        lines = path.read_bytes().count(b"\n")
     except OSError as error:
         raise InputError(f"{directory} is no entry: {path} cannot be read ({error.strerror})") from None
-    if len(content) > MOST_BYTES or content.count(b"\n") > MOST_LINES:
-        raise InputError(f"{path} has more than {MOST_LINES} lines or {MOST_BYTES / 1e3:g} kB")
+    if lines > MOST_LINES:
+        raise InputError(f"{path} has more than {MOST_LINES} lines")
     spec = check_record(EntrySpec, table, path, "entry", SCHEMA)
     check_named_files([spec.planner, spec.options, spec.networks], directory)
     if files_digest(directory) != spec.files:
         raise InputError(f"{directory}: its card or a file of its planner was changed since: submit it again")
     check_networks(spec.options, spec.networks, directory)
-    return Entry(directory, spec, read_card(directory / CARD))
+    return Entry(directory, spec, read_card(card))
 
 
 def read_card(path: Path) -> CardSpec:

@@ -227,12 +227,13 @@ def freeze_entries(board: Board, root: Path) -> Season:
 
 
 def missing_verdicts(setting: Verifier, season: Season) -> list[Entry]:
-    """Return the entries of a board that take part in the season and have no valid verdict."""
+    """Return the entries of a board that rank in the season and have no valid verdict."""
     board = setting.board
     return [
         entry
         for entry in read_entries(board, setting.root).good
         if season.takes_part(board.name, entry.name, entry.digest)
+        and season.ranks(board.name, entry.name)
         and not is_pending(entry, board)
         and not is_verified(entry, board, season)
         and all(name in setting.external for name in named_externals(entry.spec.options))

@@ -26,13 +26,13 @@ class Candidate:
         name: Its name.
         owner: The account that counts with its best entry; for planners that the maintainers enter, the entry itself.
         score: The score of each case; 0 in scenarios that the planner cannot drive.
-        at_fault: 1 for each collision at fault, 0 elsewhere.
+        at_fault: 1 for each collision at fault, 0 elsewhere, in the scenarios that the planner drives.
     """
 
     name: str
     owner: str
     score: Float[np.ndarray, "scenario case"]
-    at_fault: Float[np.ndarray, "scenario case"]
+    at_fault: Float[np.ndarray, "driven case"]
 
     @property
     def block(self) -> str:

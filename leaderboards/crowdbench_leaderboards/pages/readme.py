@@ -5,6 +5,7 @@ python -m crowdbench_leaderboards.pages.readme
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from crowdbench.cli import help_from_docstring, main
@@ -71,7 +72,7 @@ def write_readme(root: Path) -> Path:
 def section(table: Standings) -> str:
     """Return the standings of a board in Markdown."""
     lines = [f"## {table.board.spec.title} (`{table.board.name}`)", "", table.board.spec.description, ""]
-    out = [f"- `{name}` is left out: {shorten(why, 200)}" for name, why in sorted(table.bad.items())]
+    out = [f"- `{name}` is left out: `{shorten(why, 200)}`" for name, why in _plain(table.bad)]
     for name, account in sorted(table.withdrawn.items()):
         out.append(f"- `{name}` was withdrawn by {account or 'the maintainers'} after the freeze")
     if not table.entries:
@@ -81,6 +82,11 @@ def section(table: Standings) -> str:
     if table.ranked:
         lines += ["", f"Ranked by the score in {table.board.spec.cases} cases of each scenario."]
     return "\n".join([*lines, "", *out, *[""] * bool(out)])
+
+
+def _plain(bad: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return names and reasons without the sign that ends a code span, since they are of strangers."""
+    return sorted((name.replace("`", "'"), why.replace("`", "'")) for name, why in bad.items())
 
 
 def _cells(table: Standings, entry: Standing) -> dict[str, str]:

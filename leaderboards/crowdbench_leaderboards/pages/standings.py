@@ -181,7 +181,7 @@ def standings(board: Board, entries: BoardEntries, season: Season | None) -> Sta
                 name,
                 one.entry.account or f"maintainers: {name}",
                 one.values(board, "score"),
-                one.values(board, "at_fault_rate"),
+                np.array([own.columns["at_fault_rate"].astype(float) for own in one.episodes.values()]),
             )
             for name, one in candidates.items()
         ],
@@ -262,11 +262,10 @@ def _why_unranked(
         return "ablation", "Its authors say that it is a variant made for comparison."
     if pending:
         return "pending", PENDING
+    if season and season.takes_part(board.name, entry.name, entry.digest) and not season.ranks(board.name, entry.name):
+        return "not named", f"Its account named other entries for ranks before the freeze, {MAX_RANKED} at most."
     if isinstance(verification, str):
         return "reported only", REPORTED_ONLY.format(verification)
     if verification.verdict != Verdict.RERUN:
         return str(verification.verdict), verification.reason
-    if season and not season.ranks(board.name, entry.name):
-        named = f"Its account named other entries for ranks before the freeze, {MAX_RANKED} at most."
-        return "not named", named
     return "", ""
