@@ -96,9 +96,47 @@ def planner(speed=0.1):
 """
 
 
-@pytest.mark.parametrize("name", ["orca", "social_force", MEMORY])
+TOOLS = """
+import multiprocessing, subprocess
+from concurrent.futures import ThreadPoolExecutor
+import numba
+import torch
+
+@numba.njit(parallel=True)
+def halved(way):
+    out = np.empty_like(way)
+    for row in numba.prange(len(way)):
+        out[row] = 0.5 * way[row]
+    return out
+
+class Tools(Mine):
+    def plan(self, obs):
+        torch.set_num_threads(2)
+        torch.manual_seed(0)
+        weights = torch.randn(300, 300)
+        factor = float(torch.tanh(weights @ weights)[0, 0])
+        factor += float(subprocess.run(["echo", "0.5"], capture_output=True, text=True).stdout)
+        with ThreadPoolExecutor(2) as threads, multiprocessing.get_context("fork").Pool(1) as processes:
+            factor += list(threads.map(abs, [-0.25]))[0] + processes.map(abs, [-0.25])[0]
+        return 0.1 * factor * halved(self.toward(obs))
+
+def planner(speed=0.1):
+    return Tools()
+"""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "orca",
+        "social_force",
+        MEMORY,
+        pytest.param(TOOLS, marks=pytest.mark.slow),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("cadrl", "mppi", "ppo_lidar", "sarl_sgan_kce")),
+    ],
+)
 def test_a_planner_gives_the_same_commands_in_its_own_process(name, mine):
-    spec = mine(name) if name == MEMORY else name
+    spec = mine(name) if name in (MEMORY, TOOLS) else name
     here = drive(Driver(load_planner(spec), "here"), "val:6")
     with driven(spec) as driver:
         apart = drive(driver, "val:6")
