@@ -125,23 +125,25 @@ def planner(speed=0.1):
 """
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "orca",
-        "social_force",
-        MEMORY,
-        pytest.param(TOOLS, marks=pytest.mark.slow),
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("cadrl", "mppi", "ppo_lidar", "sarl_sgan_kce")),
-    ],
-)
+@pytest.mark.parametrize("name", ["orca", "social_force", MEMORY])
 def test_a_planner_gives_the_same_commands_in_its_own_process(name, mine):
-    spec = mine(name) if name in (MEMORY, TOOLS) else name
+    spec = mine(name) if name == MEMORY else name
     here = drive(Driver(load_planner(spec), "here"), "val:6")
     with driven(spec) as driver:
         apart = drive(driver, "val:6")
     np.testing.assert_array_equal(apart.command, here.command)
     np.testing.assert_array_equal(apart.position, here.position)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["cadrl", "ppo_lidar", TOOLS])
+def test_networks_threads_and_processes_give_the_same_commands_in_a_process_of_their_own(name, mine):
+    spec = mine(name) if name == TOOLS else name
+    place, cases = load_scenario(SCENARIO, {"time_limit": 1.5}), Cases("val", 0, 2)
+    here = rollout(Driver(load_planner(spec), "here"), place, cases)
+    with driven(spec) as driver:
+        apart = rollout(driver, place, cases)
+    np.testing.assert_array_equal(apart.command, here.command)
 
 
 NATIVE = """
