@@ -17,10 +17,9 @@ from crowdbench.api import rollout
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Observation, Trace
 from crowdbench.drawing import LIGHT, Moment, Polygon, Shape, draw_bands, draw_moment
-from crowdbench.figures.episode_figure import WHOLE, Episode, Picture, draw_pictures, draw_start, draw_strip, film
+from crowdbench.figures.episode_figure import WHOLE, Episode, Picture, draw_pictures, draw_start, draw_strip
 from crowdbench.metrics.fault import WINDOW, Fault, find_contacts
 from crowdbench.planners.planner import Planner
-from crowdbench.record.decisions import draw_decisions, read_paths
 from crowdbench.runs.spec import EVERY_STEP, Replanning
 
 COLUMNS = 4
@@ -79,16 +78,6 @@ def draw_suite(out: Path) -> None:
         episode = Still(trace, 0, title=name, side=WHOLE / COLUMNS, half=0.6 * length + 0.8)
         pictures.append(episode.picture(float(episode.end)))
     draw_pictures(pictures, COLUMNS, out)
-
-
-def draw_race(out: Path) -> None:
-    """Make a film of four planners in the same case of a crossing, at twice the speed."""
-    episodes = []
-    for planner in ("orca", "ppo", "dwa", "mppi"):
-        trace = drive(planner, "streets_16", "val/8")
-        paths = read_paths(list(draw_decisions(trace, 0)), trace.rules.dt)
-        episodes.append(Still(trace, 0, None, paths, planner, side=320 / 144))
-    film(episodes, out, speed=2.0)
 
 
 def draw_episode(out: Path) -> None:
