@@ -25,6 +25,9 @@ from crowdbench.runs.spec import EVERY_STEP, Replanning
 COLUMNS = 4
 """Number of panels side by side in a picture of the width of a page."""
 
+RECENT, AROUND = 9, 4.5
+"""Number of states, and distance in metres on each side of the vehicle, in the picture of the suite."""
+
 FAULTS = {
     "struck standing": (Fault.STRUCK_STANDING, "waiting", 4),
     "struck from behind": (Fault.STRUCK_BEHIND, "orca", 16),
@@ -70,13 +73,21 @@ def drive(planner: str, scenario: str, cases: str, replanning: Replanning = EVER
 
 
 def draw_suite(out: Path) -> None:
-    """Draw case val/0 of each scenario of the suite, driven by MPPI."""
+    """Draw the moment of the smallest gap in case val/0 of each scenario of the suite, driven by MPPI."""
     pictures = []
     for name in suite_names():
         trace = drive("mppi", name, "val/0")
-        length = float(np.hypot(*(trace.goal[0, 0, 0] - trace.position[0, 0, 0])))
-        episode = Still(trace, 0, title=name, side=WHOLE / COLUMNS, half=0.6 * length + 0.8)
-        pictures.append(episode.picture(float(episode.end)))
+        gap = trace.gap[0, : trace.steps[0]]
+        state = int(gap.argmin()) + 1
+        moment = Moment.of_trace(trace, 0, state)
+        recent = {
+            each: getattr(moment, each)[-RECENT:] for each in ("step", "position", "velocity", "heading", "person")
+        }
+        vehicle = trace.position[0, state, 0]
+        plane = np.stack([vehicle - AROUND, vehicle + AROUND])
+        note = f"{gap.min():z.2f} m at {state * trace.rules.dt:g} s", LIGHT.text
+        bands, bounds, inch = draw_bands(plane, WHOLE / COLUMNS, note, name)
+        pictures.append(([*draw_moment(dataclasses.replace(moment, **recent)), *bands], bounds, inch))
     draw_pictures(pictures, COLUMNS, out)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import curve_pictures
 import episode_pictures
 import numpy as np
-from cross_film import draw_cross
+from cross_film import draw_card, draw_cross
 from noticing_page import draw_noticing, suite_names
 from PIL import Image, ImageSequence
 from rank_picture import draw_ranks
@@ -30,6 +30,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "suite.png": episode_pictures.draw_suite,
     "cross_light.webp": functools.partial(draw_cross, "default"),
     "cross_dark.webp": functools.partial(draw_cross, "slate"),
+    "card.png": draw_card,
     "episode.png": episode_pictures.draw_episode,
     "strip.png": episode_pictures.draw_moments,
     "groups.png": episode_pictures.draw_groups,
