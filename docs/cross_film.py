@@ -89,7 +89,8 @@ def draw_card(out: Path) -> None:
         tab.evaluate("""() => {
             const url = cross.pose(5.2);
             document.body.innerHTML = `<main><div><h1>Can you cross?</h1>
-                <p>23 planners and you,<br>in the same crowd</p><footer>crowdbench</footer></div><img src="${url}"></main>`;
+                <p>23 planners and you,<br>in the same crowd</p><footer>crowdbench</footer></div>
+                <img src="${url}"></main>`;
         }""")
         tab.add_style_tag(content=CARD)
         tab.wait_for_timeout(300)
