@@ -470,6 +470,17 @@
   list.addEventListener("pointerover", event => { picked = event.target.closest("li")?.dataset.name ?? ""; wake(); });
   list.addEventListener("pointerleave", () => { picked = ""; wake(); });
 
+  // A picture of the demonstration for docs/cross_film.py.
+  cross.pose = moment => {
+    enter("demo");
+    time = moment;
+    draw();
+    const hit = scene.planners.filter(each => each.outcome === "collision" && moment >= each.end).length, ratio = width / canvas.clientWidth;
+    words(`${hit} of ${scene.planners.length} planners collided`, [0, -shown], 17 * ratio, colors.ink, 20 * ratio);
+    return canvas.toDataURL();
+  };
+  cross.isOpen = () => Boolean(scene);
+
   new ResizeObserver(resize).observe(canvas);
   new MutationObserver(paint).observe(document.body, { attributes: true, attributeFilter: ["data-md-color-scheme"] });
   new IntersectionObserver(([entry]) => { isVisible = entry.isIntersecting; wake(); }).observe(canvas);
