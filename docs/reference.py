@@ -105,9 +105,7 @@ def planner_page(name: str) -> str:
         titles = {**heat_figure.MEANS, **{name: f"`{name}`, {title}" for name, title in heat_figure.COLUMNS.items()}}
         rows = [f"| {title} | {scores[each]:.2f} |" for each, title in titles.items()]
         parts += ["## Score on the suite", "\n".join(["| scenarios | score |", "|---|---|", *rows])]
-        parts.append(
-            "[Score](../methods.md#score) in validation cases of [the suite](../suite.md): 1 at most, with perfect sensing."
-        )
+        parts.append("[Score](../methods.md#score) in validation cases of [the suite](../suite.md), 1 at most.")
     if drives:
         failed = {end: [case for case, found in enumerate(drives) if found == end] for end in ("collision", "timeout")}
         counts = [f"{len(cases)} {end}{'s' * (len(cases) != 1)}" for end, cases in failed.items() if cases]
