@@ -13,6 +13,7 @@ from mkdocs.structure.files import File, Files
 sys.path.append(str(Path(__file__).parent))
 
 import notebook_page
+import pareto_figure
 import reference
 import replays
 import tables
@@ -57,7 +58,9 @@ def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
         )
     markdown = markdown.replace("<!-- generated: public_names -->", reference.public_names())
     # Cases of the game are no headings of the start page, which links to headings are checked against.
-    markdown = re.sub(r"\[(val/\d+)\]\(\.\./index\.md#val/\d+\)", r'<a href="../index.html#\1">\1</a>', markdown)
+    link = re.compile(r"\[(val/\d+)\]\(\.\./index\.md#(val/\d+:\w+)\)")
+    markdown = link.sub(r'<a href="../index.html#\2">\1</a>', markdown)
+    markdown = markdown.replace("<!-- figure: pareto -->", pareto_figure.figure())
     if page.file.src_uri == notebook_page.SOURCE.name:
         markdown = notebook_page.page()
     if Path(page.file.src_uri).stem in replays.LINKING:

@@ -80,7 +80,7 @@ def _meaning(item: Any) -> str:
 
 def planners() -> str:
     """Return a table of all planners, the best ones on the suite first, with links to their pages."""
-    scores, drives = heat_figure.scores(), _game()
+    scores, drives = heat_figure.scores(), game()
     others = [name for name, _ in KINDS["planners"].names() if name not in scores]
     names = [*scores, *sorted(others, key=lambda name: -drives.get(name, []).count("success"))]
     rows = []
@@ -96,7 +96,7 @@ def planners() -> str:
 
 def planner_page(name: str) -> str:
     """Return the page of a planner: its method, its options, its results and its failures."""
-    plugins, scores, drives = KINDS["planners"], heat_figure.scores().get(name), _game().get(name, [])
+    plugins, scores, drives = KINDS["planners"], heat_figure.scores().get(name), game().get(name, [])
     _, factory = plugins.find(name)
     entries = [(_option_name(row), _option_meaning(row)) for row in option_rows(factory)]
     parts = [f"# {name}", _paragraphs(plugins.docstring(name))]
@@ -109,7 +109,7 @@ def planner_page(name: str) -> str:
     if drives:
         failed = {end: [case for case, found in enumerate(drives) if found == end] for end in ("collision", "timeout")}
         counts = [f"{len(cases)} {end}{'s' * (len(cases) != 1)}" for end, cases in failed.items() if cases]
-        links = [f"[val/{case}](../index.md#val/{case})" for cases in failed.values() for case in cases[:SHOWN]]
+        links = [f"[val/{case}](../index.md#val/{case}:{name})" for cases in failed.values() for case in cases[:SHOWN]]
         text = f"{drives.count('success')} of {len(drives)} crowds crossed with realistic sensing"
         text += f", {' and '.join(counts)}." if counts else "."
         watch = f" Watch it fail, or drive yourself: {', '.join(links)}." if links else ""
@@ -118,7 +118,7 @@ def planner_page(name: str) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _game() -> dict[str, list[str]]:
+def game() -> dict[str, list[str]]:
     """Return the outcomes of each planner in the cases of the start page's game."""
     outcomes: dict[str, list[str]] = {}
     files = sorted((DOCS / "cross/cases").glob("[0-9]*.js"), key=lambda path: int(path.stem))
