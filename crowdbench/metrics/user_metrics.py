@@ -16,7 +16,7 @@ from crowdbench.utils.resources import plugin_in_time
 
 METRIC = Kind("metric", "metric", METRICS)
 
-RESERVED = ("case", "outcome", "steps", "block")
+RESERVED = ("case", "outcome", "steps", "block", "vehicle")
 """Names of columns in every table of episodes, which a metric cannot have."""
 
 

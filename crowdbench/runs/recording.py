@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
+from jaxtyping import Bool
 
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics.registry import Metric, info_of
@@ -54,11 +55,11 @@ class RunRecorder:
             self.commands.append(commands_table(trace))
         if self.recorder is None:
             return
-        chosen = np.ones(len(trace), bool)
+        chosen = shown_rows(trace)
         if self.most_failures is not None:
-            failed = trace.outcome != Outcome.SUCCESS
-            chosen = failed & (self.failures + np.cumsum(failed) <= self.most_failures)
-            chosen |= trace.case < self.cases.start + FIRST_RECORDED
+            failed = chosen & (trace.outcome != Outcome.SUCCESS)
+            is_first = trace.case < self.cases.start + FIRST_RECORDED
+            chosen &= is_first | (failed & (self.failures + np.cumsum(failed) <= self.most_failures))
             self.failures += int(failed.sum())
         try:
             self.recorder.add(trace, np.flatnonzero(chosen), episodes.columns)
@@ -78,6 +79,16 @@ class RunRecorder:
                 self.recorder.__exit__(kind, *error)
             except NotWritten as fault:
                 self.drop(str(fault))
+
+
+def shown_rows(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Return the episode that shows each case: of several vehicles, the first failure, or else the last arrival."""
+    if trace.vehicle is None:
+        return np.ones(len(trace), bool)
+    steps, vehicles = trace.steps.reshape(-1, trace.rules.vehicles), np.arange(trace.rules.vehicles)
+    failed = trace.outcome.reshape(steps.shape) != Outcome.SUCCESS
+    rank = np.where(failed, 2 * trace.rules.max_steps - steps, steps)
+    return np.asarray(rank.argmax(axis=1)[:, None] == vehicles).ravel()
 
 
 @contextlib.contextmanager

@@ -119,7 +119,7 @@ class Run:
                 if name in METRICS:
                     raise
                 self.failed[name] = str(error)
-        return Episodes(trace.case, trace.outcome, trace.steps, columns, trace.block)
+        return Episodes(trace.case, trace.outcome, trace.steps, columns, trace.block, trace.vehicle)
 
     def _traces(self, cases: Cases, interrupts: Interrupts, progress: Progress | None) -> Iterator[Trace]:
         """Yield the traces of all cases, batch by batch. Batches are smaller if the planner's logs would take too much
@@ -143,7 +143,7 @@ class Run:
             except LogsTooLarge as error:
                 batch, self.driver.seconds = error.fitting, seconds
                 continue
-            start += len(trace)
+            start += len(trace) // self.scenario.vehicle.number
             yield trace
             del trace
 
@@ -227,5 +227,5 @@ def fit_batch(batch: int, scenario: Scenario) -> int:
     """Return the number of cases that run in lock-step: fewer than requested if their traces would take too much
     memory."""
     # Positions and velocities of every state, and the same amount for intermediate results of metrics.
-    size_of_case = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents
+    size_of_case = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents * scenario.vehicle.number
     return max(1, min(batch, int(MEMORY / size_of_case)))

@@ -166,7 +166,9 @@ def _compare_recording(run: RunResult, replayed: Episodes) -> list[Difference]:
     from crowdbench.record.recorded_cases import recorded_outcomes
 
     recorded = recorded_outcomes(run.directory / RECORDING)
-    ends = dict(zip(replayed.case.tolist(), (Outcome(end).label for end in replayed.outcome.tolist()), strict=True))
+    labels = [Outcome(end).label for end in replayed.outcome.tolist()]
+    outcomes = list(zip(replayed.case.tolist(), labels, strict=True))
+    ends = dict(outcomes) | {case: end for case, end in outcomes if recorded.get(case) == end}
     names = [f"{run.cases.split}/{case}" for case in recorded]
     number = [run.result["recorded"]], [len(recorded)]
     return [

@@ -296,6 +296,7 @@ def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
     if isinstance(dynamics, Unicycle) and dynamics.max_angular_speed * spec.dt > math.pi:
         right = f"{math.pi / spec.dt:.6g} rad/s at most: the vehicle may turn by half a circle in a step"
         raise location.at("max_angular_speed").wrong(f"{dynamics.max_angular_speed:g}", right)
+    _check_fleet(spec, location.at("number"))
     recorded = [*pedestrians.policy, RECORDED].index(RECORDED)
     return Rules(
         dt=spec.dt,
@@ -311,7 +312,24 @@ def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
         body=_body(vehicle, dynamics, location),
         sensor=sensor,
         walking=None if walking is None else WalkingLimits(**walking.complete(), exempt=recorded),
+        vehicles=vehicle.number,
     )
+
+
+def _check_fleet(spec: ScenarioSpec, location: Location) -> None:
+    """Raise InputError if there are several vehicles beside a key that is defined for one vehicle only."""
+    pedestrians = spec.pedestrians
+    for_one_vehicle = {
+        "tracks": not isinstance(pedestrians, SimulatedPedestriansSpec),
+        "crowdnav_cases": isinstance(spec, LayoutScenarioSpec) and spec.crowdnav_cases > 0,
+        "collision": spec.collision != "swept",
+        "vehicle.length": spec.vehicle.length is not None,
+        "pedestrians.attention": pedestrians.attention is not None,
+        "pedestrians.groups": isinstance(pedestrians, SimulatedPedestriansSpec) and pedestrians.groups is not None,
+    }
+    for key, is_given in for_one_vehicle.items():
+        if spec.vehicle.number > 1 and is_given:
+            raise location.wrong(str(spec.vehicle.number), f"1 with this {key}")
 
 
 def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:
