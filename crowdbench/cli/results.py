@@ -84,7 +84,8 @@ def score(
     from crowdbench.runs.score import replay_run, scored_parts, write_scored
     from crowdbench.utils.files import check_free
 
-    stored, metrics = RunResult.read(run), load_metrics(metric or [])
+    stored = RunResult.read(run)
+    metrics = load_metrics(metric or [], stored.vehicles)
     if out is not None and not has_run(out, digest_of(scored_parts(stored, metrics))):
         check_free(out, overwrite)
     announce_compilation()

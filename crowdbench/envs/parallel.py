@@ -103,7 +103,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         scenario = stepping.as_scenario(scenario, several=True)
         view = View(scenario, observation, action, nearest, rays, dtype)
         super().__init__(view, render_mode, reward)
-        self._vehicles = vehicles = scenario.vehicle.number
+        self._vehicles = vehicles = scenario.rules.vehicles
         most, shown = scenario.max_agents - 1, scenario.rules.sensor.nearest
         is_default = observation in ("flat", "lidar") and self.reward.reward is crowdnav
         if shown is not None and shown < most and not is_default:  # each agent would need a world: too much memory

@@ -38,8 +38,8 @@ def as_scenario(scenario: str | Path | Scenario, several: bool = False) -> Scena
     """
     require("scenario", scenario, isinstance(scenario, str | Path | Scenario), "a name, a file or a Scenario")
     loaded = scenario if isinstance(scenario, Scenario) else load_scenario(str(scenario))
-    if loaded.vehicle.number > 1 and not several:
-        raise InputError(f"{loaded.name} has {loaded.vehicle.number} vehicles: use crowdbench.parallel_env")
+    if loaded.rules.vehicles > 1 and not several:
+        raise InputError(f"{loaded.name} has {loaded.rules.vehicles} vehicles: use crowdbench.parallel_env")
     return loaded
 
 

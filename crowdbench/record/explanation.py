@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from crowdbench.core.geometry import norm, turn
 from crowdbench.core.types import Outcome, Trace
+from crowdbench.drawing import agent_name
 from crowdbench.metrics.contacts import contacts_of
 from crowdbench.metrics.fault import SMALL_SHARE, WINDOW
 from crowdbench.record import decisions, marks
@@ -41,7 +42,7 @@ def describe_failure(trace: Trace, row: int) -> list[str]:
         fault = (
             f"{'' if share >= SMALL_SHARE else 'not '}the vehicle's fault (φ = {share:.2f}, its share of the approach)"
         )
-        first = f"Collision with pedestrian {agent - 1} at {steps * dt:g} s: {fault}."
+        first = f"Collision with {agent_name(agent, trace.rules)} at {steps * dt:g} s: {fault}."
         return [first, _expected(trace, row, agent), _describe_motion(trace, row, agent, saw=saw)]
     if outcome is Outcome.WALL_COLLISION:
         ahead = [f"{trace.wall_gap[row, state - 1]:z.2f} m at {state * dt:g} s" for state in _states_before(steps, dt)]
@@ -116,7 +117,7 @@ def _describe_motion(trace: Trace, row: int, agent: int, *, saw: bool) -> str:
         seen = f"for {(steps - unseen[-1] - 1) * dt:g} s" if len(unseen) else "all the time"
         perception = f"The vehicle had seen the pedestrian {seen}"
     return (
-        f"In the last second, pedestrian {agent - 1} turned by {turned:.0f}° and went from {person:.1f} to "
+        f"In the last second, {agent_name(agent, trace.rules)} turned by {turned:.0f}° and went from {person:.1f} to "
         f"{person_now:.1f} m/s, the vehicle from {vehicle:.1f} to {vehicle_now:.1f} m/s. {perception}; the "
         f"pedestrian had {'' if saw else 'not '}noticed the vehicle."
     )

@@ -113,6 +113,10 @@ class Episodes:
         block, vehicle = (None if array is None else array[rows] for array in (self.block, self.vehicle))
         return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns, block, vehicle)
 
+    def of_first_vehicle(self) -> Episodes:
+        """Return the rows of the first vehicle of each case."""
+        return self.take(np.flatnonzero(self.vehicle == 0))
+
     def without(self, metrics: Collection[str]) -> Episodes:
         """Return all rows without the columns of some metrics."""
         columns = {name: values for name, values in self.columns.items() if name not in metrics}
@@ -196,7 +200,8 @@ def planner_label(planner: str, settings: Mapping[str, Any]) -> str:
 def result_label(result: Mapping[str, Any]) -> str:
     """Return `planner_label` of a run, from the contents of its `result.json`, with a mark of `Planner.raw`."""
     run = result["run"]
-    label = planner_label(run["planner"]["name"], {**run["planner"]["options"], **run["replanning"]})
+    others = {"others": run["others"]["name"]} if "others" in run else {}
+    label = planner_label(run["planner"]["name"], {**run["planner"]["options"], **run["replanning"], **others})
     return f"{label} (raw)" if result["stated"].get("raw") else label
 
 

@@ -115,7 +115,8 @@ class RunResult:
         elif not ((episodes.steps >= 1) & (episodes.steps <= most)).all():
             yield EPISODES, f"steps are not all from 1 to {most}"
         if vehicles > 1:
-            if not np.array_equal(episodes.vehicle, np.tile(np.arange(scored), len(cases))):
+            expected = np.tile(np.arange(scored), len(cases))
+            if episodes.vehicle is None or not np.array_equal(episodes.vehicle, expected):
                 yield EPISODES, f"its vehicles differ from {RESULT}"
         elif (episodes.block is not None) != ("tracks" in self.result["scenario"]):
             yield EPISODES, f"it must have a column {BLOCK} if pedestrians are recorded, and only then"
@@ -165,7 +166,7 @@ class RunResult:
     @property
     def vehicles(self) -> int:
         """The number of vehicles in a world of its scenario."""
-        return int(self.result["scenario"].get("vehicle", {}).get("number", 1))
+        return int(self.result["scenario"].get("vehicle", {}).get("number") or 1)
 
     @property
     def rules(self) -> Rules:

@@ -49,15 +49,21 @@ class RunRecorder:
     number: int = 0
     lost: str = ""
 
-    def add(self, trace: Trace, episodes: Episodes) -> None:
-        """Record the commands of a batch of episodes, and the episodes that are chosen for recording."""
+    def add(self, trace: Trace, episodes: Episodes, first_only: bool = False) -> None:
+        """Record the commands of a batch of episodes, and the episodes that are chosen for recording.
+
+        Args:
+            trace: The episodes.
+            episodes: Their metrics.
+            first_only: True to choose only among the episodes of first vehicles.
+        """
         if self.commands is not None:
             self.commands.append(commands_table(trace))
         if self.recorder is None:
             return
-        chosen = shown_rows(trace)
+        chosen = np.asarray(trace.vehicle == 0) if first_only else shown_rows(trace)
         if self.most_failures is not None:
-            failed = chosen & (trace.outcome != Outcome.SUCCESS)
+            failed = np.asarray(chosen & (trace.outcome != Outcome.SUCCESS))
             is_first = trace.case < self.cases.start + FIRST_RECORDED
             chosen &= is_first | (failed & (self.failures + np.cumsum(failed) <= self.most_failures))
             self.failures += int(failed.sum())

@@ -106,6 +106,8 @@ def replay_run(
         undisturbed = need_undisturbed(metrics)
         traces = stored_traces(run, lambda _: scenario, undisturbed=undisturbed, progress=progress)
         store, parts = COMMANDS, [Episodes.of(trace, metrics) for trace in traces]
+        if "others" in run.result["run"]:
+            parts = [part.of_first_vehicle() for part in parts]
     replayed = Episodes.join(parts)
     if not np.array_equal(replayed.case, run.episodes.case):
         raise InputError(f"{run.directory / store}: its cases differ from {EPISODES}; make the run again")

@@ -86,7 +86,7 @@ class Scenario:
     @property
     def max_agents(self) -> int:
         """The largest number of agents: the vehicles and the pedestrians."""
-        return self.crowd.number[1] + self.vehicle.number
+        return self.crowd.number[1] + self.rules.vehicles
 
     def check_data(self, data: Path | None) -> None:
         """Refuse recorded tracks that the scenario does not need.
@@ -134,7 +134,7 @@ class Scenario:
             for case, key in zip(cases.tolist(), keys, strict=True)
         ]
         starts = [self.starts.start(case, self.crowd, self.vehicle, self.rules) for case in drawn]
-        if (vehicles := self.vehicle.number) > 1:
+        if (vehicles := self.rules.vehicles) > 1:
             cases, keys = cases.repeat(vehicles), rng.vehicle_keys(keys, vehicles)
             starts = [
                 start._replace(placement=start.placement.as_seen_by(vehicle))
@@ -181,7 +181,7 @@ class Scenario:
         """Return the block of recorded time of each case, or the case of each vehicle; None if no pedestrians are
         recorded and there is one vehicle: then episodes are independent."""
         if self.tracks is None:
-            return cases.indices.repeat(self.vehicle.number) if self.vehicle.number > 1 else None
+            return cases.indices.repeat(self.rules.vehicles) if self.rules.vehicles > 1 else None
         return self.tracks.blocks(cases.split, cases.indices)
 
 

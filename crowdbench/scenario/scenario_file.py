@@ -312,23 +312,21 @@ def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
         body=_body(vehicle, dynamics, location),
         sensor=sensor,
         walking=None if walking is None else WalkingLimits(**walking.complete(), exempt=recorded),
-        vehicles=vehicle.number,
+        vehicles=vehicle.number or 1,
     )
 
 
 def _check_fleet(spec: ScenarioSpec, location: Location) -> None:
     """Raise InputError if there are several vehicles beside a key that is defined for one vehicle only."""
-    pedestrians = spec.pedestrians
-    for_one_vehicle = {
-        "tracks": not isinstance(pedestrians, SimulatedPedestriansSpec),
-        "crowdnav_cases": isinstance(spec, LayoutScenarioSpec) and spec.crowdnav_cases > 0,
+    given = spec.complete()
+    wrong = {
         "collision": spec.collision != "swept",
         "vehicle.length": spec.vehicle.length is not None,
-        "pedestrians.attention": pedestrians.attention is not None,
-        "pedestrians.groups": isinstance(pedestrians, SimulatedPedestriansSpec) and pedestrians.groups is not None,
+        **{name: bool(given.get(name)) for name in ("tracks", "crowdnav_cases")},
+        **{f"pedestrians.{name}": bool(given["pedestrians"].get(name)) for name in ("attention", "groups")},
     }
-    for key, is_given in for_one_vehicle.items():
-        if spec.vehicle.number > 1 and is_given:
+    for key in wrong if (spec.vehicle.number or 1) > 1 else ():
+        if wrong[key]:
             raise location.wrong(str(spec.vehicle.number), f"1 with this {key}")
 
 

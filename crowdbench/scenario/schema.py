@@ -136,7 +136,8 @@ class VehicleSpec(DynamicsSpec):
 
     Radius, length and goal tolerance are in metres, the preferred speed in m/s. Without a length the vehicle is a disc.
     Without a goal tolerance it has arrived when its goal is nearer than its radius. `command_delay` and `lag` are in
-    seconds, see `crowdbench.core.dynamics.Actuation`. With a `number` above 1, see `crowdbench.sim.fleet`.
+    seconds, see `crowdbench.core.dynamics.Actuation`. `number` is the number of vehicles,
+    None for 1, see `crowdbench.sim.fleet`.
     """
 
     visible: Flag = False
@@ -147,14 +148,7 @@ class VehicleSpec(DynamicsSpec):
     # None changes no digest of a scenario.
     command_delay: float | None = number(None, above=0.0, below=1e3)
     lag: float | None = number(None, above=0.0, below=1e3)
-    # Absent from the dump of one vehicle, so that it does not change the identity of other scenarios.
-    number: int = Field(
-        default=1,
-        ge=1,
-        le=MAX_VEHICLES,
-        exclude_if=lambda value: value == 1,
-        description=f"a whole number from 1 to {MAX_VEHICLES}",
-    )
+    number: int | None = integer(None, least=1, most=MAX_VEHICLES)
 
 
 class PedestriansSpec(PoliciesSpec):

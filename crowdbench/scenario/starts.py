@@ -81,7 +81,7 @@ class LayoutStarts:
 
     def start(self, case: Case, crowd: Population, vehicle: VehicleSpec, rules: Rules) -> Start:
         """Draw the start of a case. Raises InputError if that is impossible."""
-        more = vehicle.number - 1  # other vehicles, which the layout places as it places pedestrians
+        more = rules.vehicles - 1  # other vehicles, which the layout places as it places pedestrians
         traits = crowd.draw(rng.generator(case.key, "crowd"), more=more)
         traits.radius[:more], traits.preferred_speed[:more] = vehicle.radius, vehicle.preferred_speed
         leader, group = np.arange(len(traits.radius)), np.full(len(traits.radius), -1)
@@ -119,7 +119,7 @@ class LayoutStarts:
                 except InputError as error:
                     moved = "the layout placed its group; members stand side by side around that place"
                     raise InputError(f"{error} ({moved})" if crowd.groups else str(error)) from None
-                views = [placement.as_seen_by(k) for k in range(vehicle.number)] if more else [placement]
+                views = [placement.as_seen_by(k) for k in range(more + 1)] if more else [placement]
                 if space is None or all(_is_clear(space, view, walking_speed, apart, rules.body) for view in views):
                     return Start(traits, placement, group)
             raise InputError(f"somebody is in the clear_space in all {TRIES} placements: make it smaller, or the crowd")

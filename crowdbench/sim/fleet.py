@@ -91,22 +91,17 @@ def join_vehicles(world: World, after: tuple[np.ndarray, ...]) -> Rows:
         own = array[:, 0].reshape(-1, vehicles, 2)
         array[:, 1:vehicles] = own[:, ego_order(vehicles)[:, 1:]].reshape(-1, vehicles - 1, 2)
     history[:, -1, : vehicles - 1] = position[:, 1:vehicles]
-    return _touches(world, position[:, 0], velocity[:, 0], heading, angular_speed)
+    return _touches(world, after)
 
 
-def _touches(
-    world: World,
-    position: Float[np.ndarray, "world 2"],
-    velocity: Float[np.ndarray, "world 2"],
-    heading: Float[np.ndarray, "world"],
-    angular_speed: Float[np.ndarray, "world"],
-) -> Rows:
-    """Return the vehicles that touch another one in a step, from their states after it."""
-    vehicles, path = world.rules.vehicles, np.stack([world.position[:, 0], position], axis=1)
+def _touches(world: World, after: tuple[np.ndarray, ...]) -> Rows:
+    """Return the vehicles that touch another one in a step."""
+    _, position, velocity, heading, angular_speed, _ = after
+    vehicles, path = world.rules.vehicles, np.stack([world.position[:, 0], position[:, 0]], axis=1)
     if not isinstance(world.rules.dynamics, Holonomic):
         time = world.rules.dt * np.arange(CHORDS + 1) / CHORDS
         half = 0.5 * angular_speed[:, None] * time
-        speed = velocity[:, 0] * np.cos(heading) + velocity[:, 1] * np.sin(heading)
+        speed = velocity[:, 0, 0] * np.cos(heading) + velocity[:, 0, 1] * np.sin(heading)
         length, toward = speed[:, None] * time * np.sinc(half / np.pi), world.heading[:, None] + half
         path = path[:, :1] + length[..., None] * np.stack([np.cos(toward), np.sin(toward)], axis=2)
     path = path.reshape(-1, vehicles, path.shape[1], 2)

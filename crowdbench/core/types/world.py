@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -289,12 +290,13 @@ class Trace:
     @functools.cached_property
     def of_pedestrians(self) -> Trace:
         """The same episodes without other vehicles."""
-        others, changes = self.rules.vehicles - 1, {}
+        others, changes = self.rules.vehicles - 1, dict[str, Any](rules=dataclasses.replace(self.rules, vehicles=1))
         for field in dataclasses.fields(self) if others else ():
-            array, axes = getattr(self, field.name), str(field.type).partition('"')[2].partition('"')[0].split()
+            axes = re.findall(r"\w+", str(field.type).partition("world ")[2])
             for axis, start in (("agent", 1), ("pedestrian", 0)):
-                if axis in axes and array is not None:
-                    changes[field.name] = np.delete(array, slice(start, start + others), axis=axes.index(axis))
+                if axis in axes and getattr(self, field.name) is not None:
+                    gone, array = slice(start, start + others), getattr(self, field.name)
+                    changes[field.name] = np.delete(array, gone, 1 + axes.index(axis))
         return dataclasses.replace(self, **changes) if others else self
 
     def episode(self, row: int) -> Trace:

@@ -8,7 +8,8 @@ import pytest
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Outcome
-from crowdbench.metrics.registry import METRICS
+from crowdbench.metrics.registry import METRICS, OF_FLEETS
+from crowdbench.metrics.user_metrics import load_metrics
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
@@ -67,7 +68,7 @@ def test_vehicles_out_of_range_have_the_bits_of_each_alone(monkeypatch, override
 def test_a_case_has_the_same_bits_in_any_batch(name):
     scenario = load_scenario(name, {"sensor.range": 6.0, "sensor.missed": 0.1})
     together = drive("orca_margin", scenario)
-    vehicles = scenario.vehicle.number
+    vehicles = scenario.rules.vehicles
     for case in (0, 3, 5):
         alone, rows = drive("orca_margin", scenario, Cases("test", case, case + 1)), np.arange(vehicles)
         assert same(together, alone, case * vehicles + rows, rows, "position", "velocity", "present", "seen", *OWN)
@@ -169,6 +170,21 @@ def test_another_planner_drives_the_other_vehicles():
     first = np.arange(len(mixed)) % 4 == 0
     assert np.array_equal(mixed.command[first, 0], straight.command[first, 0])
     assert np.array_equal(mixed.command[~first, 0], orca.command[~first, 0])
+
+
+def test_metrics_of_pedestrians_leave_out_other_vehicles():
+    trace = drive("orca", load_scenario("fleet_4"))
+    people = trace.of_pedestrians
+    assert people.of_pedestrians is people
+    assert people.position.shape[2] == people.radius.shape[2] == people.seen.shape[2] + 1 == 13
+    assert np.array_equal(people.position[:, :, 1:], trace.position[:, :, 4:], equal_nan=True)
+    for name in ("score", "t_close", "minimum_gap", "imposed_delay", "discomfort"):
+        assert np.array_equal(METRICS[name](trace), METRICS[name](people), equal_nan=True), name
+    score = METRICS["score"](trace).reshape(-1, 4)
+    assert np.array_equal(
+        OF_FLEETS["worst_score"](trace).reshape(-1, 4), np.repeat(score.min(axis=1)[:, None], 4, axis=1)
+    )
+    assert load_metrics([], vehicles=4).keys() - load_metrics([]).keys() == {"worst_score"}
 
 
 def test_rows_of_whole_worlds_stay_together():
