@@ -4,7 +4,6 @@ The comment `<!-- generated: NAME -->` in a page is replaced by the Markdown tha
 `docs/reference.py` returns. On GitHub the comment is invisible.
 """
 
-import os
 import re
 import sys
 from pathlib import Path
@@ -26,17 +25,6 @@ BOOST = dict.fromkeys(TUTORIALS, 3) | {"architecture": 0.3, "results": 0.5, "ref
 
 WIDE = ("index", "results")
 """Pages without a menu at the side."""
-
-
-def on_config(config: Any) -> Any:
-    """Link the header to the repository that publishes the site.
-
-    The theme's `repo_url` would request the number of stars from another host.
-    """
-    if name := os.environ.get("GITHUB_REPOSITORY"):
-        server = os.environ.get("GITHUB_SERVER_URL", "https://github.com")
-        config.nav.append({"Repository": f"{server}/{name}"})
-    return config
 
 
 def on_files(files: Files, config: Any) -> Files:

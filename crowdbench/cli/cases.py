@@ -113,7 +113,9 @@ def replay_options(scenario: Scenario, data: Path | None) -> list[str]:
     files = table["pedestrians"].get("policy_files", {})
     plugins: list[tuple[str, Any]] = [("--pedestrians", type(scenario.policies[name])) for name in files]
     if scenario.layout is not None and table["layout"]["generator_file"] is not None:
-        plugins.append(("--layout", scenario.layout.func))
+        layout = scenario.layout.func
+        # A `LayoutWithRespawn` has no file; its function `again` is the user's, its layout may be a built-in one.
+        plugins.append(("--layout", getattr(layout, "again", layout)))
     words = [word for option, plugin in plugins for word in (option, inspect.getfile(plugin))]
     return words if data is None else [*words, "--data", str(data)]
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+import tempfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -14,6 +16,11 @@ from crowdbench.cli.cases import make_loader
 from crowdbench.cli.console import BAD, GOOD, announce_compilation, print_table, progress, say, write
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, format_tables, plain
+
+if TYPE_CHECKING:
+    from crowdbench.metrics.registry import Metric
+    from crowdbench.results.run_result import RunResult
+    from crowdbench.runs.replay import Loader
 
 
 def compare(reference: Path, others: list[Path], metric: list[str] | None = None, format: Format | None = None) -> None:
@@ -71,25 +78,46 @@ def score(
     All cases are simulated again from the stored commands, without the planner.
 
     Args:
-        run: Directory of a run.
+        run: Directory of a run, or a file with the commands of one case, such as the game of the documentation's start
+            page writes.
         metric: Your file with metrics, ./mine.py, which are computed, too. Repeatable.
         pedestrians: Your file of a pedestrian policy that the run used, ./mine.py. Repeatable.
         layout: Your file of a layout that the run used, ./mine.py.
         out: Directory for the run with all metrics that were computed, such as a metric that failed in the run.
     """
+    from crowdbench.metrics.registry import OF_FLEETS
     from crowdbench.metrics.user_metrics import load_metrics
-    from crowdbench.results.result_file import digest_of, has_run
     from crowdbench.results.run_result import RunResult
+    from crowdbench.runs.attempt import drive_attempt
+
+    metrics, load = load_metrics(metric or []), make_loader(pedestrians, layout, data)
+    with tempfile.TemporaryDirectory() as folder:
+        stored = drive_attempt(run, Path(folder) / "run") if run.suffix == ".json" else RunResult.read(run)
+        metrics |= OF_FLEETS if stored.vehicles > 1 else {}
+        agrees = _score(stored, run, metrics, load, out, overwrite, as_json)
+    if not agrees:
+        sys.exit(1)
+
+
+def _score(
+    stored: RunResult,
+    run: Path,
+    metrics: Mapping[str, Metric],
+    load: Loader,
+    out: Path | None,
+    overwrite: bool,
+    as_json: bool,
+) -> bool:
+    """Compute the metrics of a run again, and return whether its files agree; see `score`."""
+    from crowdbench.results.result_file import digest_of, has_run
     from crowdbench.results.table import metric_grid
     from crowdbench.runs.score import replay_run, scored_parts, write_scored
     from crowdbench.utils.files import check_free
 
-    stored = RunResult.read(run)
-    metrics = load_metrics(metric or [], stored.vehicles)
     if out is not None and not has_run(out, digest_of(scored_parts(stored, metrics))):
         check_free(out, overwrite)
     announce_compilation()
-    scenario = make_loader(pedestrians, layout, data)(stored) if stored.is_simulated else None
+    scenario = load(stored) if stored.is_simulated else None
     for warning in stored.warnings:
         say(f"crowdbench: {warning}")
     with progress(len(stored.episodes)) as report:
@@ -107,8 +135,7 @@ def score(
     if out is not None:
         write_scored(stored, replay, metrics, out, overwrite)
         say(f"crowdbench: {out} has the run with all metrics")
-    if replay.differences:
-        sys.exit(1)
+    return not replay.differences
 
 
 def export(

@@ -37,6 +37,18 @@ def layout(rng, radius, preferred_speed):
     return Placement(start, -start)
 """
 
+RESPAWN = """
+
+from crowdbench.scenario import LayoutWithRespawn
+
+
+def again(rng, surroundings, radius, preferred_speed, position):
+    return None
+
+
+layout = LayoutWithRespawn(layout, again)
+"""
+
 
 def printed(text, *words):
     """The words of the commands in a text that begin with these words, each to the end of its line."""
@@ -86,10 +98,11 @@ def test_the_command_that_shows_a_failure_has_the_users_policy(tmp_path, call, s
         assert shown
 
 
-def test_the_command_that_shows_a_failure_has_the_users_layout(tmp_path, call, shown):
+@pytest.mark.parametrize("respawn", ["", RESPAWN], ids=["plain", "respawn"])
+def test_the_command_that_shows_a_failure_has_the_users_layout(tmp_path, call, shown, respawn):
     file = tmp_path / "my layouts" / "narrow.py"
     file.parent.mkdir()
-    file.write_text(LAYOUT)
+    file.write_text(LAYOUT + respawn)
     scenario = tmp_path / "narrow.toml"
     scenario.write_text('[layout]\ngenerator = "./my layouts/narrow.py"\n[pedestrians]\nnumber = 3\n')
     words = ["run", "--planner", "straight", "--scenario", str(scenario), "--record", "commands"]

@@ -79,8 +79,9 @@ def test_the_page_of_planners_has_each_in_one_family():
 
 def test_the_heat_table_is_drawn_from_its_script():
     figure = load_module(DOCS / "heat_figure.py")
-    assert figure.FIGURE.read_text() == figure.figure()
-    assert float(re.search(r'width="(\d+)"', figure.figure())[1]) <= 1000
+    for path, ink in figure.INKS.items():
+        assert path.read_text() == figure.figure(ink)
+        assert float(re.search(r'width="(\d+)"', path.read_text())[1]) <= 1000
 
 
 def test_a_printed_page_is_split_into_an_overview_and_tables():

@@ -27,7 +27,7 @@ def test_the_file_of_the_study_reports_a_rate_for_each_number_of_pedestrians():
     for row in first.rows:
         assert len(row.success) == len(row.without_contact) == len(first.pedestrians)
         assert all(free <= success for free, success in zip(row.without_contact, row.success, strict=True))
-    assert [len(row.weights) for row in first.rows] == [5, 5, 5, 0, 0, 0]
+    assert [len(row.weights) for row in first.rows] == [5, 5, 5, 5, 5, 0, 0, 0]
     assert ours.pedestrians == first.pedestrians
     assert not elsewhere.pedestrians
 
