@@ -31,12 +31,15 @@ CALLS = Path(__file__).with_name("system_calls.csv")
 _COMMANDS_OF_FILES = (0, 1, 2, 3, 4, 1030, 1032)  # copies, flags, and the size of a pipe; no locks, which take memory
 _QUESTIONS_TO_FILES = (0x5401, 0x5413, 0x541B, 0x5421, 0x5450, 0x5451)  # TCGETS, TIOCGWINSZ, FIONREAD, FIONBIO, FIOCLEX
 _ADVICE = (0, 1, 2, 3, 4, 8, 10, 11, 14, 15, 16, 17, 18, 19, 22, 23)  # none that empties or shows the page cache
+_LIMITS = (0, 1, 2, 3, *range(5, 16))  # not of core dumps, which the machine may send to a program of root
 _FACTS_OF_PROCESSES = (1, 2, 3, 15, 16, 23, 24, 38, 39)  # end with the parent, name, and what can only be given up
 
 ONLY = {
     "fcntl": (1, _COMMANDS_OF_FILES),
     "ioctl": (1, _QUESTIONS_TO_FILES),
     "madvise": (2, _ADVICE),
+    "setrlimit": (0, _LIMITS),
+    "prlimit64": (1, _LIMITS),
     "prctl": (0, _FACTS_OF_PROCESSES),
     "socketpair": (0, (1,)),  # AF_UNIX
 }

@@ -302,6 +302,9 @@ ATTACKS = {
     "personality": lambda: call("personality", 0x40000),
     "sync": lambda: call("sync"),
     "be undumpable": lambda: function("prctl", 4, 0, 0, 0, 0),
+    "send a core dump to a program of root": lambda: function(
+        "setrlimit", 4, ctypes.c_char_p(struct.pack("<QQ", 0, 0))
+    ),
     "sched_setaffinity": lambda: os.sched_setaffinity(0, os.sched_getaffinity(0)) or "set",
     "sched_setattr": lambda: os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0)) or "set",
     # namespaces and mounts
