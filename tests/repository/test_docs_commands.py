@@ -25,7 +25,7 @@ PAGES = [
 
 RUN_ELSEWHERE = {
     "suite": "tests/commands/test_suite.py",
-    "cross": "tests/commands/test_cross.py",
+    "cross": "tests/commands/test_several_vehicles.py",
     "submit": ".ci/boards",
     "verify": ".ci/boards",
     "merge": "tests/commands/test_parts.py",
