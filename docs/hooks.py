@@ -1,7 +1,6 @@
 """Hooks of MkDocs: pages of studies, tables as data, a replay, and the parts that are generated from the code.
 
-The comment `<!-- generated: NAME -->` in a page is replaced by the Markdown that the function NAME of
-`docs/reference.py` returns. On GitHub the comment is invisible.
+`docs/reference.py` writes the other generated parts into the pages.
 """
 
 import re
@@ -14,6 +13,7 @@ from mkdocs.structure.files import File, Files
 sys.path.append(str(Path(__file__).parent))
 
 import notebook_page
+import pareto_figure
 import reference
 import replays
 import tables
@@ -56,7 +56,11 @@ def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
         return re.sub(
             r"\]\((tables/[\w-]+\.csv)\)", "](../../results.md)", markdown.replace("](../../docs/", "](../../")
         )
-    markdown = re.sub(r"<!-- generated: (\w+) -->", lambda found: getattr(reference, found[1])(), markdown)
+    markdown = markdown.replace("<!-- generated: public_names -->", reference.public_names())
+    # Cases of the game are no headings of the start page, which links to headings are checked against.
+    link = re.compile(r"\[(val/\d+)\]\(\.\./index\.md#(val/\d+:\w+)\)")
+    markdown = link.sub(r'<a href="../index.html#\2">\1</a>', markdown)
+    markdown = markdown.replace("<!-- figure: pareto -->", pareto_figure.figure())
     if page.file.src_uri == notebook_page.SOURCE.name:
         markdown = notebook_page.page()
     if Path(page.file.src_uri).stem in replays.LINKING:
