@@ -1,6 +1,7 @@
 """Attacks on the sandbox, for a planner that runs in it: each raises OSError, or returns what it got."""
 
 import array
+import contextlib
 import ctypes
 import fcntl
 import mmap
@@ -223,10 +224,8 @@ def attached_to_parent():
 def inherited():
     found = []
     for file in os.listdir("/proc/self/fd"):
-        try:
+        with contextlib.suppress(OSError):  # the list itself is closed
             found.append(os.readlink(f"/proc/self/fd/{file}"))
-        except OSError:  # the list itself
-            pass
     return nonzero([file for file in found if "memfd" in file])
 
 
