@@ -1,8 +1,8 @@
 """Commands that start a planner's process: in a sandbox of bubblewrap if it is available, or else as a plain process.
 
 The sandbox contains only Python, crowdbench, the system's libraries and the planner's files, all read-only: no board,
-no season, no entry. It has no network, no other process and no capabilities. Its temporary folders are limited, and
-some system calls fail in it: see `crowdbench.isolation.launch`.
+no season, no entry. It has no network, no other process and no capabilities, and is never root of the machine. Its
+temporary folders are limited, and it has a list of system calls: see `crowdbench.isolation.launch`.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ _ALONE = ("bwrap", "--die-with-parent", "--seccomp", str(_FILTER), "--cap-drop",
 _NAMESPACES = ("--unshare-ipc", "--unshare-pid", "--unshare-net", "--unshare-uts", "--unshare-cgroup-try")
 _AS_USER = ("--unshare-user", "--disable-userns", "--uid", str(_NOBODY), "--gid", str(_NOBODY))
 _AS_ROOT = ("--cap-add", "CAP_SETUID", "--cap-add", "CAP_SETGID", "--cap-add", "CAP_SETPCAP")
-"""What `launch` needs to become nobody. In a namespace of users, the planner would be root for the machine."""
+"""Capabilities with which `launch` becomes nobody. In a namespace of users, a planner would be root for the machine."""
 
 _PROC = ("cpuinfo", "filesystems", "meminfo", "mounts", "net", "self", "stat", "thread-self", "uptime", "version")
-"""What the sandbox shows of /proc in addition to its own processes."""
+"""The files of /proc that the sandbox shows in addition to its own processes."""
 
 _LIBRARIES = ("bin", "sbin", "lib", "lib32", "lib64", "libx32", "libexec")
 _SYSTEM = [f"{place}/{name}" for place in ("/usr", "/usr/local", "") for name in _LIBRARIES]
@@ -97,10 +97,9 @@ def _check_that_nobody_may_read(paths: Iterable[Path]) -> None:
 
 def _inside(command: Sequence[str]) -> tuple[str, ...]:
     """Return the command that bubblewrap starts in the sandbox."""
-    limits = {"CORE": 0, "NOFILE": 1024}
-    if _is_root():  # nobody may have other processes on this machine, so that they are counted only
-        return launcher({"rlimits": limits, "user": _NOBODY}, command)
-    return launcher({"rlimits": {**limits, "NPROC": TASKS}}, command)
+    if _is_root():  # nobody may have other processes on this machine
+        return launcher({"rlimits": {"NOFILE": 1024, "NPROC": 8 * TASKS}, "user": _NOBODY}, command)
+    return launcher({"rlimits": {"NOFILE": 1024, "NPROC": TASKS}}, command)
 
 
 def settings() -> dict[str, Any]:
@@ -109,7 +108,9 @@ def settings() -> dict[str, Any]:
 
 
 def _settings() -> dict[str, Any]:
-    return {"filter": _FILTER, "owner": _NOBODY} if _is_root() else {"filter": _FILTER}
+    no_core_not_even_to_a_program = {"CORE": 1}
+    settings = {"filter": _FILTER, "rlimits": no_core_not_even_to_a_program}
+    return {**settings, "owner": _NOBODY} if _is_root() else settings
 
 
 def _is_root() -> bool:

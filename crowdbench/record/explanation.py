@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from crowdbench.core.geometry import norm, turn
 from crowdbench.core.types import Outcome, Trace
+from crowdbench.drawing import agent_name
 from crowdbench.metrics.contacts import contacts_of
 from crowdbench.metrics.fault import SMALL_SHARE, WINDOW
 from crowdbench.record import decisions, marks
@@ -39,7 +40,7 @@ def describe_failure(trace: Trace, row: int) -> list[str]:
     if outcome is Outcome.COLLISION:
         contacts = contacts_of(trace)
         agent, share, saw = (array[row].item() for array in (contacts.agent, contacts.share, contacts.saw))
-        first = f"Collision with pedestrian {agent - 1} at {steps * dt:g} s: {_fault(share)}"
+        first = f"Collision with {agent_name(agent, trace.rules)} at {steps * dt:g} s: {_fault(share)}"
         return [first, _expected(trace, row, agent), _describe_motion(trace, row, agent, saw=saw)]
     if outcome is Outcome.WALL_COLLISION:
         ahead = [f"{trace.wall_gap[row, state - 1]:z.2f} m at {state * dt:g} s" for state in _states_before(steps, dt)]
@@ -133,7 +134,7 @@ def _describe_motion(trace: Trace, row: int, agent: int, *, saw: bool) -> str:
         seen = f"for {seconds:g} s" if seconds > 0.0 else "only at the contact"
         perception = f"The vehicle had seen the pedestrian {seen if len(unseen) else 'all the time'}"
     return (
-        f"In the last second, pedestrian {agent - 1} turned by {turned:.0f}° and went from {person:.1f} to "
+        f"In the last second, {agent_name(agent, trace.rules)} turned by {turned:.0f}° and went from {person:.1f} to "
         f"{person_now:.1f} m/s, the vehicle from {vehicle:.1f} to {vehicle_now:.1f} m/s. {perception}; the "
         f"pedestrian had {'' if saw else 'not '}noticed the vehicle."
     )

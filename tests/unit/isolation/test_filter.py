@@ -89,6 +89,8 @@ ARGUMENTS = {
     "a larger pipe": ("fcntl", (3, 1031), REFUSED),
     "a terminal?": ("ioctl", (3, 0x5401), ALLOWED),
     "type into a terminal": ("ioctl", (3, 0x5412), REFUSED),
+    "a limit of files": ("prlimit64", (0, 7), ALLOWED),
+    "a limit of core dumps": ("prlimit64", (0, 4), REFUSED),
     "a name": ("prctl", (15,), ALLOWED),
     "hide from others": ("prctl", (4,), REFUSED),
     "local sockets": ("socketpair", (1, 1), ALLOWED),
