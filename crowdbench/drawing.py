@@ -262,6 +262,11 @@ def extent(position: Points, goal: Points, obstacles: Polygons, margin: float) -
     return np.stack([np.nanmin(points, axis=0) - margin, np.nanmax(points, axis=0) + margin])
 
 
+def agent_name(agent: int, rules: Rules) -> str:
+    """Return the name of an agent that the vehicle sees, such as `pedestrian 3`."""
+    return "another vehicle" if agent < rules.vehicles else f"pedestrian {agent - rules.vehicles}"
+
+
 def same_agents(person: Int[np.ndarray, "time pedestrian"]) -> Bool[np.ndarray, "step agent"]:
     """Return whether each agent is the same one after each step: a new pedestrian can take the index of another."""
     same = np.ones((len(person) - 1, 1 + person.shape[1]), bool)
@@ -308,13 +313,12 @@ def draw_moment(moment: Moment) -> Iterator[Shape]:
     # The vehicle is drawn last, so that nothing hides it.
     for agent in np.flatnonzero(np.isfinite(moment.position[-1, :, 0]))[::-1].tolist():
         here, radius = moment.position[-1, agent], float(moment.radius[agent])
-        if agent == 0:
-            yield Disc(here, radius, LIGHT.vehicle, LIGHT.background)
-        elif moment.seen[agent - 1]:
-            yield Disc(here, radius, LIGHT.pedestrian, LIGHT.background)
+        color = LIGHT.vehicle if agent < moment.rules.vehicles else LIGHT.pedestrian
+        if agent == 0 or moment.seen[agent - 1]:
+            yield Disc(here, radius, color, LIGHT.background)
         else:
             yield Disc(here, radius, LIGHT.background)
-            yield from (Line(here + radius * dash, LIGHT.pedestrian, 1.2) for dash in DASHES)
+            yield from (Line(here + radius * dash, color, 1.2) for dash in DASHES)
         if agent in contacts:
             yield Disc(here, radius, None, LIGHT.contact, 1.8)
         arrows += _arrow(here, moment.velocity[-1, agent], LIGHT.text)

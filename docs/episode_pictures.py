@@ -17,14 +17,16 @@ from crowdbench.api import rollout
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Observation, Trace
 from crowdbench.drawing import LIGHT, Moment, Polygon, Shape, draw_bands, draw_moment
-from crowdbench.figures.episode_figure import WHOLE, Episode, Picture, draw_pictures, draw_start, draw_strip, film
+from crowdbench.figures.episode_figure import WHOLE, Episode, Picture, draw_pictures, draw_start, draw_strip
 from crowdbench.metrics.fault import WINDOW, Fault, find_contacts
 from crowdbench.planners.planner import Planner
-from crowdbench.record.decisions import draw_decisions, read_paths
 from crowdbench.runs.spec import EVERY_STEP, Replanning
 
 COLUMNS = 4
 """Number of panels side by side in a picture of the width of a page."""
+
+RECENT, AROUND = 9, 4.5
+"""Number of states, and distance in metres on each side of the vehicle, in the picture of the suite."""
 
 FAULTS = {
     "struck standing": (Fault.STRUCK_STANDING, "waiting", 4),
@@ -71,24 +73,22 @@ def drive(planner: str, scenario: str, cases: str, replanning: Replanning = EVER
 
 
 def draw_suite(out: Path) -> None:
-    """Draw case val/0 of each scenario of the suite, driven by MPPI."""
+    """Draw the moment of the smallest gap in case val/0 of each scenario of the suite, driven by MPPI."""
     pictures = []
     for name in suite_names():
         trace = drive("mppi", name, "val/0")
-        length = float(np.hypot(*(trace.goal[0, 0, 0] - trace.position[0, 0, 0])))
-        episode = Still(trace, 0, title=name, side=WHOLE / COLUMNS, half=0.6 * length + 0.8)
-        pictures.append(episode.picture(float(episode.end)))
+        gap = trace.gap[0, : trace.steps[0]]
+        state = int(gap.argmin()) + 1
+        moment = Moment.of_trace(trace, 0, state)
+        recent = {
+            each: getattr(moment, each)[-RECENT:] for each in ("step", "position", "velocity", "heading", "person")
+        }
+        vehicle = trace.position[0, state, 0]
+        plane = np.stack([vehicle - AROUND, vehicle + AROUND])
+        note = f"{gap.min():z.2f} m at {state * trace.rules.dt:g} s", LIGHT.text
+        bands, bounds, inch = draw_bands(plane, WHOLE / COLUMNS, note, name)
+        pictures.append(([*draw_moment(dataclasses.replace(moment, **recent)), *bands], bounds, inch))
     draw_pictures(pictures, COLUMNS, out)
-
-
-def draw_race(out: Path) -> None:
-    """Make a film of four planners in the same case of a crossing, at twice the speed."""
-    episodes = []
-    for planner in ("orca", "ppo", "dwa", "mppi"):
-        trace = drive(planner, "streets_16", "val/8")
-        paths = read_paths(list(draw_decisions(trace, 0)), trace.rules.dt)
-        episodes.append(Still(trace, 0, None, paths, planner, side=320 / 144))
-    film(episodes, out, speed=2.0)
 
 
 def draw_episode(out: Path) -> None:

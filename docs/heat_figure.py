@@ -1,7 +1,6 @@
-"""Draws docs/heat.svg, scores of planners on the suite: python docs/heat_figure.py.
+"""Draws docs/heat_light.svg and heat_dark.svg, scores of planners on the suite: python docs/heat_figure.py.
 
-The numbers come from the tables in studies/suite/README.md. Text is drawn on filled cells, so that the figure can be
-read on a light and on a dark page.
+The numbers come from the tables in studies/suite/README.md.
 """
 
 from html import escape
@@ -10,7 +9,9 @@ from pathlib import Path
 from tables import split_row
 
 DOCS = Path(__file__).parent
-FIGURE = DOCS / "heat.svg"
+INKS = {DOCS / "heat_light.svg": "#10151a", DOCS / "heat_dark.svg": "#e8eaee"}
+"""The colour of the texts beside the cells in each figure."""
+
 COLUMNS = {  # scenario: heading of its column
     "circle_20": "density",
     "streets_16": "crossing flows",
@@ -24,7 +25,7 @@ COLUMNS = {  # scenario: heading of its column
 }
 MEANS = {"perfect": "mean, perfect", "realistic": "mean, realistic"}
 LEFT, TOP, WIDE, HIGH = 166, 84, 49, 26
-INK = "#10151a"
+DARK_INK = "#10151a"
 LOW, MIDDLE, FULL = (194, 84, 45), (246, 236, 214), (31, 98, 150)
 """Colours of scores of 0, 0.5 and 1, which differ in lightness and can be distinguished by colour-blind readers."""
 
@@ -56,8 +57,8 @@ def luminance(*colour: int) -> float:
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
-def figure() -> str:
-    """Return the figure in SVG."""
+def figure(ink: str) -> str:
+    """Return the figure in SVG, with the colour of the texts beside the cells."""
     found = scores()
     columns = {**MEANS, **COLUMNS}
     width, height = LEFT + WIDE * len(columns) + 36, TOP + HIGH * len(found) + 6
@@ -65,25 +66,25 @@ def figure() -> str:
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
         'font-family="system-ui, sans-serif" font-size="13">',
         "<title>Scores of planners on the suite</title>",
-        f'<rect width="{width}" height="{height}" rx="6" fill="#ffffff"/>',
     ]
     for i, title in enumerate(columns.values()):
         place = f"translate({LEFT + WIDE * (i + 0.5) + 4} {TOP - 6}) rotate(-45)"
-        parts.append(f'<text transform="{place}" fill="{INK}">{escape(title)}</text>')
+        parts.append(f'<text transform="{place}" fill="{ink}">{escape(title)}</text>')
     for row, (planner, values) in enumerate(found.items()):
         y = TOP + HIGH * row
-        parts.append(f'<text x="{LEFT - 8}" y="{y + 18}" text-anchor="end" fill="{INK}">{escape(planner)}</text>')
+        parts.append(f'<text x="{LEFT - 8}" y="{y + 18}" text-anchor="end" fill="{ink}">{escape(planner)}</text>')
         parts += [_cell(LEFT + WIDE * i, y, values[name], name in MEANS) for i, name in enumerate(columns)]
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
 def _cell(x: int, y: int, value: float, is_bold: bool) -> str:
     red, green, blue = colour(value)
-    ink = "#ffffff" if luminance(red, green, blue) < 0.18 else INK
+    ink = "#ffffff" if luminance(red, green, blue) < 0.18 else DARK_INK
     box = f'<rect x="{x}" y="{y}" width="{WIDE - 2}" height="{HIGH - 2}" fill="rgb({red},{green},{blue})"/>'
     style = f'text-anchor="middle" fill="{ink}" font-weight="{700 if is_bold else 400}"'
     return f'{box}<text x="{x + WIDE / 2 - 1}" y="{y + 17}" {style}>{value:.2f}</text>'
 
 
 if __name__ == "__main__":
-    FIGURE.write_text(figure())
+    for path, color in INKS.items():
+        path.write_text(figure(color))

@@ -1,10 +1,8 @@
 """Hooks of MkDocs: pages of studies, tables as data, a replay, and the parts that are generated from the code.
 
-The comment `<!-- generated: NAME -->` in a page is replaced by the Markdown that the function NAME of
-`docs/reference.py` returns. On GitHub the comment is invisible.
+`docs/reference.py` writes the other generated parts into the pages.
 """
 
-import os
 import re
 import sys
 from pathlib import Path
@@ -15,6 +13,7 @@ from mkdocs.structure.files import File, Files
 sys.path.append(str(Path(__file__).parent))
 
 import notebook_page
+import pareto_figure
 import reference
 import replays
 import tables
@@ -26,17 +25,6 @@ BOOST = dict.fromkeys(TUTORIALS, 3) | {"architecture": 0.3, "results": 0.5, "ref
 
 WIDE = ("index", "results")
 """Pages without a menu at the side."""
-
-
-def on_config(config: Any) -> Any:
-    """Link the header to the repository that publishes the site.
-
-    The theme's `repo_url` would request the number of stars from another host.
-    """
-    if name := os.environ.get("GITHUB_REPOSITORY"):
-        server = os.environ.get("GITHUB_SERVER_URL", "https://github.com")
-        config.nav.append({"Repository": f"{server}/{name}"})
-    return config
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -68,7 +56,11 @@ def on_page_markdown(markdown: str, page: Any, **kwargs: Any) -> str:
         return re.sub(
             r"\]\((tables/[\w-]+\.csv)\)", "](../../results.md)", markdown.replace("](../../docs/", "](../../")
         )
-    markdown = re.sub(r"<!-- generated: (\w+) -->", lambda found: getattr(reference, found[1])(), markdown)
+    markdown = markdown.replace("<!-- generated: public_names -->", reference.public_names())
+    # Cases of the game are no headings of the start page, which links to headings are checked against.
+    link = re.compile(r"\[(val/\d+)\]\(\.\./index\.md#(val/\d+:\w+)\)")
+    markdown = link.sub(r'<a href="../index.html#\2">\1</a>', markdown)
+    markdown = markdown.replace("<!-- figure: pareto -->", pareto_figure.figure())
     if page.file.src_uri == notebook_page.SOURCE.name:
         markdown = notebook_page.page()
     if Path(page.file.src_uri).stem in replays.LINKING:

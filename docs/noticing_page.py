@@ -39,11 +39,13 @@ pedestrian nearest to the vehicle."""
 def main() -> None:
     """Print the page."""
     described = dict(scenarios())
-    source = f"{printed_by('python docs/noticing_page.py')} Do not edit this page: the command overwrites it."
+    source = f"{printed_by('python docs/noticing_page.py')} <!-- Do not edit this page: the command overwrites it. -->"
     print(f"# Reactions in each scenario\n\n{source}\n\n{NOTE}")
+    print('\n<div class="gallery" markdown>')
     for name in suite_names():
-        print(f"\n## {name}\n\n{described[name]}. {sentence(load_scenario(name).rules)}\n")
-        print(f"![Pedestrians that have noticed the vehicle in {name}](noticing/{name}.png)")
+        print(f"\n- **{name}**\n\n    ![Pedestrians that have noticed the vehicle in {name}](noticing/{name}.png)")
+        print(f"\n    {described[name]}. {sentence(load_scenario(name).rules)}")
+    print("\n</div>")
 
 
 def suite_names() -> list[str]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import curve_pictures
 import episode_pictures
 import numpy as np
+from cross_film import draw_card, draw_cross
 from noticing_page import draw_noticing, suite_names
 from PIL import Image, ImageSequence
 from rank_picture import draw_ranks
@@ -27,7 +28,9 @@ DIFFERENCE = 2.0
 
 PICTURES: dict[str, Callable[[Path], None]] = {
     "suite.png": episode_pictures.draw_suite,
-    "race.webp": episode_pictures.draw_race,
+    "cross_light.webp": functools.partial(draw_cross, "default"),
+    "cross_dark.webp": functools.partial(draw_cross, "slate"),
+    "card.png": draw_card,
     "episode.png": episode_pictures.draw_episode,
     "strip.png": episode_pictures.draw_moments,
     "groups.png": episode_pictures.draw_groups,

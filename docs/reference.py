@@ -1,14 +1,22 @@
-"""The parts of the reference that are generated from the code, as Markdown; `docs/hooks.py` inserts them into pages."""
+"""Writes the generated parts of the reference into the pages of docs/: `python docs/reference.py`.
+
+A part stands between the comments `<!-- generated: NAME -->` and `<!-- end: NAME -->`, and is the Markdown that the
+function NAME returns. Each planner has a page in docs/planners/. `--check` writes nothing, and fails if a page differs.
+`docs/hooks.py` inserts `public_names` when the site is built, because only the site can show it.
+"""
 
 import dataclasses
 import importlib
 import inspect
+import json
 import re
+import sys
 from collections.abc import Callable, Iterable
 from enum import Enum
 from pathlib import Path
 from typing import Any, get_args
 
+import heat_figure
 from docstring_parser import DocstringStyle, parse
 from typer.main import get_command
 
@@ -23,6 +31,11 @@ from crowdbench.networks.card import headline
 from crowdbench.networks.weights import built_in, read_card
 
 STYLE = DocstringStyle.GOOGLE
+DOCS = Path(__file__).parent
+SHOWN = 5
+"""Largest number of links to failures of one kind on the page of a planner."""
+
+PART = re.compile(r"<!-- generated: (\w+) -->\n.*?<!-- end: \1 -->", re.DOTALL)
 
 
 def commands() -> str:
@@ -66,8 +79,54 @@ def _meaning(item: Any) -> str:
 
 
 def planners() -> str:
-    """Return every planner with its options."""
-    return _plugins("planners", option_rows)
+    """Return a table of all planners, the best ones on the suite first, with links to their pages."""
+    scores, drives = heat_figure.scores(), game()
+    others = [name for name, _ in KINDS["planners"].names() if name not in scores]
+    names = [*scores, *sorted(others, key=lambda name: -drives.get(name, []).count("success"))]
+    rows = []
+    for name in names:
+        first = _cell(KINDS["planners"].docstring(name).partition("\n")[0])
+        both = [f"{scores[name][track]:.2f}" if name in scores else "" for track in heat_figure.MEANS]
+        crossed = f"{drives[name].count('success')} of {len(drives[name])}" if name in drives else ""
+        rows.append(f"| [`{name}`](planners/{name}.md) | {first} | {' | '.join(both)} | {crossed} |")
+    return "\n".join(
+        ["| planner | method | score, perfect | score, realistic | crowds crossed |", "|---|---|---|---|---|", *rows]
+    )
+
+
+def planner_page(name: str) -> str:
+    """Return the page of a planner: its method, its options, its results and its failures."""
+    plugins, scores, drives = KINDS["planners"], heat_figure.scores().get(name), game().get(name, [])
+    _, factory = plugins.find(name)
+    entries = [(_option_name(row), _option_meaning(row)) for row in option_rows(factory)]
+    parts = [f"# {name}", _paragraphs(plugins.docstring(name))]
+    parts.append(f"```sh\ncrowdbench run --planner {name} --scenario circle_20 --cases val:20\n```")
+    if scores:
+        titles = {**heat_figure.MEANS, **{name: f"`{name}`, {title}" for name, title in heat_figure.COLUMNS.items()}}
+        rows = [f"| {title} | {scores[each]:.2f} |" for each, title in titles.items()]
+        parts += ["## Score on the suite", "\n".join(["| scenarios | score |", "|---|---|", *rows])]
+        parts.append("[Score](../methods.md#score) in validation cases of [the suite](../suite.md), 1 at most.")
+    if drives:
+        failed = {end: [case for case, found in enumerate(drives) if found == end] for end in ("collision", "timeout")}
+        counts = [f"{len(cases)} {end}{'s' * (len(cases) != 1)}" for end, cases in failed.items() if cases]
+        links = [f"[val/{case}](../index.md#val/{case}:{name})" for cases in failed.values() for case in cases[:SHOWN]]
+        text = f"{drives.count('success')} of {len(drives)} crowds crossed with realistic sensing"
+        text += f", {' and '.join(counts)}." if counts else "."
+        watch = f" Watch it fail, or drive yourself: {', '.join(links)}." if links else ""
+        parts += ["## In the game of the start page", text + watch]
+    parts += ["## Options", _definitions(entries) if entries else "It has no options."]
+    return "\n\n".join(parts) + "\n"
+
+
+def game() -> dict[str, list[str]]:
+    """Return the outcomes of each planner in the cases of the start page's game."""
+    outcomes: dict[str, list[str]] = {}
+    files = sorted((DOCS / "cross/cases").glob("[0-9]*.js"), key=lambda path: int(path.stem))
+    for path in files:
+        data = json.loads(path.read_text().removeprefix("cross.take(").rstrip().removesuffix(")"))
+        for planner in data["planners"]:
+            outcomes.setdefault(planner["name"], []).append(planner["outcome"])
+    return outcomes
 
 
 def predictors() -> str:
@@ -207,3 +266,33 @@ def _cell(text: str) -> str:
 def _definitions(entries: Iterable[tuple[str, str]]) -> str:
     """Return a definition list, which is readable on a phone."""
     return "\n\n".join(f"{name}\n:   " + (text or "—").replace("\n", "\n    ") for name, text in entries)
+
+
+def pages() -> dict[Path, str]:
+    """Return the text of each page that has generated parts."""
+    found = {DOCS / "planners" / f"{name}.md": planner_page(name) for name, _ in KINDS["planners"].names()}
+    for path in sorted(DOCS.glob("*.md")):
+        text = path.read_text()
+        if PART.search(text):
+            found[path] = PART.sub(lambda part: _part(part[1]), text)
+    return found
+
+
+def _part(name: str) -> str:
+    return f"<!-- generated: {name} -->\n\n{globals()[name]()}\n\n<!-- end: {name} -->"
+
+
+def main(check: bool) -> None:
+    """Write the pages, or exit with the names of pages that differ."""
+    others = []
+    for path, text in pages().items():
+        if not path.exists() or path.read_text() != text:
+            others.append(path.relative_to(DOCS).as_posix())
+            if not check:
+                path.parent.mkdir(exist_ok=True)
+                path.write_text(text)
+    sys.exit(f"python docs/reference.py writes {', '.join(others)}" if check and others else 0)
+
+
+if __name__ == "__main__":
+    main("--check" in sys.argv)

@@ -8,7 +8,7 @@ from pathlib import Path
 import noticing_page
 
 from crowdbench.catalog import load_scenario
-from crowdbench.export.replay_page import export_page
+from crowdbench.export.replay_page import PAGE, export_page
 from crowdbench.results.run_result import RunResult
 from crowdbench.runs.loading import load_run
 from crowdbench.runs.make import make_run
@@ -39,6 +39,8 @@ def files() -> dict[str, bytes]:
         page = Path(place) / FOLDER
         page.mkdir()
         export_page(runs, lambda run: load_scenario(run.directory.name), page)
+        index = page / PAGE
+        index.write_text(index.read_text().replace("<header>", '<header>\n  <a href="../suite.html">crowdbench</a>'))
         return {path.relative_to(place).as_posix(): path.read_bytes() for path in sorted(page.rglob("*.*"))}
 
 
@@ -51,8 +53,8 @@ def add_links(markdown: str) -> str:
         if cell:
             line = names.sub(lambda name: f"[{name[0]}]({link(name[1])})", cell[0]) + line[cell.end() :]
         lines.append(line)
-        if picture := re.match(r"!\[.*\]\(noticing/(\w+)\.png\)", line):
-            lines += ["", f"[Watch the case]({link(picture[1])})"]
+        if picture := re.match(r"( *)!\[.*\]\(noticing/(\w+)\.png\)", line):
+            lines += ["", f"{picture[1]}[Watch the case]({link(picture[2])})"]
     return "\n".join(lines)
 
 

@@ -2,6 +2,7 @@
 // Tables that can be sorted, filtered and downloaded: each table.sheet of a page, and the tables of studies, which are in
 // tables/*.js, on the page that has #data. A cell is its text, or its data-v where that is another one.
 
+const MOST = 7; // columns of a table of a study that are shown at first
 const loaded = {};
 function addTables(study, tables) { loaded[study] = tables; }
 
@@ -41,14 +42,16 @@ function sort(table, head) {
 }
 
 // Make a table answer. Where it has data-tags, as "learned planning;real-time", as its rows have, there is a box for each
-// tag that some rows have; a row is shown that has one of the chosen tags of each group.
-function equip(table, name) {
-  const heads = [...table.tHead.rows[0].cells], rows = [...table.tBodies[0].rows], hidden = new Set();
+// tag that some rows have; a row is shown that has one of the chosen tags of each group. Columns from the
+// number `shown` on are hidden until the reader chooses them.
+function equip(table, name, shown = Infinity) {
+  const heads = [...table.tHead.rows[0].cells], rows = [...table.tBodies[0].rows];
+  const hidden = new Set([...heads.keys()].filter((i) => i >= shown));
   const tagsOf = (row) => (row.dataset.tags ?? "").split(";").map((group) => group.split(" ").filter(Boolean));
   const filter = element("input", { type: "search", placeholder: "Filter rows", ariaLabel: "Filter rows" });
   const count = element("span", { className: "count", ariaLive: "polite" });
   const download = element("a", { className: "md-button", download: `${name}.csv`, textContent: "Download CSV" });
-  const chooser = element("details", { className: "columns" }, element("summary", { textContent: "Columns" }));
+  const chooser = element("details", { className: "columns" }, element("summary", { textContent: hidden.size ? `${hidden.size} more columns` : "Columns" }));
   const groups = tagsOf(table).map((tags, group) => {
     const share = (tag) => rows.filter((row) => tagsOf(row)[group].includes(tag)).length / rows.length;
     return tags.filter((tag) => share(tag) % 1).map((value) => element("input", { type: "checkbox", value, onchange: draw }));
@@ -67,7 +70,7 @@ function equip(table, name) {
     count.textContent = `${rows.filter((row) => !row.hidden).length} of ${rows.length} rows`;
   }
   heads.forEach((head, i) => {
-    const box = element("input", { type: "checkbox", checked: true });
+    const box = element("input", { type: "checkbox", checked: !hidden.has(i) });
     box.onchange = () => { hidden[box.checked ? "delete" : "add"](i); draw(); };
     chooser.append(labelled(box, text(head) || "(first)"));
     head.append(element("button", { type: "button", onclick: () => sort(table, head) }, ...head.childNodes));
@@ -101,7 +104,7 @@ function showTable(place, { title, header, rows }, name) {
   const heads = header.map((textContent) => element("th", { scope: "col", textContent }));
   const table = element("table", { className: "sheet" }, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...body));
   place.replaceChildren(element("div", { className: "scroll", tabIndex: 0 }, table));
-  equip(table, name);
+  equip(table, name, MOST);
 }
 
 function start(root) {

@@ -19,7 +19,7 @@ from crowdbench.cli import help_from_docstring, main
 
 TABLE = re.compile(r"^\|.+\|\n\|[ :|-]+\|\n(?:\|.*\|\n?)+", re.MULTILINE)
 PRINTED = re.compile(r"^Printed by `.+`\.$", re.MULTILINE)
-GENERATED = "Do not edit this page: the command overwrites it."
+GENERATED = "<!-- Do not edit this page: the command overwrites it. -->"
 PAIRS = "significantly better or worse than"
 
 

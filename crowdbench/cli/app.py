@@ -26,6 +26,7 @@ from crowdbench.utils.terminal import width
 COMMANDS = {
     "run": ("Run", "run:run"),
     "suite": ("Run", "suite:suite"),
+    "cross": ("Run", "cross:cross"),
     "new-planner": ("Run", "new_planner:new_planner"),
     "check": ("Run", "check:check"),
     "train": ("Run", "train:train"),
@@ -47,6 +48,7 @@ WIDE = 70
 EXAMPLES = {
     "run": "--planner orca --cases val:40",
     "suite": "orca --cases 20",
+    "cross": "orca mppi --cases 20",
     "new-planner": "mine",
     "check": "./mine.py",
     "train": "sarl",

@@ -85,6 +85,7 @@ def score(
         layout: Your file of a layout that the run used, ./mine.py.
         out: Directory for the run with all metrics that were computed, such as a metric that failed in the run.
     """
+    from crowdbench.metrics.registry import OF_FLEETS
     from crowdbench.metrics.user_metrics import load_metrics
     from crowdbench.results.run_result import RunResult
     from crowdbench.runs.attempt import drive_attempt
@@ -92,6 +93,7 @@ def score(
     metrics, load = load_metrics(metric or []), make_loader(pedestrians, layout, data)
     with tempfile.TemporaryDirectory() as folder:
         stored = drive_attempt(run, Path(folder) / "run") if run.suffix == ".json" else RunResult.read(run)
+        metrics |= OF_FLEETS if stored.vehicles > 1 else {}
         agrees = _score(stored, run, metrics, load, out, overwrite, as_json)
     if not agrees:
         sys.exit(1)

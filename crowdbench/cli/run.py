@@ -43,6 +43,7 @@ def run(
     scenario: str = "circle_crossing_5",
     cases: str = "500",
     option: list[str] | None = None,
+    others: str | None = None,
     overrides: list[str] | None = None,
     pedestrians: Annotated[str | None, typer.Option(show_default="as the scenario says")] = None,
     data: Path | None = None,
@@ -66,6 +67,7 @@ def run(
 
     Args:
         cases: 500 (the first 500 test cases), 2000:2500, test/37 (one case), val:100 (validation cases).
+        others: Planner of all vehicles but the first, which alone is scored, in scenarios with several vehicles.
         pedestrians: Move all pedestrians by one policy: a name or ./mine.py.
         replan_every: Commands per observation; above 1 the planner drives open loop.
         look_first: With --replan-every, decide at every step until this number of positions of the pedestrians is
@@ -97,6 +99,7 @@ def run(
         isolated=isolated,
         decision_limit=decision_limit,
         data=data.absolute() if data else None,
+        others=others,
     )
     with open_executor(engine, workers, threads) as executor:
         loaded, directory = make_one_run(spec, out, Shard.parse(shard), overwrite, executor)

@@ -68,6 +68,20 @@ def dot(a: Float[np.ndarray, "*#batch 2"], b: Float[np.ndarray, "*#batch 2"]) ->
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
 
 
+def least_distance(
+    between: Float[np.ndarray, "*#batch 2"], motion: Float[np.ndarray, "*#batch 2"]
+) -> Float[np.ndarray, "..."]:
+    """Return the smallest distance in metres between two points during a step, in which both move in straight lines.
+
+    Args:
+        between: The vector between them at the start of the step in metres.
+        motion: Its change in the step in metres.
+    """
+    squared = dot(motion, motion)
+    nearest = np.clip(-dot(between, motion) / np.where(squared > 0.0, squared, 1.0), 0.0, 1.0)
+    return norm(between + nearest[..., None] * motion)
+
+
 @no_type_check
 @njit
 def turn(before, after):

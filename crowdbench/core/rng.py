@@ -44,6 +44,14 @@ def case_keys(seed: int, split: str, cases: Int[np.ndarray, "world"]) -> UInt[np
     return keys
 
 
+def vehicle_keys(keys: UInt[np.ndarray, "case"], vehicles: int) -> UInt[np.ndarray, "world"]:
+    """Return the keys of the vehicles of each case: the key of the case for the first one, others for the others."""
+    others = np.repeat(keys, vehicles).reshape(-1, vehicles)
+    for vehicle in range(1, vehicles):
+        _fill_keys(np.uint64(vehicle), np.uint64(2**63), keys, others[:, vehicle])
+    return others.ravel()
+
+
 def generator(key: np.uint64, purpose: str, step: int = 0, person: int = 0) -> np.random.Generator:
     """Return a NumPy generator.
 

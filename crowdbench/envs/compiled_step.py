@@ -104,7 +104,7 @@ class CompiledStep:
         scenario, rules = view.scenario, world.rules
         is_usual = view.observation == "flat" and ACTIONS[view.action].axes == "world" and reward.reward is crowdnav
         is_plain = isinstance(rules.dynamics, Holonomic) and rules.actuation == DIRECT and rules.body == DISC
-        is_alone = scenario.post_step_rule is None
+        is_alone = scenario.post_step_rule is None and rules.vehicles == 1
         sees_all = rules.sensor.sees_all and not rules.sensor.nearest
         is_orca = [type(policy) for policy in scenario.policies.values()] == [ORCA] and not rules.intentions
         everybody_sees = not rules.visible or rules.attention is None

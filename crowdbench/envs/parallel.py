@@ -100,9 +100,10 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         max_episode_steps: int | None = None,
     ) -> None:
         self._max_steps = stepping.check_max_steps(max_episode_steps)
-        scenario = stepping.as_scenario(scenario)
+        scenario = stepping.as_scenario(scenario, several=True)
         view = View(scenario, observation, action, nearest, rays, dtype)
         super().__init__(view, render_mode, reward)
+        self._vehicles = vehicles = scenario.rules.vehicles
         most, shown = scenario.max_agents - 1, scenario.rules.sensor.nearest
         is_default = observation in ("flat", "lidar") and self.reward.reward is crowdnav
         if shown is not None and shown < most and not is_default:  # each agent would need a world: too much memory
@@ -111,13 +112,14 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
                 f"to {most} pedestrians, of which {shown} are shown, they must be 'flat' or 'lidar', and 'crowdnav'"
             )
         # Recorded pedestrians appear and leave at recorded times, and are not agents.
-        pedestrians = 0 if scenario.tracks else most
-        self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
+        pedestrians = 0 if scenario.tracks else scenario.crowd.number[1]
+        self._drivers = [VEHICLE] if vehicles == 1 else [f"{VEHICLE}_{k}" for k in range(vehicles)]
+        self.possible_agents = [*self._drivers, *(f"pedestrian_{p}" for p in range(pedestrians))]
         self._leaves = scenario.crowd.arrival not in CONTINUING_ARRIVALS
         self.observation_spaces = dict.fromkeys(self.possible_agents, view.observation_space)
         self.state_space = view.box(*state_bounds(scenario))
         self.action_spaces = dict.fromkeys(self.possible_agents, view.pedestrian_action_space)
-        self.action_spaces[VEHICLE] = view.action_space
+        self.action_spaces |= dict.fromkeys(self._drivers, view.action_space)
         self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
         self._set_agents([])
         self._generator: np.random.Generator | None = None
@@ -180,18 +182,25 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         agents = self.agents
         outcomes, gaps, rewards, views = self._advance(*self._check_actions(actions))
         outcome, gap, present = outcomes.tolist(), gaps.tolist(), self._world.present[0].tolist()
-        over = outcome[0] not in (_RUNNING, _TIMEOUT)
-        number, leaves, columns = self._number, self._leaves, self._columns
+        number, leaves, columns, vehicles = self._number, self._leaves, self._columns, self._vehicles
+        driving = [outcome[k] for _, k in columns if k < vehicles]
+        timeout, at_limit = _TIMEOUT in driving, self._world.step[0].item() >= self._max_steps
+        over = _RUNNING not in driving and not timeout
         observations = self._by_agent(views)
         rewards_of = {agent: rewards[k] for agent, k in columns}
-        terminations = {agent: over or (leaves and outcome[k] == _SUCCESS) or not present[k] for agent, k in columns}
+        terminations = {
+            agent: over
+            or (outcome[k] not in (_RUNNING, _TIMEOUT) if k < vehicles else leaves and outcome[k] == _SUCCESS)
+            or not present[k]
+            for agent, k in columns
+        }
         infos = {agent: stepping.make_info(number, outcome[k], gap[k]) for agent, k in columns}
-        truncated = outcome[0] == _TIMEOUT or self._world.step[0].item() >= self._max_steps
-        if truncated:
-            self._set_agents([])
-        elif True in terminations.values():
-            self._set_agents([agent for agent in agents if not terminations[agent]])
-        return observations, rewards_of, terminations, dict.fromkeys(agents, truncated), infos
+        all_truncated = at_limit or (timeout and _RUNNING not in driving)
+        truncations = {agent: all_truncated or (k < vehicles and outcome[k] == _TIMEOUT) for agent, k in columns}
+        ended = {agent for agent in agents if terminations[agent] or truncations[agent]}
+        if ended:
+            self._set_agents([agent for agent in agents if agent not in ended])
+        return observations, rewards_of, terminations, truncations, infos
 
     def _advance(
         self, acting: list[int], actions: Float[np.ndarray, "n 2"]
@@ -215,9 +224,12 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         if len(acting) < self._bodies or any(world.memory.values()):
             chosen[:, 1:], world = crowd_decisions(world, self.scenario.policies)
         position, goal = before.position[0, acting], goals_on_way(before)[0, acting]
-        speed, is_vehicle = before.preferred_speed[0, acting], np.array(acting) == 0
-        chosen[0, acting] = self.view.commands(position, goal, speed, actions, is_vehicle)
-        world = without_intentions(world, [column - 1 for column in acting if column > 0])
+        columns, vehicles = np.array(acting), self._vehicles
+        speed, is_vehicle = before.preferred_speed[0, acting], columns < vehicles
+        commands = self.view.commands(position, goal, speed, actions, is_vehicle)
+        chosen[columns[is_vehicle], 0] = commands[is_vehicle]
+        chosen[:, columns[~is_vehicle]] = commands[~is_vehicle]
+        world = without_intentions(world, [column - 1 for column in acting if column >= vehicles])
         moved, check = move(world, self.view.to_command(world, chosen[:, 0]), chosen[:, 1:])
         outcomes, gaps = outcomes_of_agents(before, moved, check)
         if self.reward.reward is crowdnav:  # it needs no ego views
@@ -230,30 +242,38 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
     def _ego_views(self, world: World) -> World:
         """Return `ego_views` of a world, computed once per world."""
         if self._ego is None or self._ego[0] is not world:
-            self._ego = world, ego_views(world)
+            self._ego = world, ego_views(world.take(np.array([0])) if self._vehicles > 1 else world)
         return self._ego[1]
 
     def _enter(self, world: World) -> None:
         super()._enter(world)
         if self.view.observation == "dict":
-            here = world.position[:, :1]
+            here = world.position[:1, :1]
             past = np.repeat(here, HISTORY, axis=1) if self._past is None or world.step[0] == 0 else self._past
             self._past = np.concatenate([past[:, 1:], here], axis=1)
 
     def _observe(self) -> Observed:
         """Return the observation of each agent, by column."""
+        if self._vehicles == 1:
+            return self._observe_in(self._world)
+        own, everybody = self.view.observe(self._world), self._observe_in(self._world.take(np.array([0])))
+        rows = range(self._vehicles, self._world.radius.shape[1])
+        return [*(row_of(own, k) for k in range(self._vehicles)), *(everybody[column] for column in rows)]
+
+    def _observe_in(self, world: World) -> Observed:
+        """Return the observation of each agent, by column, from the row of the first vehicle."""
         if self.view.observation == "flat":
-            return self.view.rounded(flatten_everybody(self._world)[0])
+            return self.view.rounded(flatten_everybody(world)[0])
         if self.view.observation == "lidar":
-            return self.view.rounded(lidar_features_of_all(self._world))
-        ego = self._ego_views(self._world)
-        if self.view.observation == "goal_frame" and not self.view.rays and self._world.rules.sensor.sees_all:
+            return self.view.rounded(lidar_features_of_all(world))
+        ego = self._ego_views(world)
+        if self.view.observation == "goal_frame" and not self.view.rays and world.rules.sensor.sees_all:
             return self.view.observe(ego)
         # Only the vehicle has a sensor and dynamics.
-        own, others = self.view.observe(self._world), self.view.observe(with_own_motion(ego, self._world, self._past))
-        if self.view.observation == "dict" and (lidar := self._world.rules.sensor.lidar):
+        own, others = self.view.observe(world), self.view.observe(with_own_motion(ego, world, self._past))
+        if self.view.observation == "dict" and (lidar := world.rules.sensor.lidar):
             # Not of ego views, which have neither the vehicle's body nor the numbers of persons and of the agent.
-            others["lidar"] = self.view.rounded(scan(self._world, lidar, len(ego))[0])
+            others["lidar"] = self.view.rounded(scan(world, lidar, len(ego))[0])
         return [row_of(own, 0), *(row_of(others, column) for column in range(1, len(ego)))]
 
     def _set_agents(self, agents: list[str]) -> None:
@@ -269,11 +289,13 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         given = {agent: action for agent, action in actions.items() if action is not None}
         if not self.agents:
             raise InputError("the episode is over: call reset()")
-        if VEHICLE not in given or not given.keys() <= set(self.agents):
-            named, others = ", ".join(map(str, given)) or "no agent", ", ".join(self.agents[1:]) or "no other agent"
+        driven = [agent for agent in self.agents if agent in self._drivers]
+        if not set(driven) <= given.keys() <= set(self.agents):
+            named = ", ".join(map(str, given)) or "no agent"
+            others = ", ".join(agent for agent in self.agents if agent not in driven) or "no other agent"
+            must = "the vehicle" if self._vehicles == 1 else ", ".join(driven)
             raise InputError(
-                f"there are actions for {named}, but there must be one for the vehicle, and there may be others for "
-                f"{others}"
+                f"there are actions for {named}, but there must be one for {must}, and there may be others for {others}"
             )
         chosen = stepping.check_actions(list(given.values()), (len(given), 2))
         return [self._column[agent] for agent in given], chosen

@@ -88,7 +88,7 @@ class Renderer:
             return None
         world = self._states[-1]
         agents = np.flatnonzero(world.present[0])
-        pedestrians = agents[1:].tolist() if len(agents) <= CROWD else []
+        pedestrians = agents[agents >= world.rules.vehicles].tolist() if len(agents) <= CROWD else []
         goals = [Disc(world.goal[0, agent], float(world.radius[0, agent]), None, LIGHT.walked) for agent in pedestrians]
         moment = Moment.of_worlds(self._states)
         note = f"{float(world.step[0]) * world.rules.dt:.2f} s", LIGHT.text
@@ -103,8 +103,8 @@ def _number(moment: Moment, agent: int, inch: float) -> Text:
     """Return the number of a pedestrian: on its disc, or beside a disc that is small or an outline."""
     here, radius = moment.position[-1, agent], float(moment.radius[agent])
     if moment.seen[agent - 1] and radius > 0.75 * FONT_SIZE / 72.0 * inch:
-        return Text(here, str(agent - 1), LIGHT.background)
-    return Text(here + radius + 0.04 * inch, str(agent - 1), LIGHT.text, halo=LIGHT.background)
+        return Text(here, str(agent - moment.rules.vehicles), LIGHT.background)
+    return Text(here + radius + 0.04 * inch, str(agent - moment.rules.vehicles), LIGHT.text, halo=LIGHT.background)
 
 
 def rasterize(shapes: Iterable[Shape], bounds: Float[np.ndarray, "2 2"], inch: float, dpi: float) -> Image:

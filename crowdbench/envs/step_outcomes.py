@@ -39,10 +39,11 @@ def outcomes_of_agents(before: World, after: World, check: StepCheck) -> tuple[I
     """
     agents, rules = before.radius.shape[1], before.rules
     outcomes, gaps = np.empty(agents, np.int64), np.empty(agents)
-    outcomes[0], gaps[0] = check.outcome[0], check.gap[0]
+    outcomes[0] = check.outcome.min()  # running until all vehicles have ended
     on_wheels = rules.dynamics.code != HOLONOMIC
     counts = before.present.copy()
-    counts[:, 0] &= rules.visible and not on_wheels
+    counts[:, : rules.vehicles] &= rules.visible
+    counts[:, 0] &= not on_wheels
     arc = None
     if on_wheels and rules.visible and before.present[0, 0]:
         speed = signed_speed(*after.velocity[0, 0], after.heading[0])
@@ -50,6 +51,7 @@ def outcomes_of_agents(before: World, after: World, check: StepCheck) -> tuple[I
         arc = rules.numbers.body, float(before.heading[0]), speed, turn_rate, rules.dt
     states = before.position, after.position, before.goal, before.radius, counts
     check_pedestrians(*states, arc, cells_of(before.position, counts), outcomes, gaps)
+    outcomes[: rules.vehicles], gaps[: rules.vehicles] = check.outcome, check.gap
     return outcomes, gaps
 
 

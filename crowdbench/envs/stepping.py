@@ -31,13 +31,16 @@ TRAINING_CASES = 2**32
 _RUNNING, _SUCCESS = int(Outcome.RUNNING), int(Outcome.SUCCESS)
 
 
-def as_scenario(scenario: str | Path | Scenario) -> Scenario:
+def as_scenario(scenario: str | Path | Scenario, several: bool = False) -> Scenario:
     """Load a scenario by its name or by the path of its file, or return the given one.
 
-    Raises InputError if the scenario does not exist.
+    Raises InputError if the scenario does not exist, or has several vehicles and `several` is False.
     """
     require("scenario", scenario, isinstance(scenario, str | Path | Scenario), "a name, a file or a Scenario")
-    return scenario if isinstance(scenario, Scenario) else load_scenario(str(scenario))
+    loaded = scenario if isinstance(scenario, Scenario) else load_scenario(str(scenario))
+    if loaded.rules.vehicles > 1 and not several:
+        raise InputError(f"{loaded.name} has {loaded.rules.vehicles} vehicles: use crowdbench.parallel_env")
+    return loaded
 
 
 def check_max_steps(steps: int | None) -> int | float:

@@ -114,6 +114,7 @@ const replay = (() => {
 
   function arrange() {
     document.title = `${name}, case ${number} · crowdbench replay`;
+    history.replaceState(null, "", link());
     $("case").value = number;
     $("planners").replaceChildren(...Object.entries(scenario.runs).map(([planner, { label }]) => {
       const [sign] = ENDS[ending(planner, number)] ?? [""], others = chosen.filter(other => other !== planner);
@@ -131,8 +132,8 @@ const replay = (() => {
     $("verdicts").replaceChildren(...chosen.filter(planner => episodes[planner].verdict.length).map(planner => {
       const { verdict: [first, ...more], end: last } = episodes[planner];
       const onclick = () => { time = Math.max(0, last - BEFORE); play(true); };
-      const lines = [`${planner}: ${first}`, ...more].map(text => element("p", {}, text));
-      return element("div", { className: "verdict" }, element("div", {}, ...lines), element("button", { onclick }, `▶ Last ${BEFORE} s`));
+      const details = element("details", { ontoggle: fit }, element("summary", {}, "Details"), ...more.map(text => element("p", {}, text)));
+      return element("div", { className: "verdict" }, element("div", {}, element("p", {}, `${planner}: ${first}`), details), element("button", { onclick }, `▶ Last ${BEFORE} s`));
     }));
     $("ends").replaceChildren(...chosen.map(planner => {
       const { outcome, end: last } = episodes[planner], made = element("span", { className: outcome }, ENDS[outcome][0]);

@@ -27,6 +27,7 @@ from crowdbench.drawing import (
     Line,
     Moment,
     Shape,
+    agent_name,
     draw_bands,
     draw_moment,
     extent,
@@ -117,7 +118,8 @@ class Episode:
             return f"\N{CHECK MARK} {seconds}", LIGHT.success
         if self.side <= 2.0:
             return f"\N{BALLOT X} {seconds}", LIGHT.contact
-        hit = [f"pedestrian {agent - 1}" for agent in Moment.of_trace(self.trace, self.row, self.end).hit]
+        moment = Moment.of_trace(self.trace, self.row, self.end)
+        hit = [agent_name(agent, moment.rules) for agent in moment.hit]
         failure = " and ".join(hit) or outcome.label.replace("_", " ")
         return f"\N{BALLOT X} {failure}, {seconds}", LIGHT.contact
 

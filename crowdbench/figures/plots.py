@@ -116,6 +116,25 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
         ax.grid(visible=False, axis="y")
 
 
+def draw_matrix(records: Sequence[Mapping[str, Any]], out: Path) -> None:
+    """Draw the scores of planners (rows) among vehicles of other planners (columns), see `crowdbench cross`.
+
+    Args:
+        records: For each planner its name, and an `Estimate` by column.
+        out: The figure's file.
+    """
+    columns = list(records[0])[1:]
+    means = np.array([[record[column].mean for column in columns] for record in records])
+    with axes(out, height=1.6 + 0.25 * len(records)) as ax:
+        ax.imshow(means, "cividis", vmin=0.0, vmax=1.0, aspect="auto")
+        ax.grid(visible=False)
+        ax.set_xticks(range(len(columns)), columns, rotation=45, ha="right")
+        ax.set_yticks(range(len(records)), [record["planner"] for record in records])
+        ax.set(xlabel="planner of the other vehicles", ylabel="planner")
+        for (row, column), mean in np.ndenumerate(means):
+            ax.text(column, row, f"{mean:.2f}", ha="center", va="center", color="black" if mean > 0.5 else "white")
+
+
 def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "success") -> None:
     """Draw the curves of trainings: a thin line for each, a thick one for the mean over seeds.
 

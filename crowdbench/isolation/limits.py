@@ -3,7 +3,8 @@
 A group of cgroup v2 is made in a group that is delegated to this user: the group of this process, or one above it. The
 kernel counts the processor time of the group, including children that no process has waited for. With the controllers
 `memory` and `pids`, it also counts memory and processes. Without them, memory is the sum of proportional set sizes
-(PSS), temporary folders with `BYTES_OF_FILE` for each file, and files in memory without a name.
+(PSS), page tables, temporary folders with `BYTES_OF_FILE` for each file, files in memory without a name, and what pipes
+and sockets can hold.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import json
 import os
 import re
 import signal
+import stat
 import subprocess
 import sys
 import time
@@ -32,6 +34,9 @@ FILES = 50_000
 
 BYTES_OF_FILE = 1024
 """Memory that the kernel takes for a file, even for an empty one."""
+
+BYTES_OF_PIPE = 2**16
+"""Memory that a pipe can hold."""
 
 TICK, SHORTEST = 0.1, 0.01
 """Longest and shortest time in seconds between two checks of a process; the shortest applies close to a limit."""
@@ -169,8 +174,8 @@ class Usage:
         room, files = self._temporary_contents()
         if files > FILES:
             raise Exceeded(f"made more than {FILES} files")
-        nameless = {file: size for pid in self.processes() for file, size in _nameless(pid)}
-        measured = self._sum(_memory) + room + BYTES_OF_FILE * files + sum(nameless.values())
+        held = {file: size for pid in self.processes() for file, size in _held(pid)}
+        measured = self._sum(_memory) + room + BYTES_OF_FILE * files + sum(held.values())
         memory = int(self._read("memory.current") or measured)
         self.memory = max(self.memory, memory)
         if memory > self.most_memory or re.search("oom_kill [1-9]", self._read("memory.events")):
@@ -239,18 +244,38 @@ def _processor_seconds(process: psutil.Process) -> float:
 
 
 def _memory(process: psutil.Process) -> int:
-    with contextlib.suppress(OSError):  # the process may prevent others from reading it
-        found = re.search(r"^Pss: +(\d+)", Path(f"/proc/{process.pid}/smaps_rollup").read_text(), re.MULTILINE)
-        return 1024 * int(found[1]) if found else 0
-    return int(process.memory_info().rss)
+    """Return the bytes of memory of a process, including its page tables."""
+    text = ""
+    for name in ("status", "smaps_rollup"):
+        with contextlib.suppress(OSError):  # the process may prevent others from reading it
+            text += Path(f"/proc/{process.pid}/{name}").read_text()
+    found = re.findall(r"^(VmRSS|VmPTE|Pss|SwapPss):\s+(\d+)", text, re.MULTILINE)
+    sizes = {name: 1024 * int(size) for name, size in found}
+    if not sizes:
+        return int(process.memory_info().rss)
+    return sizes.get("Pss", sizes.get("VmRSS", 0)) + sizes.get("SwapPss", 0) + sizes.get("VmPTE", 0)
 
 
-def _nameless(pid: int) -> Iterator[tuple[tuple[int, int], int]]:
-    """Yield device, inode and size in bytes of each file in memory without a name that a process has open."""
+def _held(pid: int) -> Iterator[tuple[tuple[int, int], int]]:
+    """Yield device, inode and bytes of each nameless file in memory, pipe and socket that a process has open."""
+    files = []
     with contextlib.suppress(OSError):
-        for file in Path(f"/proc/{pid}/fd").iterdir():
-            if os.readlink(file).startswith("/memfd:"):
-                yield (file.stat().st_dev, file.stat().st_ino), 512 * file.stat().st_blocks
+        files = list(Path(f"/proc/{pid}/fd").iterdir())
+    sizes = {stat.S_IFIFO: BYTES_OF_PIPE, stat.S_IFSOCK: _bytes_of_socket()}
+    for file in files:
+        with contextlib.suppress(OSError):  # it may have been closed
+            about = file.stat()
+            is_in_memory = os.readlink(file).startswith("/memfd:")
+            size = 512 * about.st_blocks if is_in_memory else sizes.get(stat.S_IFMT(about.st_mode), 0)
+            yield (about.st_dev, about.st_ino), size
+
+
+@functools.cache
+def _bytes_of_socket() -> int:
+    """Return an upper bound on the memory that a socket can hold for its peer."""
+    with contextlib.suppress(OSError):
+        return 2 * int(Path("/proc/sys/net/core/wmem_default").read_text())
+    return 0
 
 
 def _room(pid: int, folders: Sequence[str]) -> tuple[int, int]:

@@ -21,7 +21,7 @@ def contacts_of(trace: Trace) -> Contacts:
     return _CONTACTS[trace]
 
 
-@describe("impact speed", "less", over_all=True)
+@describe("impact speed", "less", over_all=True, among_all=True)
 def impact_speed(trace: Trace) -> Float[np.ndarray, "world"]:
     """Relative speed of the vehicle and the pedestrian that it touched, over collisions with pedestrians [m/s].
 
@@ -30,13 +30,13 @@ def impact_speed(trace: Trace) -> Float[np.ndarray, "world"]:
     return contacts_of(trace).speed
 
 
-@describe("at fault", "less", share=True)
+@describe("at fault", "less", share=True, among_all=True)
 def at_fault_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended in a collision in which the vehicle had a share of 0.1 or more [1]."""
     return contacts_of(trace).share >= SMALL_SHARE
 
 
-@describe("at fault although seen", "less", share=True)
+@describe("at fault although seen", "less", share=True, among_all=True)
 def at_fault_seen_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes in which the vehicle was at fault for a collision with a pedestrian that saw it [1].
 
@@ -45,7 +45,7 @@ def at_fault_seen_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     return at_fault_rate(trace) & contacts_of(trace).saw
 
 
-@describe("struck while standing", "less", share=True)
+@describe("struck while standing", "less", share=True, among_all=True)
 def struck_standing_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with a pedestrian touching the standing vehicle [1].
 
@@ -54,7 +54,7 @@ def struck_standing_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     return contacts_of(trace).fault == Fault.STRUCK_STANDING
 
 
-@describe("struck from behind", "less", share=True)
+@describe("struck from behind", "less", share=True, among_all=True)
 def struck_behind_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with a pedestrian walking into the vehicle from behind [1].
 
@@ -63,7 +63,7 @@ def struck_behind_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     return contacts_of(trace).fault == Fault.STRUCK_BEHIND
 
 
-@describe("struck from the front or side", "less", share=True)
+@describe("struck from the front or side", "less", share=True, among_all=True)
 def struck_otherwise_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with a pedestrian walking into the vehicle from the side or from the front [1].
 
@@ -72,7 +72,7 @@ def struck_otherwise_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     return contacts_of(trace).fault == Fault.STRUCK
 
 
-@describe("collisions by the vehicle alone", "less", share=True)
+@describe("collisions by the vehicle alone", "less", share=True, among_all=True)
 def hit_alone_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with the vehicle driving into a pedestrian or an obstacle [1].
 
@@ -81,13 +81,13 @@ def hit_alone_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     return contacts_of(trace).fault == Fault.ALONE
 
 
-@describe("mutual collisions", "less", share=True)
+@describe("mutual collisions", "less", share=True, among_all=True)
 def hit_both_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with the vehicle and a pedestrian moving into each other [1]."""
     return contacts_of(trace).fault == Fault.BOTH
 
 
-@describe("vehicle's share of the approach", "less", over_all=True)
+@describe("vehicle's share of the approach", "less", over_all=True, among_all=True)
 def vehicle_share(trace: Trace) -> Float[np.ndarray, "world"]:
     """Part of the approach in the last second before a collision that was the vehicle's, over collisions [1].
 

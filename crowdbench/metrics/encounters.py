@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.core.dynamics import disc_centres
-from crowdbench.core.geometry import dot, norm
+from crowdbench.core.geometry import dot, least_distance, norm
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
 from crowdbench.metrics.distances import HALL_ZONES
-from crowdbench.metrics.info import describe, finite_or_nan, least_distance, total
+from crowdbench.metrics.info import describe, finite_or_nan, total
 from crowdbench.utils.compiled import njit
 
 NEAR_TIME = 1.0

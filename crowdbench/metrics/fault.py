@@ -18,9 +18,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.dynamics import disc_centres
-from crowdbench.core.geometry import dot, norm
+from crowdbench.core.geometry import dot, least_distance, norm
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.metrics.info import least_distance
 
 WINDOW = 1.0
 """Seconds before a contact over which the shares are measured."""

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench.core.geometry import dot, norm
 from crowdbench.core.types import Outcome, Trace
 
 if TYPE_CHECKING:
@@ -45,6 +44,7 @@ class MetricInfo:
         over_all: True if it counts failures: planners are compared in all cases, not only in cases that both solve.
         of_successes: True if it is undefined in failures, because an early end would improve it.
         pooled: True if it is averaged over the steps of all episodes, and not over episodes.
+        among_all: True if other vehicles count as pedestrians.
         source: The paper that defines it; empty for a definition of this benchmark.
     """
 
@@ -57,6 +57,7 @@ class MetricInfo:
     over_all: bool = False
     of_successes: bool = False
     pooled: bool = False
+    among_all: bool = False
     source: str = ""
 
     @property
@@ -118,14 +119,16 @@ def describe(title: str, better: Literal["more", "less", ""] = "", **facts: Any)
     """
 
     def attach(metric: M) -> M:
-        @functools.wraps(metric)
-        def measure(trace: Trace) -> Float[np.ndarray, "world"]:
-            return np.where(trace.outcome == Outcome.SUCCESS, metric(trace), np.nan)
-
         info = MetricInfo(title, read_unit(metric), better, **facts)
-        described = cast(M, measure) if info.of_successes else metric
-        vars(described)["info"] = info
-        return described
+
+        @functools.wraps(metric)
+        def measure(trace: Trace) -> Bool[np.ndarray, "world"] | Float[np.ndarray, "world"]:
+            is_whole = info.among_all or trace.rules.vehicles == 1
+            values = metric(trace if is_whole else trace.of_pedestrians)
+            return np.where(trace.outcome == Outcome.SUCCESS, values, np.nan) if info.of_successes else values
+
+        vars(measure)["info"] = info
+        return cast(M, measure)
 
     return attach
 
@@ -143,20 +146,6 @@ def total(values: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch
     if values.shape[-1] == 0:
         return np.zeros(values.shape[:-1])
     return np.cumsum(np.where(np.isnan(values), 0.0, values), axis=-1)[..., -1]
-
-
-def least_distance(
-    between: Float[np.ndarray, "*#batch 2"], motion: Float[np.ndarray, "*#batch 2"]
-) -> Float[np.ndarray, "..."]:
-    """Return the smallest distance in metres between two points during a step, in which both move in straight lines.
-
-    Args:
-        between: The vector between them at the start of the step in metres.
-        motion: Its change in the step in metres.
-    """
-    squared = dot(motion, motion)
-    nearest = np.clip(-dot(between, motion) / np.where(squared > 0.0, squared, 1.0), 0.0, 1.0)
-    return norm(between + nearest[..., None] * motion)
 
 
 def finite_or_nan(values: Float[np.ndarray, "world"]) -> Float[np.ndarray, "world"]:

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.arrays import Numbers, Vectors
-from crowdbench.core.geometry import local_goals, norm, wrap_angle
+from crowdbench.core.geometry import least_distance, local_goals, norm, wrap_angle
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
-from crowdbench.metrics.info import describe, least_distance, total
+from crowdbench.metrics.info import describe, total
 from crowdbench.metrics.outcomes import success_rate
 from crowdbench.sim.obstacles import touches_in_step
 from crowdbench.sim.routes import goals_in_trace

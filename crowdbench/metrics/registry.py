@@ -79,7 +79,7 @@ from crowdbench.metrics.outcomes import (
     timeout_rate,
     wall_collision_rate,
 )
-from crowdbench.metrics.score import score, t_close
+from crowdbench.metrics.score import score, t_close, worst_score
 from crowdbench.metrics.social import deflection, imposed_delay, imposed_delay_positive, imposed_detour, social_work
 from crowdbench.utils.errors import did_you_mean
 
@@ -106,6 +106,9 @@ SUBJECTS: dict[str, tuple[Metric, ...]] = {
 
 METRICS: dict[str, Metric] = {metric.__name__: metric for metrics in SUBJECTS.values() for metric in metrics}
 """The built-in metrics by name."""
+
+OF_FLEETS: dict[str, Metric] = {"worst_score": worst_score}
+"""Further built-in metrics of scenarios with several vehicles."""
 
 
 MAIN = (
@@ -136,7 +139,7 @@ def info_of(name: str, is_rate: bool = False, metric: Metric | None = None) -> M
         is_rate: True if its values are booleans, which makes it a share.
         metric: The metric, if available; built-in metrics are looked up by name.
     """
-    function = metric or METRICS.get(name)
+    function = metric or METRICS.get(name) or OF_FLEETS.get(name)
     info = getattr(function, "info", None)
     if info is None:
         title = name.removesuffix("_rate").replace("_", " ")

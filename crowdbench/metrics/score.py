@@ -49,6 +49,13 @@ def score(trace: Trace) -> Float[np.ndarray, "world"]:
     return success_rate(trace) * least / (time + _seconds_close(trace))
 
 
+@describe("score of the worst vehicle", "more", over_all=True, among_all=True)
+def worst_score(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Smallest score of the vehicles of the case [1]."""
+    vehicles = trace.rules.vehicles
+    return np.repeat(score(trace).reshape(-1, vehicles).min(axis=1), vehicles)
+
+
 def _seconds_close(trace: Trace) -> Float[np.ndarray, "world"]:
     """Return the seconds close to pedestrians, see `t_close`."""
     seconds = np.zeros(len(trace))

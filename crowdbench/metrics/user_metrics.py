@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from crowdbench.core.types import Trace
-from crowdbench.metrics.registry import METRICS, Metric
+from crowdbench.metrics.registry import METRICS, OF_FLEETS, Metric
 from crowdbench.plugins.kind import Kind, file_and_function
 from crowdbench.utils.defaults import START_LIMIT
 from crowdbench.utils.errors import InputError
@@ -16,15 +16,16 @@ from crowdbench.utils.resources import plugin_in_time
 
 METRIC = Kind("metric", "metric", METRICS)
 
-RESERVED = ("case", "outcome", "steps", "block")
+RESERVED = ("case", "outcome", "steps", "block", "vehicle")
 """Names of columns in every table of episodes, which a metric cannot have."""
 
 
-def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
+def load_metrics(specs: Iterable[str], vehicles: int = 1) -> dict[str, Metric]:
     """Return the built-in metrics and the metrics of a user by name.
 
     Args:
         specs: For each metric of the user: `file.py`, whose function is `metric`, or `file.py:function`.
+        vehicles: Number of vehicles in a world.
 
     Returns:
         Functions of a trace. A metric of the user has the name of its file or function.
@@ -32,7 +33,7 @@ def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
     Raises:
         InputError: There is no such function, or its name is taken.
     """
-    metrics = dict(METRICS)
+    metrics = METRICS | (OF_FLEETS if vehicles > 1 else {})
     for spec in specs:
         if file_and_function(spec)[0] is None:
             raise InputError(f"{spec!r} is no metric of your own: give a file, ./mine.py or ./mine.py:function")

@@ -45,7 +45,7 @@ class Linear(Predictor):
 class ConstantVelocity(Predictor):
     """The velocity of the last step: the constant velocity model, CVM (Schöller et al. 2020).
 
-    A pedestrian that was observed once stands still.
+    Tracks keep their estimated velocity. A pedestrian that was observed once stands still.
     """
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
@@ -93,8 +93,13 @@ class Oracle(Predictor):
 
 
 def last_velocity(obs: Observation) -> Float[np.ndarray, "world pedestrian 2"]:
-    """Return the velocities of the last step in m/s, zero for pedestrians that were observed once."""
+    """Return the velocities of the last step in m/s, zero for pedestrians that were observed once.
+
+    The velocity of a track is its estimate. The difference of two estimated positions has a larger error.
+    """
     crowd = obs.pedestrians
+    if crowd.deviation is not None:
+        return crowd.velocity
     moved = (crowd.history[:, -1] - crowd.history[:, -2]) / obs.dt
     return np.where(crowd.observed[:, :, None] > 1, moved, 0.0)
 

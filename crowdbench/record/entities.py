@@ -66,8 +66,8 @@ class _Agents:
         return moving(entity, self.timeline, [number or agents] * states, *columns)
 
     def colors(self, vehicle: Color, pedestrian: Color) -> list[Color]:
-        """Return a colour per agent, the vehicle first."""
-        return [vehicle] + [pedestrian] * (len(self.number) - 1)
+        """Return a colour per agent, the vehicles first."""
+        return [vehicle if agent < self.trace.rules.vehicles else pedestrian for agent in self.number]
 
 
 def draw_episode(trace: Trace, row: int, title: str, values: Mapping[str, str]) -> Iterator[Chunk]:
@@ -221,7 +221,8 @@ def _draw_names(agents: _Agents) -> Iterator[Chunk]:
     anchors[:, :-1] = agents.position
     anchors[:, :-1, 1] -= agents.radius
     anchors[:, -1] = agents.goal[0, 0] + np.array([0.0, agents.radius[0, 0] + agents.label])
-    names = ["vehicle", *(str(agent - 1) for agent in agents.number[1:]), "goal"]
+    others = (drawing.agent_name(agent, agents.trace.rules) for agent in agents.number[1:].tolist())
+    names = ["vehicle", *(name.removeprefix("pedestrian ") for name in others), "goal"]
     colors = [*agents.colors(DARK.vehicle, DARK.pedestrian), DARK.vehicle]
     yield still("world/names", rr.Points2D.from_fields(labels=names, colors=colors, radii=width(0)))
     yield agents.moving("world/names", rr.Points2D.columns(positions=anchors.reshape(-1, 2)), number=number + 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -9,6 +10,7 @@ from jaxtyping import Float
 
 from crowdbench.core.geometry import norm, turn
 from crowdbench.core.types import Outcome, Trace
+from crowdbench.drawing import agent_name
 from crowdbench.metrics.contacts import contacts_of
 from crowdbench.metrics.fault import SMALL_SHARE, WINDOW
 from crowdbench.record import decisions, marks
@@ -24,9 +26,9 @@ SLOW = 0.1
 
 
 def describe_failure(trace: Trace, row: int) -> list[str]:
-    """Return three sentences on a failure: the event and the fault, the expected gap, and the motion of both agents.
+    """Return three sentences on a failure: the cause, its prediction, and the motion of both agents.
 
-    There are none for an episode that succeeds. The expectation is the prediction in `PREDICTED_LOG`; without this log,
+    There are none for an episode that succeeds. The prediction is that in `PREDICTED_LOG`; without this log,
     pedestrians are extrapolated at constant velocity.
 
     Args:
@@ -38,18 +40,15 @@ def describe_failure(trace: Trace, row: int) -> list[str]:
     if outcome is Outcome.COLLISION:
         contacts = contacts_of(trace)
         agent, share, saw = (array[row].item() for array in (contacts.agent, contacts.share, contacts.saw))
-        fault = (
-            f"{'' if share >= SMALL_SHARE else 'not '}the vehicle's fault (φ = {share:.2f}, its share of the approach)"
-        )
-        first = f"Collision with pedestrian {agent - 1} at {steps * dt:g} s: {fault}."
+        first = f"Collision with {agent_name(agent, trace.rules)} at {steps * dt:g} s: {_fault(share)}"
         return [first, _expected(trace, row, agent), _describe_motion(trace, row, agent, saw=saw)]
     if outcome is Outcome.WALL_COLLISION:
         ahead = [f"{trace.wall_gap[row, state - 1]:z.2f} m at {state * dt:g} s" for state in _states_before(steps, dt)]
-        first = f"Collision with an obstacle at {steps * dt:g} s: the vehicle's fault (φ = 1)."
+        first = f"Collision with an obstacle at {steps * dt:g} s: the vehicle is at fault."
         second = f"The gap to the obstacle was {', '.join(ahead)}; the vehicle drove at {speed[-1]:.1f} m/s."
     elif outcome is Outcome.TIMEOUT:
         left = norm(trace.goal[row, steps, 0] - trace.position[row, : steps + 1, 0])
-        first = f"Timeout at {steps * dt:g} s: {left[-1]:.1f} m from the goal."
+        first = f"Out of time at {steps * dt:g} s: the vehicle was {left[-1]:.1f} m from its goal."
         stood = f"The vehicle stood for {dt * float((speed[1:] < SLOW).sum()):g} s"
         second = f"{stood}, and was nearest to the goal at {int(left.argmin()) * dt:g} s, {left.min():.1f} m from it."
     else:
@@ -57,11 +56,26 @@ def describe_failure(trace: Trace, row: int) -> list[str]:
     return [first, second, _nearest(trace, row)]
 
 
+def _fault(share: float) -> str:
+    """Return the end of a sentence on the fault, from the vehicle's share of the approach."""
+    if math.isnan(share):
+        return "the fault is undetermined, because both hardly moved."
+    counts = f"it made {math.floor(100.0 * share + 1e-9)} % of the approach ({100.0 * SMALL_SHARE:g} % or more counts)."
+    return f"the vehicle is {'' if share >= SMALL_SHARE else 'not '}at fault, {counts}"
+
+
 def _nearest(trace: Trace, row: int) -> str:
     """Return a sentence on the smallest gap to a pedestrian and its time."""
     gap = trace.gap[row, : trace.steps[row]]
     at = (int(gap.argmin()) + 1) * trace.rules.dt
-    return f"The smallest gap to a pedestrian was {gap.min():z.2f} m, at {at:g} s." if np.isfinite(gap.min()) else ""
+    if not np.isfinite(gap.min()):
+        return ""
+    return f"The smallest gap to a pedestrian was {_length(gap.min())}, at {at:g} s."
+
+
+def _length(gap: float) -> str:
+    """Return a gap in metres as a text. Discs that overlap have no gap."""
+    return f"{max(gap, 0.0):.2f} m"
 
 
 def _states_before(steps: int, dt: float) -> list[int]:
@@ -70,14 +84,14 @@ def _states_before(steps: int, dt: float) -> list[int]:
 
 
 def _expected(trace: Trace, row: int, agent: int) -> str:
-    """Return a sentence on the gaps to a pedestrian that the last decisions expected at the time of the contact."""
+    """Return a sentence on the time at which decisions first expected the contact with a pedestrian."""
     steps, dt, logged = int(trace.steps[row]), trace.rules.dt, trace.logs.get(PREDICTED_LOG)
     is_of_tracks = trace.rules.sensor.detector is not None
     if logged is not None and (
         is_of_tracks or logged.ndim < 5 or logged.shape[-2:] != (trace.position.shape[2] - 1, 2)
     ):
         logged = None
-    gaps = []
+    gaps = {}
     for state in _states_before(steps, dt):
         if logged is not None:
             position = _prediction(logged[row].reshape(logged.shape[1], -1, *logged.shape[-3:]), state, steps, agent)
@@ -86,12 +100,15 @@ def _expected(trace: Trace, row: int, agent: int) -> str:
             position = (trace.position[row, state, agent] + moved)[None]
         distance = float(np.median(norm(position - trace.position[row, steps, 0])))
         if np.isfinite(distance):
-            gaps.append(f"{distance - trace.radius[row, steps, [0, agent]].sum():z.2f} m at {state * dt:g} s")
-    how = "constant velocity; the planner logs no prediction" if logged is None else "the planner's prediction"
-    if is_of_tracks:
-        how = "constant velocity; predictions of tracks belong to no pedestrian"
-    expected = ", ".join(gaps) or "none, the pedestrian was not seen"
-    return f"Gap expected for that moment ({how}): {expected}. Actual gap: {trace.gap[row, steps - 1]:z.2f} m."
+            gaps[(steps - state) * dt] = distance - trace.radius[row, steps, [0, agent]].sum()
+    how = "at constant velocity" if logged is None else "by the planner"
+    if not gaps:
+        return "The pedestrian was not predicted, because the vehicle did not see it."
+    ahead = next((ahead for ahead, gap in gaps.items() if gap < 0.0), None)
+    if ahead is None:
+        last, gap = list(gaps.items())[-1]
+        return f"Contact was not predictable: {last:g} s earlier, the gap predicted {how} was {_length(gap)}."
+    return f"Contact was predictable {how} {'a second' if ahead == 1.0 else f'{ahead:g} s'} earlier."
 
 
 def _prediction(
@@ -113,10 +130,11 @@ def _describe_motion(trace: Trace, row: int, agent: int, *, saw: bool) -> str:
     if len(unseen) and unseen[-1] == steps:
         perception = "The vehicle did not see the pedestrian at the end"
     else:
-        seen = f"for {(steps - unseen[-1] - 1) * dt:g} s" if len(unseen) else "all the time"
-        perception = f"The vehicle had seen the pedestrian {seen}"
+        seconds = (steps - unseen[-1] - 1) * dt if len(unseen) else math.inf
+        seen = f"for {seconds:g} s" if seconds > 0.0 else "only at the contact"
+        perception = f"The vehicle had seen the pedestrian {seen if len(unseen) else 'all the time'}"
     return (
-        f"In the last second, pedestrian {agent - 1} turned by {turned:.0f}° and went from {person:.1f} to "
+        f"In the last second, {agent_name(agent, trace.rules)} turned by {turned:.0f}° and went from {person:.1f} to "
         f"{person_now:.1f} m/s, the vehicle from {vehicle:.1f} to {vehicle_now:.1f} m/s. {perception}; the "
         f"pedestrian had {'' if saw else 'not '}noticed the vehicle."
     )

@@ -209,7 +209,7 @@ def correct(comparisons: list[Comparison]) -> list[Comparison]:
 
 def _pair(a: RunResult, b: RunResult) -> Paired:
     check_comparable(a, b)
-    _, *rows = np.intersect1d(a.episodes.case, b.episodes.case, return_indices=True)
+    _, *rows = np.intersect1d(a.episodes.key, b.episodes.key, return_indices=True)
     if len(rows[0]) == 0:
         raise InputError(f"{a.directory} ({a.cases}) and {b.directory} ({b.cases}) share no case to compare")
     shared = Cases(a.cases.split, max(a.cases.start, b.cases.start), min(a.cases.stop, b.cases.stop))

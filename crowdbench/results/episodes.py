@@ -7,7 +7,7 @@ import importlib.util
 import io
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Int, Shaped
 
 from crowdbench.core.types import Outcome, Trace
+from crowdbench.core.types.rules import MAX_VEHICLES
 from crowdbench.metrics.registry import Metric, is_rate
 from crowdbench.metrics.summary import Estimate, summarize
 from crowdbench.metrics.user_metrics import LARGEST, measure
@@ -28,6 +29,8 @@ EPISODES = "episodes.csv"
 RECORDING = "run.rrd"
 BLOCK = "block"
 """The column of `episodes.csv` with the block of recorded time of each case, if pedestrians are recorded."""
+VEHICLE = "vehicle"
+"""The column with the vehicle of each episode, if there are several in a world."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,8 @@ class Episodes:
         outcome: How the episode ended, an `Outcome`.
         steps: Steps until it ended.
         columns: The values of each metric by its name; booleans are rates, NaN is undefined.
-        block: The block of recorded time that each case is from, as in `Trace`.
+        block: The block of each case, as in `Trace`.
+        vehicle: Index of the vehicle of each episode; None with one vehicle in a world.
     """
 
     case: Int[np.ndarray, "case"]
@@ -49,6 +53,7 @@ class Episodes:
     steps: Int[np.ndarray, "case"]
     columns: Mapping[str, Shaped[np.ndarray, "case"]]
     block: Int[np.ndarray, "case"] | None = None
+    vehicle: Int[np.ndarray, "case"] | None = None
 
     def __len__(self) -> int:
         return len(self.case)
@@ -61,7 +66,12 @@ class Episodes:
     def failures(self) -> dict[str, list[int]]:
         """The cases that failed, by outcome."""
         failed = [end for end in (Outcome.COLLISION, Outcome.WALL_COLLISION, Outcome.TIMEOUT) if end in self.outcome]
-        return {outcome.label: self.case[self.outcome == outcome].tolist() for outcome in failed}
+        return {outcome.label: np.unique(self.case[self.outcome == outcome]).tolist() for outcome in failed}
+
+    @property
+    def key(self) -> Int[np.ndarray, "case"]:
+        """A number for each episode, which is the same in all runs of its split: the case and the vehicle."""
+        return self.case * (MAX_VEHICLES + 1) + (0 if self.vehicle is None else self.vehicle)
 
     @classmethod
     def of(cls, trace: Trace, metrics: Mapping[str, Metric]) -> Episodes:
@@ -75,7 +85,7 @@ class Episodes:
             InputError: A metric raises, or does not return one value per episode.
         """
         columns = {name: measure(name, metric, trace) for name, metric in metrics.items()}
-        return cls(trace.case, trace.outcome, trace.steps, columns, trace.block)
+        return cls(trace.case, trace.outcome, trace.steps, columns, trace.block, trace.vehicle)
 
     @classmethod
     def join(cls, parts: list[Episodes]) -> Episodes:
@@ -83,8 +93,9 @@ class Episodes:
         names = ("case", "outcome", "steps")
         case, outcome, steps = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
         columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns}
-        blocks = [part.block for part in parts if part.block is not None]
-        return cls(case, outcome, steps, columns, np.concatenate(blocks) if blocks else None)
+        optional = {name: [getattr(part, name) for part in parts] for name in ("block", "vehicle")}
+        joined = {name: np.concatenate(arrays) for name, arrays in optional.items() if arrays[0] is not None}
+        return cls(case, outcome, steps, columns, **joined)
 
     @property
     def rates(self) -> list[str]:
@@ -99,13 +110,17 @@ class Episodes:
     def take(self, rows: Shaped[np.ndarray, "row"]) -> Episodes:
         """Return the given rows."""
         columns = {name: values[rows] for name, values in self.columns.items()}
-        block = None if self.block is None else self.block[rows]
-        return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns, block)
+        block, vehicle = (None if array is None else array[rows] for array in (self.block, self.vehicle))
+        return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns, block, vehicle)
+
+    def of_first_vehicle(self) -> Episodes:
+        """Return the rows of the first vehicle of each case."""
+        return self.take(np.flatnonzero(self.vehicle == 0))
 
     def without(self, metrics: Collection[str]) -> Episodes:
         """Return all rows without the columns of some metrics."""
         columns = {name: values for name, values in self.columns.items() if name not in metrics}
-        return Episodes(self.case, self.outcome, self.steps, columns, self.block)
+        return replace(self, columns=columns)
 
     def summary(self, names: Iterable[str] | None = None) -> dict[str, Estimate]:
         """Return the mean and the interval of the named metrics, or of all metrics."""
@@ -145,8 +160,12 @@ class Episodes:
     def _first_columns(self) -> dict[str, list[Any]]:
         """Return the columns of every table of episodes before the metrics."""
         labels = [Outcome(outcome).label for outcome in self.outcome]
-        blocks = {} if self.block is None else {BLOCK: self.block.tolist()}
-        return {"case": self.case.tolist(), "outcome": labels, "steps": self.steps.tolist(), **blocks}
+        more = {}
+        if self.vehicle is not None:  # the block is the case
+            more = {VEHICLE: self.vehicle.tolist()}
+        elif self.block is not None:
+            more = {BLOCK: self.block.tolist()}
+        return {"case": self.case.tolist(), "outcome": labels, "steps": self.steps.tolist(), **more}
 
     @classmethod
     def read(cls, path: Path) -> Episodes:
@@ -158,8 +177,12 @@ class Episodes:
                 raise ValueError("two columns have the same name")
             case, steps = (np.array([int(text) for text in by_name.pop(name)], np.int64) for name in ("case", "steps"))
             outcome = np.array([Outcome[text.upper()] for text in by_name.pop("outcome")], np.int64)
-            block = np.array([int(text) for text in by_name.pop(BLOCK)], np.int64) if BLOCK in by_name else None
-            return cls(case, outcome, steps, {name: _values(texts) for name, texts in by_name.items()}, block)
+            block, vehicle = (
+                np.array([int(text) for text in by_name.pop(name)], np.int64) if name in by_name else None
+                for name in (BLOCK, VEHICLE)
+            )
+            columns = {name: _values(texts) for name, texts in by_name.items()}
+            return cls(case, outcome, steps, columns, block if vehicle is None else case, vehicle)
         except OSError as error:
             raise InputError(f"{path} cannot be read: {error.strerror}") from None
         except (ValueError, KeyError, OverflowError, csv.Error) as error:
@@ -177,7 +200,8 @@ def planner_label(planner: str, settings: Mapping[str, Any]) -> str:
 def result_label(result: Mapping[str, Any]) -> str:
     """Return `planner_label` of a run, from the contents of its `result.json`, with a mark of `Planner.raw`."""
     run = result["run"]
-    label = planner_label(run["planner"]["name"], {**run["planner"]["options"], **run["replanning"]})
+    others = {"others": run["others"]["name"]} if "others" in run else {}
+    label = planner_label(run["planner"]["name"], {**run["planner"]["options"], **run["replanning"], **others})
     return f"{label} (raw)" if result["stated"].get("raw") else label
 
 

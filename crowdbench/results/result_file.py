@@ -59,6 +59,7 @@ class RunPart(BaseModel, extra="forbid"):
     decision_limit: float
     code: str
     simulator: int
+    others: PlannerPart | None = None
 
 
 class ScenarioPart(BaseModel):

@@ -108,11 +108,17 @@ class RunResult:
     def _wrong_rows(self) -> Iterator[tuple[str, str]]:
         """Yield the errors in `episodes.csv` and in the commands, each as a file and the rest of a sentence."""
         episodes, cases, most = self.episodes, self.cases, self.rules.max_steps
-        if len(episodes) != len(cases) or not (episodes.case == cases.indices).all():
+        vehicles = self.vehicles
+        scored = 1 if "others" in self.result["run"] else vehicles
+        if not np.array_equal(episodes.case, cases.indices.repeat(scored)):
             yield EPISODES, f"its cases differ from {cases}, as in {RESULT}"
         elif not ((episodes.steps >= 1) & (episodes.steps <= most)).all():
             yield EPISODES, f"steps are not all from 1 to {most}"
-        if (episodes.block is not None) != ("tracks" in self.result["scenario"]):
+        if vehicles > 1:
+            expected = np.tile(np.arange(scored), len(cases))
+            if episodes.vehicle is None or not np.array_equal(episodes.vehicle, expected):
+                yield EPISODES, f"its vehicles differ from {RESULT}"
+        elif (episodes.block is not None) != ("tracks" in self.result["scenario"]):
             yield EPISODES, f"it must have a column {BLOCK} if pedestrians are recorded, and only then"
         if episodes.columns.keys() != self.result["run"]["metrics"].keys():
             yield RESULT, f"run.metrics are not the columns of {EPISODES}"
@@ -121,7 +127,7 @@ class RunResult:
                 yield EPISODES, f"{name} contradicts the outcomes"
         if (self.directory / COMMANDS).exists():
             for name in ("case", "steps"):
-                if not np.array_equal(getattr(self.commands, name), getattr(self.episodes, name)):
+                if not np.array_equal(getattr(self.commands, name)[:: vehicles // scored], getattr(episodes, name)):
                     yield COMMANDS, f"its {name} differ from {EPISODES}"
 
     def _wrong_fields(self) -> Iterator[tuple[str, str]]:
@@ -156,6 +162,11 @@ class RunResult:
     def cases(self) -> Cases:
         """Its cases."""
         return Cases.parse(self.result["run"]["cases"])
+
+    @property
+    def vehicles(self) -> int:
+        """The number of vehicles in a world of its scenario."""
+        return int(self.result["scenario"].get("vehicle", {}).get("number") or 1)
 
     @property
     def rules(self) -> Rules:

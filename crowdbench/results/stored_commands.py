@@ -1,4 +1,4 @@
-"""The commands of a run, a row per case in `commands.parquet`: with the scenario, they determine all states exactly."""
+"""The commands of a run in `commands.parquet`: with the scenario, they determine all states exactly."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from crowdbench.utils.errors import InputError, describe_error
 COMMANDS = "commands.parquet"
 
 _SCHEMA = pa.schema([("case", pa.int64()), ("command", pa.list_(pa.float64()))])
-"""A row per case: its number, and both numbers of the command of each step, in the units of the dynamics."""
+"""A row per vehicle: its case, and both numbers of the command of each step, in the units of the dynamics."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,14 @@ class StoredCommands:
         end = int(np.cumsum(self.steps)[rows[0]])
         return self.command[end - int(self.steps[rows[0]]) : end]
 
-    def pad(self, cases: Cases, steps: int) -> Float[np.ndarray, "case {steps} 2"]:
-        """Return the commands of some cases in m/s, padded with zeros to a number of steps."""
-        padded = np.zeros((len(cases), steps, 2))
-        for row, case in enumerate(cases.indices.tolist()):
-            commands = self.of(case)
-            padded[row, : len(commands)] = commands
+    def pad(self, cases: Cases, steps: int) -> Float[np.ndarray, "episode {steps} 2"]:
+        """Return the commands of all vehicles of some cases in m/s, padded with zeros to a number of steps."""
+        for case in np.setdiff1d(cases.indices, self.case).tolist():
+            raise InputError(f"{COMMANDS} has no commands of case {case}")
+        rows, ends = np.flatnonzero(np.isin(self.case, cases.indices)), np.cumsum(self.steps)
+        padded = np.zeros((len(rows), steps, 2))
+        for row, number, end in zip(padded, self.steps[rows], ends[rows], strict=True):
+            row[:number] = self.command[end - number : end]
         return padded
 
 

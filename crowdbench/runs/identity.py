@@ -106,6 +106,7 @@ class RunId:
         decision_limit: Seconds that the planner may take for a decision.
         code: The digest of the code that a rollout can reach, see `REACHED`.
         simulator: Version of the simulator, see `SIMULATOR`.
+        others: Identity of the planner of the other vehicles; None if there is none.
     """
 
     planner: PlannerId
@@ -117,11 +118,12 @@ class RunId:
     decision_limit: float
     code: str
     simulator: int = SIMULATOR
+    others: PlannerId | None = None
 
     @property
     def parts(self) -> dict[str, Any]:
-        """All fields, as in `result.json`."""
-        return asdict(self)
+        """All fields, as in `result.json`, which has `others` only if there are any."""
+        return {name: value for name, value in asdict(self).items() if name != "others" or value}
 
     @property
     def digest(self) -> str:

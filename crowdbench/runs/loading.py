@@ -44,12 +44,35 @@ def load_run(
             planner = catalog.load_planner(spec.planner, spec.options)
             name = plugin_name(spec.planner)
         driver = Driver(hold_out(planner, name, scenario), name, spec.decision_limit)
-        metrics = load_metrics(spec.metrics)
+        metrics, others = load_metrics(spec.metrics, scenario.rules.vehicles), load_others(spec, scenario, driver)
     if is_named:
         identity = identify(spec.planner, spec.options, driver)
     else:
         identity = id_of_object(planner, name, driver.facts, key or new_key())
-    return Run(spec, driver, scenario, metrics, identity, is_named=is_named)
+    return Run(spec, driver, scenario, metrics, identity, others, is_named=is_named)
+
+
+def load_others(spec: RunSpec, scenario: Scenario, driver: Driver) -> tuple[Driver, PlannerId] | None:
+    """Load the planner of all vehicles but the first, if the spec names one.
+
+    Args:
+        spec: The run.
+        scenario: Its scenario.
+        driver: The driver of the first vehicle.
+
+    Raises:
+        InputError: There is one vehicle only, or the two planners take different observations.
+    """
+    if spec.others is None:
+        return None
+    if scenario.rules.vehicles == 1:
+        raise InputError(f"--others is {spec.others}, but {scenario.name} has one vehicle: set vehicle.number")
+    others = Driver(catalog.load_planner(spec.others, {}), plugin_name(spec.others), spec.decision_limit)
+    if others.raw != driver.raw and scenario.rules.sensor.detector is not None:
+        raise InputError(
+            f"planner {driver.name} and --others {others.name} need different trackers: one of them is raw"
+        )
+    return others, identify(spec.others, {}, others)
 
 
 def hold_out(planner: Planner, name: str, scenario: Scenario) -> Planner:
@@ -80,7 +103,9 @@ def open_run(spec: RunSpec) -> Iterator[Run]:
     with contextlib.closing(IsolatedPlanner(spec.planner, spec.options, limits, scene=scene)) as planner:
         driver = Driver(planner, planner.name, spec.decision_limit)
         identity = identify(spec.planner, spec.options, driver)
-        yield Run(spec, driver, scenario, load_metrics(spec.metrics), identity, planner.usage)
+        others = load_others(spec, scenario, driver)
+        metrics = load_metrics(spec.metrics, scenario.rules.vehicles)
+        yield Run(spec, driver, scenario, metrics, identity, others, planner.usage)
 
 
 def identify(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
+from jaxtyping import Bool
 
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics.registry import Metric, info_of
@@ -48,17 +49,23 @@ class RunRecorder:
     number: int = 0
     lost: str = ""
 
-    def add(self, trace: Trace, episodes: Episodes) -> None:
-        """Record the commands of a batch of episodes, and the episodes that are chosen for recording."""
+    def add(self, trace: Trace, episodes: Episodes, first_only: bool = False) -> None:
+        """Record the commands of a batch of episodes, and the episodes that are chosen for recording.
+
+        Args:
+            trace: The episodes.
+            episodes: Their metrics.
+            first_only: True to choose only among the episodes of first vehicles.
+        """
         if self.commands is not None:
             self.commands.append(commands_table(trace))
         if self.recorder is None:
             return
-        chosen = np.ones(len(trace), bool)
+        chosen = np.asarray(trace.vehicle == 0) if first_only else shown_rows(trace)
         if self.most_failures is not None:
-            failed = trace.outcome != Outcome.SUCCESS
-            chosen = failed & (self.failures + np.cumsum(failed) <= self.most_failures)
-            chosen |= trace.case < self.cases.start + FIRST_RECORDED
+            failed = np.asarray(chosen & (trace.outcome != Outcome.SUCCESS))
+            is_first = trace.case < self.cases.start + FIRST_RECORDED
+            chosen &= is_first | (failed & (self.failures + np.cumsum(failed) <= self.most_failures))
             self.failures += int(failed.sum())
         try:
             self.recorder.add(trace, np.flatnonzero(chosen), episodes.columns)
@@ -78,6 +85,16 @@ class RunRecorder:
                 self.recorder.__exit__(kind, *error)
             except NotWritten as fault:
                 self.drop(str(fault))
+
+
+def shown_rows(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Return the episode that shows each case: of several vehicles, the first failure, or else the last arrival."""
+    if trace.vehicle is None:
+        return np.ones(len(trace), bool)
+    steps, vehicles = trace.steps.reshape(-1, trace.rules.vehicles), np.arange(trace.rules.vehicles)
+    failed = trace.outcome.reshape(steps.shape) != Outcome.SUCCESS
+    rank = np.where(failed, 2 * trace.rules.max_steps - steps, steps)
+    return np.asarray(rank.argmax(axis=1)[:, None] == vehicles).ravel()
 
 
 @contextlib.contextmanager

@@ -16,6 +16,7 @@ from crowdbench.planners.driver import Driver
 from crowdbench.planners.planner import Planner
 from crowdbench.results.episodes import RECORDING
 from crowdbench.results.run_result import RunResult
+from crowdbench.runs.recording import shown_rows
 from crowdbench.runs.rollout import Progress, rollout
 from crowdbench.runs.run import fit_batch
 from crowdbench.scenario.cases import Cases
@@ -94,9 +95,9 @@ def stored_case(run: RunResult, load: Loader, case: int, *, undisturbed: bool = 
         InputError: The run has no commands of the case, or the case ends differently from the run.
     """
     (trace,) = stored_traces(run, load, Cases(run.cases.split, case, case + 1), undisturbed=undisturbed)
-    (row,) = np.flatnonzero(trace.case == case).tolist()
+    (row,) = np.flatnonzero(shown_rows(trace)).tolist()
     episode = run.episodes.take(np.flatnonzero(run.episodes.case == case))
-    if (trace.outcome[row], trace.steps[row]) != (episode.outcome[0], episode.steps[0]):
+    if any((getattr(trace, name)[: len(episode)] != getattr(episode, name)).any() for name in ("outcome", "steps")):
         raise InputError(
             f"case {case} of {run.directory} ends in another way when it is simulated again: make the run again"
         )
@@ -122,7 +123,7 @@ def recording_of(run: RunResult, load: Loader, case: int, folder: Path) -> Path:
     if recording.exists() and case in recorded_outcomes(recording):
         return recording
     trace, row = stored_case(run, load, case)
-    values = run.episodes.take(np.flatnonzero(np.isin(run.episodes.case, trace.case))).columns
-    with Recorder(folder / RECORDING, **run.header) as recorder:
-        recorder.add(trace, np.array([row]), values)
+    episodes = run.episodes.take(np.isin(run.episodes.case, trace.case))
+    with Recorder(folder / RECORDING, **run.header) as recorder:  # vehicles of other planners have no values
+        recorder.add(trace, np.array([row]), episodes.columns if row < len(episodes) else {})
     return folder / RECORDING

@@ -16,6 +16,7 @@ from crowdbench.runs.spec import EVERY_STEP, Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.episode import StepCheck
+from crowdbench.sim.fleet import in_whole_worlds, is_running
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import ages, observe
 from crowdbench.sim.simulator import (
@@ -59,6 +60,7 @@ def rollout(
     scenario: Scenario,
     cases: Cases,
     *,
+    others: Driver | None = None,
     replanning: Replanning = EVERY_STEP,
     keep_logs: bool = False,
     undisturbed: bool = True,
@@ -67,10 +69,13 @@ def rollout(
 ) -> Trace:
     """Drive a planner through cases until each has an outcome. Finished worlds leave the batch.
 
+    With several vehicles in a world, each of them is a world for its planner, and an episode of the trace.
+
     Args:
         driver: The driver of the planner.
         scenario: The scenario of the cases.
         cases: The cases.
+        others: The driver of the planner of all vehicles except the first one of each case, if it is another planner.
         replanning: The steps at which the planner gets an observation. If it returns several commands at once, its
             `plan_ahead` is called, and the commands are executed in open loop.
         keep_logs: True if the trace contains the logs of the planner.
@@ -89,9 +94,11 @@ def rollout(
     if driver.raw:
         scenario = scenario.without_tracker()
     world = scenario.worlds(cases)
-    guard = ForkGuard(f"planner {driver.name}")
-    with guard:
-        driver.reset(world.case)
+    vehicles = world.rules.vehicles
+    is_first = np.arange(len(world)) % vehicles == 0
+    teams = [_Team(driver, world, is_first | (others is None))]
+    if others is not None:
+        teams.append(_Team(others, world, ~is_first))
     builder = _TraceBuilder(world, scenario.post_step_rule is not None, bool(scenario.crowd.groups))
     shares = None if progress is None else _Shares(len(world), progress)
     start, rows = world, np.arange(len(world))
@@ -99,21 +106,25 @@ def rollout(
         if watch is not None:
             watch(world)
         crowd, world = _decide(world, scenario)
-        ahead = replanning.steps_executed(t)
+        ahead, acts = replanning.steps_executed(t), is_running(world)
         if ahead == 0:
-            future = limit_velocities(world, crowd) if driver.privileged else None
-            obs = observe(world, rows, future, {} if keep_logs else None)
             steps = replanning.steps_to_plan(t)
-            with guard:
-                commands = driver.decide(obs)[:, None] if steps == 1 else driver.decide_ahead(obs, steps)
-            builder.log(rows, t, obs.logs or {})
+            commands = np.zeros((len(world), steps, 2))
+            for team in teams:
+                chosen = acts & team.drives[rows]
+                logs: dict[str, np.ndarray] | None = {} if keep_logs and team.driver is driver else None
+                if chosen.any():
+                    commands[chosen] = team.decide(_rows_of(world, chosen), rows[chosen], crowd[chosen], steps, logs)
+                builder.log(rows[chosen], t, logs or {})
         after, check = step(world, commands[:, ahead], crowd, scenario.post_step_rule)
-        builder.add(rows, t, commands[:, ahead], after, check)
+        result = StepCheck(*(part[acts] for part in check))
+        builder.add(rows[acts], t, commands[acts, ahead], _rows_of(after, acts), result)
         running = check.outcome == Outcome.RUNNING
         if shares is not None:
             shares.add(rows, after, running)
-        if not running.all():
-            after, rows, commands = after.take(running), rows[running], commands[running]
+        stays = in_whole_worlds(running, vehicles)
+        if not stays.all():
+            after, rows, commands = after.take(stays), rows[stays], commands[stays]
         if not len(rows):
             break
         world = after
@@ -121,6 +132,45 @@ def rollout(
     if undisturbed and scenario.rules.visible:
         return dataclasses.replace(trace, undisturbed=_walk_alone(scenario, start, trace))
     return trace
+
+
+def _rows_of(world: World, chosen: Bool[np.ndarray, "running"]) -> World:
+    """Return rows of worlds, without a copy if all are chosen."""
+    return world if chosen.all() else world.take(chosen)
+
+
+class _Team:
+    """The vehicles that a planner drives.
+
+    Args:
+        driver: The driver of the planner.
+        world: The worlds at their start.
+        drives: True for the rows of its vehicles.
+    """
+
+    def __init__(self, driver: Driver, world: World, drives: Bool[np.ndarray, "world"]) -> None:
+        self.driver, self.drives = driver, drives
+        self._number = np.cumsum(drives) - 1
+        self._guard = ForkGuard(f"planner {driver.name}")
+        with self._guard:
+            driver.reset(world.case[drives])
+
+    def decide(
+        self, world: World, rows: Rows, crowd: Velocities, steps: int, logs: dict[str, np.ndarray] | None
+    ) -> Float[np.ndarray, "running time 2"]:
+        """Return the commands for the next steps of some of its vehicles.
+
+        Args:
+            world: Their rows of the worlds.
+            rows: The numbers of these rows at the start.
+            crowd: The pedestrians' velocities in m/s.
+            steps: Number of steps.
+            logs: Receives what the planner logs.
+        """
+        future = limit_velocities(world, crowd) if self.driver.privileged else None
+        obs = observe(world, self._number[rows], future, logs)
+        with self._guard:
+            return self.driver.decide(obs)[:, None] if steps == 1 else self.driver.decide_ahead(obs, steps)
 
 
 def _walk_alone(scenario: Scenario, world: World, trace: Trace) -> Float[np.ndarray, "world time pedestrian 2"]:
@@ -138,13 +188,14 @@ def _walk_alone(scenario: Scenario, world: World, trace: Trace) -> Float[np.ndar
     world = init_memories(world.replace(rules=dataclasses.replace(world.rules, visible=False)), scenario.policies)
     positions, rows = np.full(trace.position[:, :, 1:].shape, np.nan), np.arange(len(world))
     for t in range(scenario.rules.max_steps + 1):
-        same = trace.present[rows, t, 1:] & (world.person == trace.person[rows, t])
+        same = trace.present[rows, t, 1:] & (world.person == trace.person[rows, t]) & (trace.steps[rows, None] >= t)
         positions[rows, t] = np.where(same[..., None], world.position[:, 1:], np.nan)
         running = trace.steps[rows] > t
         if not running.any():
             break
-        if not running.all():
-            world, rows = world.take(running), rows[running]
+        stays = in_whole_worlds(running, world.rules.vehicles)
+        if not stays.all():
+            world, rows = world.take(stays), rows[stays]
         crowd, world = _decide(world, scenario)
         world = step_pedestrians(world, crowd, scenario.post_step_rule)
     return positions
@@ -179,7 +230,7 @@ class _Shares:
         seconds_left = norm(goals_on_way(after)[:, 0] - after.position[:, 0]) / after.preferred_speed[:, 0]
         expected = np.minimum(after.step + seconds_left / after.rules.dt, after.max_steps)
         share = np.where(running, np.maximum(after.step / expected, self.share[rows]), 1.0)
-        self.progress(float((share - self.share[rows]).sum()))
+        self.progress(float((share - self.share[rows]).sum()) / after.rules.vehicles)
         self.share[rows] = share
 
 
@@ -202,7 +253,7 @@ class _TraceBuilder:
     def __init__(self, start: World, changing: bool, grouped: bool) -> None:
         worlds, agents = start.radius.shape
         steps = start.rules.max_steps
-        self.start, self.changing = start, changing
+        self.start, self.changing = start, changing or start.rules.vehicles > 1
         self.steps, self.outcome = np.zeros((2, worlds), np.int64)
         self.logs: dict[str, np.ndarray] = {}
         states = {"position": (steps + 1, agents, 2), "velocity": (steps + 1, agents, 2), "heading": (steps + 1,)}
@@ -212,8 +263,8 @@ class _TraceBuilder:
             shapes |= {"perceived": (steps + 1, columns, 2), "age": (steps + 1, columns)}
         self.arrays = {name: np.full((worlds, *shape), np.nan) for name, shape in shapes.items()}
         people = {name: self._always(getattr(start, name)) for name in (*_OF_PEOPLE, *["group"] * grouped)}
-        self.arrays |= {name: array.copy() if changing else array for name, array in people.items()}
-        self.names_of_state = [*states, *(people if changing else [])]
+        self.arrays |= {name: array.copy() if self.changing else array for name, array in people.items()}
+        self.names_of_state = [*states, *(people if self.changing else [])]
         if "age" in self.arrays:
             self.arrays["age"][:] = np.inf
         if start.rules.sensor.detector is not None:
@@ -269,8 +320,9 @@ class _TraceBuilder:
                 # Curves are stored in float64; float32 is sufficient to draw points and lines.
                 dtype = np.dtype(np.float64 if len(shape) <= 3 else np.float32)
                 size = math.prod(shape) * dtype.itemsize + sum(log.nbytes for log in self.logs.values())
-                if size > LOG_MEMORY and shape[0] > 1:
-                    raise LogsTooLarge(max(1, int(shape[0] * LOG_MEMORY / size)))
+                cases = shape[0] // self.start.rules.vehicles
+                if size > LOG_MEMORY and cases > 1:
+                    raise LogsTooLarge(max(1, int(cases * LOG_MEMORY / size)))
                 self.logs[name] = np.full(shape, np.nan, dtype)
             if self.logs[name].shape != shape:
                 raise InputError(
@@ -285,10 +337,12 @@ class _TraceBuilder:
         arrays = self.arrays
         if self.changing:
             arrays |= {name: arrays[name][self._last_states()] for name in (*_OF_PEOPLE, "group") if name in arrays}
+            arrays["present"][:, :, 0] = self.start.present[:, :1]  # also of a vehicle that leaves as it arrives
         if "noticed" in arrays:
             arrays["noticed"] = arrays["noticed"][self._last_states()]
         for name in ("position", "velocity"):
             arrays[name][~arrays["present"]] = np.nan
+        vehicles = self.start.rules.vehicles
         return Trace(
             split=split,
             case=self.start.case,
@@ -300,6 +354,7 @@ class _TraceBuilder:
             obstacles=self.start.obstacles,
             rules=self.start.rules,
             block=block,
+            vehicle=np.arange(len(self.steps)) % vehicles if vehicles > 1 else None,
             logs=self.logs,
         )
 

@@ -50,6 +50,7 @@ class Run:
         scenario: The scenario of the cases.
         metrics: The metrics, by name.
         planner: The identity of the planner.
+        others: The driver and the identity of the planner of all vehicles but the first, if it is another one.
         isolation: Resource usage of an isolated planner, updated while it drives; None if it is not isolated.
         foresee: Called with the worlds before each step, for planners that measure the value of foresight.
         is_named: True if any process can load the same run from its specification, see `load_run`.
@@ -62,6 +63,7 @@ class Run:
     scenario: Scenario
     metrics: Mapping[str, Metric]
     planner: PlannerId
+    others: tuple[Driver, PlannerId] | None = None
     isolation: Mapping[str, Any] | None = None
     foresee: Callable[[World], None] | None = None
     is_named: bool = False
@@ -89,8 +91,9 @@ class Run:
             people = self.scenario.crowd.number[1]
             with open_recorder(self.spec.record, folder, self.spec.cases, people, self.header) as recorder:
                 for trace in self._traces(part, interrupts, progress):
-                    measured.append(self._measure(trace))
-                    recorder.add(trace, measured[-1])
+                    episodes = self._measure(trace)
+                    recorder.add(trace, episodes, first_only=self.others is not None)
+                    measured.append(episodes.of_first_vehicle() if self.others else episodes)
                     del trace  # two traces at a time would take twice the memory
             episodes = Episodes.join([each.without(self.failed) for each in measured])
             seconds = time.perf_counter() - start
@@ -119,7 +122,7 @@ class Run:
                 if name in METRICS:
                     raise
                 self.failed[name] = str(error)
-        return Episodes(trace.case, trace.outcome, trace.steps, columns, trace.block)
+        return Episodes(trace.case, trace.outcome, trace.steps, columns, trace.block, trace.vehicle)
 
     def _traces(self, cases: Cases, interrupts: Interrupts, progress: Progress | None) -> Iterator[Trace]:
         """Yield the traces of all cases, batch by batch. Batches are smaller if the planner's logs would take too much
@@ -134,6 +137,7 @@ class Run:
                         self.driver,
                         self.scenario,
                         Cases(cases.split, start, min(start + batch, cases.stop)),
+                        others=self.others[0] if self.others else None,
                         replanning=self.spec.replanning,
                         keep_logs=with_episodes,
                         undisturbed=need_undisturbed(self.metrics),
@@ -143,14 +147,14 @@ class Run:
             except LogsTooLarge as error:
                 batch, self.driver.seconds = error.fitting, seconds
                 continue
-            start += len(trace)
+            start += len(trace) // self.scenario.rules.vehicles
             yield trace
             del trace
 
     @property
     def label(self) -> str:
         """The planner's name with its settings, for display."""
-        return planner_label(self.driver.name, {**self.spec.options, **self.spec.replanning.settings})
+        return planner_label(self.driver.name, {**self.spec.options, **self.spec.replanning.settings, **self.spec.team})
 
     @property
     def header(self) -> dict[str, Any]:
@@ -169,7 +173,10 @@ class Run:
         """The identity of the run."""
         spec, scenario = self.spec, self.scenario
         # Only built-in planners without weights are known to return the same commands in batches of any size.
-        is_exact = not self.planner.facts and not self.planner.key and spec.planner in PLANNERS.built_in()
+        planners = {spec.planner: self.planner} | ({str(spec.others): self.others[1]} if self.others else {})
+        is_exact = all(
+            not planner.facts and not planner.key and name in PLANNERS.built_in() for name, planner in planners.items()
+        )
         return RunId(
             planner=self.planner,
             scenario=scenario.digest,
@@ -179,6 +186,7 @@ class Run:
             metrics={name: source_of(metric) for name, metric in self.metrics.items()},
             decision_limit=self.driver.decision_limit,
             code=code(),
+            others=self.others[1] if self.others else None,
         )
 
     @property
@@ -188,7 +196,7 @@ class Run:
         The last bits of such outputs depend on the number of cases in lock-step. A choice among actions by their values
         does not, unless two values are the same to seven digits.
         """
-        if not self.driver.facts:
+        if not self.driver.facts and not (self.others and self.others[0].facts):
             return True
         from crowdbench.planners.lookahead import ValuePlanner  # imports torch
 
@@ -227,5 +235,5 @@ def fit_batch(batch: int, scenario: Scenario) -> int:
     """Return the number of cases that run in lock-step: fewer than requested if their traces would take too much
     memory."""
     # Positions and velocities of every state, and the same amount for intermediate results of metrics.
-    size_of_case = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents
+    size_of_case = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents * scenario.rules.vehicles
     return max(1, min(batch, int(MEMORY / size_of_case)))

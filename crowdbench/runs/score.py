@@ -106,6 +106,8 @@ def replay_run(
         undisturbed = need_undisturbed(metrics)
         traces = stored_traces(run, lambda _: scenario, undisturbed=undisturbed, progress=progress)
         store, parts = COMMANDS, [Episodes.of(trace, metrics) for trace in traces]
+        if "others" in run.result["run"]:
+            parts = [part.of_first_vehicle() for part in parts]
     replayed = Episodes.join(parts)
     if not np.array_equal(replayed.case, run.episodes.case):
         raise InputError(f"{run.directory / store}: its cases differ from {EPISODES}; make the run again")
@@ -166,7 +168,9 @@ def _compare_recording(run: RunResult, replayed: Episodes) -> list[Difference]:
     from crowdbench.record.recorded_cases import recorded_outcomes
 
     recorded = recorded_outcomes(run.directory / RECORDING)
-    ends = dict(zip(replayed.case.tolist(), (Outcome(end).label for end in replayed.outcome.tolist()), strict=True))
+    labels = [Outcome(end).label for end in replayed.outcome.tolist()]
+    outcomes = list(zip(replayed.case.tolist(), labels, strict=True))
+    ends = dict(outcomes) | {case: end for case, end in outcomes if recorded.get(case) == end}
     names = [f"{run.cases.split}/{case}" for case in recorded]
     number = [run.result["recorded"]], [len(recorded)]
     return [

@@ -85,6 +85,8 @@ class RunSpec:
         isolated: True if the planner runs in a separate process.
         decision_limit: Seconds that the planner may take for a decision.
         data: The folder with recorded tracks.
+        others: The name or the file of the planner of all vehicles but the first, which alone is scored; None if
+            `planner` drives and is scored in all vehicles.
 
     Raises:
         InputError: `record` is not one of `defaults.RECORD`.
@@ -104,6 +106,7 @@ class RunSpec:
     isolated: bool = False
     decision_limit: float = DECISION_LIMIT
     data: Path | None = None
+    others: str | None = None
 
     def __post_init__(self) -> None:
         if self.record not in RECORD:
@@ -114,6 +117,11 @@ class RunSpec:
         """Changes of the scenario, as in results."""
         return {**self.overrides} | ({"pedestrians": self.pedestrians} if self.pedestrians else {})
 
+    @property
+    def team(self) -> dict[str, str]:
+        """The planner of the other vehicles, as in names; empty if `planner` drives all vehicles."""
+        return {} if self.others is None else {"others": self.others}
+
 
 def directory_name(planner: str, scenario: str, spec: RunSpec) -> str:
     """Return the name of a run's directory, such as `orca-circle_crossing_5-500`, from the loaded planner and
@@ -121,7 +129,7 @@ def directory_name(planner: str, scenario: str, spec: RunSpec) -> str:
     cases = spec.cases
     count = f"{cases.stop}" if cases.start == 0 else f"{cases.start}-{cases.stop}"
     parts = [planner, scenario, count if cases.split == "test" else f"{cases.split}-{count}"]
-    changes = {**spec.options, **spec.changes, **spec.replanning.settings}
+    changes = {**spec.options, **spec.changes, **spec.replanning.settings, **spec.team}
     parts += [f"{key}={value}" for key, value in changes.items()]
     # File systems allow 255 bytes, and the directory has a longer name while it is written.
     return re.sub(r"[^A-Za-z0-9_.=-]+", "_", "-".join(parts))[:200]

@@ -9,7 +9,7 @@ import numpy as np
 from crowdbench.core.types import Trace
 from crowdbench.envs.rewards import CheckedReward
 from crowdbench.envs.stepping import drive
-from crowdbench.metrics.registry import METRICS, Metric
+from crowdbench.metrics.registry import METRICS, OF_FLEETS, Metric
 from crowdbench.metrics.user_metrics import measure
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.replay import Playback
@@ -30,7 +30,7 @@ def trial_trace(scenario: Scenario, cases: Cases) -> Trace:
         InputError: A layout or a pedestrian policy fails. The message names the case.
     """
     first = next(cases.batches(1))
-    stand = Playback(np.zeros((1, scenario.rules.max_steps, 2)))
+    stand = Playback(np.zeros((scenario.rules.vehicles, scenario.rules.max_steps, 2)))
     return rollout(Driver(stand, "of the trial"), scenario, first)
 
 
@@ -57,7 +57,7 @@ def try_plugins(scenario: Scenario, cases: Cases, metrics: Mapping[str, Metric])
     Raises:
         InputError: A layout, a policy or a metric fails.
     """
-    of_user = {name: metric for name, metric in metrics.items() if name not in METRICS}
+    of_user = {name: metric for name, metric in metrics.items() if name not in METRICS | OF_FLEETS}
     if scenario.has_files or of_user:
         trace = trial_trace(scenario, cases)
         for name, metric in of_user.items():

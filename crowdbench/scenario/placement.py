@@ -47,6 +47,12 @@ class Placement:
     route: WayPoints | None = None
     obstacles: Polygons | None = None
 
+    def as_seen_by(self, vehicle: int) -> Placement:
+        """Return the placement with one of several vehicles as the first agent."""
+        order = np.append(vehicle, np.delete(np.arange(len(self.start)), vehicle))
+        route = None if self.route is None else self.route[order]
+        return dataclasses.replace(self, start=self.start[order], goal=self.goal[order], route=route)
+
 
 Layout = Callable[..., Placement]
 """A function `(rng, radius, preferred_speed, **options) -> Placement`.

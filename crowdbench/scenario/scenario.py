@@ -85,8 +85,8 @@ class Scenario:
 
     @property
     def max_agents(self) -> int:
-        """The largest number of agents: the vehicle and the pedestrians."""
-        return self.crowd.number[1] + 1
+        """The largest number of agents: the vehicles and the pedestrians."""
+        return self.crowd.number[1] + self.rules.vehicles
 
     def check_data(self, data: Path | None) -> None:
         """Refuse recorded tracks that the scenario does not need.
@@ -123,7 +123,7 @@ class Scenario:
             cases: Numbers of the cases.
 
         Returns:
-            A world per case, in the given order.
+            A world per case, in the given order; with several vehicles, a row for each of them.
 
         Raises:
             InputError: A layout has no room, raises, or returns an invalid placement, or a policy returns no memory.
@@ -134,6 +134,13 @@ class Scenario:
             for case, key in zip(cases.tolist(), keys, strict=True)
         ]
         starts = [self.starts.start(case, self.crowd, self.vehicle, self.rules) for case in drawn]
+        if (vehicles := self.rules.vehicles) > 1:
+            cases, keys = cases.repeat(vehicles), rng.vehicle_keys(keys, vehicles)
+            starts = [
+                start._replace(placement=start.placement.as_seen_by(vehicle))
+                for start in starts
+                for vehicle in range(vehicles)
+            ]
         placements, traits = [start.placement for start in starts], [start.traits for start in starts]
         agents = self.max_agents
         routes = [_NO_POINTS if placement.route is None else placement.route for placement in placements]
@@ -171,10 +178,10 @@ class Scenario:
         return init_memories(look(world), self.policies)
 
     def blocks(self, cases: Cases) -> Int[np.ndarray, "world"] | None:
-        """Return the block of recorded time of each case; None if no pedestrians are recorded: then
-        cases are independent."""
+        """Return the block of recorded time of each case, or the case of each vehicle; None if no pedestrians are
+        recorded and there is one vehicle: then episodes are independent."""
         if self.tracks is None:
-            return None
+            return cases.indices.repeat(self.rules.vehicles) if self.rules.vehicles > 1 else None
         return self.tracks.blocks(cases.split, cases.indices)
 
 

@@ -296,6 +296,7 @@ def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
     if isinstance(dynamics, Unicycle) and dynamics.max_angular_speed * spec.dt > math.pi:
         right = f"{math.pi / spec.dt:.6g} rad/s at most: the vehicle may turn by half a circle in a step"
         raise location.at("max_angular_speed").wrong(f"{dynamics.max_angular_speed:g}", right)
+    _check_fleet(spec, location.at("number"))
     recorded = [*pedestrians.policy, RECORDED].index(RECORDED)
     return Rules(
         dt=spec.dt,
@@ -311,7 +312,22 @@ def rules_of(spec: ScenarioSpec, file: Location) -> Rules:
         body=_body(vehicle, dynamics, location),
         sensor=sensor,
         walking=None if walking is None else WalkingLimits(**walking.complete(), exempt=recorded),
+        vehicles=vehicle.number or 1,
     )
+
+
+def _check_fleet(spec: ScenarioSpec, location: Location) -> None:
+    """Raise InputError if there are several vehicles beside a key that is defined for one vehicle only."""
+    given = spec.complete()
+    wrong = {
+        "collision": spec.collision != "swept",
+        "vehicle.length": spec.vehicle.length is not None,
+        **{name: bool(given.get(name)) for name in ("tracks", "crowdnav_cases")},
+        **{f"pedestrians.{name}": bool(given["pedestrians"].get(name)) for name in ("attention", "groups")},
+    }
+    for key in wrong if (spec.vehicle.number or 1) > 1 else ():
+        if wrong[key]:
+            raise location.wrong(str(spec.vehicle.number), f"1 with this {key}")
 
 
 def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:

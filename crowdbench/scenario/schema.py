@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_m
 from crowdbench.core.dynamics import DYNAMICS
 from crowdbench.core.types import COLLISION_RULES, Sensor
 from crowdbench.core.types.attention import Attention
-from crowdbench.core.types.rules import MAX_PEDESTRIANS
+from crowdbench.core.types.rules import MAX_PEDESTRIANS, MAX_VEHICLES
 from crowdbench.plugins.options import PLAIN, REQUIRED, Option, read_options
 from crowdbench.scenario.clear_space import ClearSpace
 from crowdbench.scenario.layouts import LAYOUTS
@@ -136,7 +136,8 @@ class VehicleSpec(DynamicsSpec):
 
     Radius, length and goal tolerance are in metres, the preferred speed in m/s. Without a length the vehicle is a disc.
     Without a goal tolerance it has arrived when its goal is nearer than its radius. `command_delay` and `lag` are in
-    seconds, see `crowdbench.core.dynamics.Actuation`.
+    seconds, see `crowdbench.core.dynamics.Actuation`. `number` is the number of vehicles,
+    None for 1, see `crowdbench.sim.fleet`.
     """
 
     visible: Flag = False
@@ -147,6 +148,7 @@ class VehicleSpec(DynamicsSpec):
     # None changes no digest of a scenario.
     command_delay: float | None = number(None, above=0.0, below=1e3)
     lag: float | None = number(None, above=0.0, below=1e3)
+    number: int | None = integer(None, least=1, most=MAX_VEHICLES)
 
 
 class PedestriansSpec(PoliciesSpec):

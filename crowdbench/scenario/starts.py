@@ -81,7 +81,9 @@ class LayoutStarts:
 
     def start(self, case: Case, crowd: Population, vehicle: VehicleSpec, rules: Rules) -> Start:
         """Draw the start of a case. Raises InputError if that is impossible."""
-        traits = crowd.draw(rng.generator(case.key, "crowd"))
+        more = rules.vehicles - 1  # other vehicles, which the layout places as it places pedestrians
+        traits = crowd.draw(rng.generator(case.key, "crowd"), more=more)
+        traits.radius[:more], traits.preferred_speed[:more] = vehicle.radius, vehicle.preferred_speed
         leader, group = np.arange(len(traits.radius)), np.full(len(traits.radius), -1)
         if crowd.groups:
             leader = draw_groups(rng.generator(case.key, "groups"), crowd.groups, len(leader))
@@ -89,6 +91,7 @@ class LayoutStarts:
         radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
         speed = np.append(vehicle.preferred_speed, traits.preferred_speed)
         stands, stream = crowd.stands[traits.policy], rng.generator(case.key, "places")
+        stands[:more] = False
         if self.uses_crowdnav_seed(case):
             stream = np.random.Generator(seed_legacy(CROWDNAV_TEST_SEED + case.number))
 
@@ -116,7 +119,8 @@ class LayoutStarts:
                 except InputError as error:
                     moved = "the layout placed its group; members stand side by side around that place"
                     raise InputError(f"{error} ({moved})" if crowd.groups else str(error)) from None
-                if space is None or _is_clear(space, placement, walking_speed, apart, rules.body):
+                views = [placement.as_seen_by(k) for k in range(more + 1)] if more else [placement]
+                if space is None or all(_is_clear(space, view, walking_speed, apart, rules.body) for view in views):
                     return Start(traits, placement, group)
             raise InputError(f"somebody is in the clear_space in all {TRIES} placements: make it smaller, or the crowd")
 

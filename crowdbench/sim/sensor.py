@@ -63,6 +63,11 @@ def observe(
         logs=logs,
         lidar=None if sensor.lidar is None else scan(world, sensor.lidar)[:, 0],
     )
+    if rules.vehicles > 1 and sensor.detector is None:
+        marks = np.zeros_like(everything.pedestrians.seen)
+        marks[:, : rules.vehicles - 1] = True
+        marked = dataclasses.replace(everything.pedestrians, is_vehicle=marks)
+        everything = dataclasses.replace(everything, pedestrians=marked)
     return with_nearest(everything, sensor.nearest)
 
 

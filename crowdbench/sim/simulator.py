@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from crowdbench.core.dynamics import DISC, hull
 from crowdbench.core.dynamics.kernels import HOLONOMIC, Motion, drive, limit_change, limit_speed
 from crowdbench.core.types import Outcome, RuleNumbers, Rules, World
+from crowdbench.sim import fleet
 from crowdbench.sim.attention import AttentionState, adapted_view, init_attention, update_attention
 from crowdbench.sim.episode import StepCheck, check_disc, check_step
 from crowdbench.sim.intention import IntentionState, init_intentions, update_intentions
@@ -59,6 +60,13 @@ def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> t
     Raises:
         InputError: A policy raises an exception, or does not return a finite velocity per pedestrian or a memory.
     """
+    if world.rules.vehicles > 1:
+        return fleet.spread_decisions(world, *_decide(fleet.first_rows(world), policies))
+    return _decide(world, policies)
+
+
+def _decide(world: World, policies: Mapping[str, PedestrianPolicy]) -> tuple[Velocities, World]:
+    """Return `crowd_decisions`, with a row for each world."""
     intending = world
     if world.rules.intentions:
         intending, intentions = update_intentions(world, IntentionState(**world.memory[INTENTION]))
@@ -146,7 +154,7 @@ def _policy_view(world: World) -> World:
 
 def _without_vehicle(world: World) -> World:
     present = world.present.copy()
-    present[:, 0] = False
+    present[:, : world.rules.vehicles] = False
     return world.replace(present=present)
 
 
@@ -223,7 +231,12 @@ def step(
 def move(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[World, StepCheck]:
     """Compute the first part of a step: motion, and check of the outcome; see `step`."""
     command, actuation = world.rules.actuation.execute(world.actuation, command, world.rules.dt)
-    after, check = advance(world, command, crowd)
+    if world.rules.vehicles > 1:
+        after, check = advance(fleet.without_other_vehicles(world), command, crowd)
+        hits = fleet.join_vehicles(world, after) & world.rules.collision_ends & (check.outcome != Outcome.TIMEOUT)
+        check = check._replace(outcome=np.where(hits, Outcome.COLLISION, check.outcome))
+    else:
+        after, check = advance(world, command, crowd)
     routes, sizes = (world.goal, world.route, world.waypoint), (world.radius, world.obstacles, world.present)
     route, waypoint = follow_routes(after.position, *routes, *sizes)
     return world.replace(**after._asdict(), route=route, waypoint=waypoint, actuation=actuation), check
@@ -236,7 +249,18 @@ def finish_step(after: World, check: StepCheck, post_step_rule: PostStepRule | N
         after: The worlds after the first part.
         post_step_rule: Applied to the worlds that are still running, if given.
     """
-    return look(after if post_step_rule is None else post_step_rule(after, check.outcome == Outcome.RUNNING))
+    if after.rules.vehicles > 1:
+        after = fleet.end_episodes(after, check.outcome)
+    return look(_apply(post_step_rule, after, check.outcome == Outcome.RUNNING))
+
+
+def _apply(rule: PostStepRule | None, world: World, running: Bool[np.ndarray, "world"]) -> World:
+    """Apply the post-step rule, if there is one."""
+    if rule is None or world.rules.vehicles == 1:
+        return world if rule is None else rule(world, running)
+    first = fleet.hold_vehicles(fleet.first_rows(world))
+    after = rule(first, fleet.in_whole_worlds(running, world.rules.vehicles)[:: world.rules.vehicles])
+    return world if after is first else fleet.with_pedestrians_of(world, after)
 
 
 def step_pedestrians(world: World, crowd: Velocities, post_step_rule: PostStepRule | None) -> World:
@@ -251,7 +275,7 @@ def step_pedestrians(world: World, crowd: Velocities, post_step_rule: PostStepRu
         The worlds after it.
     """
     after, _ = move(world, np.zeros((len(world), 2)), crowd)
-    return after if post_step_rule is None else post_step_rule(after, np.ones(len(after), bool))
+    return _apply(post_step_rule, after, np.ones(len(after), bool))
 
 
 def limit_velocities(world: World, crowd: Velocities) -> Velocities:

@@ -17,9 +17,10 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from crowdbench.core.types import Observation, World
+from crowdbench.sim.fleet import ego_order
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells, nearest_of_all
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
@@ -76,7 +77,7 @@ def states_of(world: World) -> tuple[np.ndarray, ...]:
     bounded, seen = with_bounding_disc(world), world.present
     if not world.rules.visible:
         seen = seen.copy()
-        seen[:, 0] = False
+        seen[:, : world.rules.vehicles] = False
     goals_and_speed = goals_on_way(world), world.preferred_speed
     return bounded.position, world.velocity, bounded.radius, *goals_and_speed, world.present, seen
 
@@ -91,10 +92,11 @@ def ego_views(world: World) -> World:
     """
     agents = world.radius.shape[1]
     row = np.repeat(np.arange(len(world)), agents)[:, None]
-    agent = np.tile(_ego_order(agents), (len(world), 1))
+    agent = np.tile(ego_order(agents), (len(world), 1))
     worlds = world.take(row[:, 0])
     present = world.present[row, agent]
-    present[:, 1:2] &= (agent[:, :1] == 0) | world.rules.visible  # a slice, because there may be no other agent
+    vehicles = world.rules.vehicles
+    present[:, 1 : vehicles + 1] &= (agent[:, :1] < vehicles) | world.rules.visible
     ordered = {name: getattr(world, name)[row, agent] for name in _OF_AGENTS}
     return worlds.replace(present=present, rules=world.rules.with_perfect_sensor, sight={}, **ordered)
 
@@ -115,13 +117,7 @@ def with_own_motion(views: World, world: World, past: Float[np.ndarray, "1 time 
     if past is None:
         return views
     everybody = np.concatenate([past[:, :, None], world.history], axis=2)[0]
-    return views.replace(history=everybody[:, _ego_order(world.radius.shape[1])[:, 1:]].swapaxes(0, 1))
-
-
-def _ego_order(agents: int) -> Int[np.ndarray, "observer agent"]:
-    """Return for each agent the agents as it observes them: itself, and the others in their order."""
-    order = np.arange(agents)
-    return np.where(order[None] == 0, order[:, None], order - (order[None] <= order[:, None]))
+    return views.replace(history=everybody[:, ego_order(world.radius.shape[1])[:, 1:]].swapaxes(0, 1))
 
 
 @no_type_check

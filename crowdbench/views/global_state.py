@@ -18,6 +18,7 @@ from jaxtyping import Float
 from crowdbench.core.geometry import wrap_angle
 from crowdbench.core.types import World
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.fleet import ego_order
 from crowdbench.views.view import largest_radius, largest_speed, position_bound
 
 Numbers = Float[np.ndarray, "features"]
@@ -35,7 +36,9 @@ def global_state(world: World) -> Float[np.ndarray, "world features"]:
     """Return the state of each world."""
     velocity = world.velocity
     heading = np.arctan2(velocity[..., 1], velocity[..., 0])
-    heading[:, 0] = wrap_angle(world.heading)
+    vehicles = world.rules.vehicles
+    faces = wrap_angle(world.heading).reshape(-1, vehicles)
+    heading[:, :vehicles] = faces[:, ego_order(vehicles)].reshape(-1, vehicles)
     numbers = world.radius, world.goal, world.preferred_speed, heading, world.present
     columns = [np.reshape(part, (*world.radius.shape, -1)) for part in (world.position, velocity, *numbers)]
     state = np.where(world.present[..., None], np.concatenate(columns, axis=2), 0.0)

@@ -21,9 +21,9 @@
   const scenes = {}, waiting = {}, pressed = new Set();
 
   let scene, number = 0, phase = "demo", time = 0, shown = SHOWN, width = 0, colors = {}, last = 0, request = 0, isVisible = true;
-  let commands = [], states = [], guest = null, pointer = null, picked = "", announced = "", seen = { key: "", points: [] };
+  let commands = [], states = [], guest = null, pointer = null, picked = "", watched = [], announced = "", seen = { key: "", points: [] };
 
-  // Cases and links: #val/3, #val/3/COMMANDS of an attempt, #day.
+  // Cases and links: #val/3, #val/3/COMMANDS of an attempt, #val/3:mppi,orca with planners to watch, #day.
 
   cross.take = data => { scenes[data.case] = prepare(cross.open(data)); };
 
@@ -47,14 +47,15 @@
   }
 
   function follow() {
-    const [, which, attempt] = location.hash.match(/^#val\/(\d+)(?:\/([\w-]+))?$/) ?? [];
+    const [, which, names, attempt] = location.hash.match(/^#val\/(\d+)(?::([\w,]+))?(?:\/([\w-]+))?$/) ?? [];
+    watched = names?.split(",") ?? [];
     if (which !== undefined && +which < CASES) return show(+which, attempt);
     if (location.hash && location.hash !== "#day") return scene ?? show(about.first); // a heading of the page
     return show(location.hash ? today() : about.first);
   }
 
   const link = () => `#${scene.case}${states.length > 1 && phase === "over" ? `/${cross.encode(commands)}` : ""}`;
-  const go = which => { history.replaceState(null, "", `#val/${which}`); show(which); };
+  const go = which => { watched = []; history.replaceState(null, "", `#val/${which}`); show(which); };
 
   // Lanes: the path of a planner, of the reader, or of the attempt in a link. A contact ends it within its last step.
 
@@ -200,12 +201,13 @@
     const isMeasured = sensing.checked, vehicle = here ?? (guest ? between(guest.at, Math.min(moment, guest.end)) : null);
     people(moment, scale, ratio, isMeasured && vehicle ? (phase === "over" ? 0.22 : 0) : 1);
     if (isMeasured && vehicle) measurements(moment, scale, ratio);
-    for (const planner of scene.planners) ghost(planner, moment, scale, ratio, planner.name === picked ? 1 : 0.3);
+    for (const planner of scene.planners) ghost(planner, moment, scale, ratio, isWatched(planner) ? 1 : watched.length ? 0.15 : 0.3);
     if (guest) ghost(guest, moment, scale, ratio, 0.85);
     if (you) reader(you, here, moment, scale, ratio);
     if (phase === "ready") words("Ready", [0, 0], 34 * ratio, colors.ink);
   }
 
+  const isWatched = planner => planner.name === picked || watched.includes(planner.name);
   const disc = (at, radius) => { const [x, y] = pixel(at); pen.beginPath(); pen.arc(x, y, radius, 0, 2 * Math.PI); };
 
   function words(text, at, size, color, lift = 0) {
@@ -274,7 +276,7 @@
       pen.stroke();
     }
     pen.globalAlpha = 1;
-    const isNamed = planner.name === picked || planner === guest || (isNew && phase !== "drive" && phase !== "ready");
+    const isNamed = isWatched(planner) || planner === guest || (isNew && !watched.length && phase !== "drive" && phase !== "ready");
     if (isNamed) words(planner.name, at, 12 * ratio, planner.outcome === "collision" && isOver ? colors.contact : colors.ink, size + 9 * ratio);
   }
 
@@ -376,6 +378,7 @@
     find("case").textContent = `Case ${scene.case}`;
     find("lead").textContent = guest
       ? `Somebody ${guest.outcome === "success" ? `crossed this crowd in ${seconds(guest.steps * scene.dt)}` : guest.outcome === "collision" ? `was stopped by this crowd after ${seconds(guest.steps * scene.dt)}` : "ran out of time in this crowd"}. Can you do better?`
+      : watched.length ? `Watch ${watched.join(" and ")} in this crowd, or drive yourself. ${collided()} of ${scene.planners.length} planners collide here.`
       : `Twenty people cross this circle, and none of them sees the robot. Bring it to the star. ${collided()} of ${scene.planners.length} planners collide here.`;
     canvas.setAttribute("aria-label", `Top view of case ${scene.case}: the vehicle, ${scene.people.length} pedestrians and ${scene.planners.length} planners. Drive with the arrow keys.`);
   }
@@ -469,6 +472,17 @@
   for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { pointer = null; });
   list.addEventListener("pointerover", event => { picked = event.target.closest("li")?.dataset.name ?? ""; wake(); });
   list.addEventListener("pointerleave", () => { picked = ""; wake(); });
+
+  // A picture of the demonstration for docs/cross_film.py.
+  cross.pose = moment => {
+    enter("demo");
+    time = moment;
+    draw();
+    const hit = scene.planners.filter(each => each.outcome === "collision" && moment >= each.end).length, ratio = width / canvas.clientWidth;
+    words(`${hit} of ${scene.planners.length} planners collided`, [0, -shown], 17 * ratio, colors.ink, 20 * ratio);
+    return canvas.toDataURL();
+  };
+  cross.isOpen = () => Boolean(scene);
 
   new ResizeObserver(resize).observe(canvas);
   new MutationObserver(paint).observe(document.body, { attributes: true, attributeFilter: ["data-md-color-scheme"] });

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from crowdbench.results import EPISODES, check_result
 from crowdbench.runs import Progress, Run, RunSpec, identify, make_each, make_run
 from crowdbench.utils import hold_lock
 from crowdbench_leaderboards.board import Board
-from crowdbench_leaderboards.planner_files import PLANNER, locate_named_files
+from crowdbench_leaderboards.planner_files import PLANNER, Files, locate_named_files, named_externals
 from crowdbench_leaderboards.season import SEASON
 
 LIMITS = ResourceLimits(total=7200.0)
@@ -39,11 +39,18 @@ class EntryPlanner:
         folder: The folder of the entry.
         planner: Name or file of the planner, as for `crowdbench run --planner`; a file is relative to the folder.
         options: The planner's options; files are relative to the folder.
+        external: The files outside of the entry that options name.
     """
 
     folder: Path
     planner: str
     options: Mapping[str, Any]
+    external: Files = field(default_factory=dict)
+
+    @property
+    def located(self) -> tuple[str, dict[str, Any]]:
+        """The planner and its options with the full paths of files."""
+        return tuple(locate_named_files(each, self.folder, self.external) for each in (self.planner, self.options))
 
     @contextlib.contextmanager
     def start(self, scenario: Scenario, cores: Sequence[int] | None = None) -> Iterator[IsolatedPlanner]:
@@ -53,11 +60,12 @@ class EntryPlanner:
             scenario: The scenario that it drives.
             cores: The processors that it may use; by default all of this process.
         """
+        named = [self.external[name] for name in named_externals(self.options) if name in self.external]
+        cards = [path.with_suffix(".json") for path in named]
         isolated = IsolatedPlanner(
-            locate_named_files(self.planner, self.folder),
-            locate_named_files(self.options, self.folder),
+            *self.located,
             LIMITS,
-            readable=filter(Path.exists, [self.folder / PLANNER]),
+            readable=filter(Path.exists, [self.folder / PLANNER, *named, *cards]),
             folder=Path("/"),  # files that the entry lacks must be missing
             hidden=[path for path in self.folder.resolve().parents if (path / SEASON).exists()],
             scene=scenario.tracks.scene if scenario.tracks else None,
@@ -125,7 +133,7 @@ def _drive(
         replanning=board.replanning,
         record="commands",
     )
-    located, located_options = (locate_named_files(value, planner.folder) for value in (planner.planner, options))
+    located, located_options = planner.located
     with planner.start(scenario) as isolated:
         driver = Driver(isolated, isolated.name)
         run = Run(spec, driver, scenario, board.metrics, identify(located, located_options, driver, options))

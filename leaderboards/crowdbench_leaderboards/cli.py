@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import typer
 from crowdbench import InputError
 from crowdbench.cli import (
     ThreadsOption,
+    WorkersOption,
     announce_compilation,
     assignments,
     exit_on_interrupt,
@@ -25,6 +27,8 @@ from crowdbench.isolation import one_line
 from crowdbench.utils import command
 
 if TYPE_CHECKING:
+    from crowdbench import Episodes
+    from crowdbench_leaderboards.board import Board
     from crowdbench_leaderboards.entry import Entry
     from crowdbench_leaderboards.verdict import Verification
 
@@ -50,7 +54,7 @@ def submit(
     Args:
         planner: Name of a planner, or a file of your own: ./mine.py, ./mine.py:factory or policy.onnx.
         board: The name of a board: one in the folder of boards, or one that ships.
-        card: Card that describes the planner. Its first author is the submitter of the entry.
+        card: Card that describes the planner. Its `account` is the account that enters it.
         name: The name of the entry.
         network: Another network of the same method: key=value, such as weights=b.safetensors. Repeatable.
         root: The folder of boards and entries.
@@ -61,7 +65,6 @@ def submit(
     from crowdbench import PLANNERS
     from crowdbench.plugins import file_and_function, plugin_name, program
     from crowdbench_leaderboards.board import find_board
-    from crowdbench_leaderboards.entry import MAINTAINERS, fold, read_card
     from crowdbench_leaderboards.submission import Submission, rehearse
     from crowdbench_leaderboards.submission import submit as submit_planner
 
@@ -73,13 +76,8 @@ def submit(
     if not is_file and program(planner) is None:
         PLANNERS.find(planner)
     card = card or Path(planner).parent / "card.toml"
-    submitter = read_card(card).authors[0]
-    if fold(submitter) == MAINTAINERS:
-        raise InputError(f"{submitter} submits the planners that ship, by crowdbench_leaderboards.fill: give your name")
     networks = [assignments([text], "--network") for text in network or []]
-    submission = Submission(
-        rules, plugin_name(planner) if name is None else name, planner, options, networks, card, submitter
-    )
+    submission = Submission(rules, plugin_name(planner) if name is None else name, planner, options, networks, card)
     submission.check(root)
     announce_compilation()
     if is_file:
@@ -93,16 +91,16 @@ def submit(
     message = f"finished batches are kept in {work}, with which the same command goes on"
     with exit_on_interrupt(message), progress(cases, f"of {cases} public cases") as update:
         entry, failures = submit_planner(submission, root, work, update)
-    _say_entry(entry, failures, rules.spec.public_cases, root, data)
+    _say_entry(entry, failures, rules, root, data)
 
 
-def _say_entry(entry: Entry, failures: Mapping[str, str], cases: int, root: Path, data: Path | None) -> None:
+def _say_entry(entry: Entry, failures: Mapping[str, str], board: Board, root: Path, data: Path | None) -> None:
     """Print what an entry reports, the season in which it is verified, and the next commands.
 
     Args:
         entry: The entry that was made.
         failures: The error of each scenario that cannot be driven.
-        cases: The public cases of each scenario.
+        board: Its board.
         root: The folder of boards.
         data: The folder with recorded tracks, if the board needs it.
     """
@@ -110,14 +108,22 @@ def _say_entry(entry: Entry, failures: Mapping[str, str], cases: int, root: Path
         say(f"{scenario}: counts 0, because it cannot be driven: {reason}")
     if entry.spec.privileged:
         say("the planner is privileged: it is shown, and has no rank")
-    for scenario, metrics in entry.spec.reported.items():
-        say(f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.1f} % in {cases} cases")
+    from crowdbench_leaderboards.entry import PUBLIC
+    from crowdbench_leaderboards.episode_table import read_table
+
+    for scenario, episodes in read_table(entry.directory / PUBLIC, board, board.public_cases).items():
+        say(f"{scenario}: {_means(episodes)} in {len(episodes)} public cases")
     given = [] if data is None else ["--data", data]
     say(
         f"made {entry.directory}. {_describe_season(entry.spec.board, root)} Next:\n"
         f"  {command('verify', entry.directory, *given)}   re-runs it on held-out cases\n"
         "  then open a pull request with this folder: see docs/boards.md"
     )
+
+
+def _means(episodes: Episodes) -> str:
+    score, success = (float(episodes.columns[name].mean()) for name in ("score", "success_rate"))
+    return f"score {score:.3f}, success {100 * success:.1f} %"
 
 
 def _describe_season(board: str, root: Path) -> str:
@@ -157,33 +163,38 @@ def verify(
     key: Path | None = None,
     cases: Annotated[int | None, typer.Option(min=1)] = None,
     data: Path | None = None,
+    file: list[Path] | None = None,
     work: Path = WORK,
+    workers: WorkersOption = None,
     threads: ThreadsOption = None,
     as_json: bool = False,
 ) -> None:
-    """Verify an entry: replay its public cases, then run its planner, isolated, on held-out cases.
+    """Verify an entry: replay its public cases, then drive held-out cases, isolated and one at a time.
 
     Args:
         entry: The folder of an entry.
         season: Drive the cases of the season, and record and sign the verdict.
         key: For --season, the private key of a maintainer, made by ssh-keygen.
         cases: Number of cases, if fewer than the board has; not with --season.
+        file: A file that the entry names by its sha256, such as the weights of others. Repeatable.
         work: Folder that keeps finished runs until an entry or a verdict is made.
+        workers: Number of scenarios that are driven at once, each on a core of its own.
     """
     use_threads(threads)
     from crowdbench import Cases
+    from crowdbench.utils import open_executor
     from crowdbench_leaderboards.board import FILE, find_board, read_board
     from crowdbench_leaderboards.entry import read_entry
+    from crowdbench_leaderboards.planner_files import external_files
     from crowdbench_leaderboards.season import read_season
     from crowdbench_leaderboards.verdict import Verdict
-    from crowdbench_leaderboards.verification import count_cases, verify_in_season
-    from crowdbench_leaderboards.verification import verify as verify_entry
+    from crowdbench_leaderboards.verification import Verifier
 
     if season and cases:
         raise InputError("--cases does not go with --season: the board defines the cases of a season")
     if season != (key is not None):
         raise InputError("--season and --key go together: a verdict of a season is signed by a maintainer")
-    entry = entry.resolve()
+    entry, work = entry.resolve(), work.absolute()
     submitted = read_entry(entry)
     if work.resolve().is_relative_to(entry):
         raise InputError(f"--work {work} lies in the entry: give another folder")
@@ -193,49 +204,49 @@ def verify(
     if cases and cases > len(board.cases):
         raise InputError(f"--cases is {cases}, but the board {board.name} has {len(board.cases)} cases")
     announce_compilation()
-    driven = Cases("test", 0, cases) if cases else board.cases
-    total, message = count_cases(submitted, board, driven), "nothing is kept"
+    driven, message = Cases("test", 0, cases) if cases else board.cases, "nothing is kept"
     if key:
-        message = f"finished batches are kept in {work}, with which the same command goes on"
+        message = f"finished cases are kept in {work}, with which the same command goes on"
     else:
         say(
             "public cases are replayed, and others driven that are drawn now; nothing of this is kept: what a board "
             "shows is verified in its season"
         )
-    with exit_on_interrupt(message), progress(total) as update:
+    setting = Verifier(board, folder.parent, work, external_files(file or []))
+    with (
+        exit_on_interrupt(message),
+        progress(setting.count_cases(submitted, driven)) as update,
+        open_executor(None, workers, 1) as executor,
+    ):
+        setting = dataclasses.replace(setting, executor=executor, progress=update)
+        episodes: dict[str, Episodes] = {}
         if key:
-            verification = verify_in_season(submitted, board, work, read_season(folder.parent), key, update)
+            verification = setting.verify_in_season(submitted, read_season(folder.parent), key)
         else:
-            verification = verify_entry(submitted, board, work, driven, update)
+            verification, episodes = setting.verify(submitted, driven)
     if as_json:
         print(json.dumps(verification.model_dump(mode="json"), indent=2))
     else:
-        _print_verification(submitted, board.name, verification)
+        _print_verification(submitted, verification, episodes)
     if verification.verdict != Verdict.RERUN:
         raise typer.Exit(1)
 
 
-def _print_verification(entry: Entry, board: str, verification: Verification) -> None:
+def _print_verification(entry: Entry, verification: Verification, episodes: Mapping[str, Episodes]) -> None:
     from crowdbench_leaderboards.verdict import Verdict
 
-    where = f" on seed {verification.seed}" if verification.figures else ""
     passes = verification.verdict == Verdict.RERUN
     verdict = f"passes, {verification.verdict}" if passes else verification.verdict
-    print(f"{entry.name} on {board}: {verdict}{where}: {one_line(verification.reason)}")
-    for scenario, metrics in verification.figures.items():
-        measured = metrics["success_rate"].mean or 0.0
-        reported = entry.spec.reported.get(scenario, {}).get("success_rate") or 0.0
-        print(f"{scenario}: success {100 * measured:.2f} %, reported {100 * reported:.2f} %")
-    if passes:
-        print("Where it is lower than reported, chance explains it.")
+    print(
+        f"{entry.name} on {verification.board}: {verdict} on seed {verification.seed}: {one_line(verification.reason)}"
+    )
+    for scenario, own in episodes.items():
+        print(f"{scenario}: {_means(own)} in {len(own)} held-out cases")
     if speed := verification.decision_time:
         print(
-            f"decisions in one world on one core: 99th percentile {speed.p99_ms:.1f} ms here, "
-            f"{speed.calibrated_p99_ms:.1f} ms on the machine of reference, "
-            f"{'real-time' if speed.is_real_time else 'slower than real time'}"
+            f"decisions in one world on one core: 99th percentile {speed.p99_ms:.1f} ms, {100 * speed.in_time:.1f} % "
+            f"below the time step: {'real-time' if speed.is_real_time else 'slower than real time'}"
         )
-    if verification.untimed:
-        print(verification.untimed)
     if entry.spec.privileged:
         print("The planner is privileged: it is shown, and has no rank.")
     print("Verification does not detect privileged information in training.")

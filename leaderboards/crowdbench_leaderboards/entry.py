@@ -1,9 +1,11 @@
-"""An entry of a board: the files of one planner, its card, and its runs on the public cases.
+"""An entry of a board: one folder with the files of a planner, its card, and its runs.
 
-entries/<name>/entry.json          an `EntrySpec`, with the sha256 of all other files
-entries/<name>/card.toml           a `CardSpec`, written by the authors
-entries/<name>/planner/            the planner's files, unless it is built in or an installed package
-entries/<name>/public/<scenario>/  episodes and commands of the public cases of a scenario
+entries/<name>/entry.json       an `EntrySpec`, at most `MOST_LINES` lines
+entries/<name>/card.toml        a `CardSpec`, written by the authors
+entries/<name>/planner/         the planner's files, unless it is built in or an installed package
+entries/<name>/public.parquet   the episodes and commands of the public cases
+entries/<name>/season.parquet   the episodes of the ranked cases of the last season, see `verdict`
+entries/<name>/verdict.json     the verdict of that season
 """
 
 from __future__ import annotations
@@ -18,9 +20,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from crowdbench import PLANNERS, InputError
+from crowdbench import InputError
 from crowdbench.plugins import CARD
-from crowdbench.results import COMMANDS, EPISODES
 from crowdbench.utils import (
     Flag,
     Location,
@@ -38,64 +39,68 @@ from crowdbench.utils import (
 )
 from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.planner_files import (
-    PLANNER,
+    FILE_NAME,
     check_files,
     check_named_files,
     contents,
     package,
-    package_files,
+    package_digest,
 )
 
 ENTRIES = "entries"
-ENTRY = "entry.json"
-PUBLIC = "public"
+ENTRY, PUBLIC, SEASON_TABLE, VERDICT = "entry.json", "public.parquet", "season.parquet", "verdict.json"
 
 NAMES = re.compile("[a-z0-9][a-z0-9_]{1,49}")
 """The pattern of an entry's name, which is the name of a folder and a part of URLs."""
 
 NAMING = "its name must be 2 to 50 lower-case letters, digits and underscores"
 
-_FILES = re.compile(
-    rf"{re.escape(CARD)}|{PLANNER}(/[A-Za-z0-9_][A-Za-z0-9_.+-]*)+|{PUBLIC}/\w+/({re.escape(EPISODES)}|{re.escape(COMMANDS)})"
-)
-"""The files that an entry may have."""
+TITLE = r"[A-Za-z0-9][A-Za-z0-9 .,:+()/'_-]{0,59}"
+"""The pattern of a title: plain text, which looks like no other text."""
 
-SUBMITTER = r"^[A-Za-z0-9][A-Za-z0-9_ .'\-]{0,99}$"
-"""The pattern of a submitter's name: ASCII, so that no two names look alike. Case and signs distinguish no names."""
+ACCOUNT = r"([a-z0-9](-?[a-z0-9]){0,38})?"
+"""The pattern of a login of the forge in lower case; empty for a planner that ships."""
 
-MAINTAINERS = "crowdbench"
-"""The submitter of the planners that ship with crowdbench. The number of its ranked entries is not limited."""
+MOST_LINES, MOST_BYTES, MOST_NETWORKS = 40, 20_000, 12
+"""Lines and bytes of `entry.json`, and other networks of a method, at most."""
 
-SHIPPED = f"{MAINTAINERS}=="
+SHIPPED = "crowdbench=="
 """The beginning of the distribution of a planner that ships."""
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the format of `entry.json`."""
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Texts = Annotated[list[Text], Field(description="a list of texts in quotes")]
-Means = dict[str, dict[str, float | None]]
-"""Means over the cases, by scenario and metric."""
+Title = Annotated[str, Field(pattern=f"^{TITLE}$", description="a text of up to 60 letters of ASCII, digits and signs")]
+Account = Annotated[
+    str, Field(pattern=f"^{ACCOUNT}$", description="the login of an account of the forge, in lower case")
+]
 
 
 class CardSpec(TomlTable):
     """The contents of `card.toml`: declarations of the authors.
 
-    `method` is the same for all entries of one method. `crowd_model` is the model of pedestrians inside the planner,
-    such as "ORCA", or "none". `validation_runs` is the number of variants that were compared on validation cases.
-    `account` is the GitHub account whose pull requests may change the entry. `planning` is true if the planner compares
-    or optimises sequences of commands over several steps.
+    `account` is the login of the account whose pull requests may change the entry; only planners that ship have none.
+    `ranked` is true if the entry is one of the two of its account that rank. `method` is the same for all entries of
+    one method. `crowd_model` is the model of pedestrians inside the planner, such as "ORCA", or "none".
+    `validation_runs` is the number of variants that were compared on validation cases. `planning` is true if the
+    planner compares or optimises sequences of commands over several steps. `commit` and `weights_sha256` name the
+    source of a planner of others that the maintainers have entered.
     """
 
-    title: Name
+    title: Title
     authors: Names
     contact: Name
-    account: Text = ""
+    account: Account = ""
+    ranked: Flag = True
     method: Name
     licence: Name
     description: Name
     paper: Text = ""
     code: Text = ""
+    commit: Text = ""
+    weights_sha256: Text = ""
     training_data: Texts
     training_scenarios: Texts
     privileged_training: Flag
@@ -119,35 +124,31 @@ class EntrySpec(Record):
         format: Version of the format, `SCHEMA`.
         board: Name of the board.
         board_digest: Digest of the board, see `crowdbench_leaderboards.board.Board.digest`.
-        submitted_by: The submitter.
         planner: Name or file of the planner, as for `crowdbench run --planner`; a file is relative to the entry.
-        package: For a planner that is not a file: the distribution with its version, such as `crowdbench==0.1.0`.
-        package_files: For a planner of another distribution than crowdbench, the sha256 of its Python files, by path.
-        facts: The facts that the planner states in each scenario, such as the digest of its weights.
         options: The planner's options; files are relative to the entry.
         networks: The options in which other networks of the same method differ. They are trained with other seeds.
+        package: For a planner that is not a file: the distribution with its version, such as `crowdbench==0.1.0`.
+        package_digest: For a planner of another distribution than crowdbench, the sha256 of its Python files.
+        facts: The facts that the planner states in each scenario, such as the digest of its weights.
         privileged: True if the planner uses information that no sensor of a vehicle could measure.
         raw: True if the planner has a tracker of its own behind the detector of the board.
         environment: Versions of packages, and the machine, of the run on the public cases.
-        files: The sha256 of every other file of the entry, by its path in it.
-        reported: Results on the public cases, as reported by the authors.
+        files: The sha256 of the card and the planner's files, see `files_digest`.
     """
 
     format: int
     board: str
     board_digest: Sha256
-    submitted_by: Annotated[str, Field(pattern=SUBMITTER)]
-    planner: str
-    package: str
-    package_files: dict[str, Sha256]
-    facts: dict[str, dict[str, str]]
+    planner: Annotated[str, Field(pattern=r"^[A-Za-z0-9_./:+-]{1,200}$")]
     options: dict[str, JsonValue]
-    networks: list[dict[str, JsonValue]]
+    networks: Annotated[list[dict[str, JsonValue]], Field(max_length=MOST_NETWORKS)]
+    package: str
+    package_digest: str
+    facts: dict[str, dict[str, str]]
     privileged: bool
-    raw: bool = False
+    raw: bool
     environment: dict[str, str]
-    files: dict[str, Sha256]
-    reported: Means
+    files: Sha256
 
 
 @dataclass(frozen=True)
@@ -170,22 +171,15 @@ class Entry:
         return self.directory.name
 
     @property
-    def public(self) -> Path:
-        """The folder of the runs on the public cases."""
-        return self.directory / PUBLIC
-
-    @property
-    def submitter(self) -> str:
-        """The normalized name of the submitter, which is the same for all entries of one submitter."""
-        return fold(self.card.account or self.spec.submitted_by)
+    def account(self) -> str:
+        """The account that has submitted it; empty for a planner that ships."""
+        return self.card.account
 
     @property
     def digest(self) -> str:
         """The sha256 of everything that is frozen when a season closes: planner, options, files and card."""
         spec = self.spec
-        frozen = {path: digest for path, digest in spec.files.items() if not path.startswith(f"{PUBLIC}/")}
-        code = [spec.package, spec.package_files, frozen]
-        planner = [spec.planner, spec.options, spec.networks, spec.facts, code]
+        planner = [spec.planner, spec.options, spec.networks, spec.facts, spec.package, spec.package_digest, spec.files]
         text = json.dumps([spec.board, self.name, planner], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -194,19 +188,23 @@ def read_entry(directory: Path) -> Entry:
     """Read an entry from its directory, and check its files.
 
     Raises:
-        InputError: A file is missing, was changed or is not listed, or `entry.json` or `card.toml` is wrong.
+        InputError: A file is missing, was changed or is not allowed, or `entry.json` or `card.toml` is wrong.
     """
     if not NAMES.fullmatch(directory.resolve().name):
         raise InputError(f"{directory} cannot be an entry: {NAMING}")
+    check_files(directory)  # no links from here on
     path = directory / ENTRY
     try:
-        table = read_json(path)
+        content = path.read_bytes()[: MOST_BYTES + 1]
+        table = read_json(path) if len(content) <= MOST_BYTES else None
     except OSError as error:
         raise InputError(f"{directory} is no entry: {path} cannot be read ({error.strerror})") from None
+    if len(content) > MOST_BYTES or content.count(b"\n") > MOST_LINES:
+        raise InputError(f"{path} has more than {MOST_LINES} lines or {MOST_BYTES / 1e3:g} kB")
     spec = check_record(EntrySpec, table, path, "entry", SCHEMA)
-    check_submitter(spec.submitted_by, spec.package)
     check_named_files([spec.planner, spec.options, spec.networks], directory)
-    _check_digests(directory, spec.files)
+    if files_digest(directory) != spec.files:
+        raise InputError(f"{directory}: its card or a file of its planner was changed since: submit it again")
     check_networks(spec.options, spec.networks, directory)
     return Entry(directory, spec, read_card(directory / CARD))
 
@@ -216,64 +214,6 @@ def read_card(path: Path) -> CardSpec:
     if not path.exists():
         raise InputError(f"there is no card {path}, which says what the planner is: `crowdbench new-planner` makes one")
     return parse_table(CardSpec, read_toml(path, "card"), Location(str(path)))
-
-
-def read_entries(board: Board, root: Path) -> list[Entry]:
-    """Read the entries of a board, sorted by name. Raises InputError if an entry is damaged, see `read_entry`."""
-    entries = [read_entry(path.parent) for path in sorted((root / board.name).glob(f"{ENTRIES}/*/{ENTRY}"))]
-    for entry in entries:
-        check_board_name(entry, board)
-        check_names(entry.name, entry.spec.planner, entry.card, entry.spec.submitted_by, root / board.name)
-    return entries
-
-
-def check_board_name(entry: Entry, board: Board) -> None:
-    """Raise InputError if an entry is one of another board."""
-    if entry.spec.board != board.name:
-        raise InputError(f"{entry.directory} is an entry of the board {entry.spec.board}, not of {board.name}")
-
-
-def fold(name: str) -> str:
-    """Return the letters and digits of a name in lower case, with o, l and l for the similar 0, 1 and i."""
-    return re.sub("[^a-z0-9]", "", name.lower()).translate(str.maketrans("01i", "oll"))
-
-
-def check_names(name: str, planner: str, card: CardSpec, submitter: str, folder: Path) -> None:
-    """Raise InputError if an entry has the name of another entry, or the name or title of a planner that ships.
-
-    Args:
-        name: The name of the entry.
-        planner: Its planner. An entry of a built-in planner may have its name, if the board has no such baseline.
-        card: Its card.
-        submitter: Its submitter.
-        folder: The folder of its board. Planners that ship have a card in `cards/` beside it.
-    """
-    if fold(submitter) == MAINTAINERS:
-        return
-    if any(letter.isalpha() and not letter.isascii() for letter in card.title):
-        raise InputError(f"the title {card.title!r} must have letters of ASCII: others can look like these")
-    shipped = PLANNERS.sources().keys() - {planner}
-    carded = {path.stem for path in folder.parent.glob("cards/*.toml")}
-    names_of_planners = {fold(each): "a planner that ships" for each in shipped | carded}
-    entries = {path.parent.name for path in (folder / ENTRIES).glob(f"*/{ENTRY}")}
-    names_of_entries = {fold(each): f"the entry {each}" for each in entries - {name}}
-    taken = names_of_planners | names_of_entries
-    whose = taken.get(fold(name)) or names_of_planners.get(fold(card.title))
-    if whose:
-        raise InputError(f"{name!r}, {card.title!r} is the name of {whose}, or looks like it: choose another one")
-
-
-def check_submitter(name: str, package: str) -> None:
-    """Raise InputError if a name is invalid, or if only maintainers may use it and the planner does not ship.
-
-    Args:
-        name: The submitter of an entry.
-        package: The distribution of the planner; empty for a planner whose files are in the entry.
-    """
-    if not re.fullmatch(SUBMITTER, name) or name != name.strip():
-        raise InputError(f"{name!r} cannot submit an entry: a name has letters, digits, spaces and -_.' of ASCII only")
-    if fold(name) == MAINTAINERS and not package.startswith(SHIPPED):
-        raise InputError(f"an entry submitted by {name} must be of a planner that ships: give another name")
 
 
 def check_networks(options: Mapping[str, Any], networks: Sequence[Mapping[str, Any]], folder: Path) -> None:
@@ -299,7 +239,7 @@ def check_unchanged(entry: Entry) -> None:
         return
     if (installed := package(spec.planner)) != spec.package:
         raise InputError(f"the planner is of {spec.package}, but {installed} is installed")
-    if package_files(spec.planner) != spec.package_files:
+    if package_digest(spec.planner) != spec.package_digest:
         raise InputError(f"the files of the planner {spec.planner} have changed since submission")
 
 
@@ -308,39 +248,33 @@ def is_pending(entry: Entry, board: Board) -> bool:
     return entry.spec.board_digest != board.digest
 
 
-def file_digests(directory: Path) -> dict[str, str]:
-    """Return the sha256 of all files of an entry except `entry.json`, by path."""
+def files_digest(directory: Path) -> str:
+    """Return the sha256 of the card and the planner's files of an entry. Raises InputError if a file is not allowed."""
     check_files(directory)
-    paths = [path for path in sorted(directory.rglob("*")) if path.is_file()]
-    return {path.relative_to(directory).as_posix(): sha256(path) for path in paths if path != directory / ENTRY}
-
-
-def _check_digests(directory: Path, digests: Mapping[str, str]) -> None:
-    present = file_digests(directory)
-    if missing := sorted(digests.keys() - present.keys()):
-        raise InputError(f"{directory / missing[0]}, which {ENTRY} names, is missing")
-    if more := sorted(present.keys() - digests.keys()):
-        raise InputError(f"{directory / more[0]} is not a file of this entry: {ENTRY} does not name it; remove it")
-    if unknown := sorted(path for path in present if not _FILES.fullmatch(path)):
+    paths = [path.relative_to(directory).as_posix() for path in sorted(directory.rglob("*")) if path.is_file()]
+    own = {ENTRY, PUBLIC, SEASON_TABLE, VERDICT}
+    if unknown := [path for path in paths if path not in {*own, CARD} and not re.fullmatch(FILE_NAME, path)]:
         raise InputError(f"{directory / unknown[0]} is none of the files that an entry may have: remove it")
-    for path, digest in digests.items():
-        if present[path] != digest:
-            raise InputError(f"{directory / path} was changed: its sha256 differs from {ENTRY}")
-
-
-def write_entry(directory: Path, spec: EntrySpec) -> None:
-    """Write `entry.json` into the folder of an entry, completely or not at all."""
-    with write_whole(directory / ENTRY) as partial:
-        write_record(partial, spec)
+    lines = [f"{sha256(directory / path)} {path}\n" for path in paths if path not in own]
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
 def write_record(path: Path, record: Record) -> None:
-    """Write a record as JSON with a line for each value and each estimate."""
-    path.write_text(_format(record.model_dump(mode="json")) + "\n", encoding="utf-8")
+    """Write a record as JSON, completely or not at all: a line for each value, and for each item of tables."""
+    with write_whole(path) as partial:
+        partial.write_text(format_record(record), encoding="utf-8")
 
 
-def _format(value: Any, end: str = "\n") -> str:
-    if not isinstance(value, dict) or not value or "mean" in value:
-        return json.dumps(value)
-    lines = [f"{end}  {json.dumps(key)}: {_format(item, f'{end}  ')}" for key, item in value.items()]
-    return f"{{{','.join(lines)}{end}}}"
+def format_record(record: Record) -> str:
+    """Return a record as JSON with a line for each value, for each item of a table, and for each table of a list."""
+    lines = [f"  {json.dumps(key)}: {_format(key, value)}" for key, value in record.model_dump(mode="json").items()]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _format(key: str, value: Any) -> str:
+    if key in ("facts", "metrics") and value:
+        items = [f"    {json.dumps(name)}: {json.dumps(item)}" for name, item in value.items()]
+        return "{\n" + ",\n".join(items) + "\n  }"
+    if key == "networks" and value:
+        return "[\n" + ",\n".join(f"    {json.dumps(item)}" for item in value) + "\n  ]"
+    return json.dumps(value)

@@ -1,11 +1,13 @@
 """Enters the shipped planners on boards, freezes the entries of a season and verifies them; for maintainers.
 
 `leaderboards/shipped.toml` lists the planners, and `leaderboards/cards/` has their cards:
-python -m crowdbench_leaderboards.fill --key ~/.ssh/boards
+python -m crowdbench_leaderboards.fill --key ~/.ssh/boards --workers 2
 """
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import functools
 import shutil
 import time
@@ -13,10 +15,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from pydantic import Field
 
 from crowdbench import InputError
 from crowdbench.cli import (
@@ -29,48 +30,19 @@ from crowdbench.cli import (
     say,
 )
 from crowdbench.runs import Progress
-from crowdbench.utils import Executor, Location, Name, TomlTable, find_named, open_executor, parse_table, read_toml
+from crowdbench.utils import Executor, find_named, open_executor
 from crowdbench_leaderboards.board import Board, read_boards
-from crowdbench_leaderboards.board_runs import InUse
+from crowdbench_leaderboards.board_runs import CaseSet, InUse
 from crowdbench_leaderboards.cli import ROOT, WORK
-from crowdbench_leaderboards.entry import (
-    ENTRY,
-    MAINTAINERS,
-    is_pending,
-    read_entries,
-    read_entry,
-)
+from crowdbench_leaderboards.entries import read_entries
+from crowdbench_leaderboards.entry import Entry, is_pending
+from crowdbench_leaderboards.planner_files import external_files, named_externals
+from crowdbench_leaderboards.ranked_run import drive_all
 from crowdbench_leaderboards.season import Season, TooEarly, freeze, read_season
+from crowdbench_leaderboards.shipped import CARDS
 from crowdbench_leaderboards.signature import find_signer
 from crowdbench_leaderboards.submission import Submission, submit
-from crowdbench_leaderboards.verification import count_cases, is_verified, verify_in_season
-
-SHIPPED = "shipped.toml"
-CARDS = "cards"
-
-Boards = Annotated[list[Name], Field(description="a list of boards")]
-
-
-class ShippedSpec(TomlTable):
-    """An item of `shipped` in `shipped.toml`: the name of an entry and of its card, and its planner.
-
-    `weights` are other networks of the same method, which are run on the boards `method_on`. `not_on` lists the boards
-    that the planner cannot run on, and `only_on` the only ones that it is entered on.
-    """
-
-    name: Name
-    planner: Name
-    options: Annotated[dict[str, Any], Field(description="a table of options")] = Field(default_factory=dict)
-    weights: Annotated[list[Name], Field(description="a list of weights")] = Field(default_factory=list)
-    method_on: Boards = Field(default_factory=list)
-    not_on: Boards = Field(default_factory=list)
-    only_on: Boards = Field(default_factory=list)
-
-
-class ShippedFile(TomlTable):
-    """The contents of `shipped.toml`."""
-
-    shipped: Annotated[list[ShippedSpec], Field(min_length=1, description="tables [[shipped]]")]
+from crowdbench_leaderboards.verification import Verifier, is_verified
 
 
 @dataclass(frozen=True)
@@ -93,6 +65,7 @@ def fill(
     boards: Annotated[list[str] | None, typer.Argument(show_default="all")] = None,
     key: Path | None = None,
     data: Path | None = None,
+    file: list[Path] | None = None,
     root: Path = ROOT,
     work: Path = WORK,
     workers: WorkersOption = None,
@@ -106,6 +79,7 @@ def fill(
     Args:
         boards: Names of boards.
         key: The private key of a maintainer, from ssh-keygen, to sign verdicts. Without it no entry is verified.
+        file: A file that is not in an entry, such as the weights of others. Repeatable.
         root: The folder of boards and entries.
         work: Folder that keeps finished runs until an entry or a verdict is made.
     """
@@ -117,6 +91,7 @@ def fill(
     chosen = [find_named("board", name, by_name) for name in boards or by_name]
     if data is not None and not any(board.spec.recorded for board in chosen):
         raise InputError(f"--data goes with boards of recorded people, unlike {chosen[0].name}")
+    external = external_files(file or [])
     announce_compilation()
     with (
         exit_on_interrupt(f"the same command goes on with what is kept in {root} and {work}"),
@@ -127,23 +102,37 @@ def fill(
                 say(f"{board.name}: left out, because its people were recorded: give their tracks, --data DIR")
                 continue
             with_tracks = board.with_data(data) if board.spec.recorded else board
-            _fill_board(with_tracks, root, work, key, executor)
+            _fill_board(Verifier(with_tracks, root, work, external, executor), key)
 
 
-def _fill_board(board: Board, root: Path, work: Path, key: Path | None, executor: Executor | None) -> None:
+def _fill_board(setting: Verifier, key: Path | None) -> None:
     """Create the missing entries of a board, freeze them, and verify them if there is a key."""
-    if not do_all(functools.partial(to_submit, board, root, work), "entry", executor):
+    board, root = setting.board, setting.root
+    if not do_all(functools.partial(to_submit, setting), "entry", setting.executor):
         say(f"{board.name}: other processes are making the last entries")
         return
     try:
-        freeze_entries(board, root).seed(board.name)
+        season = freeze_entries(board, root)
+        season.seed(board.name)
     except TooEarly as error:
         say(f"{board.name}: no entry is verified: {error}")
         return
     if key is None:
         say(f"{board.name}: no entry is verified: give the key of a maintainer, --key FILE")
         return
-    do_all(functools.partial(to_verify, board, root, work, key), "verification", executor)
+    if setting.executor is not None:
+        _drive_missing(setting, season)
+    do_all(functools.partial(to_verify, setting, key), "verification")
+
+
+def _drive_missing(setting: Verifier, season: Season) -> None:
+    """Drive the ranked cases of all entries that are not verified, on workers, scenario by scenario."""
+    case_set = CaseSet(setting.board, setting.board.cases, season.seed(setting.board.name))
+    entries = missing_verdicts(setting, season)
+    tasks = [task for entry in entries for task in setting.tasks(entry, case_set, setting.runs(entry))]
+    say(f"{setting.board.name}: {len(tasks)} ranked runs of {len(case_set.cases)} cases")
+    with progress(len(tasks) * len(case_set.cases)) as tell, contextlib.suppress(InUse):
+        drive_all(tasks, tell, setting.executor)
 
 
 def do_all(missing: Callable[[], Sequence[Job]], what: str, executor: Executor | None = None) -> bool:
@@ -197,49 +186,70 @@ def _do(job: Job) -> float | InputError:
     return time.monotonic() - start
 
 
-def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
-    """List the shipped planners without an entry for the board's digest.
+def to_submit(setting: Verifier) -> list[Job]:
+    """List the planners of `shipped.toml` without an entry for the board's digest.
 
-    Raises:
-        InputError: `shipped.toml` is missing or wrong, or an entry is damaged.
+    Raises InputError if `shipped.toml` is missing or wrong.
     """
-    jobs, cases = [], len(board.public_cases) * len(board.scenarios)
-    current = {entry.name for entry in read_entries(board, root) if not is_pending(entry, board)}
-    for spec in parse_table(ShippedFile, read_toml(root / SHIPPED, "list"), Location(SHIPPED)).shipped:
-        is_elsewhere = board.name in spec.not_on or (spec.only_on and board.name not in spec.only_on)
-        if is_elsewhere or spec.name in current:
+    board, root, jobs = setting.board, setting.root, []
+    found = read_entries(board, root)
+    for name, why in found.bad.items():
+        say(f"{board.name}: {name} is left out: {why}")
+    current = {entry.name for entry in found.good if not is_pending(entry, board)}
+    for spec in found.shipped.values():
+        if spec.name in current or not spec.is_on(board.name):
             continue
-        networks = [{"weights": name} for name in spec.weights] if board.name in spec.method_on else []
+        if absent := [name for name in named_externals(spec.options) if name not in setting.external]:
+            say(f"{board.name}: {spec.name} is not entered: give its weights, --file, {absent[0]}")
+            continue
         card = root / CARDS / f"{spec.name}.toml"
-        submission = Submission(board, spec.name, spec.planner, spec.options, networks, card, MAINTAINERS)
-        do = functools.partial(_submit, submission, root, work)
-        jobs.append(Job(f"{spec.name} on {board.name}", cases, do))
+        submission = Submission(
+            board, spec.name, spec.planner, spec.options, spec.networks(board.name), card, setting.external
+        )
+        do = functools.partial(_submit, submission, root, setting.work)
+        jobs.append(Job(f"{spec.name} on {board.name}", len(board.public_cases) * len(board.scenarios), do))
     return jobs
 
 
 def _submit(submission: Submission, root: Path, work: Path, progress: Progress) -> None:
-    """Submit a shipped planner, and replace its entry if that is pending."""
+    """Submit a listed planner, and replace its entry if that is pending or damaged."""
     folder = submission.directory(root)
-    if (folder / ENTRY).is_file() and is_pending(read_entry(folder), submission.board):
+    if folder.exists() and submission.name not in {
+        entry.name for entry in read_entries(submission.board, root).good if not is_pending(entry, submission.board)
+    }:
         shutil.rmtree(folder)
     submit(submission, root, work, progress)
 
 
 def freeze_entries(board: Board, root: Path) -> Season:
     """Freeze the entries of a board, if its season is not frozen yet."""
-    entries = read_entries(board, root)
-    return freeze(root, board.name, {entry.name: entry.digest for entry in entries if not is_pending(entry, board)})
+    return freeze(root, board.name, [each for each in read_entries(board, root).good if not is_pending(each, board)])
 
 
-def to_verify(board: Board, root: Path, work: Path, key: Path) -> list[Job]:
-    """List the entries of a board that take part in the season and have no valid verification."""
-    season, jobs = read_season(root), []
-    for entry in read_entries(board, root):
-        takes_part = season.takes_part(board.name, entry.name, entry.digest) and not is_pending(entry, board)
-        if takes_part and not is_verified(entry, board, season):
-            do = functools.partial(verify_in_season, entry, board, work, season, key)
-            jobs.append(Job(f"{entry.name} on {board.name}", count_cases(entry, board, board.cases), do))
+def missing_verdicts(setting: Verifier, season: Season) -> list[Entry]:
+    """Return the entries of a board that take part in the season and have no valid verdict."""
+    board = setting.board
+    return [
+        entry
+        for entry in read_entries(board, setting.root).good
+        if season.takes_part(board.name, entry.name, entry.digest)
+        and not is_pending(entry, board)
+        and not is_verified(entry, board, season)
+        and all(name in setting.external for name in named_externals(entry.spec.options))
+    ]
+
+
+def to_verify(setting: Verifier, key: Path) -> list[Job]:
+    """List the verifications that are missing, see `missing_verdicts`."""
+    board, season, jobs = setting.board, read_season(setting.root), []
+    for entry in missing_verdicts(setting, season):
+        do = functools.partial(_verify, setting, entry, season, key)
+        jobs.append(Job(f"{entry.name} on {board.name}", setting.count_cases(entry, board.cases), do))
     return jobs
+
+
+def _verify(setting: Verifier, entry: Entry, season: Season, key: Path, progress: Progress) -> None:
+    dataclasses.replace(setting, executor=None, progress=progress).verify_in_season(entry, season, key)
 
 
 if __name__ == "__main__":

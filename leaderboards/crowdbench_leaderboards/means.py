@@ -20,7 +20,7 @@ from crowdbench_leaderboards.verdict import Method
 MIN_NETWORKS = 5
 """Fewer networks do not represent a method."""
 
-MAX_NETWORK_CASES = 250
+MAX_NETWORK_CASES = 100
 """Cases that each network of a method drives, at most."""
 
 ALIKE = 0.01
@@ -60,15 +60,15 @@ def method_cases(cases: Cases) -> Cases:
     return Cases(cases.split, cases.start, min(cases.stop, cases.start + MAX_NETWORK_CASES))
 
 
-def other_networks(entry: Entry, board: Board) -> list[EntryPlanner]:
-    """Return the planners with the other networks of a method.
+def method_networks(entry: Entry, board: Board) -> list[EntryPlanner]:
+    """Return the planners with each network of a method, the entry's own first.
 
     The list is empty on boards of several scenarios, and if the method has fewer than `MIN_NETWORKS` networks.
     """
     spec = entry.spec
     if len(spec.networks) + 1 < MIN_NETWORKS or len(board.scenarios) > 1:
         return []
-    return [EntryPlanner(entry.directory, spec.planner, {**spec.options, **network}) for network in spec.networks]
+    return [EntryPlanner(entry.directory, spec.planner, {**spec.options, **each}) for each in ({}, *spec.networks)]
 
 
 def check_networks_differ(board: Board, folders: Sequence[Path], cases: Cases) -> None:

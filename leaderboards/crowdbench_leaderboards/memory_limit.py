@@ -1,4 +1,4 @@
-"""Limits the memory of this process while it simulates the runs of an entry."""
+"""Limits the memory of this process while it reads and simulates the runs of an entry."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ import hashlib
 import importlib.metadata
 import itertools
 import json
+import re
 import shutil
 import zipfile
 from collections.abc import Callable, Mapping
@@ -16,19 +17,34 @@ from typing import Any
 
 from crowdbench import PLANNERS, InputError
 from crowdbench.plugins import file_and_function, read_files
+from crowdbench.utils import sha256
 
 PLANNER = "planner"
 """The folder of the planner's files in an entry."""
 
-LARGEST, LARGEST_FILE = 25e6, 10e6
-"""Bytes of all files of an entry, and of one file, at most: entries are kept in git."""
+LARGEST, MOST_FILES = 50e6, 100
+"""Bytes and number of all files of an entry, at most: entries are kept in git."""
 
-_COMPILED = {".pyc", ".pyo", ".so", ".pyd", ".dll", ".dylib", ".o", ".a"}
-_ARCHIVES = b"\x1f\x8b", b"\x1f\x9d", b"BZh", b"\xfd7zXZ\0", b"7z\xbc\xaf\x27\x1c", b"Rar!", b"\x28\xb5\x2f\xfd"
-"""The first bytes of archives other than zip and tar."""
+TEXTS = {".py", ".toml", ".md", ".txt", ".csv", ".json"}
+ARRAYS = {".safetensors", ".onnx", ".npz"}
+"""Suffixes of the files that a planner may have. A file without one of them must be a text, such as a program."""
 
-_ARRAYS = {".npz": {".npy"}, ".pt": {"", ".pkl"}, ".pth": {"", ".pkl"}}
-"""Suffixes of the archives that an entry may contain, which hold arrays, and suffixes of the files in them."""
+FILE_NAME = rf"{PLANNER}(/[A-Za-z0-9_][A-Za-z0-9_.+-]*)+"
+"""The pattern of the path of a planner's file in an entry."""
+
+EXTERNAL = re.compile("sha256:[0-9a-f]{64}")
+"""The pattern of an option that names a file outside of the entry, which a verification needs."""
+
+Files = Mapping[str, Path]
+"""The files that `EXTERNAL` options name, by these options."""
+
+
+def external_files(paths: list[Path]) -> dict[str, Path]:
+    """Return files by their names as options. Raises InputError if a file cannot be read."""
+    try:
+        return {f"sha256:{sha256(path)}": path.resolve() for path in paths}
+    except OSError as error:
+        raise InputError(f"a file of --file cannot be read: {error}") from None
 
 
 def copy_named_files(value: Any, folder: Path) -> Any:
@@ -47,10 +63,17 @@ def copy_named_files(value: Any, folder: Path) -> Any:
     return _map_texts(lambda text: _copy(text, folder / PLANNER), value)
 
 
-def locate_named_files(value: Any, folder: Path) -> Any:
-    """Return the planner of an entry, or the value of an option, with the full paths of the files of the entry."""
+def locate_named_files(value: Any, folder: Path, external: Files = {}) -> Any:  # noqa: B006, it is only read
+    """Return the planner of an entry, or the value of an option, with the full paths of the files that it names.
+
+    Raises InputError if a file outside of the entry is not given.
+    """
 
     def locate(text: str) -> str:
+        if EXTERNAL.fullmatch(text):
+            if text not in external:
+                raise InputError(f"the entry needs a file that is not in it, {text}: give it, --file PATH")
+            return str(external[text])
         file, function = file_and_function(text)
         path = folder.resolve() / (file or text)
         if "/" not in text or not path.is_file():
@@ -58,6 +81,15 @@ def locate_named_files(value: Any, folder: Path) -> Any:
         return f"{path}:{function}" if function else str(path)
 
     return _map_texts(locate, value)
+
+
+def named_externals(value: Any) -> list[str]:
+    """Return the options in a value that name files outside of the entry."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list):
+        return [name for item in value for name in named_externals(item)]
+    return [value] if isinstance(value, str) and EXTERNAL.fullmatch(value) else []
 
 
 def check_named_files(value: Any, folder: Path) -> None:
@@ -114,48 +146,61 @@ def _is_free(folder: Path, source: Path, names: list[str]) -> bool:
 
 
 def check_files(folder: Path) -> None:
-    """Raise InputError if a file of an entry is no plain file, too large, compiled, or an archive.
-
-    A reader must be able to inspect the planner. The only allowed archives are archives of arrays.
-    """
+    """Raise InputError if an entry has too many or too large files, or one that is neither text nor arrays."""
     paths = [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
+    if len(paths) > MOST_FILES:
+        raise InputError(f"{folder} has {len(paths)} files, but an entry may have {MOST_FILES}")
     for path in paths:
         if path.is_symlink() or not path.is_file():
             raise InputError(f"{path} is not a plain file: an entry holds nothing else")
-        if why := _why_refused(path):
-            raise InputError(f"{path} {why}: remove it")
     size = sum(path.stat().st_size for path in paths)
     if size > LARGEST:
-        raise InputError(f"the planner's files have {size / 1e6:.0f} MB, but an entry may have {LARGEST / 1e6:g} MB")
+        raise InputError(f"{folder} has {size / 1e6:.0f} MB, but an entry may have {LARGEST / 1e6:g} MB")
+    for path in (folder / PLANNER).rglob("*"):
+        if path.is_file() and (why := _why_refused(path)):
+            raise InputError(f"{path} {why}; allowed are {', '.join(sorted(TEXTS | ARRAYS))}: remove it")
 
 
 def _why_refused(path: Path) -> str:
-    """Return why an entry may not have a plain file; empty if it may."""
-    if path.stat().st_size > LARGEST_FILE:
-        return f"has more than {LARGEST_FILE / 1e6:g} MB, which a file of an entry may have"
+    """Return why an entry may not have a file; empty if it may."""
+    if path.suffix not in TEXTS | ARRAYS | {""} or "__pycache__" in path.parts:
+        return "is not of a kind that an entry may have"
+    if path.suffix == ".npz":
+        return _why_no_arrays(path)
+    if path.suffix in ARRAYS:
+        return "holds an archive" if zipfile.is_zipfile(path) else _why_no_tensors(path)
+    try:
+        text = path.read_bytes().decode()
+    except UnicodeDecodeError:
+        return "is no text in UTF-8"
+    return "is no text: it has control characters" if re.search(r"[\0-\x08\x0e-\x1f\x7f]", text) else ""
+
+
+def _why_no_tensors(path: Path) -> str:
+    """Return why a file is neither safetensors nor ONNX, by its first bytes; empty if it may be one."""
     with path.open("rb") as file:
-        head = file.read(512)
-    # All versions of Python begin a compiled file with a number of this range, a return and a line feed.
-    is_bytecode = head[2:4] == b"\r\n" and 2900 < int.from_bytes(head[:2], "little") < 4900
-    is_compiled = path.suffix.lower() in _COMPILED or head.startswith(b"\x7fELF") or "__pycache__" in path.parts
-    if is_bytecode or is_compiled:
-        return "is compiled: an entry holds what people can read"
-    if head.startswith(_ARCHIVES) or head[257:262] == b"ustar":
-        return "is an archive: an entry holds files"
-    if zipfile.is_zipfile(path):
-        return _why_archive_refused(path)
-    return ""
+        head = file.read(9)
+    length = int.from_bytes(head[:8], "little")
+    is_safetensors = head[8:] == b"{" and length < path.stat().st_size
+    is_onnx = head[:1] == b"\x08" and head[2:3] in b"\x12\x1a\x22\x2a\x3a"  # ir_version, then another field
+    right = is_safetensors if path.suffix == ".safetensors" else is_onnx
+    return "" if right else f"does not begin like a {path.suffix} file"
 
 
-def _why_archive_refused(path: Path) -> str:
-    """Return why an entry may not have a zip archive; empty if it may."""
-    allowed = _ARRAYS.get(path.suffix.lower(), set())
-    with contextlib.suppress(zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-        members = zipfile.ZipFile(path).infolist()
-        if {Path(member.filename).suffix for member in members} <= allowed:
-            is_large = sum(member.file_size for member in members) > LARGEST
-            return f"unpacks to more than {LARGEST / 1e6:g} MB" if is_large else ""
-    return "is an archive of something else than arrays: an entry holds files"
+def _why_no_arrays(path: Path) -> str:
+    """Return why a file is no archive of arrays without objects; empty if it is one."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            if any(Path(member.filename).suffix != ".npy" for member in members):
+                return "holds something else than arrays"
+            if sum(member.file_size for member in members) > LARGEST:
+                return f"unpacks to more than {LARGEST / 1e6:g} MB"
+            heads = [archive.open(member).read(1024) for member in members]
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError, RuntimeError):
+        return "is no archive of arrays"
+    is_plain = all(head.startswith(b"\x93NUMPY") and b"'|O'" not in head for head in heads)
+    return "" if is_plain else "holds Python objects or something else than arrays"
 
 
 def contents(value: Any, folder: Path) -> Any:
@@ -190,8 +235,8 @@ def package(planner: str) -> str:
     return f"crowdbench=={importlib.metadata.version('crowdbench')}"
 
 
-def package_files(planner: str) -> dict[str, str]:
-    """Return the sha256 of the Python files of a planner of another distribution than crowdbench, by path.
+def package_digest(planner: str) -> str:
+    """Return the sha256 of the Python files of a planner of another distribution than crowdbench; otherwise empty.
 
     The planner is not loaded, because an entry may name any planner.
 
@@ -199,9 +244,9 @@ def package_files(planner: str) -> dict[str, str]:
         InputError: There is no planner of that name.
     """
     if planner.startswith(f"{PLANNER}/"):
-        return {}
+        return ""
     if planner not in PLANNERS.sources():
         raise InputError(f"no planner that is built in or installed is called {planner!r}")
     if planner in PLANNERS.built_in():
-        return {}
-    return PLANNERS.files(planner)
+        return ""
+    return hashlib.sha256(json.dumps(PLANNERS.files(planner), sort_keys=True).encode()).hexdigest()

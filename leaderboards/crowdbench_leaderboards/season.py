@@ -9,12 +9,13 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, Field, StrictStr
+from pydantic import BaseModel, Field, StrictBool, StrictStr
 
 from crowdbench import InputError
 from crowdbench.utils import (
@@ -28,12 +29,13 @@ from crowdbench.utils import (
     read_toml,
     write_whole,
 )
+from crowdbench_leaderboards.entry import Entry
 
 SEASON = "season.toml"
 FROZEN = "frozen.json"
 
-Frozen = Mapping[str, Mapping[str, str]]
-"""The digests of entries by board and name."""
+MAX_RANKED = 2
+"""Largest number of ranked entries of an account on a board."""
 
 
 class SeasonSpec(TomlTable):
@@ -53,9 +55,27 @@ class SeasonSpec(TomlTable):
     rehearsal: Flag = False
 
 
+class FrozenEntry(BaseModel):
+    """An entry that takes part in a season, also if it is withdrawn afterwards.
+
+    Attributes:
+        digest: Its digest.
+        account: The account that has submitted it; empty for a planner that the maintainers enter.
+        ranked: True if it ranks: at most `MAX_RANKED` of an account do.
+    """
+
+    digest: StrictStr
+    account: StrictStr
+    ranked: StrictBool
+
+
+Frozen = Mapping[str, Mapping[str, FrozenEntry]]
+"""The entries by board and name."""
+
+
 class _FrozenFile(BaseModel):
     season: StrictStr
-    entries: dict[str, dict[str, StrictStr]]
+    entries: dict[str, dict[str, FrozenEntry]]
 
 
 class TooEarly(InputError):
@@ -88,12 +108,18 @@ class Season:
             raise TooEarly(
                 f"{SEASON} lacks the randomness of round {self.spec.round}: fetch it from drand, and write it there"
             )
-        text = "\n".join([*sorted(self.frozen[board].values()), self.spec.randomness])
+        digests = sorted(entry.digest for entry in self.frozen[board].values())
+        text = "\n".join([*digests, self.spec.randomness])
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
 
     def takes_part(self, board: str, entry: str, digest: str) -> bool:
         """Check if an entry of a board was frozen with this digest."""
-        return self.frozen.get(board, {}).get(entry) == digest
+        frozen = self.frozen.get(board, {}).get(entry)
+        return frozen is not None and frozen.digest == digest
+
+    def ranks(self, board: str, entry: str) -> bool:
+        """Check if an entry of a board was frozen as one that ranks."""
+        return entry in self.frozen.get(board, {}) and self.frozen[board][entry].ranked
 
 
 def read_season(root: Path) -> Season:
@@ -111,13 +137,15 @@ def read_season(root: Path) -> Season:
     return Season(spec, frozen.entries if frozen.season == spec.name else {}, root)
 
 
-def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
+def freeze(root: Path, board: str, entries: Sequence[Entry]) -> Season:
     """Freeze the entries of a board, if its season is not frozen yet.
+
+    Of the entries that an account names for ranks, the first `MAX_RANKED` rank.
 
     Args:
         root: The folder of boards.
         board: The board's name.
-        entries: The digest of each entry that takes part.
+        entries: The entries that take part, in the order in which they were merged.
 
     Returns:
         The season.
@@ -139,8 +167,14 @@ def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
         )
     if not entries:
         raise InputError(f"the board {board} has no entries to freeze")
-    frozen = {**season.frozen, board: dict(entries)}
-    table = {"season": spec.name, "entries": frozen}
+    named: Counter[str] = Counter()
+    own = {}
+    for entry in entries:
+        named[entry.account] += entry.card.ranked
+        ranked = entry.card.ranked and (not entry.account or named[entry.account] <= MAX_RANKED)
+        own[entry.name] = FrozenEntry(digest=entry.digest, account=entry.account, ranked=ranked)
+    frozen = {**{name: dict(each) for name, each in season.frozen.items()}, board: own}
+    table = _FrozenFile(season=spec.name, entries=frozen).model_dump()
     with write_whole(root / FROZEN) as partial:
-        partial.write_text(json.dumps(table, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+        partial.write_text(json.dumps(table, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     return Season(spec, frozen, root)

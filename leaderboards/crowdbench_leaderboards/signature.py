@@ -1,13 +1,13 @@
 """Signatures of maintainers, made and checked by `ssh-keygen -Y` of OpenSSH, which keeps the keys.
 
 leaderboards/maintainers     a line for each maintainer: name namespaces="crowdbench" ssh-ed25519 AAAA...
-FILE.sig                     the signature of a file
 
 Private keys are in no repository.
 """
 
 from __future__ import annotations
 
+import re
 import subprocess
 import tempfile
 from pathlib import Path
@@ -15,17 +15,18 @@ from pathlib import Path
 from crowdbench import InputError
 
 MAINTAINERS_FILE = "maintainers"
-SIGNATURE = ".sig"
 
 _NAMESPACE = "crowdbench"
 """The purpose of a signature: signatures for other purposes do not count."""
 
+_BEGIN, _END = "-----BEGIN SSH SIGNATURE-----", "-----END SSH SIGNATURE-----"
 
-def sign(path: Path, key: Path) -> None:
-    """Write the signature of a file beside it.
+
+def sign(content: bytes, key: Path) -> str:
+    """Return the signature of a content, in base64 without line breaks.
 
     Args:
-        path: The file.
+        content: The content.
         key: A private key of OpenSSH, or a public key whose private key is in an SSH agent.
 
     Raises:
@@ -33,10 +34,10 @@ def sign(path: Path, key: Path) -> None:
     """
     if not key.is_file():
         raise InputError(f"there is no key {key}: give a private key of OpenSSH, such as one that ssh-keygen makes")
-    path.with_name(path.name + SIGNATURE).unlink(missing_ok=True)  # otherwise ssh-keygen prompts before replacing it
-    done = _run_ssh_keygen("sign", ["-f", str(key), str(path)])
+    done = _run_ssh_keygen("sign", ["-n", _NAMESPACE, "-f", str(key)], content)
     if done.returncode != 0:
         raise InputError(f"the key {key} does not sign: {_last_line(done)}")
+    return "".join(line for line in done.stdout.decode().splitlines() if not line.startswith("-----"))
 
 
 def find_signer(key: Path, root: Path) -> str:
@@ -50,41 +51,42 @@ def find_signer(key: Path, root: Path) -> str:
         InputError: The key is no maintainer's, or cannot sign.
     """
     maintainers = root / MAINTAINERS_FILE
-    with tempfile.TemporaryDirectory() as folder:
-        trial = Path(folder) / "trial"
-        trial.write_bytes(b"")
-        sign(trial, key)
-        names = ["-f", str(maintainers), "-s", str(trial.with_name(trial.name + SIGNATURE))]
-        owners = _run_ssh_keygen("find-principals", names).stdout.decode(errors="replace").splitlines()
-        if not owners or not is_signed(trial, owners[0], root):
-            raise InputError(
-                f"the key {key} is no maintainer's: {maintainers} has no line for it, such as "
-                f'name namespaces="{_NAMESPACE}" ssh-ed25519 AAAA...'
-            )
-    return owners[0]
+    signature = sign(b"", key)
+    owners = _check(["find-principals", "-f", str(maintainers)], b"", signature).stdout.decode(errors="replace")
+    for owner in owners.splitlines():
+        if is_signed(b"", signature, owner, root):
+            return owner
+    raise InputError(
+        f"the key {key} is no maintainer's: {maintainers} has no line for it, such as "
+        f'name namespaces="{_NAMESPACE}" ssh-ed25519 AAAA...'
+    )
 
 
-def is_signed(path: Path, name: str, root: Path) -> bool:
-    """Check if the maintainer of this name has signed the present contents of a file.
+def is_signed(content: bytes, signature: str, name: str, root: Path) -> bool:
+    """Check if the maintainer of this name has signed a content.
 
     Args:
-        path: The file.
+        content: The content.
+        signature: The signature, see `sign`.
         name: The name of the maintainer.
         root: The folder of boards.
     """
-    signature = path.with_name(path.name + SIGNATURE)
-    if not signature.is_file():
-        return False
-    names = ["-f", str(root / MAINTAINERS_FILE), "-I", name, "-s", str(signature)]
-    return _run_ssh_keygen("verify", names, path.read_bytes()).returncode == 0
+    names = ["verify", "-n", _NAMESPACE, "-f", str(root / MAINTAINERS_FILE), "-I", name]
+    return bool(re.fullmatch("[A-Za-z0-9+/=]+", signature)) and _check(names, content, signature).returncode == 0
 
 
-def _run_ssh_keygen(action: str, arguments: list[str], content: bytes = b"") -> subprocess.CompletedProcess[bytes]:
-    command = ["ssh-keygen", "-Y", action]
-    if action != "find-principals":
-        command += ["-n", _NAMESPACE]
+def _check(arguments: list[str], content: bytes, signature: str) -> subprocess.CompletedProcess[bytes]:
+    with tempfile.NamedTemporaryFile("w", suffix=".sig") as file:
+        lines = [signature[start : start + 70] for start in range(0, len(signature), 70)]
+        file.write("\n".join([_BEGIN, *lines, _END, ""]))
+        file.flush()
+        action, *others = arguments
+        return _run_ssh_keygen(action, [*others, "-s", file.name], content)
+
+
+def _run_ssh_keygen(action: str, arguments: list[str], content: bytes) -> subprocess.CompletedProcess[bytes]:
     try:
-        return subprocess.run([*command, *arguments], input=content, capture_output=True)
+        return subprocess.run(["ssh-keygen", "-Y", action, *arguments], input=content, capture_output=True)
     except FileNotFoundError:
         raise InputError("signatures are made and checked by ssh-keygen, which is missing: install OpenSSH") from None
 

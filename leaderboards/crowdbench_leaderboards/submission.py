@@ -2,45 +2,46 @@
 
 from __future__ import annotations
 
-import contextlib
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from crowdbench import Cases, InputError
 from crowdbench.plugins import CARD, TEMPLATE
-from crowdbench.results import COMMANDS, EPISODES, read_result
+from crowdbench.results import read_result
 from crowdbench.runs import Progress, read_versions
 from crowdbench.utils import new_directory
 from crowdbench_leaderboards.board import Board
-from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner, InUse, drive, driven_scenarios, lock_runs
-from crowdbench_leaderboards.calibrated_time import NotTimed, time_decisions
+from crowdbench_leaderboards.board_runs import (
+    CaseSet,
+    EntryPlanner,
+    InUse,
+    drive,
+    driven_scenarios,
+    lock_runs,
+    read_episodes,
+)
+from crowdbench_leaderboards.entries import check_free_name, check_identity, read_entries
 from crowdbench_leaderboards.entry import (
     ENTRIES,
+    ENTRY,
     NAMES,
     NAMING,
     PUBLIC,
     SCHEMA,
     Entry,
     EntrySpec,
-    check_names,
     check_networks,
-    check_submitter,
-    file_digests,
+    files_digest,
     read_card,
     read_entry,
-    write_entry,
+    write_record,
 )
-from crowdbench_leaderboards.planner_files import (
-    PLANNER,
-    check_files,
-    copy_named_files,
-    package,
-    package_files,
-)
+from crowdbench_leaderboards.episode_table import write_table
+from crowdbench_leaderboards.planner_files import Files, check_files, copy_named_files, package, package_digest
 
 REHEARSED = 20
 """Cases of a rehearsal, over all scenarios of a board; one of each scenario at least."""
@@ -57,7 +58,7 @@ class Submission:
         options: The planner's options.
         networks: The options in which other networks of the same method differ.
         card: The file of the card.
-        by: The submitter.
+        external: The files outside of the entry that options name.
     """
 
     board: Board
@@ -66,7 +67,7 @@ class Submission:
     options: Mapping[str, Any]
     networks: Sequence[Mapping[str, Any]]
     card: Path
-    by: str
+    external: Files = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not NAMES.fullmatch(self.name):
@@ -95,8 +96,8 @@ class Submission:
             raise InputError(f"{self.card} {as_made}: say who you are, and what it does")
         if (directory := self.directory(root)).exists():
             raise InUse(f"{directory} exists already: choose another name, or remove it")
-        check_submitter(self.by, package(self.planner))
-        check_names(self.name, self.planner, card, self.by, directory.parent.parent)
+        check_identity(self.name, self.planner, [self.options, *self.networks], card, root)
+        check_free_name(self.name, card, read_entries(self.board, root).good)
 
     def copy_to(self, folder: Path) -> tuple[EntryPlanner, list[dict[str, Any]]]:
         """Copy the card, the planner's files and the files that its options name into the folder of an entry.
@@ -105,18 +106,16 @@ class Submission:
             The planner and the options of the other networks, with the paths in the entry.
 
         Raises:
-            InputError: A file cannot be read, files are too large, a network is entered twice, or the name of the
-                submitter is not allowed.
+            InputError: A file cannot be read or is not allowed, or a network is entered twice.
         """
         shutil.copyfile(self.card, folder / CARD)
         planner = copy_named_files(self.planner, folder)
-        package_files(planner)  # raises if there is no such planner
+        package_digest(planner)  # raises if there is no such planner
         options = copy_named_files(self.options, folder)
         networks = [{**options, **copy_named_files(network, folder)} for network in self.networks]
         check_files(folder)
         check_networks(options, networks, folder)
-        check_submitter(self.by, package(planner))
-        return EntryPlanner(folder, planner, options), networks
+        return EntryPlanner(folder, planner, options, self.external), networks
 
 
 def submit(
@@ -146,14 +145,9 @@ def submit(
         with new_directory(directory, overwrite=False) as folder:
             planner, networks = submission.copy_to(folder)
             failures = drive(planner, submission.cases, runs, progress)
-            for name in driven_scenarios(submission.board, runs):
-                (folder / PUBLIC / name).mkdir(parents=True)
-                for file in (EPISODES, COMMANDS):
-                    shutil.copyfile(runs / name / file, folder / PUBLIC / name / file)
-            if (folder / PLANNER).exists():  # built-in planners are known to be quick enough
-                with contextlib.suppress(NotTimed):
-                    time_decisions(planner, submission.cases, runs)
-            write_entry(folder, _make_spec(submission, planner, networks, runs))
+            write_table(folder / PUBLIC, read_episodes(submission.board, runs), runs)
+            spec = _make_spec(submission, planner, networks, runs)
+            write_record(folder / ENTRY, spec)
         shutil.rmtree(runs)
     return read_entry(directory), failures
 
@@ -166,21 +160,16 @@ def _make_spec(submission: Submission, planner: EntryPlanner, networks: list[dic
         format=SCHEMA,
         board=board.name,
         board_digest=board.digest,
-        submitted_by=submission.by,
         planner=planner.planner,
-        package=package(planner.planner),
-        package_files=package_files(planner.planner),
-        facts={name: result["run"]["planner"]["facts"] for name, result in results.items()},
         options=dict(planner.options),
         networks=networks,
+        package=package(planner.planner),
+        package_digest=package_digest(planner.planner),
+        facts={name: result["run"]["planner"]["facts"] for name, result in results.items()},
         privileged=any(result["stated"]["privileged"] for result in results.values()),
         raw=any(result["stated"]["raw"] for result in results.values()),
         environment=read_versions(),
-        files=file_digests(folder),
-        reported={
-            name: {metric: estimate["mean"] for metric, estimate in result["metrics"].items()}
-            for name, result in results.items()
-        },
+        files=files_digest(folder),
     )
 
 

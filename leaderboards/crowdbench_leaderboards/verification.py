@@ -1,7 +1,7 @@
-"""Verifies an entry: replays its public runs, runs its planner on held-out cases, and compares.
+"""Verifies an entry: replays its public cases, drives the ranked cases, and compares.
 
 The public cases are simulated from their recorded commands in this process, which never loads the planner. The planner
-drives the held-out cases in a separate process. docs/trust.md lists the attacks that a verification cannot detect.
+drives the ranked cases in a separate process. docs/trust.md lists the attacks that a verification cannot detect.
 """
 
 from __future__ import annotations
@@ -10,257 +10,286 @@ import datetime
 import secrets
 import shutil
 import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from crowdbench import Cases, Episodes, InputError, Scenario
 from crowdbench.isolation import PROCESS, describe_limits, level
-from crowdbench.results import COMMANDS, EPISODES, RunResult, read_result
+from crowdbench.results import RunResult
 from crowdbench.runs import Progress, code, replay_run
 from crowdbench.sim import SIMULATOR
-from crowdbench.utils import MachineFault, plain
+from crowdbench.utils import Executor, MachineFault, plain
 from crowdbench_leaderboards.board import Board
-from crowdbench_leaderboards.board_runs import (
-    CaseSet,
-    EntryPlanner,
-    InUse,
-    drive,
-    driven_scenarios,
-    lock_runs,
-    read_episodes,
-)
-from crowdbench_leaderboards.calibrated_time import NotTimed, time_decisions
+from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner, InUse, drive, lock_runs
 from crowdbench_leaderboards.consistency_test import lower_than_claimed
-from crowdbench_leaderboards.entry import Entry, check_board_name, check_names, check_unchanged, read_entry
-from crowdbench_leaderboards.means import check_networks_differ, method_cases, other_networks, summarize_method
+from crowdbench_leaderboards.entries import check_entry
+from crowdbench_leaderboards.entry import PUBLIC, Entry, check_unchanged, read_entry
+from crowdbench_leaderboards.episode_table import MAX_MEMORY, read_table
+from crowdbench_leaderboards.means import check_networks_differ, method_cases, method_networks, summarize_method
 from crowdbench_leaderboards.memory_limit import limit_memory
+from crowdbench_leaderboards.planner_files import Files
+from crowdbench_leaderboards.ranked_run import MIN_IN_TIME, RankedRun, RankedTask, drive_all, read_ranked
 from crowdbench_leaderboards.season import Season
 from crowdbench_leaderboards.signature import find_signer
 from crowdbench_leaderboards.verdict import (
+    DecisionTime,
     Unverified,
     Verdict,
     Verification,
     read_verification,
-    verification_folder,
     write_verification,
 )
 
-MAX_MEMORY = 4e9
-"""Bytes that the replay of an entry's public runs may take."""
-
 
 class NotReproduced(InputError):
-    """Raised if commands do not reproduce the public runs of an entry. The message states the difference."""
+    """Raised if commands do not reproduce the public cases of an entry. The message states the difference."""
 
 
-def count_cases(entry: Entry, board: Board, cases: Cases) -> int:
-    """Return how many cases a verification replays and drives; `cases` are the cases of each scenario."""
-    count = (len(cases) + board.spec.public_cases) * len(board.scenarios)
-    return count + len(other_networks(entry, board)) * len(method_cases(cases))
+@dataclass(frozen=True)
+class Verifier:
+    """The setting of verifications.
 
-
-def verify(
-    entry: Entry, board: Board, work: Path, cases: Cases | None = None, progress: Progress | None = None
-) -> Verification:
-    """Verify an entry on cases of a seed that is drawn now, and record nothing.
-
-    Args:
-        entry: The entry.
-        board: Its board.
-        work: The folder of temporary files.
-        cases: The cases of each scenario; as many as in a season if None.
-        progress: Called after each step with the progress of the step, as a fractional number of episodes.
-
-    Raises:
-        MachineFault: `work` cannot be written, or crowdbench has changed meanwhile.
-        InputError: The entry belongs to another board or to another digest of the board, its name is taken, or no
-            sandbox is available.
+    Attributes:
+        board: The board.
+        root: The folder of boards.
+        work: The folder of unfinished runs.
+        external: The files outside of entries that their options name.
+        executor: Workers that drive the ranked cases, if any.
+        progress: Called with the progress, in cases.
     """
-    _check_board(entry, board)
-    work.mkdir(parents=True, exist_ok=True)
-    case_set = CaseSet(board, cases or board.cases, secrets.randbits(63))
-    with tempfile.TemporaryDirectory(prefix=f"verify-{board.name}-{entry.name}-", dir=work) as folder:
-        return _verify(entry, case_set, Path(folder) / "runs", progress)
 
+    board: Board
+    root: Path
+    work: Path
+    external: Files
+    executor: Executor | None = None
+    progress: Progress = lambda done: None
 
-def verify_in_season(
-    entry: Entry, board: Board, work: Path, season: Season, key: Path, progress: Progress | None = None
-) -> Verification:
-    """Verify an entry on the cases of a season, and record and sign the verdict.
+    def runs(self, entry: Entry) -> Path:
+        """Return the folder of the unfinished runs of an entry in a season."""
+        return self.work / f"verify-{self.board.name}-{entry.name}"
 
-    Args:
-        entry: The entry.
-        board: Its board.
-        work: The folder that keeps finished runs until the verdict.
-        season: The season.
-        key: The key of the maintainer who verifies the entry, see `signature.sign`.
-        progress: As for `verify`.
+    def tasks(self, entry: Entry, case_set: CaseSet, runs: Path) -> list[RankedTask]:
+        """Return the ranked cases of an entry, scenario by scenario."""
+        planner = EntryPlanner(entry.directory, entry.spec.planner, entry.spec.options, self.external)
+        names = self.board.scenarios
+        return [RankedTask(planner, case_set, name, entry.digest, runs / "ranked" / f"{name}.jsonl") for name in names]
 
-    Raises:
-        MachineFault: `work` or the verdict cannot be written, or crowdbench has changed meanwhile.
-        InputError: The entry belongs to another board, takes no part in the season or was verified in it before, the
-            key belongs to no maintainer, or no sandbox is available.
-        KeyboardInterrupt: The user interrupted it. The same call goes on with finished batches.
-    """
-    by = find_signer(key, season.root)
-    _check_season(entry, board, season)
-    case_set = CaseSet(board, board.cases, season.seed(board.name))
-    runs = work / f"verify-{board.name}-{entry.name}"
-    with lock_runs(runs):
-        entry = read_entry(entry.directory)
-        _check_season(entry, board, season)  # another process may have verified it
-        verification = _verify(entry, case_set, runs, progress, by, season.spec.name)
-        write_verification(verification_folder(entry, season), verification, board, runs, key)
-        shutil.rmtree(runs, ignore_errors=True)
-    return verification
+    def verify(self, entry: Entry, cases: Cases | None = None) -> tuple[Verification, dict[str, Episodes]]:
+        """Verify an entry on cases of a seed that is drawn now, and record nothing.
 
+        Args:
+            entry: The entry.
+            cases: The cases of each scenario; as many as in a season if None.
 
-def _check_board(entry: Entry, board: Board) -> None:
-    check_board_name(entry, board)
-    if entry.spec.board_digest != board.digest:
-        raise InputError(
-            f"{entry.directory} was made for another simulator, other rules or scenarios of the board {board.name} "
-            f"({entry.spec.board_digest[:12]}) than these ({board.digest[:12]}): submit it again"
+        Returns:
+            The verification, and the ranked cases by scenario.
+
+        Raises:
+            MachineFault: `work` cannot be written, or crowdbench has changed meanwhile.
+            InputError: The entry belongs to another board or to another digest of the board, its name is taken, or no
+                sandbox is available.
+        """
+        self._check(entry)
+        self.work.mkdir(parents=True, exist_ok=True)
+        case_set = CaseSet(self.board, cases or self.board.cases, secrets.randbits(63))
+        with tempfile.TemporaryDirectory(prefix=f"verify-{self.board.name}-{entry.name}-", dir=self.work) as folder:
+            return self._verify(entry, case_set, Path(folder), "", "")
+
+    def verify_in_season(self, entry: Entry, season: Season, key: Path) -> Verification:
+        """Verify an entry on the cases of a season, and record and sign the verdict.
+
+        Args:
+            entry: The entry.
+            season: The season.
+            key: The key of the maintainer who verifies the entry, see `signature.sign`.
+
+        Raises:
+            MachineFault: `work` or the verdict cannot be written, or crowdbench has changed meanwhile.
+            InputError: The entry belongs to another board, takes no part in the season or was verified in it before,
+                the key belongs to no maintainer, or no sandbox is available.
+            KeyboardInterrupt: The user interrupted it. The same call goes on with finished cases.
+        """
+        by = find_signer(key, season.root)
+        self._check_season(entry, season)
+        runs = self.runs(entry)
+        with lock_runs(runs):
+            entry = read_entry(entry.directory)
+            self._check_season(entry, season)  # another process may have verified it
+            case_set = CaseSet(self.board, self.board.cases, season.seed(self.board.name))
+            verification, episodes = self._verify(entry, case_set, runs, by, season.spec.name)
+            verification = write_verification(entry.directory, verification, episodes, key)
+            shutil.rmtree(runs, ignore_errors=True)
+        return verification
+
+    def count_cases(self, entry: Entry, cases: Cases) -> int:
+        """Return how many cases a verification replays and drives; `cases` are the cases of each scenario."""
+        count = (len(cases) + self.board.spec.public_cases) * len(self.board.scenarios)
+        return count + len(method_networks(entry, self.board)) * len(method_cases(cases))
+
+    def _check(self, entry: Entry) -> None:
+        check_entry(entry, self.board, self.root, [])
+        if entry.spec.board_digest != self.board.digest:
+            raise InputError(
+                f"{entry.directory} was made for another simulator, other rules or scenarios of the board "
+                f"{self.board.name} ({entry.spec.board_digest[:12]}) than these ({self.board.digest[:12]}): submit it "
+                "again"
+            )
+        if level() == PROCESS:
+            raise InputError("an entry is verified in a sandbox, for which bubblewrap is needed: install it")
+
+    def _check_season(self, entry: Entry, season: Season) -> None:
+        """Raise InputError if an entry cannot be verified in a season."""
+        self._check(entry)
+        if not season.takes_part(self.board.name, entry.name, entry.digest):
+            raise InputError(
+                f"{entry.name} takes no part in the season {season.spec.name}: it was not frozen in this form"
+            )
+        if is_verified(entry, self.board, season):
+            raise InUse(f"{entry.name} was verified in the season {season.spec.name} before, which is done once")
+
+    def _verify(
+        self, entry: Entry, case_set: CaseSet, runs: Path, by: str, season: str
+    ) -> tuple[Verification, dict[str, Episodes]]:
+        """Verify an entry, and return the verdict with the ranked cases by scenario.
+
+        Args:
+            entry: The entry.
+            case_set: The ranked cases.
+            runs: The folder of runs.
+            by: The maintainer who signs; empty without one.
+            season: The name of the season; empty without one.
+        """
+        episodes: dict[str, Episodes] = {}
+        measured: dict[str, Any] = {}
+        try:
+            public = replay_public(entry, self.board, self.progress)
+            episodes, measured = self._run_again(entry, case_set, runs, public)
+            found = lower_than_claimed(public, {name: episodes[name] for name in public})
+            how = f"in a sandbox without network, which shows it its own files alone, limited in {describe_limits()}"
+            verdict, reason = Verdict.RERUN, f"the recorded commands lead to the public results; ran {how}"
+            if found:
+                verdict, reason = Verdict.LOWER, "; ".join(found)
+        except (MachineFault, InUse):
+            raise
+        except NotReproduced as error:
+            verdict, reason = Verdict.NOT_REPRODUCED, str(error)
+        except InputError as error:
+            verdict, reason = Verdict.REFUSED, str(error)
+        verification = Verification(
+            verdict=verdict,
+            reason=reason,
+            by=by,
+            on=datetime.datetime.now(datetime.UTC).date().isoformat(),
+            board=self.board.name,
+            board_digest=self.board.digest,
+            entry=entry.name,
+            entry_digest=entry.digest,
+            season=season,
+            seed=case_set.seed or 0,
+            level=level(),
+            **measured,
         )
-    spec = entry.spec
-    check_names(entry.name, spec.planner, entry.card, spec.submitted_by, entry.directory.parent.parent)
-    if level() == PROCESS:
-        raise InputError("an entry is verified in a sandbox, for which bubblewrap is needed: install it")
+        return verification, episodes
+
+    def _run_again(
+        self, entry: Entry, case_set: CaseSet, runs: Path, public: Mapping[str, Episodes]
+    ) -> tuple[dict[str, Episodes], dict[str, Any]]:
+        """Drive the ranked cases, and return them by scenario with the measurements.
+
+        Raises:
+            InputError: The planner breaks its contract or a limit, or differs from the submitted planner.
+        """
+        check_unchanged(entry)
+        tasks = self.tasks(entry, case_set, runs)
+        drive_all(tasks, self.progress, self.executor)
+        ranked = {task.scenario: read_ranked(task) for task in tasks}
+        for name in public:
+            if ranked[name].failed:
+                raise InputError(f"{name}: {ranked[name].failed}")
+            about = {
+                "facts": entry.spec.facts.get(name),
+                "privileged": entry.spec.privileged,
+                "raw": entry.spec.raw,
+            }
+            if ranked[name].planner != about:
+                raise InputError(f"{name}: the planner's facts differ from the facts of the entry")
+        driven = {name: run for name, run in ranked.items() if run.episodes is not None}
+        episodes = {name: run.episodes for name, run in driven.items() if run.episodes is not None}
+        measured: dict[str, Any] = {"decision_time": _decision_time(case_set, driven)}
+        if networks := method_networks(entry, self.board):
+            cases = CaseSet(self.board, method_cases(case_set.cases), case_set.seed)
+            folders = [runs / "networks" / str(number) for number in range(len(networks))]
+            for network, folder in zip(networks, folders, strict=True):
+                drive(network, cases, folder, self.progress)
+            check_networks_differ(self.board, folders, cases.cases)
+            measured["method"] = summarize_method(self.board, folders, len(cases.cases))
+        return episodes, measured
 
 
-def _check_season(entry: Entry, board: Board, season: Season) -> None:
-    _check_board(entry, board)
-    if not season.takes_part(board.name, entry.name, entry.digest):
-        raise InputError(
-            f"{entry.directory} takes no part in the season {season.spec.name}: it was not among the entries that were "
-            "frozen, or was changed since"
-        )
-    if is_verified(entry, board, season):
-        raise InUse(f"{entry.directory} was verified in the season {season.spec.name} before, which is done once")
+def _decision_time(case_set: CaseSet, ranked: Mapping[str, RankedRun]) -> DecisionTime:
+    """Return the time of all decisions in the ranked cases."""
+    steps = {scenario.name: scenario.rules.dt for scenario in case_set.scenarios}
+    seconds = [each for run in ranked.values() for each in run.seconds]
+    in_time = float(np.mean([each < steps[name] for name, run in ranked.items() for each in run.seconds]))
+    p99 = 1e3 * float(np.percentile(seconds, 99))
+    return DecisionTime(p99_ms=round(p99, 3), in_time=round(in_time, 5), is_real_time=in_time >= MIN_IN_TIME)
 
 
 def is_verified(entry: Entry, board: Board, season: Season) -> bool:
-    """Check if an entry has a valid verification in a season.
+    """Check if an entry has a valid verification of a season."""
+    try:
+        read_verification(entry, board, season)
+    except Unverified:
+        return False
+    return True
+
+
+def replay_public(entry: Entry, board: Board, progress: Progress | None = None) -> dict[str, Episodes]:
+    """Simulate the public cases of an entry from their commands, and return its episodes by scenario.
+
+    Raises NotReproduced if the episodes in the entry differ.
+    """
+    scenarios = {scenario.name: scenario for scenario in board.load(None)}
+    with tempfile.TemporaryDirectory() as temporary:
+        try:
+            public = read_table(entry.directory / PUBLIC, board, board.public_cases, Path(temporary))
+        except InputError as error:
+            raise NotReproduced(str(error)) from None
+        for name, episodes in public.items():
+            try:
+                with limit_memory(MAX_MEMORY):
+                    run = public_run(entry, board, scenarios[name], episodes, Path(temporary) / name)
+                    run.check(rows_only=True)
+                    differences = replay_run(run, scenarios[name], board.metrics, progress).differences
+            except MachineFault:
+                raise
+            except (InputError, MemoryError) as error:
+                raise NotReproduced(f"{name}: {error or 'it takes too much memory'}") from None
+            if differences:
+                raise NotReproduced(f"{name}: {differences[0]}")
+    return public
+
+
+def public_run(entry: Entry, board: Board, scenario: Scenario, episodes: Episodes, folder: Path) -> RunResult:
+    """Return the run of an entry on the public cases of a scenario.
 
     Args:
         entry: The entry.
-        board: Its board.
-        season: The season.
+        board: The board.
+        scenario: The scenario.
+        episodes: Its episodes as the entry has them.
+        folder: The folder with its commands.
     """
-    try:
-        return bool(read_verification(entry, board, season))
-    except Unverified:
-        return False
-
-
-def _verify(
-    entry: Entry, case_set: CaseSet, runs: Path, progress: Progress | None, by: str = "", season: str = ""
-) -> Verification:
-    measured: dict[str, Any]
-    try:
-        with limit_memory(MAX_MEMORY):
-            _replay_public_runs(entry, case_set.board, progress)
-        measured = _run_again(entry, case_set, runs, progress)
-    except MachineFault:
-        raise
-    except MemoryError:
-        reason = f"to replay its public runs takes more than {MAX_MEMORY / 1e9:g} GB of memory"
-        measured = {"verdict": Verdict.NOT_REPRODUCED, "reason": reason}
-    except NotReproduced as error:
-        measured = {"verdict": Verdict.NOT_REPRODUCED, "reason": str(error)}
-    except InputError as error:
-        measured = {"verdict": Verdict.REFUSED, "reason": str(error)}
-    assert case_set.seed is not None  # it is None only for public cases
-    return Verification(
-        by=by,
-        on=datetime.datetime.now(datetime.UTC).date().isoformat(),
-        board=case_set.board.name,
-        board_digest=case_set.board.digest,
-        entry=entry.name,
-        entry_digest=entry.digest,
-        season=season,
-        seed=case_set.seed,
-        level=level(),
-        **measured,
-    )
-
-
-def _replay_public_runs(entry: Entry, board: Board, progress: Progress | None) -> None:
-    """Simulate the public cases from their commands. Raises NotReproduced if the runs of the entry differ."""
-    scenarios = {scenario.name: scenario for scenario in board.load(None)}
-    reported, folders = set(entry.spec.reported), {path.name for path in entry.public.glob("*")}
-    if not reported or reported != folders or not reported <= scenarios.keys():
-        raise NotReproduced("the scenarios of its reported figures differ from its public runs or from this board")
-    for name in driven_scenarios(board, entry.public):
-        try:
-            _replay(entry, board, scenarios[name], progress)
-        except MachineFault:
-            raise
-        except InputError as error:
-            raise NotReproduced(f"{name}: {error}") from None
-
-
-def _replay(entry: Entry, board: Board, scenario: Scenario, progress: Progress | None) -> None:
-    _check_size(entry.public / scenario.name / COMMANDS, len(board.public_cases), scenario.rules.max_steps)
-    run = read_public_run(entry, board, scenario)
-    run.check(rows_only=True)
-    reported, metrics = entry.spec.reported[scenario.name], run.result["metrics"]
-    if reported.keys() != metrics.keys():
-        raise InputError(f"the reported figures differ from {EPISODES}")
-    means = [metrics[name]["mean"] for name in reported]
-    # The last digits of a mean depend on the version of NumPy.
-    if not np.allclose(
-        np.array([*reported.values()], float), np.array(means, float), rtol=1e-9, atol=0.0, equal_nan=True
-    ):
-        raise InputError(f"the reported figures differ from {EPISODES}")
-    if differences := replay_run(run, scenario, board.metrics, progress).differences:
-        raise InputError(differences[0])
-
-
-def _check_size(path: Path, cases: int, steps: int) -> None:
-    """Check that a file of commands is not larger than a run allows, before it is decompressed.
-
-    Args:
-        path: The file. `read_commands` reports a file that is missing or not in Parquet format.
-        cases: Number of cases of the run.
-        steps: Largest number of steps of a case.
-
-    Raises:
-        InputError: It is larger.
-    """
-    try:
-        with path.open("rb") as file, pq.ParquetFile(file) as parquet:
-            groups = [parquet.metadata.row_group(index) for index in range(parquet.metadata.num_row_groups)]
-            rows = parquet.metadata.num_rows
-    except (pa.ArrowException, OSError, ValueError):
-        return
-    size = sum(group.column(index).total_uncompressed_size for group in groups for index in range(group.num_columns))
-    most = 1_000_000 + 2 * 16 * cases * (steps + 1)  # twice the size of two float64 numbers per step
-    if rows > cases or size > most:
-        raise InputError(
-            f"{path} holds {rows} cases in {size / 1e6:.0f} MB, but a run of {cases} cases has as many in "
-            f"{most / 1e6:.0f} MB at most"
-        )
-
-
-def read_public_run(entry: Entry, board: Board, scenario: Scenario) -> RunResult:
-    """Read the run of an entry on the public cases of a scenario. Its figures are not checked.
-
-    Raises:
-        InputError: A file is missing or damaged, or has other metrics than the board.
-    """
-    folder = entry.public / scenario.name
-    episodes = Episodes.read(folder / EPISODES)
-    if episodes.columns.keys() != board.metrics.keys():
-        raise InputError(f"{folder / EPISODES} must have the metrics {', '.join(board.metrics)}")
     run = {"scenario": scenario.digest, "cases": str(board.public_cases), "code": code(), "simulator": SIMULATOR}
+    planner = {"name": entry.name, "options": entry.spec.options}
     result = {
-        "run": {**run, "metrics": dict.fromkeys(board.metrics)},
-        "scenario": scenario.table,
+        "run": {**run, "planner": planner, "replanning": {}, "metrics": dict.fromkeys(board.metrics)},
+        "scenario": {**scenario.table, "name": scenario.name},
         "stated": {"versions": entry.spec.environment},
         "outcomes": episodes.counts(),
         "recorded": 0,
@@ -268,44 +297,3 @@ def read_public_run(entry: Entry, board: Board, scenario: Scenario) -> RunResult
         "metrics": plain(episodes.summary()),
     }
     return RunResult(folder, result, episodes)
-
-
-def _run_again(entry: Entry, case_set: CaseSet, runs: Path, progress: Progress | None) -> dict[str, Any]:
-    """Run the planner on held-out cases, and compare with the public ones.
-
-    Returns:
-        The verdict, its reason and the measurements, see `Verification`.
-
-    Raises:
-        InputError: The planner breaks its contract or a limit, or differs from the submitted planner.
-    """
-    board, spec = case_set.board, entry.spec
-    check_unchanged(entry)
-    planner = EntryPlanner(entry.directory, spec.planner, spec.options)
-    failures = drive(planner, case_set, runs, progress)
-    for name in [name for name in failures if name in spec.reported]:
-        raise InputError(f"{name}: {failures[name]}")
-    results = {name: read_result(runs / name) for name in driven_scenarios(board, runs)}
-    for name, result in results.items():
-        is_same = result["run"]["planner"]["facts"] == spec.facts.get(name) or name not in spec.reported
-        stated = result["stated"]
-        if not is_same or (stated["privileged"], stated["raw"]) != (spec.privileged, spec.raw):
-            raise InputError(f"{name}: the planner's facts differ from the facts of the entry")
-    measured: dict[str, Any] = {"figures": {name: result["metrics"] for name, result in results.items()}}
-    if networks := other_networks(entry, board):
-        cases = CaseSet(board, method_cases(case_set.cases), case_set.seed)
-        folders = [runs / "networks" / str(number) for number in range(len(networks))]
-        for network, folder in zip(networks, folders, strict=True):
-            drive(network, cases, folder, progress)
-        check_networks_differ(board, [runs, *folders], cases.cases)
-        measured["method"] = summarize_method(board, [runs, *folders], len(cases.cases))
-    try:
-        measured["decision_time"] = time_decisions(planner, case_set, runs)
-    except NotTimed as error:
-        measured["untimed"] = str(error)
-    public, held_out = read_episodes(board, entry.public), read_episodes(board, runs)
-    if differences := lower_than_claimed(public, {name: held_out[name] for name in public}):
-        return {"verdict": Verdict.LOWER, "reason": "; ".join(differences), **measured}
-    how = f"in a sandbox without network, which shows it its own files alone, limited in {describe_limits()}"
-    reason = f"the recorded commands lead to the reported figures; ran {how}"
-    return {"verdict": Verdict.RERUN, "reason": reason, **measured}

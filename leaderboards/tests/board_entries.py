@@ -2,10 +2,12 @@
 
 import json
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 from small_boards import card, write_board
 
-from crowdbench.utils.files import sha256
 from crowdbench_leaderboards.board import read_board
+from crowdbench_leaderboards.entry import files_digest
 from crowdbench_leaderboards.submission import Submission, submit
 
 PLANNER = """
@@ -27,11 +29,18 @@ def planner(weights="", seed=0):
 
 
 def seal(folder, **changes):
-    """Write what an entry says, with the digests of its files as they are now."""
+    """Write what an entry says, with the digest of its files as they are now."""
     table = json.loads((folder / "entry.json").read_text()) | changes
-    paths = [path for path in folder.rglob("*") if path.is_file() and path.name != "entry.json"]
-    table["files"] = {path.relative_to(folder).as_posix(): sha256(path) for path in paths}
+    if "files" not in changes:
+        table["files"] = files_digest(folder)
     (folder / "entry.json").write_text(json.dumps(table))
+
+
+def change_rows(path, column, change):
+    """Change a column of a table of episodes, given as a list."""
+    table = pq.read_table(path)
+    values = pa.array(change(table[column].to_pylist()), table.schema.field(column).type)
+    pq.write_table(table.set_column(table.column_names.index(column), column, values), path)
 
 
 def entered(tmp_path, text, options=None, networks=(), name="mine", root=None, **fields):
@@ -40,9 +49,7 @@ def entered(tmp_path, text, options=None, networks=(), name="mine", root=None, *
     board = read_board(root / "small") if (root / "small").exists() else write_board(root)
     (tmp_path / "mine.py").write_text(text)
     (tmp_path / "card.toml").write_text(card(**fields))
-    return Submission(
-        board, name, str(tmp_path / "mine.py"), options or {}, list(networks), tmp_path / "card.toml", "Ada"
-    )
+    return Submission(board, name, str(tmp_path / "mine.py"), options or {}, list(networks), tmp_path / "card.toml")
 
 
 def submitted(tmp_path, text, **given):

@@ -18,7 +18,7 @@ INHERIT: {ROOT}/mkdocs.yml
 docs_dir: docs
 hooks: [{ROOT}/leaderboards/crowdbench_leaderboards/pages/hook.py]
 plugins: [search]
-nav: [index.md, boards.md, trust.md, suite.md, results.md, Leaderboards: leaderboards/index.md]
+nav: [index.md, boards.md, boards_rules.md, trust.md, suite.md, results.md, Leaderboards: leaderboards/index.md]
 """
 """The site without its other hooks and pages."""
 
@@ -31,7 +31,7 @@ def build_site(root, place):
     (place / "mkdocs.yml").write_text(CONFIGURATION)
     for name in ("style.css", "tables.js"):
         shutil.copy(ROOT / "docs" / name, docs)
-    for name in ("index", "boards", "trust", "suite"):
+    for name in ("index", "boards", "boards_rules", "trust", "suite"):
         (docs / f"{name}.md").write_text(f"# {name}\n\n## Ranking\n\n## Other studies\n")
     (docs / "results.md").write_text((ROOT / "docs/results.md").read_text().split("Each study has a page")[0])
     for name, script in tables.scripts(ROOT / "studies").items():

@@ -11,19 +11,18 @@ import sys
 import numpy as np
 
 from crowdbench.metrics import compare_all, ranks
-from crowdbench_leaderboards.pages.ranking import is_equivalent, tiers
 
 CASES = 500
 BETTER = 0.02
 
 
 def simulate(entries, rate, correlation, repetitions, better=0.0, cases=CASES, seed=0):
-    """Return shares of boards on which something is said, of pairs called equivalent, and the mean width of a rank.
+    """Return shares of boards on which something is said, and the mean width of a rank.
 
     The first entry succeeds more often than the others by `better`.
     """
     draws = np.random.default_rng([seed, entries])
-    wrong, tier, found, better_than, equivalent, unequal, width = np.zeros((7, repetitions))
+    wrong, found, better_than, width = np.zeros((4, repetitions))
     for repetition in range(repetitions):
         own = draws.random((entries, cases)) < rate
         shared = draws.random((entries, cases)) < np.sqrt(correlation)
@@ -35,19 +34,13 @@ def simulate(entries, rate, correlation, repetitions, better=0.0, cases=CASES, s
         other = [pair for pair in pairs if better > 0.0 and "0" in (pair.higher, pair.lower)]
         equal = [pair for pair in pairs if pair not in other]
         wrong[repetition] = any(pair.is_sure for pair in equal)
-        tier[repetition] = sum(tiers(sorted(rank.values(), key=lambda each: (each.first, each.last)))) > 1
         found[repetition] = rank["0"].last == 1
-        equivalent[repetition] = np.mean([is_equivalent(pair) for pair in equal])
-        unequal[repetition] = any(is_equivalent(pair) for pair in other)
         better_than[repetition] = np.mean([pair.is_sure and pair.higher == "0" for pair in other or pairs])
         width[repetition] = np.mean([each.last - each.first for each in rank.values()])
     return {
         "a false sure pair": wrong.mean(),
-        "a tier": tier.mean(),
         "the first is the only best": found.mean(),
         "the first is surely better than another": better_than.mean(),
-        "equal pairs called equivalent": equivalent.mean(),
-        "the first is called equivalent": unequal.mean(),
         "width of a rank": width.mean(),
     }
 

@@ -11,11 +11,10 @@ from filelock import FileLock
 from crowdbench.isolation import sandbox
 from crowdbench.plugins.new_planner import make_planner
 from crowdbench_leaderboards.board import read_board
-from crowdbench_leaderboards.calibrated_time import NotTimed
-from crowdbench_leaderboards.entry import read_entries
+from crowdbench_leaderboards.entries import read_entries
 from crowdbench_leaderboards.fill import freeze_entries
 from crowdbench_leaderboards.submission import Submission, submit
-from crowdbench_leaderboards.verification import verify_in_season
+from crowdbench_leaderboards.verification import Verifier
 
 BOARD = """
 title = "Small"
@@ -35,13 +34,20 @@ randomness = "{"ab" * 32}"
 rehearsal = true
 """
 
+SHIPPED = '[[shipped]]\nname = "orca"\nplanner = "orca"\n'
+
 
 def card(**changes):
     """The text of a card."""
-    fields = {"title": '"A <b>planner</b>"', "authors": '["Ada"]', "contact": '"ada@example.org"', "method": '"mine"'}
-    fields |= {"licence": '"MIT"', "description": '"Drives."', "training_data": "[]", "training_scenarios": "[]"}
-    fields |= {"privileged_training": "false", "crowd_model": '"none"', "validation_runs": "1", "training_seeds": "0"}
+    fields = {"title": '"A plain planner"', "authors": '["Ada"]', "contact": '"ada@example.org"', "account": '"ada"'}
+    fields |= {"method": '"mine"', "licence": '"MIT"', "description": '"Drives."', "training_data": "[]"}
+    fields |= {"training_scenarios": "[]", "privileged_training": "false", "crowd_model": '"none"'}
+    fields |= {"validation_runs": "1", "training_seeds": "0"}
     return "".join(f"{key} = {value}\n" for key, value in (fields | changes).items())
+
+
+BASELINE = card(account='""', title='"ORCA"')
+"""The card of a planner that ships."""
 
 
 def write_board(root, name="small", text=BOARD):
@@ -51,14 +57,14 @@ def write_board(root, name="small", text=BOARD):
     return read_board(root / name)
 
 
-def not_timed(monkeypatch):
-    """No decisions are timed, which takes long."""
+def verifier(root, work, name="small", **given):
+    """The setting of verifications of a board."""
+    return Verifier(read_board(root / name), root, work, {}, **given)
 
-    def raise_not_timed(*_):
-        raise NotTimed("")
 
-    for module in ("submission", "verification"):
-        monkeypatch.setattr(f"crowdbench_leaderboards.{module}.time_decisions", raise_not_timed)
+def verify(entry, board, work, cases=None):
+    """The verdict on an entry on cases that are drawn now."""
+    return Verifier(board, entry.directory.parents[2], work, {}).verify(entry, cases)[0]
 
 
 def make_key(folder, root, name="tester"):
@@ -92,13 +98,13 @@ def _make(folder: Path):
     root, work = folder / "leaderboards", folder / "work"
     board = write_board(root)
     (root / "season.toml").write_text(SEASON)
+    (root / "shipped.toml").write_text(SHIPPED)
     (folder / "card.toml").write_text(card())
+    (folder / "baseline.toml").write_text(BASELINE)
     planner = make_planner("careful", folder)
-    submit(Submission(board, "careful", str(planner / "careful.py"), {}, [], folder / "card.toml", "Ada"), root, work)
-    submit(Submission(board, "orca", "orca", {}, [], folder / "card.toml", "crowdbench"), root, work)
+    submit(Submission(board, "careful", str(planner / "careful.py"), {}, [], folder / "card.toml"), root, work)
+    submit(Submission(board, "orca", "orca", {}, [], folder / "baseline.toml"), root, work)
     season, key = freeze_entries(board, root), make_key(folder, root)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("crowdbench_leaderboards.calibrated_time.TIMED", 2)
-        for entry in read_entries(board, root):
-            verify_in_season(entry, board, work, season, key)
+    for entry in read_entries(board, root).good:
+        verifier(root, work).verify_in_season(entry, season, key)
     assert not any(path.is_dir() for path in work.iterdir())

@@ -4,24 +4,24 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 import safetensors.numpy
 from board_entries import PLANNER, seal, submitted
-from small_boards import BOARD, SEASON, not_timed, write_board
+from small_boards import BOARD, SEASON, verifier, verify, write_board
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
 from crowdbench.cli.app import app
 from crowdbench.isolation import limits, sandbox
 from crowdbench.planners.driver import Driver
-from crowdbench.results.stored_commands import read_commands
 from crowdbench.runs.rollout import rollout
 from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.board import read_board
-from crowdbench_leaderboards.board_runs import EntryPlanner
+from crowdbench_leaderboards.board_runs import CaseSet, EntryPlanner
 from crowdbench_leaderboards.entry import read_entry
+from crowdbench_leaderboards.ranked_run import drive_ranked, read_ranked
 from crowdbench_leaderboards.verdict import Verdict
-from crowdbench_leaderboards.verification import verify
 
 pytestmark = [
     pytest.mark.slow,
@@ -29,20 +29,18 @@ pytestmark = [
 ]
 
 
-@pytest.fixture
-def _few_timed(monkeypatch):
-    monkeypatch.setattr("crowdbench_leaderboards.calibrated_time.TIMED", 3)
-
-
 # A1: the season's seed in the sandbox
 
 
 @pytest.mark.nightly
-def test_a_planner_finds_no_season_no_board_and_no_entry(root, tmp_path, monkeypatch):
-    not_timed(monkeypatch)
+def test_a_planner_finds_no_season_no_board_and_no_entry(root, tmp_path):
     names = "season.toml", "frozen.json", "board.toml", "entry.json", "maintainers"
     looks = f"""
+looked = []
 def think(obs, commands):
+    if looked:
+        return commands
+    looked.append(True)
     found = [os.path.join(place, name) for place, _, files in os.walk('/') for name in files
              if name in {names!r} and not place.startswith(('/proc', '/sys')) and '/rules/' not in place]
     for path in {[str(root / "season.toml"), str(Path(__file__).parents[1] / "season.toml")]!r}:
@@ -60,7 +58,7 @@ def think(obs, commands):
     assert found.verdict == Verdict.RERUN, found.reason
 
 
-def test_a_board_in_a_folder_of_python_is_hidden_from_its_entries(tmp_path, monkeypatch):
+def test_a_board_in_a_folder_of_python_is_hidden_from_its_entries(tmp_path):
     place = Path(sandbox.__file__).parent / "boards_of_a_test"  # in the package, which the sandbox shows
     try:
         board = write_board(place)
@@ -88,65 +86,67 @@ def test_the_wheel_has_the_rules_of_boards_and_no_season_or_entry():
     assert "crowdbench_leaderboards/rules/five/board.toml" in of_boards
 
 
-# A2: slow on public cases only
+# A2, B1, B2: slow, or thinking, only where it is not timed: every ranked decision is timed, in one world
 
 
-@pytest.mark.usefixtures("_few_timed")
-def test_the_board_fixes_the_cases_and_the_pace_is_that_of_drawn_ones(tmp_path):
-    slow = "def think(obs, commands):\n    time.sleep(0.9 * (len(obs) == 8 and obs.step[0] < 3))\n    return commands\n"
-    entry, board = submitted(tmp_path, PLANNER + slow)  # there are 8 public cases, and 10 others
+def test_a_planner_that_is_slow_in_the_ranked_cases_alone_is_slow(tmp_path):
+    # It is quick in its first cases, as if they alone were timed, and in every batch.
+    waits = """
+cases = 0
+def think(obs, commands):
+    global cases
+    cases += obs.step[0] == 0
+    time.sleep(0.3 * (len(obs) == 1 and cases > 3 and obs.step[0] < 3))
+    return commands
+"""
+    entry, board = submitted(tmp_path, PLANNER + waits)
     found = verify(entry, board, work=tmp_path / "work")
-    assert found.figures["circle_crossing_5"]["success_rate"].n == board.spec.cases
-    assert found.decision_time is not None
-    assert found.decision_time.p99_ms < 800.0
+    assert found.decision_time.p99_ms > 300.0
+    assert not found.decision_time.is_real_time
+
+
+def test_every_decision_of_the_ranked_cases_is_timed(tmp_path):
+    entry, board = submitted(tmp_path, PLANNER)
+    task, *_ = verifier(tmp_path / "boards", tmp_path / "work").tasks(
+        entry, CaseSet(board, board.cases, 7), tmp_path / "runs"
+    )
+    drive_ranked(task)
+    run = read_ranked(task)
+    assert len(run.seconds) == run.episodes.steps.sum()
+    assert run.episodes.case.tolist() == list(range(10))
+    assert task.order != sorted(task.order)
+    assert sorted(task.order) == list(range(10))
+
+
+def test_the_cases_of_a_ranked_run_come_one_at_a_time_and_in_a_drawn_order(tmp_path):
+    alone = """
+seen = [0]
+def think(obs, commands):
+    seen[0] += len(obs) == 1
+    assert not seen[0] or len(obs.row) == 1
+    return commands
+"""
+    entry, board = submitted(tmp_path, PLANNER + alone)
+    orders = []
+    for seed in (7, 8):
+        (task,) = verifier(tmp_path / "boards", tmp_path / "work").tasks(
+            entry, CaseSet(board, board.cases, seed), tmp_path / f"runs{seed}"
+        )
+        drive_ranked(task)
+        orders.append([line["case"] for line in task.lines() if "case" in line])
+        assert orders[-1] == task.order
+    assert orders[0] != orders[1]
 
 
 # A3: the next command in the low digits of a velocity
 
 
-def test_commands_are_rounded_before_they_are_driven(tmp_path, monkeypatch):
-    not_timed(monkeypatch)
+def test_commands_are_rounded_before_they_are_driven(tmp_path):
     hides = "def think(obs, commands):\n    return commands * 0.999999 + 1.23456e-6\n"
     entry, _ = submitted(tmp_path, PLANNER + hides)
-    commands = read_commands(entry.public / "circle_crossing_5" / "commands.parquet").command
+    commands = np.concatenate(pq.read_table(entry.directory / "public.parquet")["command"].to_pylist()).reshape(-1, 2)
     np.testing.assert_array_equal(commands, np.round(commands, 4))
     assert np.hypot(*commands.T).max() <= 1.0
-
-
-@pytest.mark.usefixtures("_few_timed")
-@pytest.mark.parametrize(("unit", "offset"), [(1e-8, 0.0), (1e-3, 1e-4)])
-def test_a_planner_cannot_send_its_decisions_to_the_process_that_is_timed(unit, offset, tmp_path):
-    # In many worlds it thinks, and adds a trace of the next command to each. Alone it only goes on with the last one.
-    decodes = f"""
-def think(obs, commands):
-    if len(obs.row) > 1:
-        return np.round(commands / {unit}) * {unit} + {offset}
-    velocity = obs.vehicle.velocity
-    return velocity
-"""
-    entry, board = submitted(tmp_path, PLANNER + decodes)
-    found = verify(entry, board, work=tmp_path / "work")
-    assert found.decision_time is None
-    assert "of its decisions are within" in found.untimed
-
-
-@pytest.mark.usefixtures("_few_timed")
-def test_the_planner_that_is_timed_is_shown_nothing_of_its_earlier_commands(tmp_path):
-    # In many worlds the speed tells what comes next; alone it follows what it sees, a step later.
-    wanders = """
-turn = 0.0
-def think(obs, commands):
-    global turn
-    angle = 0.3 * np.sin(1e3 * obs.vehicle.position[:, 0] * len(obs.row) ** 9)
-    if len(obs.row) == 1 and obs.step[0] > 0:
-        return obs.vehicle.velocity
-    turned = np.stack([commands[:, 0] * np.cos(angle) - commands[:, 1] * np.sin(angle),
-                       commands[:, 0] * np.sin(angle) + commands[:, 1] * np.cos(angle)], axis=1)
-    return turned
-"""
-    entry, board = submitted(tmp_path, PLANNER + wanders)
-    found = verify(entry, board, work=tmp_path / "work")
-    assert found.decision_time is None
 
 
 # A4: children on other cores
@@ -172,13 +172,10 @@ def think(obs, commands):
 
 
 @pytest.mark.nightly
-@pytest.mark.usefixtures("_few_timed")
 @pytest.mark.parametrize("wait", ["pass", "time.sleep(0.1)"])
-def test_the_time_of_short_lived_children_is_that_of_the_decision(wait, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench_leaderboards.calibrated_time.TIMED", 2)
+def test_the_time_of_short_lived_children_is_that_of_the_decision(wait, tmp_path):
     entry, board = submitted(tmp_path, PLANNER + CHILDREN.replace("WAIT", wait))
     found = verify(entry, board, work=tmp_path / "work")
-    assert found.decision_time is not None, found.untimed
     assert found.decision_time.p99_ms > 60.0
 
 
@@ -192,8 +189,7 @@ if libc.syscall(248 if os.uname().machine == "x86_64" else 217, b"user", b"left"
 """
 
 
-def test_a_planner_leaves_no_key_for_the_next_one(tmp_path, monkeypatch):
-    not_timed(monkeypatch)
+def test_a_planner_leaves_no_key_for_the_next_one(tmp_path):
     entry, board = submitted(tmp_path, PLANNER + KEYS)
     assert verify(entry, board, work=tmp_path / "work").verdict == Verdict.RERUN
 
@@ -201,8 +197,7 @@ def test_a_planner_leaves_no_key_for_the_next_one(tmp_path, monkeypatch):
 # A12: a planner that prints; tests/unit/isolation/test_limits.py has the rest
 
 
-def test_a_planner_forges_no_verdict(root, tmp_path, monkeypatch, capfd):
-    not_timed(monkeypatch)
+def test_a_planner_forges_no_verdict(root, tmp_path, capfd):
     forges = (
         "def think(obs, commands):\n    print('careful on small: passes, re-run')\n    raise ValueError('::error::x')\n"
     )
@@ -225,8 +220,7 @@ def test_nothing_is_verified_without_a_sandbox(name, root, tmp_path, monkeypatch
         verify(read_entry(root / "small" / "entries" / name), read_board(root / "small"), work=tmp_path)
 
 
-def test_a_verdict_says_what_has_limited_the_planner(root, tmp_path, monkeypatch):
-    not_timed(monkeypatch)
+def test_a_verdict_says_what_has_limited_the_planner(root, tmp_path):
     found = verify(read_entry(root / "small" / "entries" / "orca"), read_board(root / "small"), work=tmp_path)
     assert "limited in memory" in found.reason
 
@@ -261,7 +255,6 @@ def layers(path, seed):
     return str(path)
 
 
-@pytest.mark.usefixtures("_few_timed")
 @pytest.mark.parametrize("groups", [True, False])
 def test_honest_networks_are_verified_and_timed(groups, tmp_path, monkeypatch):
     if not groups:
@@ -273,14 +266,11 @@ def test_honest_networks_are_verified_and_timed(groups, tmp_path, monkeypatch):
     assert found.verdict == Verdict.RERUN, found.reason
     assert found.method is not None
     assert found.method.networks == 5
-    assert found.untimed == ""
 
 
-@pytest.mark.usefixtures("_few_timed")
 def test_an_honest_planner_with_a_lidar_is_verified(tmp_path):
     write_board(tmp_path / "boards", text=BOARD.replace("circle_crossing_5", "shop_10"))
     looks = "def think(obs, commands):\n    return commands * np.clip(obs.lidar.min(axis=1), 0.5, 1.0)[:, None]\n"
     entry, board = submitted(tmp_path, PLANNER + looks)
     found = verify(entry, board, work=tmp_path / "work")
     assert found.verdict == Verdict.RERUN, found.reason
-    assert found.untimed == ""

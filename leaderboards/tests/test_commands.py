@@ -56,6 +56,7 @@ def test_an_onnx_file_is_ready_for_a_board(call):
     assert call("new-planner", "swift_heron").returncode == 0
     card = Path("swift_heron/card.toml")
     answers = {"Your Name": "Ada Lovelace", "you@": "ada@", "slowly where a pedestrian is near": "never waits"}
+    answers |= {'account = ""': 'account = "ada"'}
     for asked, given_text in answers.items():
         card.write_text(card.read_text().replace(asked, given_text))
     finished = call("submit", "policy.onnx", "--board", "five", "--card", str(card), "--dry-run")
@@ -67,7 +68,13 @@ def test_an_onnx_file_is_ready_for_a_board(call):
 def test_a_planner_that_is_not_there_or_ends_its_check_gets_a_sentence(call):
     assert call("new-planner", "swift_heron").returncode == 0
     card = Path("swift_heron/card.toml")
-    text = card.read_text().replace("Your Name", "Ada").replace("you@", "ada@").replace("slowly", "fast")
+    text = (
+        card.read_text()
+        .replace("Your Name", "Ada")
+        .replace("you@", "ada@")
+        .replace("slowly", "fast")
+        .replace('account = ""', 'account = "ada"')
+    )
     card.write_text(text)
     done = call("submit", "nothing.py", "--board", "five", "--card", str(card))
     assert done.returncode == 1
@@ -88,20 +95,19 @@ def damaged(tmp_path_factory):
 
 
 ENTRY = {
-    "format": 1,
+    "format": 2,
     "board": "five",
     "board_digest": "0" * 64,
-    "submitted_by": "Ada",
     "planner": "planner/mine.py",
-    "package": "",
-    "package_files": {},
-    "facts": {"circle_crossing_5": {"weights": "1"}},
     "options": {"pace": 0.5, "weights": "planner/a.json"},
     "networks": [],
+    "package": "",
+    "package_digest": "",
+    "facts": {"circle_crossing_5": {"weights": "1"}},
     "privileged": False,
+    "raw": False,
     "environment": {"numpy": "2.0"},
-    "files": {"planner/mine.py": "0" * 64},
-    "reported": {},
+    "files": "0" * 64,
 }
 
 

@@ -4,23 +4,24 @@ import re
 import shutil
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
-from small_boards import BOARD, SEASON, card, not_timed, write_board
+from board_entries import change_rows, seal
+from small_boards import BOARD, SEASON, card, verify, write_board
 
 from crowdbench import catalog
 from crowdbench.isolation import sandbox
 from crowdbench.scenario.cases import Cases
-from crowdbench.utils.errors import InputError, NotWritten
-from crowdbench.utils.files import sha256
+from crowdbench.utils.errors import InputError, MachineFault
 from crowdbench_leaderboards.board import find_board, read_board, read_boards
-from crowdbench_leaderboards.entry import check_unchanged, read_entries, read_entry
+from crowdbench_leaderboards.entries import read_entries
+from crowdbench_leaderboards.entry import check_unchanged, read_entry
 from crowdbench_leaderboards.pages.readme import section, write_readme
 from crowdbench_leaderboards.pages.standings import standings
 from crowdbench_leaderboards.planner_files import copy_named_files
 from crowdbench_leaderboards.season import read_season
 from crowdbench_leaderboards.submission import Submission, submit
-from crowdbench_leaderboards.verdict import Verdict, read_verification
-from crowdbench_leaderboards.verification import verify
+from crowdbench_leaderboards.verdict import Verdict
 
 pytestmark = pytest.mark.slow
 
@@ -44,21 +45,8 @@ def planner():
 """Careful in the worlds that it knows, which takes it to the goal in a third of all cases, and to no goal elsewhere."""
 
 
-@pytest.fixture(autouse=True)
-def _few_timed(monkeypatch):
-    monkeypatch.setattr("crowdbench_leaderboards.calibrated_time.TIMED", 2)
-    not_timed(monkeypatch)
-
-
 def entry_of(root, name="careful"):
     return read_entry(root / "small" / "entries" / name)
-
-
-def seal_again(directory):
-    """Write the digests of an entry's files anew, as a forger would."""
-    table = json.loads((directory / "entry.json").read_text())
-    table["files"] = {name: sha256(directory / name) for name in table["files"]}
-    (directory / "entry.json").write_text(json.dumps(table))
 
 
 def test_entries_are_verified_in_a_season_and_ranked(root):
@@ -66,29 +54,32 @@ def test_entries_are_verified_in_a_season_and_ranked(root):
     found = standings(board, read_entries(board, root), read_season(root))
     assert [one.verification.verdict for one in found.ranked] == [Verdict.RERUN, Verdict.RERUN]
     assert not found.others
-    assert all(one.outcomes.shape == (1, 10) for one in found.ranked)
-    assert [one.rank.last for one in found.ranked][-1] == 2
+    assert all(len(one.episodes["circle_crossing_5"]) == 10 for one in found.ranked)
+    assert {one.block for one in found.ranked} <= {"A", "B"}
 
 
-def test_an_entry_holds_what_its_planner_consists_of(root):
+def test_an_entry_is_a_folder_of_five_files_and_its_planner(root):
     entry = entry_of(root)
     assert entry.spec.planner == "planner/careful.py"
-    public = [f"public/circle_crossing_5/{name}" for name in ("commands.parquet", "episodes.csv")]
-    assert sorted(entry.spec.files) == ["card.toml", "planner/careful.py", *public]
+    files = sorted(path.relative_to(entry.directory).as_posix() for path in entry.directory.rglob("*.*"))
+    assert files == [
+        "card.toml", "entry.json", "planner/careful.py", "public.parquet", "season.parquet", "verdict.json",
+    ]  # fmt: skip
+    assert len((entry.directory / "entry.json").read_text().splitlines()) <= 40
     assert entry_of(root, "orca").spec.package.startswith("crowdbench==")
 
 
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda folder: (folder / "planner" / "careful.py").write_text("#"), "careful.py was changed"),
-        (lambda folder: (folder / "planner" / "more.py").write_text("#"), "is not a file of this entry"),
+        (lambda folder: (folder / "planner" / "careful.py").write_text("#"), "a file of its planner was changed"),
+        (lambda folder: (folder / "planner" / "more.py").write_text("#"), "a file of its planner was changed"),
         (lambda folder: (folder / "planner" / "link.py").symlink_to("careful.py"), "link.py is not a plain file"),
-        (lambda folder: (folder / "card.toml").unlink(), "card.toml, which entry.json names, is missing"),
+        (lambda folder: (folder / "card.toml").unlink(), "its card or a file of its planner was changed"),
         (lambda folder: (folder / "entry.json").unlink(), "is no entry: .* cannot be read"),
         (lambda folder: (folder / "entry.json").write_text("{"), "is not valid JSON"),
         (lambda folder: (folder / "entry.json").write_text('{"format": 7}'), "has the format 7"),
-        (lambda folder: (folder / "entry.json").write_text('{"format": 1}'), "is no entry of crowdbench: board: "),
+        (lambda folder: (folder / "entry.json").write_text('{"format": 2}'), "is no entry of crowdbench: board: "),
     ],
 )
 def test_an_entry_with_other_files_is_refused(root, change, sentence):
@@ -99,50 +90,65 @@ def test_an_entry_with_other_files_is_refused(root, change, sentence):
 
 
 def test_the_digest_is_of_the_planner_and_not_of_its_runs(root):
+    folder = root / "small" / "entries" / "careful"
     before = entry_of(root).digest
-    for run in (root / "small" / "entries" / "careful").glob("*/*/episodes.csv"):
-        run.write_text(run.read_text() + "\n")
-    seal_again(root / "small" / "entries" / "careful")
+    change_rows(folder / "public.parquet", "steps", lambda steps: [each + 1 for each in steps])
     assert entry_of(root).digest == before
-    (root / "small" / "entries" / "careful" / "card.toml").write_text(card(title='"Other"'))
-    seal_again(root / "small" / "entries" / "careful")
+    (folder / "card.toml").write_text(card(title='"Other"'))
+    seal(folder)
     assert entry_of(root).digest != before
 
 
-def test_a_forged_outcome_is_not_reproduced(root, tmp_path):
-    folder = root / "small" / "entries" / "careful"
-    table = folder / "public" / "circle_crossing_5" / "episodes.csv"
-    text = table.read_text()
-    assert "collision" in text
-    row = next(line for line in text.splitlines() if "collision," in line)
-    table.write_text(text.replace(row, row.replace("collision", "success").replace("false,true", "true,false")))
-    seal_again(folder)
-    found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
-    assert found.verdict == Verdict.NOT_REPRODUCED
-    assert re.match("circle_crossing_5: .*", found.reason)
+def succeed(folder):
+    ends = pq.read_table(folder / "public.parquet")["outcome"].to_pylist()
+    assert "collision" in ends
+    change_rows(folder / "public.parquet", "outcome", lambda ends: ["success"] * len(ends))
 
 
-OTHER_FIGURES = "circle_crossing_5: the reported figures differ from episodes.csv"
+def fewer_steps(folder):
+    change_rows(folder / "public.parquet", "steps", lambda steps: [each - 1 for each in steps])
+
+
+def better_scores(folder):
+    change_rows(folder / "public.parquet", "score", lambda scores: [1.0] * len(scores))
+
+
+def other_commands(folder):
+    change_rows(folder / "public.parquet", "command", lambda lists: [[0.5] * len(each) for each in lists])
+
+
+def fast_commands(folder):
+    change_rows(folder / "public.parquet", "command", lambda lists: [[1e3] * len(each) for each in lists])
+
+
+def undefined_commands(folder):
+    change_rows(folder / "public.parquet", "command", lambda lists: [[np.nan] * len(each) for each in lists])
+
+
+def other_cases(folder):
+    change_rows(folder / "public.parquet", "case", lambda cases: [each + 1 for each in cases])
+
+
+def another_scenario(folder):
+    change_rows(folder / "public.parquet", "scenario", lambda names: ["square_crossing_5"] * len(names))
+
+
+def no_cases(folder):
+    path = folder / "public.parquet"
+    pq.write_table(pq.read_table(path).slice(0, 0), path)
 
 
 @pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        (lambda reported: reported["circle_crossing_5"].update(success_rate=1.0), OTHER_FIGURES),
-        (lambda reported: reported["circle_crossing_5"].update(navigation_time=None), OTHER_FIGURES),
-        (lambda reported: reported["circle_crossing_5"].pop("jerk"), OTHER_FIGURES),
-        (lambda reported: reported.update(square_crossing_5={}), "the scenarios of its reported figures differ"),
-        (lambda reported: reported.clear(), "the scenarios of its reported figures differ"),
-    ],
-)
-def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path, change, reason):
+    "forge",
+    [succeed, fewer_steps, better_scores, other_commands, fast_commands, undefined_commands, other_cases,
+     another_scenario, no_cases],
+)  # fmt: skip
+def test_a_forged_public_case_is_not_reproduced(forge, root, tmp_path):
     folder = root / "small" / "entries" / "careful"
-    table = json.loads((folder / "entry.json").read_text())
-    change(table["reported"])
-    (folder / "entry.json").write_text(json.dumps(table))
+    forge(folder)
     found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
     assert found.verdict == Verdict.NOT_REPRODUCED
-    assert re.match(reason, found.reason)
+    assert "circle_crossing_5" in found.reason or "public.parquet" in found.reason
 
 
 @pytest.mark.parametrize(
@@ -150,7 +156,7 @@ def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path, cha
     [
         ({"package": "mine==0.1"}, r"the planner is of mine==0\.1, but mine==0\.2 is installed"),
         (
-            {"package": "mine==0.2", "package_files": {"orca.py": "0" * 64}},
+            {"package": "mine==0.2", "package_digest": "0" * 64},
             "the files of the planner orca have changed .*",
         ),
     ],
@@ -159,7 +165,7 @@ def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path
     monkeypatch.setattr("crowdbench_leaderboards.entry.package", lambda planner: "mine==0.2")
     folder = root / "small" / "entries" / "orca"
     table = json.loads((folder / "entry.json").read_text())
-    (folder / "entry.json").write_text(json.dumps(table | changes | {"submitted_by": "Ada"}))
+    (folder / "entry.json").write_text(json.dumps(table | changes))
     found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
     assert found.verdict == Verdict.REFUSED
     assert re.fullmatch(reason, found.reason)
@@ -180,27 +186,27 @@ def test_an_entry_that_says_what_its_planner_does_not_is_refused(root, tmp_path,
 
 @pytest.mark.parametrize("key", ["planner", "options", "networks"])
 @pytest.mark.parametrize(
-    "path", ["{}/evil.py", "planner/../public/evil.py", "public/evil.py:planner", "evil.py/../evil.py"]
+    "path", ["{}/evil.py", "planner/../evil.py", "planner/../evil.py:planner", "evil.py/../evil.py"]
 )
 def test_a_file_that_is_not_frozen_with_its_entry_is_refused(root, tmp_path, key, path):
     folder = root / "small" / "entries" / "careful"
-    for place in (tmp_path, folder, folder / "public"):
+    for place in (tmp_path, folder):
         (place / "evil.py").write_text("")
     value = path.format(tmp_path)
     table = json.loads((folder / "entry.json").read_text())
     changed = {"planner": value, "options": {"file": [value]}, "networks": [{"file": {"one": value}}]}
     (folder / "entry.json").write_text(json.dumps(table | {key: changed[key]}))
     with pytest.raises(
-        InputError, match=r"names the file .*, which does not lie in planner/|is not a file of this entry"
+        InputError, match=r"names the file .*, which does not lie in planner/|none of the files that an entry may"
     ):
         read_entry(folder)
 
 
 def test_a_planner_that_nobody_has_is_refused(root, tmp_path):
-    named = "nonesuch"
-    folder = root / "small" / "entries" / "orca"
+    folder = root / "small" / "entries" / "careful"
     table = json.loads((folder / "entry.json").read_text())
-    (folder / "entry.json").write_text(json.dumps(table | {"planner": named}))
+    named = {"planner": "nonesuch", "package": "crowdbench==0.1.0"}
+    (folder / "entry.json").write_text(json.dumps(table | named))
     found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
     assert found.verdict == Verdict.REFUSED
     assert "no planner is called 'nonesuch'" in found.reason
@@ -227,31 +233,32 @@ def test_files_of_the_same_name_are_kept_apart(tmp_path):
 TWO_SCENARIOS = BOARD.replace('"circle_crossing_5"', '"circle_crossing_10", "circle_crossing_5"')
 
 
-def test_a_scenario_that_a_planner_cannot_drive_is_told_and_counts_nothing(tmp_path, monkeypatch):
-    monkeypatch.undo()  # decisions are timed in the scenario that it can drive
-    monkeypatch.setattr("crowdbench_leaderboards.calibrated_time.TIMED", 2)
+def test_a_scenario_that_a_planner_cannot_drive_is_told_and_counts_nothing(tmp_path):
     board = write_board(tmp_path / "boards", text=TWO_SCENARIOS)
     (tmp_path / "cheat.py").write_text(
         CHEAT
         + "def known(obs):\n    return np.ones(len(obs.row), bool) if obs.pedestrians.seen.shape[1] == 5 else None\n"
     )
     (tmp_path / "card.toml").write_text(card())
-    wanted = Submission(board, "cheat", str(tmp_path / "cheat.py"), {}, [], tmp_path / "card.toml", "Eve")
+    wanted = Submission(board, "cheat", str(tmp_path / "cheat.py"), {}, [], tmp_path / "card.toml")
     entry, failed = submit(wanted, tmp_path / "boards", tmp_path / "work")
     assert list(failed) == ["circle_crossing_10"]
     assert "raised TypeError" in failed["circle_crossing_10"]
-    assert list(entry.spec.reported) == ["circle_crossing_5"]
+    assert list(entry.spec.facts) == ["circle_crossing_5"]
     found = verify(entry, board, work=tmp_path / "work")
     assert found.verdict == Verdict.RERUN
     assert found.decision_time is not None
+    (one,) = standings(board, read_entries(board, tmp_path / "boards"), None).entries
+    assert list(one.episodes) == ["circle_crossing_5"]
+    assert one.values(board, "score")[0].tolist() == [0.0] * 8
 
 
 def test_a_full_disk_is_not_the_planners_fault(root, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("crowdbench.results.run_result.write_result", full)
-    with pytest.raises(NotWritten, match="cannot be written: No space left on device"):
+    monkeypatch.setattr("crowdbench_leaderboards.ranked_run._write_log", full)
+    with pytest.raises(MachineFault, match="cannot be written: No space left on device"):
         pytest.fail(verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work").reason)
 
 
@@ -259,7 +266,7 @@ def test_a_network_is_entered_once(root, tmp_path):
     (tmp_path / "card.toml").write_text(card())
     board = read_board(root / "small")
     for networks in ([{}], [{"weights": "cadrl-seed1"}, {"weights": "cadrl-seed1"}]):
-        wanted = Submission(board, "mine", "cadrl", {}, networks, tmp_path / "card.toml", "Ada")
+        wanted = Submission(board, "mine", "cadrl", {}, networks, tmp_path / "card.toml")
         with pytest.raises(InputError, match="two networks of the entry are the same"):
             submit(wanted, root, tmp_path / "work")
 
@@ -268,7 +275,7 @@ def test_a_method_is_measured_on_the_cases_that_all_its_networks_drove(root, tmp
     (tmp_path / "card.toml").write_text(card())
     board = read_board(root / "small")
     others = [{"safety_space": space} for space in (0.05, 0.1, 0.15, 0.2)]
-    wanted = Submission(board, "margins", "orca", {}, others, tmp_path / "card.toml", "Ada")
+    wanted = Submission(board, "margins", "orca", {}, others, tmp_path / "card.toml")
     entry, _ = submit(wanted, tmp_path / "boards", tmp_path / "work")
     found = verify(entry, board, work=tmp_path / "work", cases=Cases("test", 0, 3))
     assert found.method is not None
@@ -312,12 +319,12 @@ def test_an_entry_of_another_board_is_pending_and_neither_verified_nor_ranked(ro
     found = standings(board, read_entries(board, root), read_season(root))
     assert [one.reason for one in found.others] == ["pending", "pending"]
     assert not found.ranked
-    assert all(np.isnan(one.figures["success_rate"].mean) for one in found.others)
-    assert "| careful, Ada | - |" in section(found)
+    assert all(np.isnan(one.figures["score"].mean) for one in found.others)
+    assert "| careful, ada | - |" in section(found)
 
 
 def test_an_entry_stays_valid_if_code_changes_but_no_episode(root, monkeypatch):
-    monkeypatch.setattr("crowdbench_leaderboards.entry.package_files", lambda *_: {"other.py": "0" * 64})
+    monkeypatch.setattr("crowdbench_leaderboards.entry.package_digest", lambda *_: "0" * 64)
     monkeypatch.setattr("crowdbench_leaderboards.entry.package", lambda planner: "crowdbench==9.9")
     board = read_board(root / "small")
     assert len(standings(board, read_entries(board, root), read_season(root)).ranked) == 2
@@ -338,7 +345,7 @@ def test_who_costs_pedestrians_time_has_it_in_a_column(tmp_path):
     text = BOARD.replace("circle_crossing_5", "circle_crossing_5_visible")
     board = write_board(tmp_path, text=text)
     (tmp_path / "card.toml").write_text(card())
-    submit(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"), tmp_path, tmp_path / "work")
+    submit(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml"), tmp_path, tmp_path / "work")
     (found,) = standings(board, read_entries(board, tmp_path), None).others
     assert 0.0001 < found.figures["imposed_delay"].mean < found.figures["imposed_delay_positive"].mean < 1.0
     assert "| imposed delay, % | positive imposed delay, % |" in section(
@@ -349,18 +356,16 @@ def test_who_costs_pedestrians_time_has_it_in_a_column(tmp_path):
 def submit_cheat(root, tmp_path, known, board):
     (tmp_path / "cheat.py").write_text(CHEAT + known)
     (tmp_path / "card.toml").write_text(card())
-    wanted = Submission(board, "cheat", str(tmp_path / "cheat.py"), {}, [], tmp_path / "card.toml", "Eve")
+    wanted = Submission(board, "cheat", str(tmp_path / "cheat.py"), {}, [], tmp_path / "card.toml")
     return submit(wanted, root, tmp_path)[0]
 
 
 def test_a_planner_that_knows_the_public_cases_alone_is_lower_than_claimed(tmp_path, monkeypatch):
-    not_timed(monkeypatch)
     monkeypatch.setattr("secrets.randbits", lambda bits: 7)  # with some seeds chance alone would explain it
     text = BOARD.replace("public_cases = 8", "public_cases = 40").replace("cases = 10", "cases = 60")
     board = write_board(tmp_path / "boards", text=text)
     known = "def known(obs):\n    return np.full(len(obs.row), len(obs.row) == 40)"
     entry = submit_cheat(tmp_path / "boards", tmp_path, known, board)
-    assert entry.spec.reported["circle_crossing_5"]["success_rate"] > 0.2
     found = verify(entry, board, work=tmp_path / "work")
     assert found.verdict == Verdict.LOWER
     assert "success in circle_crossing_5 was 0.4 as reported and is 0." in found.reason
@@ -397,13 +402,13 @@ def known(obs):
         ({"name": "My Planner"}, "'My Planner' cannot be an entry: its name must be 2 to 50 lower-case letters"),
         ({"name": "orca"}, "exists already: choose another name"),
         ({"planner": "nonesuch"}, "no planner that is built in or installed is called 'nonesuch'"),
-        ({"by": " "}, "' ' cannot submit an entry: a name has letters, digits"),
+        ({"account": ""}, "the card of 'mine' names no account"),
         ({"card": "missing.toml"}, "there is no card .*missing.toml, which says what the planner is"),
     ],
 )
 def test_what_cannot_be_submitted_is_refused_and_leaves_nothing(root, tmp_path, changes, sentence):
-    (tmp_path / "card.toml").write_text(card())
-    wanted = {"name": "mine", "planner": "orca", "by": "Ada", "card": "card.toml"} | changes
+    wanted = {"name": "mine", "planner": "orca", "account": "ada", "card": "card.toml"} | changes
+    (tmp_path / "card.toml").write_text(card(title='"Mine"', account=f'"{wanted["account"]}"'))
     before = sorted((root / "small" / "entries").iterdir())
     with pytest.raises(InputError, match=sentence):
         submit(
@@ -414,7 +419,6 @@ def test_what_cannot_be_submitted_is_refused_and_leaves_nothing(root, tmp_path, 
                 {},
                 [],
                 tmp_path / wanted["card"],
-                wanted["by"],
             ),
             root,
             tmp_path / "work",
@@ -422,24 +426,11 @@ def test_what_cannot_be_submitted_is_refused_and_leaves_nothing(root, tmp_path, 
     assert sorted((root / "small" / "entries").iterdir()) == before
 
 
-def test_no_more_than_two_entries_of_a_submitter_are_ranked(root, monkeypatch):
-    one = read_verification(entry_of(root), read_board(root / "small"), read_season(root))
-    monkeypatch.setattr("crowdbench_leaderboards.pages.standings.read_verification", lambda *_: one)
-    entries, found = root / "small" / "entries", root / "small" / "verifications"
-    for name in ("second", "third"):
-        shutil.copytree(entries / "careful", entries / name)
-        shutil.copytree(found / "careful", found / name)
-    board = read_board(root / "small")
-    found = standings(board, read_entries(board, root), read_season(root))
-    assert sorted(one.entry.name for one in found.ranked) == ["careful", "orca", "second"]
-    assert [(one.entry.name, one.reason) for one in found.others] == [("third", "more than 2 of one submitter")]
-
-
 def test_the_readme_has_the_standings(root):
     text = write_readme(root).read_text()
     assert "## Small" in text
-    assert re.search(r"\| \d( to \d)? \| orca.*, baseline \| \d+\.\d \(", text)
-    assert re.search(r"\| \d( to \d)? \| careful.*, Ada \|", text)
+    assert re.search(r"\| [AB] \| (1st|2nd|tied, 1st to 2nd) \| orca, baseline \| 0\.\d+ \(", text)
+    assert re.search(r"\| [AB] \| (1st|2nd|tied, 1st to 2nd) \| careful, ada \|", text)
 
 
 def test_the_boards_that_ship_are_in_order_and_have_all_their_scenarios():

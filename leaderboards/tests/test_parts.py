@@ -15,7 +15,8 @@ from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.board import MEASURED
 from crowdbench_leaderboards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
 from crowdbench_leaderboards.entry import read_card
-from crowdbench_leaderboards.pages.standings import SHOWN, Standings, success_by_family
+from crowdbench_leaderboards.pages.page_tables import profile
+from crowdbench_leaderboards.pages.standings import SHOWN, Standings
 from crowdbench_leaderboards.submission import Submission, rehearse
 
 FAMILIES = """
@@ -110,21 +111,18 @@ def test_the_interval_of_a_method_has_a_width_and_ends_at_1(shares):
     assert found.high - found.low > 0.004
 
 
-def test_a_profile_has_the_success_in_each_family(tmp_path):
+def test_a_profile_has_the_score_in_each_family(tmp_path):
     board = write_board(tmp_path, "two", FAMILIES)
-    rates = {"circle_crossing_5": 0.9, "circle_crossing_10": 0.7, "square_crossing_5": 0.5}
-    found = success_by_family(
-        board,
-        {name: {"success_rate": Estimate(rate, rate - 0.03, rate + 0.04, 60, 1.0)} for name, rate in rates.items()},
-    )
-    assert {family: one.mean for family, one in found.items()} == pytest.approx({"circle": 0.8, "square": 0.5})
-    assert found["circle"].high == pytest.approx(0.8 + 0.04 / np.sqrt(2))
-    assert success_by_family(board, {name: {} for name in rates})["square"].mean == 0.0
+    scores = {"circle_crossing_5": 0.9, "circle_crossing_10": 0.7}
+    each = np.arange(60)
+    own = {name: Episodes(each, each, each, {"score": np.full(60, score)}) for name, score in scores.items()}
+    found = profile(board, SimpleNamespace(episodes=own))
+    assert {family: one.mean for family, one in found.items()} == pytest.approx({"circle": 0.8, "square": 0.0})
 
 
 def test_a_card_as_it_was_made_is_refused(tmp_path):
     path = make_planner("gentle", tmp_path) / "card.toml"  # a name that no test has imported
-    submission = Submission(write_board(tmp_path / "boards"), "careful", "orca", {}, [], path, "Ada")
+    submission = Submission(write_board(tmp_path / "boards"), "careful", "orca", {}, [], path)
     with pytest.raises(InputError, match=r"card.toml has authors, contact, description as `new-planner` wrote it"):
         submission.check(tmp_path / "boards")
     text = path.read_text().replace("Your Name", "Ada").replace("you@example.org", "ada@example.org")
@@ -132,17 +130,20 @@ def test_a_card_as_it_was_made_is_refused(tmp_path):
     with pytest.raises(InputError, match="has description as"):
         submission.check(tmp_path / "boards")
     path.write_text(text.replace("Drives straight to the goal", "Drives"))
+    with pytest.raises(InputError, match="names no account"):
+        submission.check(tmp_path / "boards")
+    path.write_text(path.read_text().replace('account = ""', 'account = "ada"'))
     submission.check(tmp_path / "boards")
 
 
 def test_a_rehearsal_makes_no_entry(tmp_path):
     board = write_board(tmp_path)
     (tmp_path / "card.toml").write_text(card())
-    seconds = rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"), tmp_path)
+    seconds = rehearse(Submission(board, "mine", "orca", {}, [], tmp_path / "card.toml"), tmp_path)
     assert seconds > 0.0
     assert not (board_folder := tmp_path / "small" / "entries").exists(), board_folder
     with pytest.raises(InputError, match="there is no card"):
-        rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "no.toml", "Ada"), tmp_path)
+        rehearse(Submission(board, "mine", "orca", {}, [], tmp_path / "no.toml"), tmp_path)
 
 
 def test_a_board_shows_the_metrics_of_its_ranked_entries():
@@ -150,10 +151,11 @@ def test_a_board_shows_the_metrics_of_its_ranked_entries():
         return SimpleNamespace(figures={name: Estimate(0.1 if name in names else np.nan, 0, 1, 5, 1) for name in SHOWN})
 
     old, new = entry("sct", "jerk"), entry("sct", "jerk", "at_fault_rate")
-    assert Standings(None, "", [old], [new], []).shown == ["sct", "jerk"]
-    assert Standings(None, "", [], [old, new], []).shown == ["at_fault_rate", "sct", "jerk"]
+    assert Standings(None, "", [old], [new], {}, {}, []).shown == ["sct", "jerk"]
+    assert Standings(None, "", [], [old, new], {}, {}, []).shown == ["at_fault_rate", "sct", "jerk"]
 
 
-def test_every_board_shows_the_score_beside_success():
-    assert SHOWN[0] == "score"
+def test_every_board_ranks_by_the_score():
+    assert "score" in MEASURED
+    assert "score" not in SHOWN  # it has a column of its own
     assert set(SHOWN) <= set(MEASURED)

@@ -17,7 +17,7 @@ class Clone:
     def __init__(self, folder):
         self.folder = folder
         self.git("init", "-q", "-b", "main")
-        for name, account in (("hers", "Ada"), ("his", "bob"), ("nobodys", "")):
+        for name, account in (("hers", "ada"), ("his", "bob"), ("nobodys", ""), ("upper", "Ada")):
             self.write(f"leaderboards/five/entries/{name}/card.toml", f'account = "{account}"\n')
             self.write(f"leaderboards/five/entries/{name}/entry.json", "{}")
         self.write("leaderboards/five/board.toml", "")
@@ -61,7 +61,9 @@ def test_a_new_entry_and_ones_own_may_change_and_go(clone):
     clone.write(f"{entry('new')}/card.toml", 'account = "ada"')
     done = clone.check()
     assert (done.returncode, done.stdout.split()) == (0, [entry("hers"), entry("new")])
-    clone.git("rm", "-r", "-q", entry("hers"))
+    clone.write(f"{entry('hers')}/verdict.json", "{}")
+    clone.commit()
+    clone.git("rm", "-r", "-q", entry("hers"))  # with its verdict
     clone.write("leaderboards/five/entries/new/entry.json")
     assert clone.check().stdout.split() == [entry("new")]
 
@@ -143,7 +145,41 @@ def change_rules(clone):
 
 
 def add_a_verification(clone):
-    clone.write("leaderboards/five/verifications/hers/first/verification.json", "{}")
+    clone.write(f"{entry('hers')}/verdict.json", "{}")
+
+
+def change_a_verification(clone):
+    clone.git("checkout", "-q", "main")
+    clone.write(f"{entry('hers')}/season.parquet", "signed")
+    clone.commit()
+    clone.base = clone.git("rev-parse", "HEAD").strip()
+    clone.git("checkout", "-q", "-b", "other")
+    clone.git("rm", "-q", f"{entry('hers')}/season.parquet")
+
+
+def take_an_account_in_capitals(clone):
+    clone.write(f"{entry('upper')}/entry.json", "{ }")
+
+
+def enter_with_a_line_break_in_the_account(clone):
+    clone.write(f"{entry('new')}/card.toml", 'account = "ada\\n"')
+
+
+def add_another_file(clone):
+    clone.write(f"{entry('hers')}/notes.md", "")
+
+
+def add_a_name_with_a_line_break(clone):
+    clone.write(f"{entry('hers')}/planner/a\nb.py", "")
+
+
+def add_many_files(clone):
+    for number in range(110):
+        clone.write(f"{entry('hers')}/planner/{number}.py", "")
+
+
+def add_a_large_file(clone):
+    clone.write(f"{entry('hers')}/planner/a.txt", "#" * 50_000_001)
 
 
 def add_a_board(clone):
@@ -161,7 +197,9 @@ def look_like_his(clone):
 FORBIDDEN = [
     delete, delete_in_part, change, take_over, rename, replace_by_ones_own, add_to, change_nobodys, enter_for_another,
     enter_for_nobody, enter_without_a_card, enter_with_a_damaged_card, link, link_a_folder, nest_a_repository,
-    change_code, change_rules, add_a_verification, add_a_board, change_the_workflow, look_like_his,
+    change_code, change_rules, add_a_verification, change_a_verification, take_an_account_in_capitals,
+    enter_with_a_line_break_in_the_account, add_another_file, add_a_name_with_a_line_break, add_many_files,
+    add_a_large_file, add_a_board, change_the_workflow, look_like_his,
 ]  # fmt: skip
 
 

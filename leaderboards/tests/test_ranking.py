@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from rank_simulation import BETTER, simulate
 
 from crowdbench.metrics import Rank, compare_all, ranks
-from crowdbench_leaderboards.pages.ranking import MARGIN, is_equivalent, pareto, sort_entries, tiers
+from crowdbench_leaderboards.pages.ranking import Candidate, place, rank_all
 
 CASES = 500
 ALONE = np.ones(1)
@@ -62,17 +62,6 @@ def test_ranks_agree_with_the_pairs(own):
         assert all(not pair.is_sure for pair in pairs if {pair.higher, pair.lower} == {"twin", "entry0"})
 
 
-@settings(max_examples=25)
-@given(boards())
-def test_a_tier_begins_where_all_above_are_surely_better_than_all_below(own):
-    pairs = compare_all(own, ALONE)
-    rank = ranks([*own], pairs)
-    order = sorted(rank, key=lambda name: (rank[name].first, rank[name].last))
-    sure = {(pair.higher, pair.lower) for pair in pairs if pair.is_sure}
-    expected = [all((a, b) in sure for a in order[:k] for b in order[k:]) for k in range(len(order))]
-    assert tiers([rank[name] for name in order]) == expected
-
-
 @settings(max_examples=10)
 @given(boards(), st.randoms())
 def test_the_order_in_which_entries_come_does_not_matter(own, random):
@@ -91,24 +80,41 @@ def test_a_rank_is_an_interval_of_what_is_sure():
     assert places([entry([]), entry(range(20)), entry(range(60))]) == ["1", "2", "3"]
 
 
-def test_entries_of_the_same_rank_are_listed_by_sct():
-    rank = {"a": Rank(1, 3), "b": Rank(1, 3), "c": Rank(1, 2), "d": Rank(4, 4), "e": Rank(1, 3)}
-    assert sort_entries(rank, {"a": 0.5, "b": 0.7, "c": 0.1, "d": 0.9, "e": 0.5}) == ["c", "b", "a", "e", "d"]
+@pytest.mark.parametrize(
+    ("rank", "text"),
+    [
+        (Rank(1, 1), "1st"),
+        (Rank(1, 5), "tied, 1st to 5th"),
+        (Rank(2, 3), "tied, 2nd to 3rd"),
+        (Rank(11, 13), "tied, 11th to 13th"),
+        (Rank(21, 22), "tied, 21st to 22nd"),
+    ],
+)
+def test_a_rank_is_written_as_a_place(rank, text):
+    assert place(rank) == text
 
 
-def test_tiers_need_all_pairs():
-    assert tiers([Rank(1, 2), Rank(1, 3), Rank(2, 3)]) == [True, False, False]
-    assert tiers([Rank(1, 1), Rank(2, 3), Rank(2, 3)]) == [True, True, False]
+def candidate(name, score, faults=0, owner=None, cases=400):
+    generator = np.random.default_rng(len(name))
+    at_fault = (np.arange(cases)[None] < faults).astype(float)
+    scores = (generator.random((1, cases)) < score) * generator.uniform(0.8, 1.0, (1, cases))
+    return Candidate(name, owner or name, scores, at_fault)
 
 
-def test_entries_are_equivalent_where_the_whole_interval_is_within_the_margin():
-    def compare(failures, cases):
-        (pair,) = compare_all(numbered([entry([], cases), entry(range(failures), cases)]), ALONE)
-        return pair
+def test_who_is_often_at_fault_is_in_a_block_of_its_own():
+    found = rank_all([candidate("fast", 0.99, 40), candidate("careful", 0.6), candidate("slow one", 0.3)], ALONE)
+    assert found.block == {"fast": "B", "careful": "A", "slow one": "A"}
+    assert found.order == ["careful", "slow one", "fast"]
+    assert {name: str(rank) for name, rank in found.rank.items()} == {"careful": "1", "slow one": "2", "fast": "1"}
+    assert {frozenset((pair.higher, pair.lower)) for pair in found.pairs} == {frozenset(("careful", "slow one"))}
 
-    assert is_equivalent(compare(1, 1000))
-    assert not is_equivalent(compare(1, 50))  # too few cases to say so
-    assert not is_equivalent(compare(int(MARGIN * 4000), 4000))
+
+def test_entries_of_the_same_rank_are_listed_by_score():
+    found = rank_all([candidate("a", 0.50), candidate("bb", 0.52), candidate("ccc", 0.51)], ALONE)
+    means = {each: found.rank[each] for each in found.order}
+    assert {str(rank) for rank in means.values()} == {"1 to 3"}
+    scores = [candidate(name, share).score.mean() for name, share in (("a", 0.50), ("bb", 0.52), ("ccc", 0.51))]
+    assert found.order == [name for _, name in sorted(zip(scores, ("a", "bb", "ccc"), strict=True), reverse=True)]
 
 
 def test_scenarios_count_by_their_weights():
@@ -140,7 +146,6 @@ def test_equal_entries_are_told_apart_on_at_most_5_percent_of_boards(entries, ra
     found = simulate(entries, rate, correlation, repetitions)
     most = 0.05 + 2.0 * np.sqrt(0.05 * 0.95 / repetitions)
     assert found["a false sure pair"] <= most
-    assert found["a tier"] <= found["a false sure pair"]  # a tier of equal entries is a false one
 
 
 @pytest.mark.nightly
@@ -150,13 +155,7 @@ def test_a_better_entry_is_found_with_the_power_that_is_printed():
     print(f"power for {100 * BETTER:g} points by the number of cases: {power}")
     assert power[1000] > max(power[500], 0.7)
     assert max(each["a false sure pair"] for each in found.values()) <= 0.1
-    assert found[1000]["the first is called equivalent"] <= 0.1  # it differs by the margin
 
 
 def test_one_entry_is_the_first():
     assert places([entry([])]) == ["1"]
-
-
-def test_the_pareto_set_is_what_nothing_beats():
-    costs = np.array([[0.0, 3.0], [1.0, 1.0], [1.0, 2.0], [2.0, 0.5], [1.0, 1.0]])
-    assert pareto(costs).tolist() == [True, True, False, True, True]

@@ -5,18 +5,18 @@ import shutil
 import numpy as np
 import pytest
 from boards_site import build_site
-from small_boards import BOARD, SEASON, card, make_key, write_board
+from small_boards import BOARD, SEASON, card, make_key, verify, write_board
 
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from crowdbench_leaderboards.board import find_board, read_board
-from crowdbench_leaderboards.entry import read_entries
+from crowdbench_leaderboards.entries import read_entries
 from crowdbench_leaderboards.fill import freeze_entries
 from crowdbench_leaderboards.pages.readme import section
-from crowdbench_leaderboards.pages.standings import standings
+from crowdbench_leaderboards.pages.standings import blocks_of_time, standings
 from crowdbench_leaderboards.season import read_season
 from crowdbench_leaderboards.submission import Submission, submit
-from crowdbench_leaderboards.verification import verify, verify_in_season
+from crowdbench_leaderboards.verification import Verifier
 
 TWO_SCENES = BOARD.replace("version = 1", "version = 1\nrecorded = true").replace(
     "public_cases = 8", "public_cases = 2"
@@ -77,14 +77,12 @@ def root(shared, tmp_path_factory):
     root, work = folder / "leaderboards", folder / "work"
     board = write_board(root, text=RECORDED).with_data(shared / "data" / "eth_ucy")
     (root / "season.toml").write_text(SEASON)
-    (folder / "card.toml").write_text(card())
     for name in ("orca", "straight"):
-        submit(Submission(board, name, name, {}, [], folder / "card.toml", "Ada"), root, work)
+        (folder / "card.toml").write_text(card(title=f'"{name}"'))
+        submit(Submission(board, name, name, {}, [], folder / "card.toml"), root, work)
     season, key = freeze_entries(board, root), make_key(folder, root)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("crowdbench_leaderboards.calibrated_time.TIMED", 2)
-        for entry in read_entries(board, root):
-            assert verify_in_season(entry, board, work, season, key).verdict == "re-run"
+    for entry in read_entries(board, root).good:
+        assert Verifier(board, root, work, {}).verify_in_season(entry, season, key).verdict == "re-run"
     return root
 
 
@@ -93,8 +91,9 @@ def test_entries_are_ranked_by_blocks_of_time(root):
     board = read_board(root / "small")
     found = standings(board, read_entries(board, root), read_season(root))
     assert {one.entry.name for one in found.ranked} == {"orca", "straight"}
-    assert all(len(np.unique(one.blocks["eth_reactive"])) == 10 for one in found.ranked)
-    assert "10 cases of each scenario, 10 blocks of recorded time in all." in section(found)
+    assert all(len(np.unique(one.episodes["eth_reactive"].block)) == 10 for one in found.ranked)
+    assert len(np.unique(blocks_of_time(board, found.ranked)[0])) == 10
+    assert "10 cases of each scenario." in section(found)
 
 
 @pytest.mark.slow
@@ -119,7 +118,7 @@ def test_a_planner_has_other_weights_in_each_scene_and_is_verified(shared, tmp_p
     board = write_board(tmp_path / "boards", text=TWO_SCENES).with_data(shared / "data" / "eth_ucy")
     (tmp_path / "careful.py").write_text(NOT_TRAINED_ON_THE_SCENE)
     (tmp_path / "card.toml").write_text(card())
-    submission = Submission(board, "careful", str(tmp_path / "careful.py"), {}, [], tmp_path / "card.toml", "Ada")
+    submission = Submission(board, "careful", str(tmp_path / "careful.py"), {}, [], tmp_path / "card.toml")
     entry, failed = submit(submission, tmp_path / "boards", tmp_path / "work")
     assert failed == {}
     assert entry.spec.facts == {

@@ -13,14 +13,15 @@ from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
+from board_entries import change_rows
 from boards_site import build_site
 from small_boards import make_key
 
 from crowdbench.plugins.kind import load_module
-from crowdbench.utils.tables import plain
-from crowdbench_leaderboards.board import read_board, read_boards
-from crowdbench_leaderboards.board_runs import read_episodes
-from crowdbench_leaderboards.entry import file_digests, read_entry, write_entry
+from crowdbench_leaderboards.board import read_board
+from crowdbench_leaderboards.entries import read_entries
+from crowdbench_leaderboards.entry import read_entry
+from crowdbench_leaderboards.episode_table import read_table
 from crowdbench_leaderboards.pages import texts
 from crowdbench_leaderboards.season import freeze
 from crowdbench_leaderboards.submission import Submission, submit
@@ -28,7 +29,6 @@ from crowdbench_leaderboards.verdict import (
     DecisionTime,
     Verdict,
     Verification,
-    verification_folder,
     write_verification,
 )
 
@@ -39,7 +39,9 @@ ROOT = Path(__file__).parents[2]
 BOARDS = ROOT / "leaderboards"
 HOSTILE = '"><script>alert(1)</script><img src=http://evil.example/x onerror=alert(2)>{{ 7 * 7 }} $x_{1}$ \u202e'
 STRANGE = {
-    "title": HOSTILE,
+    "method": HOSTILE,
+    "description": HOSTILE,
+    "contact": HOSTILE,
     "paper": "javascript:alert(3)",
     "code": "https://example.org/?a=1&b=2",
     "privileged_training": True,
@@ -58,39 +60,34 @@ def root(tmp_path_factory):
         (root / name).mkdir(parents=True)
         (root / name / "board.toml").write_text(board.replace("version", "cases = 6\npublic_cases = 6\nversion", 1))
     shutil.copy(BOARDS / "season.toml", root)
+    (root / "shipped.toml").write_text('[[shipped]]\nname = "orca"\nplanner = "orca"\n')
     enter(root, "five", "orca")
     enter(root, "unranked", "orca")
-    enter(root, "five", "social_force", **STRANGE)
-    boards = {board.name: board for board in read_boards(root)}
-    entries = {name: [read_entry(path) for path in sorted((root / name).glob("entries/*"))] for name in boards}
-    season = freeze(root, "five", {one.name: one.digest for one in entries["five"]})
-    shutil.copytree(root / "five/entries/orca", root / "five/entries/late")
-    late = read_entry(root / "five/entries/late")
-    write_entry(late.directory, late.spec.model_copy(update={"submitted_by": "another"}))
+    enter(root, "five", "social_force", account="some-body", **STRANGE)
+    board = read_board(root / "five")
+    season = freeze(root, "five", read_entries(board, root).good)
+    enter(root, "five", "straight", account="another")
+    (root / "five/entries/straight").rename(root / "five/entries/late")
+    shutil.copytree(root / "five/entries/late", root / "five/entries/l_ate")
     key = make_key(root.parent, root)
-    for entry in entries["five"]:
-        verified(entry, season, key)
+    for name in ("orca", "social_force"):
+        verified(read_entry(root / "five/entries" / name), board, season, key)
     return root
 
 
 def enter(root, board, planner, **card):
     text = (BOARDS / "cards" / f"{planner}.toml").read_text()
     for key, value in card.items():
-        line = f"{key} = {json.dumps(value)}"
-        text = re.sub(rf"(?m)^{key} = .*$", line.replace("\\", r"\\"), text)
+        line = f"{key} = {json.dumps(value)}\n"
+        text = re.sub(rf"(?m)^{key} = .*\n", "", text) + line
     path = root.parent / f"{planner}.toml"
     path.write_text(text)
-    submit(
-        Submission(read_board(root / board), planner, planner, {}, [], path, f"Some Body of {planner}"),
-        root,
-        root.parent / "work",
-    )
+    submission = Submission(read_board(root / board), planner, planner, {}, [], path)
+    submit(submission, root, root.parent / "work")
 
 
-def verified(entry, season, key):
-    """Record a verification, as `crowdbench verify --season` does, whose runs are those of the public cases."""
-    board = read_board(season.root / entry.spec.board)
-    speed = DecisionTime(p99_ms=1.0, kernel="k", kernel_ms=25.0, calibrated_p99_ms=1.0, is_real_time=True)
+def verified(entry, board, season, key):
+    """Record a verification, as `crowdbench verify --season` does, whose cases are the public ones."""
     found = Verification(
         by="tester",
         on="2027-01-31",
@@ -100,13 +97,13 @@ def verified(entry, season, key):
         entry_digest=entry.digest,
         season=season.spec.name,
         seed=season.seed(entry.spec.board),
-        level="process",
+        level="bubblewrap",
         verdict=Verdict.RERUN,
         reason="as reported",
-        figures={name: plain(run.summary()) for name, run in read_episodes(board, entry.public).items()},
-        decision_time=speed,
+        decision_time=DecisionTime(p99_ms=1.0, in_time=1.0, is_real_time=True),
     )
-    write_verification(verification_folder(entry, season), found, board, entry.public, key)
+    episodes = read_table(entry.directory / "public.parquet", board, board.public_cases)
+    write_verification(entry.directory, found, episodes, key)
 
 
 @pytest.fixture(scope="module")
@@ -197,9 +194,9 @@ def test_what_strangers_write_is_text(site):
         assert "\u202e" not in whole
     entry = Page(site / "leaderboards/five/entries/social_force.html", is_whole=True)
     text = "".join(entry.text)
-    assert text.count("<script>alert(1)</script>") >= 2  # also in the title
+    assert text.count("<script>alert(1)</script>") >= 2
     assert "{{ 7 * 7 }}" in text
-    assert "Some Body" in text
+    assert "some-body" in text
     assert "https://example.org/?a=1&b=2" in entry.targets("href")
 
 
@@ -209,12 +206,12 @@ def test_everything_is_there_without_javascript(site):
     for word in (
         "orca",
         "re-run",
-        "success, %",
+        "score",
         "Tests between entries",
         "Failures by case",
         "Failures in public cases",
         "real-time",
-        "1 to 2",
+        "l_ate",  # which is left out
         "The rank is an interval",
     ):
         assert word in text, word
@@ -330,8 +327,8 @@ def test_entries_are_filtered_and_leave_as_csv(visit):
     with page.expect_download() as download:
         bar.get_by_role("link", name="CSV").click()
     header, *lines = list(csv.reader(download.value.path().read_text().splitlines()))
-    assert header[1:3] == ["entry", "success, %"]
-    assert header[-1] == "submitter"
+    assert header[1:3] == ["entry", "score"]
+    assert header[-1] == "account"
     assert "verification" not in header
     assert [line[1] for line in lines] == ["orca"]
     search.fill("")
@@ -371,8 +368,9 @@ def test_the_tables_of_studies_are_sorted_filtered_and_leave_as_csv(visit):
 def test_failures_lead_to_their_replays(site, root):
     folder = site / "leaderboards/five"
     entry = (folder / "entries/orca.html").read_text(encoding="utf-8")
-    rows = (root / "five/entries/orca/public/circle_crossing_5/episodes.csv").read_text().splitlines()[1:]
-    collided = [row.split(",")[0] for row in rows if row.split(",")[1] == "collision"]
+    board = read_board(root / "five")
+    public = read_table(root / "five/entries/orca/public.parquet", board, board.public_cases)["circle_crossing_5"]
+    collided = public.failures["collision"]
     assert collided
     for case in collided:
         assert f"Case {case}: collision" in entry
@@ -394,7 +392,8 @@ def test_each_entry_and_each_public_case_leads_to_its_replay(site, root, tmp_pat
     expected = []
     board = read_board(root / "five")
     for name in ("late", "orca", "social_force") if is_in_season else ("late",):
-        episodes = read_episodes(board, root / f"five/entries/{name}/public")["circle_crossing_5"]
+        table = root / f"five/entries/{name}/public.parquet"
+        episodes = read_table(table, board, board.public_cases)["circle_crossing_5"]
         failed = {case for cases in episodes.failures.values() for case in cases}
         expected.append((name, failed))
     shown = set().union(*(failed for _, failed in expected))
@@ -404,20 +403,21 @@ def test_each_entry_and_each_public_case_leads_to_its_replay(site, root, tmp_pat
     )
 
 
-def test_a_damaged_run_leaves_the_page_without_a_replay(root, tmp_path):
-    shutil.copytree(root / "five/entries/late", tmp_path / "boards/five/entries/late")
+def test_a_damaged_entry_is_left_out_and_a_bad_command_leaves_the_others_in_the_replay(root, tmp_path):
+    place = tmp_path / "boards/five/entries"
+    for name in ("late", "social_force", "orca"):
+        shutil.copytree(root / "five/entries" / name, place / name)
     shutil.copy(root / "five/board.toml", tmp_path / "boards/five")
-    entry = read_entry(tmp_path / "boards/five/entries/late")
-    (entry.directory / "public/circle_crossing_5/commands.parquet").write_bytes(b"nothing")
-    write_entry(entry.directory, entry.spec.model_copy(update={"files": file_digests(entry.directory)}))
+    shutil.copy(root / "shipped.toml", tmp_path / "boards")
+    change_rows(place / "late/public.parquet", "command", lambda lists: [[1e3] * len(each) for each in lists])
+    (place / "social_force/public.parquet").write_bytes(b"nothing")
     folder = build_site(tmp_path / "boards", tmp_path) / "leaderboards"
-    text = (folder / "five/entries/late.html").read_text(encoding="utf-8")
-    assert "They cannot be simulated again" in text
-    assert not (folder / "five/replay").exists()
+    assert "They cannot be simulated again" in (folder / "five/entries/late.html").read_text(encoding="utf-8")
+    assert not (folder / "five/entries/social_force.html").exists()
+    assert "no table of episodes" in (folder / "five/index.html").read_text(encoding="utf-8")
+    data = (folder / "five/replay/data/circle_crossing_5/test-0.js").read_text()
+    assert set(json.loads(data.partition(",")[2][:-2])) == {"orca"}
     assert "There is no season yet" in (folder / "index.html").read_text(encoding="utf-8")
-    (entry.directory / "entry.json").write_text("{}")
-    with pytest.raises(AssertionError, match=r"entry\.json"):
-        build_site(tmp_path / "boards", tmp_path)
 
 
 def test_the_same_boards_give_the_same_bytes(site, root, tmp_path):

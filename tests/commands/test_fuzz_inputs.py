@@ -60,6 +60,7 @@ BASES = {
     "run": ["--planner", "orca", "--cases", "val:2", "--set", "time_limit=3.0", "--out", "out", "--overwrite"],
     "check": ["success_rate", "--kind", "metrics", "--cases", "val:2"],
     "suite": ["nothing", "--cases", "1"],
+    "cross": ["nothing", "orca", "--cases", "1"],
     "train": ["ppo", "--out", "a", "--steps", "-1"],
     "merge": ["a", "b", "--out", "out", "--overwrite"],
     "new-planner": ["mine", "--out", "planners"],

@@ -73,14 +73,23 @@ def test_every_page_is_in_the_menu_once():
 
 
 def test_the_page_of_planners_has_each_in_one_family():
-    table = (DOCS / "planners.md").read_text().split("|---|---|---|\n")[1].split("\n\n")[0]
+    table = (DOCS / "planners.md").read_text().split("\n|---|---|---|\n")[1].split("\n\n")[0]
     assert sorted(re.findall(r"`(\w+)`", table)) == sorted(name for name, _ in PLANNERS.names())
+
+
+def test_the_generated_reference_is_that_of_the_code():
+    reference = load_module(DOCS / "reference.py")
+    others = [path.name for path, text in reference.pages().items() if path.read_text() != text]
+    assert others == [], "python docs/reference.py writes these pages"
+    known = {f"{name}.md" for name, _ in PLANNERS.names()}
+    assert {path.name for path in (DOCS / "planners").glob("*.md")} == known
 
 
 def test_the_heat_table_is_drawn_from_its_script():
     figure = load_module(DOCS / "heat_figure.py")
-    assert figure.FIGURE.read_text() == figure.figure()
-    assert float(re.search(r'width="(\d+)"', figure.figure())[1]) <= 1000
+    for path, ink in figure.INKS.items():
+        assert path.read_text() == figure.figure(ink)
+        assert float(re.search(r'width="(\d+)"', path.read_text())[1]) <= 1000
 
 
 def test_a_printed_page_is_split_into_an_overview_and_tables():

@@ -25,6 +25,7 @@ PAGES = [
 
 RUN_ELSEWHERE = {
     "suite": "tests/commands/test_suite.py",
+    "cross": "tests/commands/test_several_vehicles.py",
     "submit": ".ci/boards",
     "verify": ".ci/boards",
     "merge": "tests/commands/test_parts.py",

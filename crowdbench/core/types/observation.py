@@ -91,6 +91,7 @@ class Pedestrians:
             interpolation, or by extrapolation at constant velocity. None if positions are never filled in.
         deviation: Standard deviations of each coordinate of the position in metres and of the velocity in m/s, as
             estimated by a filter; None without one.
+        is_vehicle: True for other vehicles; None if there is one vehicle, or with a detector, which cannot tell.
     """
 
     position: Float[np.ndarray, "*world pedestrian 2"]
@@ -102,6 +103,7 @@ class Pedestrians:
     age: Float[np.ndarray, "*world pedestrian"]
     filled: Bool[np.ndarray, "*world time pedestrian"] | None = None
     deviation: Float[np.ndarray, "*world pedestrian 2"] | None = None
+    is_vehicle: Bool[np.ndarray, "*world pedestrian"] | None = None
 
 
 @dataclass(frozen=True)

@@ -212,6 +212,9 @@ class Intention(NamedTuple):
 HISTORY = 8
 """Number of positions in the history of a pedestrian, including the current one."""
 
+MAX_VEHICLES = 16
+"""Largest number of vehicles in a world."""
+
 COLLISION_RULES = ("swept", "crowdnav", "crowdnav_plus")
 """The collision tests, see `crowdbench.sim.episode`."""
 
@@ -283,6 +286,7 @@ class Rules:
         sensor: Limits of the vehicle's sight.
         walking: The limits of pedestrians; None if only their speed is limited.
         intentions: The intention of the pedestrians of each policy; empty if all have their desired velocity.
+        vehicles: Number of vehicles in a world, see `crowdbench.sim.fleet`.
     """
 
     dt: float = 0.25
@@ -299,6 +303,7 @@ class Rules:
     sensor: Sensor = PERFECT_SENSOR
     walking: WalkingLimits | None = None
     intentions: tuple[Intention, ...] = ()
+    vehicles: int = 1
 
     # Computed once, because they are read in every step.
     @cached_property
@@ -338,6 +343,7 @@ class Rules:
             "sensor",
             "walking",
             "intentions",
+            "vehicles",
         ):
             if getattr(self, field) == getattr(Rules, field):
                 del entries[field]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +22,8 @@ class World:
     Padding: in worlds with fewer pedestrians than the largest one, the other agents are not `present`. They are at the
     origin with radius and speed 1, so that no formula divides by zero. Polygons, corners and waypoints after the last
     one of a world are NaN.
+
+    With several vehicles, a world has a row for each of them on the axis `world`, see `crowdbench.sim.fleet`.
 
     Attributes:
         case: Number of the case within its split.
@@ -173,8 +177,8 @@ class World:
 
         def replaced(array: np.ndarray, other: np.ndarray) -> np.ndarray:
             # Routes and obstacles are as long as the longest of the batch.
-            both = _wider(array, other.shape).copy()
-            both[rows] = _wider(other, array.shape)
+            both = widen(array, other.shape).copy()
+            both[rows] = widen(other, array.shape)
             return both
 
         return self._map(replaced, others)
@@ -182,21 +186,23 @@ class World:
     def _map(self, function: Callable[..., np.ndarray], *others: World) -> World:
         """Apply a function to each array of this object and the same array of the others."""
         fields = {name: value for name, value in vars(self).items() if name != "rules"}
-        made = {name: _nested(function, value, *(vars(one)[name] for one in others)) for name, value in fields.items()}
+        made = {
+            name: map_nested(function, value, *(vars(one)[name] for one in others)) for name, value in fields.items()
+        }
         return World(**made, rules=self.rules)
 
 
-def _wider(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def widen(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return an array padded with NaN to `shape` along each axis, except the first one, if `shape` is longer."""
     missing = [(0, max(0, wish - own)) for own, wish in zip(array.shape[1:], shape[1:], strict=True)]
     return np.pad(array, [(0, 0), *missing], constant_values=np.nan) if any(after for _, after in missing) else array
 
 
-def _nested(function: Callable[..., np.ndarray], first: Any, *others: Any) -> Any:
+def map_nested(function: Callable[..., np.ndarray], first: Any, *others: Any) -> Any:
     """Apply a function to arrays, or to the arrays with the same names in nested mappings."""
     if isinstance(first, np.ndarray):
         return function(first, *others)
-    return {name: _nested(function, value, *(other[name] for other in others)) for name, value in first.items()}
+    return {name: map_nested(function, value, *(other[name] for other in others)) for name, value in first.items()}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -236,8 +242,9 @@ class Trace:
             pedestrians. With a detector, that of each track. None if `Sensor.sees_all`.
         age: Seconds since each pedestrian was at its last measured position; infinite for pedestrians neither seen
             nor remembered. With a detector, that of each track. None if `Sensor.sees_all`.
-        block: The block of recorded time that each case is from: cases of the same block are not independent. None
-            if no pedestrians are recorded.
+        block: The block of recorded time that each case is from: cases of the same block are not independent. With
+            several vehicles, the case. None for one vehicle if no pedestrians are recorded.
+        vehicle: Index of the vehicle of each episode in its world; None with one vehicle.
         group: Number of the group that each pedestrian walks with, unique within the case; -1 without a group.
             None if the scenario has no groups.
         noticed: True if each pedestrian had noticed the vehicle in the step before each state. None without a model of
@@ -268,6 +275,7 @@ class Trace:
     perceived: Float[np.ndarray, "world time track 2"] | None = None
     age: Float[np.ndarray, "world time track"] | None = None
     block: Int[np.ndarray, "world"] | None = None
+    vehicle: Int[np.ndarray, "world"] | None = None
     group: Int[np.ndarray, "world time pedestrian"] | None = None
     noticed: Bool[np.ndarray, "world time pedestrian"] | None = None
     logs: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
@@ -278,6 +286,18 @@ class Trace:
     def __repr__(self) -> str:
         worlds, states, agents, _ = self.position.shape
         return f"Trace({worlds} {self.split} episodes, {states} states, {agents} agents)"
+
+    @functools.cached_property
+    def of_pedestrians(self) -> Trace:
+        """The same episodes without other vehicles."""
+        others, changes = self.rules.vehicles - 1, dict[str, Any](rules=dataclasses.replace(self.rules, vehicles=1))
+        for field in dataclasses.fields(self) if others else ():
+            axes = re.findall(r"\w+", str(field.type).partition("world ")[2])
+            for axis, start in (("agent", 1), ("pedestrian", 0)):
+                if axis in axes and getattr(self, field.name) is not None:
+                    gone, array = slice(start, start + others), getattr(self, field.name)
+                    changes[field.name] = np.delete(array, gone, 1 + axes.index(axis))
+        return dataclasses.replace(self, **changes) if others else self
 
     def episode(self, row: int) -> Trace:
         """Return one episode as a trace of one world, without the padding after its end.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import json
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,10 +14,10 @@ from crowdbench import Episodes, InputError, Outcome, Scenario
 from crowdbench.export import export_page
 from crowdbench.results import RunResult
 from crowdbench_leaderboards.board import Board
-from crowdbench_leaderboards.board_runs import read_episodes
-from crowdbench_leaderboards.entry import Entry, is_pending
+from crowdbench_leaderboards.entry import PUBLIC, Entry, is_pending
+from crowdbench_leaderboards.episode_table import read_table
 from crowdbench_leaderboards.pages.standings import PENDING
-from crowdbench_leaderboards.verification import read_public_run
+from crowdbench_leaderboards.verification import public_run, replay_public
 
 MOST = 10
 """The most failures of an entry that are listed."""
@@ -48,66 +48,54 @@ def write_replay(board: Board, entries: Sequence[Entry], folder: Path) -> dict[s
 
     Args:
         board: The board.
-        entries: Its entries. Those that cannot be simulated again are left out of the page.
+        entries: Its entries. Those whose public cases cannot be simulated again, or end in another way, are left out.
         folder: The folder of the page, which is not created if no entry can be simulated again.
     """
+    found: dict[str, Failures] = {}
+    played: dict[str, dict[str, Episodes]] = {}
     scenarios = {} if board.spec.recorded else {scenario.name: scenario for scenario in board.load(None)}
-    found, runs = {}, []
-    for entry in entries:
-        problem = PENDING if is_pending(entry, board) else RECORDED if board.spec.recorded else ""
-        try:
-            runs += [] if problem else _public_runs(board, entry, scenarios)
-        except InputError as error:
-            problem = f"They cannot be simulated again: {error}"
-        found[entry.name] = Failures(problem=problem)
-    if runs:
-        folder.mkdir()
-        export_page(runs, lambda run: scenarios[run.directory.name], folder)
-    played = [entry for entry in entries if not found[entry.name].problem]
-    return found | {entry.name: _read_failures(board, entry, scenarios, folder) for entry in played}
+    with tempfile.TemporaryDirectory() as temporary:
+        runs: list[RunResult] = []
+        for entry in entries:
+            problem = PENDING if is_pending(entry, board) else RECORDED if board.spec.recorded else ""
+            try:
+                if not problem:
+                    played[entry.name] = replay_public(entry, board)
+                    commands = Path(temporary) / entry.name
+                    read_table(entry.directory / PUBLIC, board, board.public_cases, commands)
+                    for name, own in played[entry.name].items():
+                        runs.append(public_run(entry, board, scenarios[name], own, commands / name))
+            except InputError as error:
+                problem = f"They cannot be simulated again: {error}"
+            found[entry.name] = Failures(problem=problem)
+        if runs:
+            folder.mkdir()
+            export_page(runs, lambda run: scenarios[run.directory.name], folder)
+    return found | {name: _read_failures(board, name, own, scenarios, folder) for name, own in played.items()}
 
 
-def _public_runs(board: Board, entry: Entry, scenarios: Mapping[str, Scenario]) -> list[RunResult]:
-    """Return the runs of an entry, each with its name. Raises InputError if cases are missing."""
-    runs = []
-    for scenario in scenarios.values():
-        if (entry.public / scenario.name).is_dir():
-            run = read_public_run(entry, board, scenario)
-            run.check(rows_only=True)
-            runs.append(_described(run, entry, scenario))
-    return runs
-
-
-def _read_failures(board: Board, entry: Entry, scenarios: Mapping[str, Scenario], folder: Path) -> Failures:
+def _read_failures(
+    board: Board, entry: str, episodes: dict[str, Episodes], scenarios: Mapping[str, Scenario], folder: Path
+) -> Failures:
     """Return the failures of an entry, with the results of its replay."""
-    episodes, examples = read_episodes(board, entry.public), []
+    examples = []
     for name, cases in _choose(episodes).items():
         for case in cases:
             data = (folder / f"data/{name}/{board.public_cases.split}-{case}.js").read_text()
-            played = json.loads(data.partition(",")[2].removesuffix(")\n"))[entry.name]
+            played = json.loads(data.partition(",")[2].removesuffix(")\n"))[entry]
             outcome = next(each for each in Outcome if each.label[0] == played["outcome"])
-            reported = Outcome(int(episodes[name].outcome[episodes[name].case == case][0]))
             examples.append(
                 {
                     "scenario": name,
                     "case": case,
                     "name": f"{board.public_cases.split}/{case}",
                     "outcome": WORDS.get(outcome, outcome.label),
-                    "reported": WORDS.get(reported, reported.label),
                     "seconds": played["steps"] * scenarios[name].rules.dt,
                     "verdict": played["verdict"],
                 }
             )
     number = sum(int((each.outcome != Outcome.SUCCESS).sum()) for each in episodes.values())
     return Failures(number, examples)
-
-
-def _described(run: RunResult, entry: Entry, scenario: Scenario) -> RunResult:
-    """Return a run with its scenario, and with the name of an entry as planner."""
-    planner = {"name": entry.name, "options": entry.spec.options}
-    stated = {**run.result["run"], "planner": planner, "replanning": {}, "scenario": scenario.digest}
-    result = {**run.result, "run": stated, "scenario": {**scenario.table, "name": scenario.name}}
-    return dataclasses.replace(run, result=result)
 
 
 def _choose(episodes: dict[str, Episodes]) -> dict[str, list[int]]:

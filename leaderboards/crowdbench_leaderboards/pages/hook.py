@@ -24,10 +24,9 @@ from crowdbench import METRICS, InputError
 from crowdbench.metrics import info_of
 from crowdbench.utils import progress
 from crowdbench_leaderboards.board import MEASURED, Board, read_boards
-from crowdbench_leaderboards.entry import read_entries
-from crowdbench_leaderboards.pages import page_tables, texts
+from crowdbench_leaderboards.entries import read_entries
+from crowdbench_leaderboards.pages import page_tables, ranking, texts
 from crowdbench_leaderboards.pages.failures import write_replay
-from crowdbench_leaderboards.pages.figures import success_against_time
 from crowdbench_leaderboards.pages.readme import FILLING
 from crowdbench_leaderboards.pages.standings import Standings, standings
 from crowdbench_leaderboards.season import SEASON, TooEarly, read_season
@@ -93,8 +92,7 @@ def _of_board(table: Standings, **context: Any) -> Iterator[tuple[str, str | byt
     context |= {"standings": table, "played": {name for name, found in failures.items() if not found.problem}}
     cases = [found for is_public in (False, True) if (found := page_tables.case_table(table, is_public))]
     meta = {"title": html.escape(board.spec.title), "search": {"boost": 0.5}}
-    more = {"scatter": success_against_time(table), "cases": cases}
-    yield _page(f"{board.name}/index.md", meta, "board.html", **context, **more)
+    yield _page(f"{board.name}/index.md", meta, "board.html", **context, cases=cases)
     for one in table.entries:
         meta = {"title": html.escape(texts.shorten(one.entry.card.title, 60)), "search": {"exclude": True}}
         uri = f"{board.name}/entries/{one.name}.md"
@@ -123,5 +121,5 @@ def _templates() -> jinja2.Environment:
     headings = {name: info_of(name).heading for name in MEASURED}
     meanings = {name: str(METRICS[name].__doc__).partition(" [")[0] for name in MEASURED}
     templates.globals |= {"METRICS": headings, "METRICS_SAY": meanings, "COMPLIANCE": texts.COMPLIANCE}
-    templates.globals |= {"FILLING": FILLING, "tables": page_tables}
+    templates.globals |= {"FILLING": FILLING, "tables": page_tables, "place": ranking.place, "BLOCKS": ranking.BLOCKS}
     return templates

@@ -1,4 +1,4 @@
-"""Tables of the pages: success on an axis, tests of pairs, and failures by case."""
+"""Tables of the pages: the score on an axis, tests of pairs, and failures by case."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from crowdbench import Outcome
-from crowdbench.metrics import Estimate, Pair
-from crowdbench_leaderboards.pages.ranking import is_equivalent
+from crowdbench.metrics import Estimate, Pair, mean_over_scenarios
+from crowdbench_leaderboards.board import Board
 from crowdbench_leaderboards.pages.standings import Standing, Standings
+from crowdbench_leaderboards.pages.standings import outcomes as outcomes_of
 from crowdbench_leaderboards.pages.texts import NOTHING, number
 
 MOST_CASES = 80
@@ -26,14 +27,14 @@ LETTERS = {
 """The letter of each outcome; a planner does not start in a scenario that it cannot drive."""
 
 
-def success_axis(table: Standings) -> float:
-    """Return the start of the success axis, a share; it ends at 1. It is the same for all entries of a board."""
-    lows = [one.figures["success_rate"].low for one in table.entries]
+def score_axis(table: Standings) -> float:
+    """Return the start of the score axis, which ends at 1. It is the same for all entries of a board."""
+    lows = [one.figures["score"].low for one in table.entries]
     return min(math.floor(10.0 * min((low for low in lows if math.isfinite(low)), default=0.0)) / 10.0, 0.9)
 
 
 def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
-    """Return a share on an axis from `begin` to 1, in per cent of its length.
+    """Return a score on an axis from `begin` to 1, in per cent of its length.
 
     Returns:
         The start of the interval, the mean, and the length of the interval, which is large enough to be visible.
@@ -43,6 +44,15 @@ def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
         for value in (estimate.low, estimate.mean, estimate.high)
     )
     return low, mean, max(high - low, 1.0)
+
+
+def profile(board: Board, one: Standing) -> dict[str, Estimate]:
+    """Return the mean score of an entry in each family of scenarios."""
+    scores = {name: own.summary(["score"])["score"] for name, own in one.episodes.items()}
+    return {
+        family: mean_over_scenarios(np.full(len(names), 1.0 / len(names)), [scores.get(name) for name in names])
+        for family, names in board.spec.families.items()
+    }
 
 
 TAGS = "reactive learned planning;real-time;privileged"
@@ -67,14 +77,6 @@ def tags(one: Standing) -> str:
     return ";".join(" ".join(group) for group in groups)
 
 
-def near(table: Standings, one: Standing) -> tuple[list[str], list[str]]:
-    """Return the names of the ranked entries equivalent to an entry, and of those without a decided difference."""
-    pairs = [pair for pair in table.pairs if one.name in (pair.higher, pair.lower)]
-    other = {pair: pair.higher if pair.lower == one.name else pair.lower for pair in pairs}
-    unclear = [other[pair] for pair in pairs if not pair.is_sure and not is_equivalent(pair)]
-    return [other[pair] for pair in pairs if is_equivalent(pair)], unclear
-
-
 def pair_table(table: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
     """Return a row for each ranked entry with a cell for each one; None for itself and for pairs not compared."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
@@ -86,13 +88,13 @@ def pair_table(table: Standings) -> list[tuple[Standing, list[dict[str, str] | N
 
 
 def _pair_cell(pair: Pair, verdict: str, sign: float) -> dict[str, str]:
-    """Return the verdict, and the difference in success with its half width, row minus column, in points."""
-    text = number(100.0 * sign * pair.difference, 1)
+    """Return the verdict, and the difference in score with its half width, row minus column."""
+    text = number(sign * pair.difference, 3)
     signed = text if text.startswith("\N{MINUS SIGN}") else f"+{text}"
     return {
         "style": verdict if pair.is_sure else "",
-        "verdict": verdict if pair.is_sure else "as good" if is_equivalent(pair) else "not decided",
-        "difference": f"{signed} \N{PLUS-MINUS SIGN} {number(100.0 * pair.error, 1)}",
+        "verdict": verdict if pair.is_sure else "not decided",
+        "difference": f"{signed} \N{PLUS-MINUS SIGN} {number(pair.error, 3)}",
     }
 
 
@@ -116,7 +118,9 @@ def case_table(table: Standings, is_public: bool) -> dict[str, Any] | None:
         return None
     drawn = board.public_cases if is_public else board.cases
     per_scenario = len(drawn)
-    outcomes = np.array([(one.public if is_public else one.outcomes).ravel() for one in entries])
+    outcomes = np.array(
+        [outcomes_of(board, one.public if is_public else one.episodes, per_scenario).ravel() for one in entries]
+    )
     failures = (outcomes != Outcome.SUCCESS).sum(axis=0)
     hardest = np.argsort(-failures, kind="stable")[: min(MOST_CASES, int((failures > 0).sum()))]
     cases = hardest[np.argsort(hardest // per_scenario, kind="stable")]

@@ -1,46 +1,112 @@
-"""The order of ranked entries, and their tiers.
+"""The ranks of a board: two blocks by the gate on collisions at fault, and in each block ranks by the score.
 
-Success is the primary endpoint, and the only one that ranks, see `crowdbench.metrics.ranks`. Two entries are equivalent
-if the bounds of their difference are within `MARGIN` of 0. A tier begins at an entry if each entry before it is surely
-better than it and than each following one. Entries of the same rank are listed by success weighted by completion time
-(SCT), which is an order and no rank.
+An account counts with its best entry for the ranks of others, so that a worse copy changes nothing for them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float, Int
 
-from crowdbench.metrics import Pair, Rank
+from crowdbench.metrics import Pair, Rank, compare_all, is_competent, ranks
 
-MARGIN = 0.02
-"""The difference in success that is too small to matter."""
-
-
-def is_equivalent(pair: Pair) -> bool:
-    """Return whether two entries surely differ by less than `MARGIN`."""
-    return pair.difference + pair.error < MARGIN
+BLOCKS = {"A": "seldom at fault", "B": "often at fault"}
+"""The blocks: entries that pass the gate on collisions at fault, and all others."""
 
 
-def sort_entries(rank: Mapping[str, Rank], sct: Mapping[str, float]) -> list[str]:
-    """Return the names of entries by rank, and within a rank by SCT, the largest first."""
-    return sorted(rank, key=lambda name: (rank[name].first, rank[name].last, -sct[name], name))
+@dataclass(frozen=True)
+class Candidate:
+    """An entry that can have a rank.
+
+    Attributes:
+        name: Its name.
+        owner: The account that counts with its best entry; for planners that the maintainers enter, the entry itself.
+        score: The score of each case; 0 in scenarios that the planner cannot drive.
+        at_fault: 1 for each collision at fault, 0 elsewhere.
+    """
+
+    name: str
+    owner: str
+    score: Float[np.ndarray, "scenario case"]
+    at_fault: Float[np.ndarray, "scenario case"]
+
+    @property
+    def block(self) -> str:
+        """The name of its block."""
+        return "A" if is_competent(self.at_fault[None]) else "B"
 
 
-def tiers(order: Sequence[Rank]) -> list[bool]:
-    """Return which entries begin a tier; the ranks are in the order of `sort_entries`."""
-    # The number of entries that are surely better than this one is the number of entries before it.
-    return [rank.first == place for place, rank in enumerate(order, start=1)]
+@dataclass(frozen=True)
+class Ranking:
+    """The ranks of a board.
+
+    Attributes:
+        order: The names of the entries: block A first, and in a block by rank and score.
+        block: The block of each entry by name.
+        rank: The rank of each entry in its block by name.
+        pairs: The comparisons within blocks.
+    """
+
+    order: list[str]
+    block: dict[str, str]
+    rank: dict[str, Rank]
+    pairs: list[Pair]
 
 
-def pareto(costs: Float[np.ndarray, "entry cost"]) -> Bool[np.ndarray, "entry"]:
-    """Return which entries are in the Pareto set: no other entry is better in a cost and worse in none.
+def rank_all(
+    candidates: Sequence[Candidate],
+    weights: Float[np.ndarray, "scenario"],
+    blocks_of_time: Sequence[Int[np.ndarray, "case"]] | None = None,
+) -> Ranking:
+    """Rank entries by their mean score, in two blocks.
 
     Args:
-        costs: Quantities to minimise, such as failures and time.
+        candidates: The entries, with the same cases.
+        weights: The weights of the scenarios.
+        blocks_of_time: The blocks of recorded time of the cases of each scenario; None without recorded pedestrians.
     """
-    not_worse = (costs[:, None] <= costs).all(axis=2)
-    smaller = (costs[:, None] < costs).any(axis=2)
-    return np.logical_not((not_worse & smaller).any(axis=0))
+    found = Ranking([], {each.name: each.block for each in candidates}, {}, [])
+    for block in BLOCKS:
+        own = [each for each in candidates if found.block[each.name] == block]
+        mean = {each.name: float(weights @ each.score.mean(axis=1)) for each in own}
+        best: dict[str, Candidate] = {}
+        for each in own:
+            if each.owner not in best or mean[each.name] > mean[best[each.owner].name]:
+                best[each.owner] = each
+        pairs, rank = _compare(list(best.values()), weights, blocks_of_time)
+        found.pairs.extend(pairs)
+        found.rank.update(rank)
+        for each in own:
+            if each.name not in rank:
+                rivals = [other for owner, other in best.items() if owner != each.owner]
+                own_pairs, own_rank = _compare([*rivals, each], weights, blocks_of_time)
+                found.pairs.extend(pair for pair in own_pairs if each.name in (pair.higher, pair.lower))
+                found.rank[each.name] = own_rank[each.name]
+        found.order.extend(sorted(mean, key=lambda name: (*_ends(found.rank[name]), -mean[name], name)))
+    return found
+
+
+def _ends(rank: Rank) -> tuple[int, int]:
+    return rank.first, rank.last
+
+
+def _compare(candidates: Sequence[Candidate], weights: Any, blocks: Any) -> tuple[list[Pair], dict[str, Rank]]:
+    pairs = compare_all({each.name: each.score[None] for each in candidates}, weights, blocks)
+    return pairs, ranks([each.name for each in candidates], pairs)
+
+
+def place(rank: Rank) -> str:
+    """Return a rank as a text, such as "1st" or "tied, 1st to 5th"."""
+    if rank.first == rank.last:
+        return _ordinal(rank.first)
+    return f"tied, {_ordinal(rank.first)} to {_ordinal(rank.last)}"
+
+
+def _ordinal(number: int) -> str:
+    if number % 100 in (11, 12, 13):
+        return f"{number}th"
+    return f"{number}{('th', 'st', 'nd', 'rd', *['th'] * 6)[number % 10]}"

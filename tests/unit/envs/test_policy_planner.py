@@ -1,5 +1,6 @@
 """Policies as planners: functions, and networks in ONNX files."""
 
+import contextlib
 import shutil
 import sys
 from pathlib import Path
@@ -18,6 +19,7 @@ from crowdbench import InputError, Planner, PolicyPlanner, export_policy, load_p
 from crowdbench.envs import stepping
 from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.vehicle import VehicleEnv
+from crowdbench.isolation.isolated_planner import IsolatedPlanner
 from crowdbench.sim.sensor import observe
 
 NEAREST = 3
@@ -270,6 +272,14 @@ def with_metadata(onnx, file, text):
         onnx.helper.set_model_props(model, {"crowdbench": text})
     onnx.save(model, file)
     return str(file)
+
+
+@pytest.mark.slow
+def test_a_file_gives_the_same_commands_in_its_own_process(file_of_linear):
+    here = drive(load_planner(str(file_of_linear)), "val:3", time_limit=5.0)
+    with contextlib.closing(IsolatedPlanner(str(file_of_linear), {})) as planner:
+        apart = drive(planner, "val:3", time_limit=5.0)
+    np.testing.assert_array_equal(apart.command, here.command)
 
 
 def test_a_file_without_metadata_asks_for_the_options_by_name(onnx, exported):

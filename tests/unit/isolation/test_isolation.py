@@ -96,6 +96,35 @@ def planner(speed=0.1):
 """
 
 
+TOOLS = """
+import multiprocessing, subprocess
+from concurrent.futures import ThreadPoolExecutor
+import numba
+import torch
+
+@numba.njit(parallel=True)
+def halved(way):
+    out = np.empty_like(way)
+    for row in numba.prange(len(way)):
+        out[row] = 0.5 * way[row]
+    return out
+
+class Tools(Mine):
+    def plan(self, obs):
+        torch.set_num_threads(2)
+        torch.manual_seed(0)
+        weights = torch.randn(300, 300)
+        factor = float(torch.tanh(weights @ weights)[0, 0])
+        factor += float(subprocess.run(["echo", "0.5"], capture_output=True, text=True).stdout)
+        with ThreadPoolExecutor(2) as threads, multiprocessing.get_context("fork").Pool(1) as processes:
+            factor += list(threads.map(abs, [-0.25]))[0] + processes.map(abs, [-0.25])[0]
+        return 0.1 * factor * halved(self.toward(obs))
+
+def planner(speed=0.1):
+    return Tools()
+"""
+
+
 @pytest.mark.parametrize("name", ["orca", "social_force", MEMORY])
 def test_a_planner_gives_the_same_commands_in_its_own_process(name, mine):
     spec = mine(name) if name == MEMORY else name
@@ -104,6 +133,17 @@ def test_a_planner_gives_the_same_commands_in_its_own_process(name, mine):
         apart = drive(driver, "val:6")
     np.testing.assert_array_equal(apart.command, here.command)
     np.testing.assert_array_equal(apart.position, here.position)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["cadrl", "ppo_lidar", TOOLS])
+def test_networks_threads_and_processes_give_the_same_commands_in_a_process_of_their_own(name, mine):
+    spec = mine(name) if name == TOOLS else name
+    place, cases = load_scenario(SCENARIO, {"time_limit": 1.5}), Cases("val", 0, 2)
+    here = rollout(Driver(load_planner(spec), "here"), place, cases)
+    with driven(spec) as driver:
+        apart = rollout(driver, place, cases)
+    np.testing.assert_array_equal(apart.command, here.command)
 
 
 NATIVE = """

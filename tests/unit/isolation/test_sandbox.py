@@ -87,16 +87,39 @@ def test_sockets_and_the_network_cannot_be_reached(tmp_path):
         local.listen()
         try:
             body = f"""
-local = socket.socket(socket.AF_UNIX)
 return Probe({{
     "network": tried(lambda: socket.create_connection(("127.0.0.1", {server.getsockname()[1]}), 1)),
-    "socket": tried(lambda: local.connect({path!r})),
+    "socket": tried(lambda: socket.socket(socket.AF_UNIX).connect({path!r})),
 }})
 """
             facts = probe(tmp_path, body)
         finally:
             os.unlink(path)
-    assert facts == {"network": "ConnectionRefusedError", "socket": "FileNotFoundError"}
+    assert facts == {"network": "OSError", "socket": "OSError"}
+
+
+def test_processes_of_a_planner_can_talk(tmp_path):
+    body = """
+import asyncio, multiprocessing
+first, second = multiprocessing.Pipe()
+forked(1, lambda: second.send("from a child"))
+async def answer():
+    await asyncio.sleep(0)
+    return "from a loop"
+return Probe(pipe=first.recv(), loop=asyncio.run(answer()))
+"""
+    assert probe(tmp_path, body) == {"pipe": "from a child", "loop": "from a loop"}
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root has files that nobody may read")
+def test_root_is_told_which_file_planners_may_not_read(tmp_path):
+    table = tmp_path / "table.txt"
+    table.write_text("three")
+    table.chmod(0o600)
+    with pytest.raises(
+        InputError, match=r"table.txt cannot be read by planners, since root runs them as the user nobody"
+    ):
+        probe(tmp_path, "return Probe()", file=str(table))
 
 
 def test_files_and_folders_that_options_name_are_shown(tmp_path):

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from helpers import advance
@@ -84,6 +86,14 @@ def test_constant_velocity_goes_on_as_in_the_last_step():
     for step in range(4):
         np.testing.assert_allclose(found.position[:, 0, step], tracks[:, -1] + (step + 1) * moved)
         np.testing.assert_allclose(found.velocity[:, 0, step], moved / DT)
+
+
+def test_constant_velocity_is_the_velocity_of_a_track():
+    seen = observation(bent())
+    velocity = np.random.default_rng(1).normal(size=seen.pedestrians.velocity.shape)
+    tracks = dataclasses.replace(seen.pedestrians, velocity=velocity, deviation=np.full(velocity.shape, 0.1))
+    found = ConstantVelocity().predict(dataclasses.replace(seen, pedestrians=tracks), 2)
+    np.testing.assert_allclose(found.velocity[:, 0, 1], velocity)
 
 
 @EVERY

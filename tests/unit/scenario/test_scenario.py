@@ -141,7 +141,7 @@ BROKEN = {
     "[sensor]\nlidar = 9": ["sensor.lidar is 9", "a table [sensor.lidar] with beams and range"],
     "[vehicle]\nradus = 1\nradius = 'x'": ["unknown key vehicle.radus", "visible, radius, preferred_speed"],
     "[vehicle]\ndynamics = 'tank'": ["vehicle.dynamics is 'tank'", '"holonomic", "unicycle", "bicycle"'],
-    "[vehicle]\nwheelbase = 2.0": ["unknown key vehicle.wheelbase", "command_delay, lag, max_acceleration"],
+    "[vehicle]\nwheelbase = 2.0": ["unknown key vehicle.wheelbase", "command_delay, lag, number, max_acceleration"],
     "[vehicle]\ndynamics = 'unicycle'\nmax_steering = 0.5": ["unknown key vehicle.max_steering", "max_angular_speed"],
     "[vehicle]\ndynamics = 'unicycle'\nmax_angular_speed = 20": ["vehicle.max_angular_speed is 20", "12.5664 rad/s"],
     "[vehicle]\ndynamics = 'bicycle'\nmax_steering = 2": ["in vehicle, max_steering is 2.0", "1.5 at most"],
