@@ -28,7 +28,7 @@ MACHINES = {"x86_64": (0xC000003E, 250), "aarch64": (0xC00000B7, 219)}
 CALLS = Path(__file__).with_name("system_calls.csv")
 """The system calls that a planner may use, with their numbers by machine; all others fail as if they did not exist."""
 
-_COMMANDS_OF_FILES = (0, 1, 2, 3, 4, 1030, 1032)  # copies, flags, and the size of a pipe; no locks, which take memory
+_COMMANDS_OF_FILES = (0, 1, 2, 3, 4, 1030, 1032)  # copies, flags, and the size of a pipe; no locks
 _QUESTIONS_TO_FILES = (0x5401, 0x5413, 0x541B, 0x5421, 0x5450, 0x5451)  # TCGETS, TIOCGWINSZ, FIONREAD, FIONBIO, FIOCLEX
 _ADVICE = (0, 1, 2, 3, 4, 8, 10, 11, 14, 15, 16, 17, 18, 19, 22, 23)  # none that empties or shows the page cache
 _LIMITS = (0, 1, 2, 3, *range(5, 16))  # not of core dumps, which the machine may send to a program of root
@@ -100,7 +100,7 @@ def launch(settings: dict[str, Any], command: list[str]) -> None:
     if "filter" in settings:
         keyctl, join_session_keyring = MACHINES[platform.machine()][1], 1
         ctypes.CDLL(None).syscall(keyctl, join_session_keyring, None)  # it fails if the kernel has no keys
-        file = os.memfd_create("filter", 0)
+        file = os.memfd_create("filter")
         os.write(file, make_filter(platform.machine()))
         os.lseek(file, 0, os.SEEK_SET)
         os.dup2(file, settings["filter"])

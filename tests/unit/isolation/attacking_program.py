@@ -1,6 +1,7 @@
 """Attacks on the sandbox, for a planner that runs in it: each raises OSError, or returns what it got."""
 
 import array
+import contextlib
 import ctypes
 import fcntl
 import mmap
@@ -220,6 +221,14 @@ def attached_to_parent():
         return memory.read(4)
 
 
+def inherited():
+    found = []
+    for file in os.listdir("/proc/self/fd"):
+        with contextlib.suppress(OSError):  # the list itself is closed
+            found.append(os.readlink(f"/proc/self/fd/{file}"))
+    return nonzero([file for file in found if "memfd" in file])
+
+
 def locked():
     with open("/tmp/locked", "w") as file:
         return fcntl.lockf(file, fcntl.LOCK_EX, 1, 5) or "locked"
@@ -256,6 +265,7 @@ ATTACKS = {
     ),
     "process_madvise": lambda: call("process_madvise", call("pidfd_open", os.getpid()), 0, 0, 20, 0),
     # memory that no process shows to have
+    "a file in memory that it inherits": inherited,
     "memfd_create": lambda: os.memfd_create("hoard"),
     "memfd_secret": lambda: call("memfd_secret", 0),
     "System V memory": lambda: call("shmget", 0, 4096, 0o1600),
@@ -266,6 +276,7 @@ ATTACKS = {
     "huge pages": lambda: mapped(-1, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | 0x40000),
     "larger pipes": lambda: fcntl.fcntl(os.pipe()[1], 1031, 1 << 20),
     "locks on parts of files": locked,
+    "a lock on a file of the machine": lambda: fcntl.flock(SHARED, fcntl.LOCK_EX | fcntl.LOCK_NB) or "locked",
     "pages given to a pipe": lambda: call("vmsplice", os.pipe()[1], address(bytearray(VECTOR)), 1, 0),
     "watches of files": lambda: call("inotify_init1", 0),
     "attributes of files": lambda: call("setxattr", b"/tmp", b"user.x", b"value", 5, 0),

@@ -29,6 +29,7 @@ REFUSED_OTHERWISE = {
     "sockets of any family (B8)": "nothing was found",
     "pairs of sockets of other families": "nothing was found",
     "os.preadv, without waiting": "not supported",  # glibc's own words for a call that does not exist
+    "a file in memory that it inherits": "nothing was found",
     "shared memory of /dev/zero": "Permission denied",
     "calls of 32 bits": "status -31|this machine has none",
     "calls of x32": "not implemented|this machine has none",
