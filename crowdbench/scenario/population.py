@@ -251,11 +251,7 @@ class Population:
         return max([speed, *varied])
 
     def draw(
-        self,
-        stream: np.random.Generator,
-        n: int | None = None,
-        speed: Float[np.ndarray, "pedestrian"] | None = None,
-        more: int = 0,
+        self, stream: np.random.Generator, n: int | None = None, speed: Float[np.ndarray, "pedestrian"] | None = None
     ) -> Traits:
         """Draw pedestrians.
 
@@ -263,10 +259,9 @@ class Population:
             stream: The random stream to draw from.
             n: The number of pedestrians; it is drawn first if None.
             speed: Their preferred speeds in m/s before the variation; they are drawn if None.
-            more: Added to a number that is drawn.
         """
         if n is None:
-            n = int(stream.integers(self.number[0], self.number[1] + 1)) + more
+            n = int(stream.integers(self.number[0], self.number[1] + 1))
         radius, drawn_speed = self.radius.draw(stream, n), self.preferred_speed.draw(stream, n)
         total = sum(self.shares.values())
         policy = stream.choice(len(self.shares), n, p=[share / total for share in self.shares.values()])

@@ -148,7 +148,9 @@ class VehicleSpec(DynamicsSpec):
     # None changes no digest of a scenario.
     command_delay: float | None = number(None, above=0.0, below=1e3)
     lag: float | None = number(None, above=0.0, below=1e3)
-    number: int | None = integer(None, least=1, most=MAX_VEHICLES)
+    number: Annotated[int | None, AfterValidator(lambda n: n if n != 1 else None)] = integer(
+        None, least=1, most=MAX_VEHICLES
+    )
 
 
 class PedestriansSpec(PoliciesSpec):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -82,7 +82,8 @@ class LayoutStarts:
     def start(self, case: Case, crowd: Population, vehicle: VehicleSpec, rules: Rules) -> Start:
         """Draw the start of a case. Raises InputError if that is impossible."""
         more = rules.vehicles - 1  # other vehicles, which the layout places as it places pedestrians
-        traits = crowd.draw(rng.generator(case.key, "crowd"), more=more)
+        everybody = replace(crowd, number=(crowd.number[0] + more, crowd.number[1] + more))
+        traits = everybody.draw(rng.generator(case.key, "crowd"))
         traits.radius[:more], traits.preferred_speed[:more] = vehicle.radius, vehicle.preferred_speed
         leader, group = np.arange(len(traits.radius)), np.full(len(traits.radius), -1)
         if crowd.groups:

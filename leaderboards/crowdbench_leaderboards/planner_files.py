@@ -7,6 +7,7 @@ import filecmp
 import hashlib
 import itertools
 import json
+import os
 import re
 import shutil
 import zipfile
@@ -130,7 +131,9 @@ def _copy(text: str, copies: Path) -> str:
         target = next(folder for folder in folders if _is_free(folder, path.parent, names))
         for name in names:
             (target / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(path.parent / name, target / name)  # with its permissions: it may be a program
+            shutil.copyfile(path.parent / name, target / name)
+            # As git stores it. It may be a program; only its owner may read what safetensors has written.
+            (target / name).chmod(0o755 if os.access(path.parent / name, os.X_OK) else 0o644)
     except (OSError, ValueError) as error:
         raise InputError(f"{text} cannot be copied: {getattr(error, 'strerror', None) or error}") from None
     copy = (target / path.name).relative_to(copies.parent).as_posix()

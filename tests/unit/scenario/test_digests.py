@@ -35,6 +35,7 @@ OTHERS = {
     "vehicle.max_acceleration": 2.0,
     "vehicle.command_delay": 0.5,
     "vehicle.lag": 0.5,
+    "vehicle.number": 2,
     "sensor.range": 5.0,
     "sensor.field_of_view": 90.0,
     "sensor.occlusion": True,
@@ -71,7 +72,7 @@ def test_every_other_value_than_a_default_has_a_digest_of_its_own():
     changes += [{"vehicle.dynamics": "unicycle", key: 1.0} for key in ("vehicle.length", "vehicle.max_angular_speed")]
     changes.append({"layout.generator": "square_crossing", "layout.square_width": 9.0})
     changes += [{"vehicle.visible": True, "pedestrians.attention": {"ignores": share}} for share in (0.0, 0.1)]
-    assert len(changes) == 48
+    assert len(changes) == 49
     assert len({all_defaults(change).digest for change in changes}) == len(changes)
 
 
