@@ -30,7 +30,7 @@ def build_site(root, place):
     (docs / "tables").mkdir(parents=True, exist_ok=True)
     (place / "mkdocs.yml").write_text(CONFIGURATION)
     shutil.copytree(ROOT / "docs" / "theme", docs / "theme", dirs_exist_ok=True)
-    for name in ("style.css", "tables.js"):
+    for name in ("style.css", "tables.js", "favicon.svg"):
         shutil.copy(ROOT / "docs" / name, docs)
     for name in ("index", "boards", "boards_rules", "trust", "suite"):
         (docs / f"{name}.md").write_text(f"# {name}\n\n## Ranking\n\n## Other studies\n")
