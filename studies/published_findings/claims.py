@@ -44,8 +44,13 @@ class Assessment:
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict: the claim holds if the interval is within the range, and is refuted if it is outside."""
+        """The verdict: the claim holds if the interval is within the range, and is refuted if it is outside.
+
+        An interval without width comes from too few events, and decides nothing.
+        """
         low, high, figure = self.claim.low, self.claim.high, self.figure
+        if not figure.low < figure.high:
+            return Verdict.UNDECIDED
         if low <= figure.low and figure.high <= high:
             return Verdict.HOLDS
         return Verdict.REFUTED if figure.high < low or figure.low > high else Verdict.UNDECIDED

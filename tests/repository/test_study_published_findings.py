@@ -39,6 +39,7 @@ def test_a_claim_holds_within_its_range_and_is_refuted_outside():
     assert verdict(0.3, 0.4, low=0.1, high=0.2) == Verdict.REFUTED
     assert verdict(0.1, 0.4, low=0.0, high=0.2) == Verdict.UNDECIDED
     assert verdict(np.nan, np.nan, low=0.0) == Verdict.UNDECIDED
+    assert verdict(1.0, 1.0, low=0.0) == Verdict.UNDECIDED  # too few events for an interval
 
 
 def test_the_range_of_a_claim_is_shown_in_the_unit_of_the_figure():
@@ -84,7 +85,7 @@ def test_the_file_of_the_study_is_in_order_and_its_planners_exist():
     density, _tangents, attention = study.findings
     for sweep in density.sweeps:
         assert len(sweep.levels) == 7
-        assert sweep.cases == Cases.parse("val:500")
+        assert len(sweep.cases) >= 200
         for level in sweep.levels:
             load_scenario(str(ROOT / sweep.scenario), level.overrides)
     assert [len(finding.pairs) for finding in study.findings] == [0, 5, 8]
